@@ -54,7 +54,10 @@ def kernel(
     """
     if function is None:
         return lambda given: kernel(given, inline=inline)
-    compiled = njit(cache=True, nogil=True, inline=inline)(function)
+    try:
+        compiled = njit(cache=True, nogil=True, inline=inline)(function)
+    except RuntimeError:  # there is no folder where code may be kept: it is compiled in each run
+        return njit(nogil=True, inline=inline)(function)
     cache = getattr(compiled, "_cache", None)
     if isinstance(cache, _CACHING.FunctionCache):
         cache._cache_file = _CheckedCacheFile(

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 from firmware_model.hardware import registers, sources
 from firmware_model.hardware.parameters import BOARDS, PACKAGE, Board, package, tables
 from firmware_model.model.memories import Memories
 from firmware_model.vectors import formats
-from firmware_model.vectors.suite import memory_words, standard_suites, write_suites
+from firmware_model.vectors.suite import memory_words, smallest_cases, standard_suites, write_suites
 
 _MAKEFILE = """\
 # make BOARD: a board's bitstream, by yosys, nextpnr and its packer; boards: {boards}
@@ -34,6 +36,20 @@ cocotb:
 clean:
 	rm -rf sim_build
 \trm -f $(foreach end,json asc config bin bit,$(addsuffix .$(end),{boards}))
+"""
+_README = """\
+# Hardware core of {pixels} pixels and {places} places, {lanes} lanes
+
+    make {board}    a bitstream, by yosys, nextpnr and the packer; boards: {boards}
+    make test          the core returns the golden vectors (Icarus Verilog and edge-vpr)
+    make cocotb        the same by a bench in Python (pip install cocotb) and Icarus Verilog
+
+- src: the core in SystemVerilog, its parameters, the systems of the boards, and benches
+- *.mem: tables of the device; the places (places.mem) are loaded over SPI
+- {header}: registers of the SPI slave, for the program of a microcontroller
+- design.toml: the design; `edge-vpr estimate --design design.toml` tells what it costs
+- vectors: {kept} cases of golden vectors, see vectors/README.md; `edge-vpr hardware --vectors` sets
+  their size
 """
 _RULES = """
 {board}: {board}.{bitstream}
@@ -64,7 +80,14 @@ def _rules(board: Board, name: str) -> str:
     )
 
 
-def write_project(folder: Path, memories: Memories, seed: int) -> None:
+def write_project(
+    folder: Path,
+    memories: Memories,
+    seed: int,
+    *,
+    most_bytes: float = math.inf,
+    on_case: Callable[[str], None] = lambda name: None,
+) -> None:
     """Write a project for boards.
 
     Parameters
@@ -75,6 +98,10 @@ def write_project(folder: Path, memories: Memories, seed: int) -> None:
         Tables of the device, and its places, which are loaded over SPI.
     seed : int
         Seed of the random vectors.
+    most_bytes : float
+        Size of the golden vectors, see `vectors.suite.smallest_cases`.
+    on_case : callable, optional
+        Called with the name of each case before it is computed.
     """
     design = memories.design
     beside = dict.fromkeys(name for board in BOARDS.values() for name in board.sources)
@@ -104,4 +131,12 @@ def write_project(folder: Path, memories: Memories, seed: int) -> None:
         rules="".join(_rules(board, name) for name, board in BOARDS.items()),
     )
     (folder / "Makefile").write_text(makefile, encoding="ascii")
-    write_suites(folder / "vectors", design, standard_suites(design, seed), seed, rtl=True)
+    suites = smallest_cases(standard_suites(design, seed), most_bytes)
+    readme = _README.format(
+        pixels=design.pixels, places=design.places, lanes=design.lanes, boards=" or ".join(BOARDS),
+        board=next(iter(BOARDS)), header=registers.HEADER,
+        kept=sum(map(len, suites.values())),
+    )  # fmt: skip
+    (folder / "README.md").write_text(readme, encoding="ascii")
+    if suites:
+        write_suites(folder / "vectors", design, suites, seed, rtl=True, on_case=on_case)

@@ -5,7 +5,7 @@ from firmware_model.vectors.corners import corner_cases, filter_cases
 from firmware_model.vectors.coverage import CORNERS, FILTER_CORNERS, coverage
 from firmware_model.vectors.manifest import Manifest, check_files, load_manifest
 from firmware_model.vectors.random_cases import random_cases
-from firmware_model.vectors.suite import standard_suites, write_suites
+from firmware_model.vectors.suite import smallest_cases, standard_suites, write_suites
 from firmware_model.vectors.verify import Verdict, read_results, verify
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
     "random_cases",
     "read_results",
     "records",
+    "smallest_cases",
     "standard_suites",
     "to_binary",
     "verify",

@@ -19,6 +19,7 @@ T = TypeVar("T")
 
 SCHEMA = 1
 MANIFEST = "manifest.json"
+README = "README.md"
 RTL_FOLDER = "rtl"
 
 
@@ -173,7 +174,7 @@ class Manifest:
     def files(self) -> list[str]:
         """Return all files of the folder as relative paths, including the manifest."""
         sources = [f"{RTL_FOLDER}/{name}" for name in self.rtl]
-        return [MANIFEST, "design.toml", *sources] + [
+        return [MANIFEST, README, "design.toml", *sources] + [
             f"{place}/{name}" for place, case in self.cases() for name in case.files
         ]
 

@@ -28,6 +28,7 @@ from firmware_model.vectors.coverage import CORNERS, FILTER_CORNERS, watched_tra
 from firmware_model.vectors.formats import Packing, Table
 from firmware_model.vectors.manifest import (
     MANIFEST,
+    README,
     RTL_FOLDER,
     CaseEntry,
     FileEntry,
@@ -206,6 +207,26 @@ def arrays(case: Case, done: Trace) -> dict[str, np.ndarray[Any, Any]]:
 
 
 Suites = Mapping[str, Sequence[Case]]
+_README = """\
+# Golden vectors
+
+What a device of the design in design.toml computes, to the bit, in folders SUITE/CASE.
+
+- manifest.json: every file with its SHA-256, the fields of each word, and what each case covers
+- events.* in, expected_events.*, expected_windows.* and expected_matches.* out; *.mem are words for
+  $readmemh, *.coe and *.mif the same for vendors' tools, *.csv and case.npz for other programs
+- image.bin, events.bin, expected.bin and case.h: the same for the firmware in C
+- rtl: the hardware core, if it was asked for
+
+Check the files, and then the results of a device:
+
+    edge-vpr golden verify .
+    edge-vpr golden verify . --results device.csv
+
+A line of device.csv is a record: `case,corners/tie_of_two`, then `event,NUMBER,SLOT,COUNT`,
+`window,NUMBER,EVENTS,CODES...` and `match,WINDOW,PLACE,...` as in expected_*.csv, with -1 for what
+is absent.
+"""
 
 
 def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[str, list[Case]]:
@@ -230,8 +251,46 @@ def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[
     return {suite: make() for suite, make in makers.items() if only in (None, suite)}
 
 
+def smallest_cases(suites: Suites, most_bytes: float) -> dict[str, list[Case]]:
+    """Leave out the cases with most events, so that the files have about a given size.
+
+    Parameters
+    ----------
+    suites : mapping of str to sequence of Case
+    most_bytes : float
+        Of all files; estimated from the numbers of events and places.
+
+    Returns
+    -------
+    dict of str to list of Case
+        Suites in their order, without those that would be empty.
+    """
+    every = [case for cases in suites.values() for case in cases]
+    kept: set[int] = set()
+    size = 0.0
+    for case in sorted(every, key=_estimated_bytes):
+        size += _estimated_bytes(case)
+        if size > most_bytes:
+            break
+        kept.add(id(case))
+    chosen = {name: [case for case in cases if id(case) in kept] for name, cases in suites.items()}
+    return {name: cases for name, cases in chosen.items() if cases}
+
+
+def _estimated_bytes(case: Case) -> int:
+    """Estimate the size of the files of a case."""
+    design = case.design
+    return 40_000 + 225 * len(case.events) + 18 * design.places * design.slots
+
+
 def write_suites(
-    folder: str | Path, design: Design, suites: Suites, seed: int, *, rtl: bool = False
+    folder: str | Path,
+    design: Design,
+    suites: Suites,
+    seed: int,
+    *,
+    rtl: bool = False,
+    on_case: Callable[[str], None] = lambda name: None,
 ) -> Manifest:
     """Write suites of cases, and a manifest of all files.
 
@@ -247,6 +306,8 @@ def write_suites(
     seed : int
     rtl : bool
         Add the hardware core's sources and testbench, and add the core's parameters to each case.
+    on_case : callable, optional
+        Called with the name of each case before it is computed.
 
     Raises
     ------
@@ -258,11 +319,13 @@ def write_suites(
         raise VectorError(f"{folder} is not an empty folder: name a new one")
     folder.mkdir(parents=True, exist_ok=True)
     design.save(folder / "design.toml")
+    (folder / README).write_text(_README, encoding="ascii")
     written = []
-    number = 0
+    number, cases_in_all = 0, sum(map(len, suites.values()))
     for suite, cases in suites.items():
         described = []
         for case in cases:
+            on_case(f"case {number + 1} of {cases_in_all}: {suite}/{case.name}")
             described.append(_write_case(folder, suite, case, number, rtl))
             number += 1
         total: Counter[str] = Counter(dict.fromkeys(CORNERS, 0))

@@ -52,6 +52,10 @@ def read_results(path: str | Path) -> list[Record]:
         If the file cannot be read.
     """
     path = Path(path)
+    if path.suffix.lower() in (".json", ".jsonl"):
+        raise VectorError(
+            f"{path}: results are lines of CSV or binary records: name a .csv or .bin file"
+        )
     try:
         if path.suffix.lower() != ".csv":
             return list(from_binary(path.read_bytes(), str(path)))

@@ -125,14 +125,14 @@ def test_own_mean_designs_of_any_full_scale_have_their_cases(full_scale):
 
 def test_the_manifest_names_every_file_and_its_hash(vectors):
     """No file beside those of the manifest; each as long as it says, with its SHA-256."""
-    named = {vectors / "manifest.json", vectors / "design.toml"}
+    named = {vectors / name for name in ("manifest.json", "design.toml", "README.md")}
     for _, case, place in each_case(vectors):
         for name, told in case.files.items():
             data = (place / name).read_bytes()
             assert (len(data), hashlib.sha256(data).hexdigest()) == (told.bytes, told.sha256)
             named.add(place / name)
     assert named == {path for path in vectors.rglob("*") if path.is_file()}
-    assert check_files(vectors) == len(named) - 2
+    assert check_files(vectors) == len(named) - 3
 
 
 @pytest.mark.parametrize(
@@ -462,7 +462,7 @@ def test_a_map_and_a_recording_make_vectors_that_are_the_pipelines_matches(tmp_p
     flags = ["--pixels", "8", "--sigma", "1", "--tau", "50ms", "-L", "3", *settings]
     assert main(["map", str(tmp_path / "reference.npz"), "-o", str(made), *flags]) == 0
     query = tmp_path / "query.npz"
-    golden = ["golden", "--map", str(made), "--recording", str(query)]
+    golden = ["golden", "--map", str(made), "--recording", str(query), "--max-windows", "60"]
     # what a map's own design makes of the other suites is seen once, and of any design elsewhere
     only = [] if not settings else ["--suite", "recording"]
     assert main([*golden, *only, "-o", str(tmp_path / "vectors")]) == 0
@@ -479,7 +479,7 @@ def test_a_real_drive_makes_vectors_that_are_the_pipelines_matches(tmp_path, sha
     made = tmp_path / "map.npz"
     flags = ["--pixels", "30", "--tau", "200us", "-L", "5", "--counter-code", "log"]
     assert main(["map", str(drive), "-o", str(made), *flags]) == 0
-    golden = ["golden", "--map", str(made), "--recording", str(drive), "--max-events", "100000"]
+    golden = ["golden", "--map", str(made), "--recording", str(drive), "--max-windows", "40"]
     golden += ["--suite", "random", "--suite", "recording"]
     assert main([*golden, "-o", str(tmp_path / "vectors")]) == 0
     assert same_as_the_pipeline(tmp_path / "vectors", made, drive) > 10
@@ -492,3 +492,114 @@ def test_a_real_drive_makes_vectors_that_are_the_pipelines_matches(tmp_path, sha
                 flash, events = ((place / f"{n}.bin").read_bytes() for n in ("image", "events"))
                 found = emulator.replay(flash, events, case.start, 1 << 20)
                 assert found == (place / "expected.bin").read_bytes(), (target.name, name)
+
+
+def recorded_drive(folder, events_number=40_000):
+    """A map of 8 pixels, and a drive of 3 s of which few events are at these."""
+    rng = np.random.default_rng(5)
+    sensor = Sensor(64, 48)
+    for name in ("reference", "query"):
+        events = random_events(rng, events_number, sensor, 3_000_000)
+        write_recording(folder / f"{name}.npz", [events], sensor=sensor)
+    made, query = folder / "map.npz", folder / "query.npz"
+    flags = ["--pixels", "8", "--sigma", "1", "--tau", "100ms"]
+    assert main(["map", str(folder / "reference.npz"), "-o", str(made), *flags]) == 0
+    return made, query
+
+
+def test_a_recording_is_limited_in_windows_and_fits_a_microcontroller(tmp_path):
+    """20 windows by default, whatever the rate of events; less where the memory is small."""
+    made, query = recorded_drive(tmp_path)
+    golden = ["golden", "--map", str(made), "--recording", str(query), "--suite", "recording"]
+    for i, (flags, windows, bytes_in_flash) in enumerate(
+        (([], 20, 512 * 1024), (["--max-windows", "7"], 7, 512 * 1024),
+         (["--case-size", "20KiB"], None, 20 * 1024))
+    ):  # fmt: skip
+        folder = tmp_path / f"v{i}"
+        assert main([*golden, "-o", str(folder), *flags]) == 0
+        drive = folder / "recording" / "drive"
+        arrays = np.load(drive / "case.npz")
+        found = len(arrays["expected_windows"])
+        assert 0 < found < 20 if windows is None else found == windows
+        assert len(arrays["expected_matches"]) == found
+        # events elsewhere are in it too, as far as there is room
+        elsewhere = int((arrays["expected_slot"] < 0).sum())
+        assert 0 < elsewhere <= int((arrays["expected_slot"] >= 0).sum()) + 1
+        parts = ("image", "events", "expected")
+        assert sum((drive / f"{p}.bin").stat().st_size for p in parts) < bytes_in_flash - 8_192
+        same_as_the_pipeline(folder, made, query)
+        assert Design.load(folder / "design.toml").keep_distances
+
+
+def test_a_recording_without_a_match_is_an_error(tmp_path, capsys):
+    """Shorter than a window, or than a sequence; nothing is written."""
+    made, _ = recorded_drive(tmp_path)
+    short = tmp_path / "short.npz"
+    events = random_events(np.random.default_rng(1), 50, Sensor(64, 48), 40_000)
+    write_recording(short, [events], sensor=Sensor(64, 48))
+    capsys.readouterr()
+    golden = ["golden", "--map", str(made), "-o", str(tmp_path / "v"), "--recording"]
+    assert main([*golden, str(short)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "no match in its first 20 windows, of 0.1 s" in error
+    assert main([*golden, str(short), "--max-windows", "0"]) == 2
+    assert "--max-windows 0: a match takes 1" in capsys.readouterr().err
+    assert main([*golden, str(short), "--case-size", "5mW"]) == 2
+    assert "expected memory" in capsys.readouterr().err
+    assert not (tmp_path / "v").exists()
+
+
+def test_vectors_have_a_size_of_choice(tmp_path, capsys):
+    """The cases with most events are left out, which is said; a README says how to check."""
+    DESIGN.save(tmp_path / "design.toml")
+    golden = ["golden", "--design", str(tmp_path / "design.toml"), "--suite", "corners"]
+    assert main([*golden, "-o", str(tmp_path / "v"), "--vectors", "1MB"]) == 0
+    out, err = capsys.readouterr()
+    assert "leaves out the" in err and "v/corners: " in out
+    size = sum(p.stat().st_size for p in (tmp_path / "v").rglob("*") if p.is_file())
+    assert 0.4e6 < size < 1.3e6
+    assert "golden verify" in (tmp_path / "v" / "README.md").read_text()
+    assert main(["golden", "verify", str(tmp_path / "v")]) == 0
+    assert main([*golden, "-o", str(tmp_path / "v"), "--overwrite", "--vectors", "500kB"]) == 0
+    # every case is announced, for the progress
+    told = []
+    cases = {"corners": standard_suites(DESIGN, 0, "corners")["corners"][:3]}
+    write_suites(tmp_path / "w", DESIGN, cases, 0, on_case=told.append)
+    assert [text.split(":")[0] for text in told] == [f"case {n} of 3" for n in (1, 2, 3)]
+
+
+def test_results_as_json_lines_are_refused_by_name(vectors, tmp_path, capsys):
+    """They have no format here: neither help nor examples offer them."""
+    results = tmp_path / "x.jsonl"
+    results.write_text('{"match": 3}\n')
+    assert main(["golden", "verify", str(vectors), "--results", str(results)]) == 2
+    assert "name a .csv or .bin file" in capsys.readouterr().err
+    for words in (["golden"], ["golden", "verify"]):
+        with pytest.raises(SystemExit):
+            main([*words, "--help"])
+        assert "jsonl" not in capsys.readouterr().out
+
+
+def test_quiet_prints_nothing_but_errors(vectors, tmp_path, capsys):
+    """Neither results, nor tables, nor notes; a difference is in the error itself."""
+    made, query = recorded_drive(tmp_path, 4_000)
+    truth = tmp_path / "truth.csv"
+    truth.write_text("query_s,reference_s\n0,0\n3,3\n")
+    run, results = str(tmp_path / "run"), tmp_path / "results.bin"
+    capsys.readouterr()
+    for words in (
+        ["info", str(query)],
+        ["estimate", "--map", str(made), "--target", "cortex-m4"],
+        ["golden", "verify", str(vectors)],
+        ["golden", "--map", str(made), "--suite", "recording", "--recording", str(query),
+         "-o", str(tmp_path / "v")],
+        ["match", str(made), str(query), "-o", run],
+        ["evaluate", run, "--ground-truth", str(truth), "--tolerance", "0.2"],
+        ["ports"],
+    ):  # fmt: skip
+        assert main([*words, "-q"]) == 0, words
+        assert capsys.readouterr() == ("", ""), words
+    results.write_bytes(to_binary([("case", (0,)), ("match", (1, 2, 3, 4, 5, 6, 7))]))
+    assert main(["golden", "verify", str(vectors), "--results", str(results), "-q"]) == 1
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and "first in corners/" in err

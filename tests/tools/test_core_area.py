@@ -68,14 +68,14 @@ def test_the_energy_of_a_cycle_is_that_of_the_clock_and_of_each_cell():
     found = cost(DOCUMENTED, target, RATE)
     assert found.logic_cells == core_area.cells(DOCUMENTED)
     assert found.energy_j is not None and {clock, cell} <= set(found.basis)
-    cycles = found.cycles["match"].central
+    cycles = found.cycles["search"].central
     for end in ("low", "central", "high"):
         picojoules = getattr(clock.value, end) + found.logic_cells * getattr(cell.value, end)
-        joules = getattr(found.energy_j["match"], end)
+        joules = getattr(found.energy_j["search"], end)
         assert joules == pytest.approx(cycles * picojoules * 1e-12)
     measured = cost(DOCUMENTED, target, RATE, clock)
     assert measured.energy_j is not None and cell not in measured.basis
-    assert measured.energy_j["match"].low == pytest.approx(cycles * clock.value.low * 1e-12)
+    assert measured.energy_j["search"].low == pytest.approx(cycles * clock.value.low * 1e-12)
 
 
 def test_the_answer_says_the_cells_and_that_there_are_too_few(tmp_path, capsys):

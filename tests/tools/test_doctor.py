@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -12,7 +14,7 @@ from edge_vpr_tools import doctor as kernels
 from edge_vpr_tools import doctor as machine
 from edge_vpr_tools import doctor as packages
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.doctor import Finding, as_text
+from edge_vpr_tools.doctor import CHECKS, Finding, as_text, examine
 from kernel_programs import CALL, KERNEL, ONE_KERNEL, Runner
 from packaging.requirements import Requirement
 from serial.tools import list_ports
@@ -58,6 +60,76 @@ def test_an_extra_without_wheels_for_this_processor_is_not_offered(monkeypatch):
     monkeypatch.setattr(packages.platform, "machine", lambda: "x86_64")
     (found,) = (each for each in packages.check_extras() if each.state == "absent")
     assert "[tonic]" in found.remedy
+
+
+def test_an_extra_whose_library_is_too_old_is_absent(monkeypatch):
+    requiring(monkeypatch, 'numpy>=99; extra == "mqtt"')
+    (found,) = (each for each in packages.check_extras() if each.state == "absent")
+    assert found.text.startswith("stream --mqtt: numpy is ") and ">=99" in found.text
+    assert "[mqtt]" in found.remedy
+
+
+def test_every_extra_is_checked_but_those_for_work_on_the_project():
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())
+    extras = project["project"]["optional-dependencies"]
+    assert set(extras) == {*packages.EXTRAS, *packages.NOT_CHECKED}
+
+
+def test_a_check_that_fails_leaves_the_others(monkeypatch, capsys):
+    """What it had found stays; its failure is a finding, in one line."""
+
+    def fails():
+        yield Finding("clock", "good", "right so far")
+        raise ValueError("boom\nand more")
+
+    checks = {"clock": fails, "memory": lambda: [Finding("memory", "good", "enough")]}
+    found = examine(checks)
+    assert [one.topic for one in found] == ["clock", "clock", "memory"]
+    assert [one.state for one in found] == ["good", "wrong", "good"]
+    assert "ValueError: boom" in found[1].text and "\n" not in found[1].text
+    monkeypatch.setitem(CHECKS, "memory", fails)
+    assert main(["doctor"]) == 1
+    out = capsys.readouterr().out
+    assert "the check fails: ValueError" in out and "serial ports" in out
+
+
+def test_sensors_are_shown_by_name_and_scope(tmp_path, capsys, monkeypatch):
+    """Of a Raspberry Pi 5's power chip, and of a monitor."""
+    (tmp_path / "proc/device-tree").mkdir(parents=True)
+    (tmp_path / "proc/device-tree/model").write_text("Raspberry Pi 5 Model B Rev 1.0\0")
+    command = tmp_path / "usr/bin/vcgencmd"
+    command.parent.mkdir(parents=True)
+    command.write_text(
+        "#!/bin/sh\n"
+        "echo ' VDD_CORE_A current(7)=1.11625000A'\n"
+        "echo ' VDD_CORE_V volt(15)=0.74944980V'\n"
+    )
+    command.chmod(0o755)
+    found = [one for one in machine.check_sensors(tmp_path) if one.state == "good"]
+    assert only(found).text.startswith("pmic: rails behind the power chip")
+
+
+def test_without_a_folder_for_kernels_doctor_says_so_and_all_else_works(tmp_path):
+    """Numba refuses to compile with a cache then, at the import of the first kernel."""
+    script = (
+        "from numba.core.caching import _CacheImpl\n"
+        "_CacheImpl._locator_classes = []\n"
+        "from edge_vpr_tools.cli import main\n"
+        "import sys\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+
+    def run(*words):
+        return subprocess.run(
+            [sys.executable, "-c", script, *words], capture_output=True, text=True, check=False
+        )
+
+    done = run("doctor")
+    assert done.returncode == 1 and "!!  compiled kernels" in done.stdout
+    assert "serial ports" in done.stdout and "Traceback" not in done.stderr
+    done = run("doctor", "--compile")
+    assert done.returncode == 1 and done.stderr.count("\n") == 1
+    assert "NUMBA_CACHE_DIR" in done.stderr
 
 
 def test_every_extra_that_is_checked_is_one_of_the_project():

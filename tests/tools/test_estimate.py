@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import re
 from collections import Counter, deque
 from dataclasses import replace
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -33,11 +35,15 @@ from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_
 from edge_vpr_tools.estimate.of_map import design_of
 from edge_vpr_tools.estimate.search import FIRMWARE_LIMITS, Budget, broken_by, fit, memory_bytes
 from edge_vpr_tools.estimate.targets import busy
+from edge_vpr_tools.report.page import quantity
+from edge_vpr_tools.results import to_json
 from naive import sad
 from test_commands import drive  # noqa: F401
 
 from edge_vpr.errors import MapError, UsageError
+from edge_vpr.matching.transitions import TransitionCosts
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import PRESETS
 from firmware_model import Design, EventResult, Machine, WindowResult
 from firmware_model.cost import memories
 from firmware_model.emulation.build import EMULATED, build
@@ -53,6 +59,7 @@ from firmware_model.vectors.random_cases import (
     random_memories,
 )
 
+ROOT = Path(__file__).parents[2]
 SMALL = Design(width=64, height=64, pixels=150, places=200)
 RATE = Mission(events_per_s=1e5, selected_share=0.01, matches_per_s=1.0)
 
@@ -348,15 +355,15 @@ def test_two_designs_are_compared_in_every_layer(tmp_path, capsys):
         shown = " ".join(capsys.readouterr().out.split())
         found = json.loads(out.read_text())["vs"]
         assert found["counts"]["counters"] == [150, slots]
-        assert found["counts"]["absolute differences, a match"] == [150 * 200, slots * 200]
+        assert found["counts"]["absolute differences, a search"] == [150 * 200, slots * 200]
         assert found["counts"]["bytes a place"] == [57, -(-slots * 3 // 8)]
-        for name in ("bytes read, a match", "RAM of the firmware in C"):
+        for name in ("bytes read, a search", "RAM of the firmware in C"):
             ours, theirs = found["counts"][name]
             assert (theirs > ours) == (slots > 150)
         ours, theirs = found["targets"]["Cortex-M4"]
         for one in ("instructions", "cycles", "seconds", "energy_j"):
-            assert ours[one]["match"] != theirs[one]["match"]
-        assert "energy of a match, modelled" in shown and "instructions a match" in shown
+            assert ours[one]["search"] != theirs[one]["search"]
+        assert "energy of a match, modelled" in shown and "instructions of a search" in shown
 
 
 def test_block_memories_are_whole():
@@ -469,7 +476,7 @@ def test_energy_has_a_source_or_is_unknown():
             assert target.unknown and found.marginal_w is None and found.per_match_j is None
         else:
             assert found.basis
-            value = found.energy_j["match"]
+            value = found.energy_j["search"]
             assert 0 < value.low <= value.central <= value.high
     for constant in targets.constants().values():
         assert constant.source and constant.node and constant.uncertainty
@@ -488,20 +495,112 @@ def test_every_constant_that_is_used_is_printed_with_its_name(capsys):
     assert "--sources" in short
 
 
+def words(text):
+    """Words of a table: without its lines, and cells that were wrapped put together again."""
+    return " ".join(re.sub("[\u2500-\u257f]", " ", text).split())
+
+
+def rows_of(text):
+    """Cells of the rows of the first table, each with its wrapped lines joined."""
+    rows = []
+    for line in text.splitlines():
+        if line.startswith("\u2514"):
+            return rows
+        if line.startswith("\u2502"):
+            cells = [cell.strip() for cell in line.strip("\u2502").split("\u2502")]
+            if len(cells[1:]) and re.match(r"\d+ px|none of", cells[1]):
+                rows.append(cells)
+            else:
+                rows[-1] = [f"{a} {b}".strip() for a, b in zip(rows[-1], cells, strict=True)]
+    return rows
+
+
 def test_the_answer_comes_first(capsys):
-    """Whether the design fits, memory, time, energy and power, before any table."""
+    """A table of the default and of sequences on each target, with what does not fit."""
     own = ["estimate", "--pixels", "83", "--places", "2000", "--target"]
-    for flags, says in (
-        (["cortex-m4"], "fits; memory "),
-        (["cortex-m4", "--fit", "16KiB"], "does not fit (over 16KiB); memory "),
-        (["cortex-m0plus", "--match-rate", "1e5"], "too slow for the mission"),
-        (["ice40up5k", "--vs", "all-pixels"], "of 30 blocks"),
-        (["ice40up5k", "--places", "200000"], "does not fit (too few block memories); memory "),
+    for flags, over in (
+        (["cortex-m4"], "-"),
+        (["cortex-m4", "--fit", "16KiB"], "16KiB"),
+        (["cortex-m0plus", "--match-rate", "1e5"], "its speed"),
+        (["ice40up5k", "--vs", "all-pixels"], "-"),
+        (["ice40up5k", "--places", "200000"], "its block memories"),
     ):
         assert main([*own, *flags]) == 0
-        first = " ".join(capsys.readouterr().out.partition("\u250f")[0].split())
-        assert first.startswith("83 pixels, ") and says in first
-        assert "; power " in first and "accuracy is not estimated" in first
+        shown = capsys.readouterr().out
+        filters, sequences = rows_of(shown)
+        assert filters[1].startswith("83 px, 3 bits own-mean, ") and "filter" in filters[1]
+        assert "3 bits log, " in sequences[1] and sequences[1].endswith("sequences of 5")
+        assert filters[-1] == over
+        assert "accuracy is not estimated" in shown.partition("\u250f")[2].rpartition("\u2514")[0]
+        assert "83 pixels, 3 bits (own-mean)" in shown
+    # one way of matching if the user chooses it
+    for flags, by in (
+        (["--matching", "filter"], "filter"), (["-L", "7"], "sequences of 7"),
+        (["--matching", "sequence"], "3 bits log"),
+    ):  # fmt: skip
+        assert main([*own, "cortex-m4", *flags]) == 0
+        (row,) = rows_of(capsys.readouterr().out)
+        assert by in row[1]
+
+
+def test_targets_of_unknown_power_are_one_line_at_the_end(capsys):
+    """They have no row, unless only one target is asked for."""
+    assert main(["estimate"]) == 0
+    shown = capsys.readouterr().out
+    assert {row[0] for row in rows_of(shown)} == {
+        "Cortex-M4", "Cortex-M7", "generic 45 nm datapath", "iCE40UP5K", "Raspberry Pi Zero 2 W"
+    }  # fmt: skip
+    line = "power unknown: Cortex-M0+, ECP5-25F, Raspberry Pi 4, Raspberry Pi 5 ("
+    assert line in " ".join(shown.split())
+    assert main(["estimate", "--target", "raspberry-pi-5"]) == 0
+    assert rows_of(capsys.readouterr().out)[0][0] == "Raspberry Pi 5"
+
+
+def test_the_default_design_is_that_of_the_default_settings():
+    """Of the flags: pixels, bits, codes and matching of the product's default."""
+    design = design_and_mission(parsed(["estimate"]))[0]
+    default = PRESETS["default"]
+    assert (design.pixels, design.code_bits) == (default.pixels, default.counter_bits)
+    assert (design.matching, design.own_mean) == (default.matching, True)
+    assert design.steps == TransitionCosts.of(default).forward
+
+
+def test_the_energy_of_a_match_is_one_number(capsys, tmp_path):
+    """Of the table, the costs, the comparison and JSON: events, window's end and search."""
+    out = tmp_path / "estimate.json"
+    flags = ["--target", "cortex-m4", "--vs", "all-pixels", "--match-rate", "2"]
+    assert main(["estimate", *flags, "--json", str(out)]) == 0
+    shown = words(capsys.readouterr().out)
+    of = json.loads(out.read_text())["targets"]["Cortex-M4"]
+    rates = {"selected event": 166.7, "other event": 99833.3, "window": 2.0, "search": 2.0}
+    by_hand = sum(of["energy_j"][unit]["central"] * rate for unit, rate in rates.items()) / 2
+    assert of["per_match_j"]["central"] == pytest.approx(by_hand, rel=1e-3)
+    told = quantity(of["per_match_j"]["central"], "J").split()[0]
+    (compared,) = re.findall(r"energy of a match, modelled ([\d.,]+) ", shown)
+    assert compared == told
+    assert of["matches_per_joule"]["central"] == pytest.approx(1 / of["per_match_j"]["central"])
+    assert of["matches_per_joule"]["low"] == pytest.approx(1 / of["per_match_j"]["high"])
+    assert f" {of['matches_per_joule']['central']:,.0f} (" in shown
+    search = quantity(of["energy_j"]["search"]["central"], "J").split()[0]
+    assert shown.count(told) >= 2 and shown.count(f" {search} ") == 1
+
+
+def test_distances_are_kept_where_the_memory_allows(capsys, tmp_path):
+    """2 bytes of RAM a place, for 0.6 of the search; a file of a design says which."""
+    out = tmp_path / "estimate.json"
+    found = {}
+    for name, flags in (("kept", []), ("twice", ["--fit", "175.5KiB"])):
+        assert main(["estimate", "--target", "cortex-m4", *flags, "--json", str(out)]) == 0
+        found[name] = json.loads(out.read_text())["targets"]["Cortex-M4"]
+        assert ("computed twice" in capsys.readouterr().out) == (name == "twice")
+    assert found["kept"]["memory_bytes"] - found["twice"]["memory_bytes"] == 2 * 1000
+    assert found["twice"]["limited_by"] == ""
+    searches = [found[name]["instructions"]["search"] for name in ("kept", "twice")]
+    assert searches[0] < 0.6 * searches[1]
+    filters = replace(SMALL, matching="filter", length=0, accept="margin")
+    filters.save(tmp_path / "mine.toml")
+    assert main(["estimate", "--design", str(tmp_path / "mine.toml")]) == 0
+    assert "computed twice" in capsys.readouterr().out
 
 
 def test_a_target_that_may_not_keep_up_says_so():
@@ -526,8 +625,8 @@ def test_a_processor_never_gets_the_energy_of_an_operation_table():
     m4 = cost(design, targets.find("cortex-m4"), RATE)
     floor = cost(design, targets.find("generic"), RATE)
     assert m4.energy_j and floor.energy_j
-    assert 50e-6 < m4.energy_j["match"].central < 300e-6
-    assert m4.energy_j["match"].low > 10 * floor.energy_j["match"].high
+    assert 50e-6 < m4.energy_j["search"].central < 300e-6
+    assert m4.energy_j["search"].low > 10 * floor.energy_j["search"].high
     processors = [t for t in map(targets.find, targets.names()) if t.kind == "processor"]
     operations = {targets.constants()[n] for n in ("add-8", "add-16", "multiply-32", "sram-byte")}
     for target in processors:
@@ -597,17 +696,23 @@ def test_evaluated_runs_are_set_against_their_cost(drive, tmp_path, capsys):  # 
     assert [one.accuracy for one in short] == [0.9, 0.2]
     assert not any(one.limited_by for one in short)
     assert len(pareto.frontier(short, lambda one: one.memory_bytes)) == 1
-    assert "90.0% right" in candidates.answer(short, asked, "these")
-    assert "Nothing limits it" in candidates.answer(short, asked, "these")
+    chosen = candidates.recommend(short)
+    assert chosen.design is short[0] and chosen.limit == ""
     long = candidates.candidates(runs, replace(asked, places=10_000))
     assert {one.limited_by for one in long} == {"64KiB"}
-    assert "none of the 2 designs fits" in candidates.answer(long, asked, "these")
-    # the better one does not fit: it is what the limit costs
-    better = [replace(long[0], accuracy=0.95), short[1]]
-    assert "What limits it: 64KiB; 95.0% right" in candidates.answer(better, asked, "these")
+    assert candidates.recommend(long) == (None, "64KiB")
+    # the better one does not fit: its limit is what it costs to be better
+    better = [replace(long[0], accuracy=0.99), short[1]]
+    assert candidates.recommend(better) == (short[1], "64KiB")
+    # a smaller one that is less accurate by less than the standard error is as good
+    small = replace(short[0], accuracy=0.89, memory_bytes=short[0].memory_bytes - 1)
+    assert candidates.recommend([short[0], small]).design is small
+    assert candidates.recommend([short[0], replace(small, accuracy=0.86)]).design is short[0]
     rover = ["estimate", "--target", "cortex-m4", "--fit", "64KiB", "--route-km", "1"]
     assert main([*rover, "--pareto", str(tmp_path)]) == 0
-    assert "90.0% right" in " ".join(capsys.readouterr().out.split())
+    shown = capsys.readouterr().out
+    (row,) = rows_of(shown)
+    assert row[4] == "90.0% \u00b1 3.0%" and "each run on its own" in " ".join(shown.split())
     assert (tmp_path / "pareto.png").stat().st_size > 10_000
     with pytest.raises(UsageError, match="no evaluated run"):
         candidates.evaluated_runs(tmp_path / "good" / "empty")
@@ -642,18 +747,37 @@ def test_the_rovers_question_is_one_command(tmp_path, capsys, monkeypatch):
     out = tmp_path / "answer.json"
     rover = ["estimate", "--route-km", "8", "--fit", "64KiB", "--fit", "5mW", "--json", str(out)]
     assert main([*rover, "--accuracy-on", "simulated"]) == 0
-    shown = " ".join(capsys.readouterr().out.split())
+    shown = capsys.readouterr().out
     told = json.loads(out.read_text())["answers"]
-    text = told["text"]
-    assert set(text) == {targets.find(name).name for name in targets.names()}
-    assert "right on a short street" in text["iCE40UP5K"] and "800 places" in text["iCE40UP5K"]
-    assert text["iCE40UP5K"] in shown
-    assert "unknown" in text["Raspberry Pi 5"]
+    unknown = {"Cortex-M0+", "ECP5-25F", "Raspberry Pi 4", "Raspberry Pi 5"}
+    assert set(told["unknown"]) == unknown
+    assert f"power unknown: {', '.join(sorted(unknown))} (" in " ".join(shown.split())
+    rows = {row[0]: row for row in rows_of(shown)}
+    assert set(rows) == {targets.find(name).name for name in targets.names()} - unknown
+    assert "800 places" in rows["iCE40UP5K"][1] and "queries on a short street" in shown
     # at rest alone it takes more
-    assert "at rest alone, modelled, is over 5mW" in text["Raspberry Pi Zero 2 W"]
+    assert rows["Raspberry Pi Zero 2 W"][1] == "none of 24 fits"
+    assert rows["Raspberry Pi Zero 2 W"][-1] == "5mW"
     tried = told["candidates"]["iCE40UP5K"]
-    assert len(tried) == 2 * len(accuracy.BITS)
+    assert len(tried) == 2 * 2 * len(accuracy.BITS)
     assert all(one["design"]["places"] == 800 and one["queries"] > 0 for one in tried)
+    # the same queries judge all, and both ways of matching are tried
+    assert len({one["queries"] for one in tried}) == 1
+    assert Counter(one["design"]["matching"] for one in tried) == {"filter": 12, "sequence": 12}
+    chosen = told["recommended"]["iCE40UP5K"]["design"]
+    best = max(one["accuracy"] for one in tried if not one["limited_by"])
+    error = (best * (1 - best) / chosen["queries"]) ** 0.5
+    assert chosen["accuracy"] >= best - error
+    told_error = (chosen["accuracy"] * (1 - chosen["accuracy"]) / chosen["queries"]) ** 0.5
+    assert rows["iCE40UP5K"][4] == f"{chosen['accuracy']:.1%} \u00b1 {told_error:.1%}"
+    # with one target, the tables behind are of the design that is recommended
+    alone = [*rover, "--accuracy-on", "simulated", "--target", "ice40up5k", "--vs", "all-pixels"]
+    assert main(alone) == 0
+    found = json.loads(out.read_text())
+    assert found["design"] == found["answers"]["recommended"]["iCE40UP5K"]["design"]["design"]
+    assert found["counts"]["search"] == to_json(counts.match_work(Design(**found["design"])))
+    ours = found["vs"]["counts"]["counters"][0]
+    assert ours == found["design"]["pixels"] in (10, 25)
 
 
 def test_designs_are_tried_on_ones_own_drives(drive, tmp_path, capsys, monkeypatch):  # noqa: F811
@@ -665,9 +789,11 @@ def test_designs_are_tried_on_ones_own_drives(drive, tmp_path, capsys, monkeypat
     flags = ["--tau", "100ms", "-L", "2", "--target", "cortex-m4"]
     trial = ["estimate", "--accuracy-on", *pair, *flags]
     assert main([*trial, "--ground-truth", str(truth), "--tolerance", "0.2"]) == 0
-    assert "right on" in " ".join(capsys.readouterr().out.split())
+    assert "queries on" in " ".join(capsys.readouterr().out.split())
     assert main(trial) == 2
     assert "--ground-truth" in capsys.readouterr().err
+    assert main([*trial, "--ground-truth", "matrix.npy"]) == 2
+    assert "a matrix has rows" in capsys.readouterr().err
 
 
 def test_a_match_is_as_often_as_it_is_asked_for():
@@ -733,9 +859,9 @@ def test_the_command_says_modelled_and_unknown(capsys, tmp_path, drive):  # noqa
     assert "modelled" in shown and "unknown" in shown and "89,960" in shown
     values = json.loads(out.read_text())
     assert values["targets"]["Raspberry Pi 5"]["energy_j"] is None
-    assert values["counts"]["match"]["absolute_differences"] == 150 * 1000
+    assert values["counts"]["search"]["absolute_differences"] == 150 * 1000 + 1000
     assert main(["estimate", "--map", str(drive / "map.npz"), "--target", "cortex-m4"]) == 0
-    assert "5 of 16 x 12 pixels" in capsys.readouterr().out
+    assert "5 counters, of 16 x 12 pixels" in " ".join(capsys.readouterr().out.split())
     rover = ["estimate", "--route-km", "8", "--target", "ice40up5k", "--fit", "64KiB"]
     assert main([*rover, "--fit", "5mW"]) == 0
     assert "limited by" in capsys.readouterr().out
@@ -766,3 +892,72 @@ def test_bad_use_is_one_line(capsys, arguments, says):
     assert main(["estimate", *arguments]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1 and says in lines[0]
+
+
+def documented_row(found, name, clock):
+    """Row of the table in docs/estimate.md for one target."""
+    ours, theirs = next(pair for of, pair in found["vs"]["targets"].items() if of == name)
+    energy = "unknown"
+    if ours["per_match_j"] is not None:
+        of = ours["per_match_j"]
+        energy = quantity(of["central"], "J", of["low"], of["high"])
+    taken = [one["seconds"]["search"]["central"] for one in (ours, theirs)]
+    times = f"{taken[1] / taken[0]:,.3g}"
+    return f"| {name}, {clock} | {quantity(taken[0], 's')} | {energy} | {times} |"
+
+
+def test_the_figures_of_the_page_are_those_that_are_computed(tmp_path):
+    """The table of docs/estimate.md and its sentences on sequences."""
+    page = (ROOT / "docs" / "estimate.md").read_text(encoding="utf-8")
+    out = tmp_path / "estimate.json"
+    assert main(["estimate", "--vs", "all-pixels", "--json", str(out)]) == 0
+    found = json.loads(out.read_text())
+    for name, clock in (
+        ("Cortex-M0+", "48 MHz"), ("Cortex-M4", "100 MHz"), ("Cortex-M7", "400 MHz"),
+        ("iCE40UP5K", "12 MHz, 8 lanes"), ("Raspberry Pi Zero 2 W", "one core"),
+        ("Raspberry Pi 4", "one core"),
+    ):  # fmt: skip
+        assert documented_row(found, name, clock) in page
+    kept, sequences = (found[of]["Cortex-M4"] for of in ("targets", "beside"))
+    ratio = sequences["instructions"]["search"] / kept["instructions"]["search"]
+    assert f"Sequences of 5 take {ratio:.1f} times the instructions of this search" in page
+    twice = replace(Design(**kept["design"]), keep_distances=False)
+    ratio = emulation.predict(twice, "cortex-m4").match / sequences["instructions"]["search"]
+    assert f"takes {ratio:.1f} times as many on a Cortex-M4" in " ".join(page.split())
+
+
+def test_the_pages_say_what_a_match_of_the_filter_takes():
+    """Beside sequences of 5 on a Cortex-M4, for each further place: with distances kept, or not."""
+    with TABLE.open(encoding="ascii", newline="") as file:
+        m4 = next(row for row in csv.DictReader(file) if row["target"] == "cortex-m4")
+    kept, twice = (
+        f"{int(m4[name]) / int(m4['match_per_place']):.2f}"
+        for name in ("kept_per_place", "filter_per_place")
+    )
+    for page in ("firmware", "place_filter"):
+        text = " ".join((ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8").split())
+        assert f"{kept} times the instructions of sequences of 5 if" in text, page
+        assert f"{twice} times if" in text, page
+
+
+@pytest.mark.slow
+def test_the_default_is_recommended_where_it_is_better(tmp_path, capsys, monkeypatch):
+    """On the simulated street: more often correct than sequences, in their best windows."""
+    monkeypatch.setattr(accuracy, "PIXELS", (25, 50))
+    monkeypatch.setattr(accuracy, "BITS", (2, 3))
+    out = tmp_path / "answer.json"
+    rover = ["estimate", "--route-km", "8", "--fit", "64KiB", "--fit", "5mW", "--json", str(out)]
+    assert main([*rover, "--accuracy-on", "simulated", "--target", "ice40up5k"]) == 0
+    told = json.loads(out.read_text())["answers"]
+    chosen = told["recommended"]["iCE40UP5K"]["design"]
+    assert (chosen["design"]["matching"], chosen["design"]["code"]) == ("filter", "own-mean")
+    assert chosen["design"]["keep_distances"]
+    sequences = [
+        one for one in told["candidates"]["iCE40UP5K"] if one["design"]["matching"] == "sequence"
+    ]
+    assert {one["design"]["window"] for one in sequences} == {"count"}
+    best = max(sequences, key=lambda one: one["accuracy"])
+    assert 0.6 < best["accuracy"] < chosen["accuracy"]
+    assert chosen["memory_bytes"] < best["memory_bytes"]
+    # the table of designs marks it
+    assert "> " + chosen["name"].split(",")[0] in words(capsys.readouterr().out)

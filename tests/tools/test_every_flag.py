@@ -144,16 +144,16 @@ RUNS = [
     ("estimate --accuracy-on {f}/reference.npz {f}/query.npz --ground-truth {f}/truth.csv "
      "--tolerance 0.2 --tau 100ms -L 2 --target cortex-m4", 0),
     ("golden --design {f}/design.toml -o {f}/vectors --seed 1", 0),
-    ("golden --map {f}/map.npz --recording {f}/query.npz --max-events 500 --lanes 2 "
-     "-o {f}/vectors --overwrite", 0),
-    (f"golden --map {{f}}/map.npz --recording {{f}}/table.txt {TABLE} --max-events 100 "
+    ("golden --map {f}/map.npz --recording {f}/query.npz --max-windows 5 --lanes 2 "
+     "--case-size 256KiB --vectors 2MB -o {f}/vectors --overwrite", 0),
+    (f"golden --map {{f}}/map.npz --recording {{f}}/table.txt {TABLE} --max-windows 3 "
      "--suite recording -o {f}/vectors2", 0),
     ("golden --map {f}/map.npz --recording {f}/query.h5 --sensor 16x12 --topic left "
-     "--max-events 100 -o {f}/vectors3", 0),
-    ("golden --map {f}/map.npz --recording {f}/frames.npz --frame-period 1/10 --max-events 100 "
+     "--vectors 1MB -o {f}/vectors3", 0),
+    ("golden --map {f}/map.npz --recording {f}/frames.npz --frame-period 1/10 --vectors 1MB "
      "-o {f}/vectors4", 0),
     ("golden --design {f}/design.toml -o {f}/core_vectors --rtl", 0),
-    ("hardware --design {f}/design.toml -o {f}/core --seed 1", 0),
+    ("hardware --design {f}/design.toml -o {f}/core --seed 1 --vectors 1MB", 0),
     ("hardware --map {f}/map.npz --lanes 2 -o {f}/core_of_map", (0, 2)),
     ("golden verify {f}/vectors", 0),
     # the results that it names are of another case
@@ -171,7 +171,8 @@ RUNS = [
      "--meter-port {f}/no_meter", 1),
     ("profile compare {f}/profile/profile.json {f}/profile/profile.json --csv {f}/both.csv", 0),
     # 2: the meter's three readings need not follow the load
-    ("profile trace {f}/profile/profile.json {f}/meter.csv --mission-rate 2 --no-figures", (0, 2)),
+    ("profile trace {f}/profile/profile.json {f}/meter.csv --mission-rate 2 --voltage 5 "
+     "--no-figures", (0, 2)),
     # 2: nothing was resolved in so short a time
     ("estimate --calibrate {f}/profile/profile.json --target raspberry-pi-4", (0, 2)),
     ("experiment codes --data {f} --seeds 1 --figure {f}/codes.png", 0),

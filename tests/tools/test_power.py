@@ -335,6 +335,41 @@ def test_what_is_not_there_is_not_resolved():
     assert told and min(told) > 7
 
 
+def slow_meter(rng, period, window, late):
+    """Readings that average over a period and come late, of idle and load at 2 and 2.5 W."""
+    windows, time_s, watts = synthetic(
+        rng, noise=0.01, drift=0.0, window=window, repeats=1, period=0.001
+    )
+    # the board at rest before and after
+    spare = np.arange(1, 5_001) * 0.001
+    time_s = np.concatenate([time_s[0] - spare[::-1], time_s, time_s[-1] + spare])
+    watts = np.pad(watts, spare.size, constant_values=2.0)
+    when = np.arange(time_s[0] + 4 * period, time_s[-1], period)
+    energy = np.concatenate([[0.0], np.cumsum(np.diff(time_s) * watts[1:])])
+    ends = np.interp(when - late, time_s, energy)
+    starts = np.interp(when - late - period, time_s, energy)
+    return windows, when, (ends - starts) / period
+
+
+@pytest.mark.parametrize("late", [0.0, 0.25, 0.5])
+def test_a_slow_meter_in_quick_windows_has_the_truth_in_its_interval(late):
+    """It averages over 0.5 s, in windows of ten readings; fewer than five are refused."""
+    about = About("slow", "power", "whole board", 0.5)
+    covered = 0
+    for seed in range(40):
+        windows, when, watts = slow_meter(np.random.default_rng(seed), 0.5, 5.0, late)
+        found = analyse(Trace.of_power(when, watts), windows, about, 1.0).figures
+        low, high = found.marginal_j_per_match_interval
+        covered += low <= JOULES <= high
+        assert found.idle_w_interval[0] <= 2.0
+        per_joule = found.matches_per_joule_interval
+        assert per_joule == pytest.approx((1 / high, 1 / low))
+    assert covered >= 36
+    windows, when, watts = slow_meter(np.random.default_rng(0), 0.5, 2.0, late)
+    with pytest.raises(SensorError, match=r"reads every 0.5 s, and windows are of 2 s.*5 s or"):
+        analyse(Trace.of_power(when, watts), windows, about, 1.0)
+
+
 def test_repeated_readings_do_not_narrow_the_interval():
     """The same measurement, each reading logged once or six times."""
     found = []
@@ -376,7 +411,7 @@ def test_three_figures_belong_together():
 
 
 def test_turns_alternate_so_that_a_steady_drift_cancels():
-    """Idle, load, load, idle; windows are lengthened for a slow meter, unless quick."""
+    """Idle, load, load, idle; windows are longer for a slow meter, if quick for ten readings."""
     now = [0.0]
 
     def wait(seconds):
@@ -387,7 +422,7 @@ def test_turns_alternate_so_that_a_steady_drift_cancels():
     assert [w.load for w in windows[:4]] == [False, True, True, False]
     assert sum(w.load for w in windows) == 6 and {w.matches for w in windows} == {0, 3}
     assert Plan(5, 10.0).for_period(0.5).window_s == 50.0
-    assert Plan(5, 1.0, quick=True).for_period(0.5).window_s == 1.0
+    assert Plan(5, 1.0, quick=True).for_period(0.5) == Plan(5, 5.0, quick=True)
 
 
 class Board(Sensor):
@@ -445,7 +480,7 @@ def test_a_meters_trace_is_aligned_by_its_steps(tmp_path):
         ("time,power\n2,1\n1,1\n", "does not increase"),
         ("time,power\n1,x\n2,1\n", "cannot read"),
         ("time,power\n1,1\n", "two samples"),
-        ("Date;Watts\n2026-01-01 10:00:00;2.5\n", "time in seconds"),
+        ("Date;Watts\nyesterday;2.5\ntoday;2.5\n", "sample 1, 'yesterday,2.5'"),
         ("time,power\n1,2\n2,3,4\n", "sample 2, '2,3,4'"),
         ("time,power\n1,2\n2\n", "sample 2, '2'"),
         ("", "cannot read"),
@@ -453,6 +488,72 @@ def test_a_meters_trace_is_aligned_by_its_steps(tmp_path):
         path.write_text(text)
         with pytest.raises(UsageError, match=says):
             read_csv(path)
+
+
+#: first rows of what meters' programs write, for 0.5 s between samples of 2.5 and 5 W at 5 V
+EXPORTS = {
+    "Nordic PPK2": (
+        "Timestamp(ms),Current(uA),D0-D7\n0.0,500000.0,00000000\n500.0,1000000.0,00000001\n", 5.0
+    ),
+    "Joulescope": (
+        "#time (s),current (A),voltage (V),power (W)\n0.0,0.5,5.0,2.5\n0.5,1.0,5.0,5.0\n", None
+    ),
+    "Joulescope, Unix microseconds": (
+        "timestamp,power\n1767261600000000,2.5\n1767261600500000,5.0\n", None
+    ),
+    "UM25C": (
+        "Device: UM25C\n\nDate;Time;Voltage (V);Current (A);Temperature (C);D+ (V);Energy (mWh)\n"
+        "2026-01-01;10:00:00,0;5,000;0,500;25;0,1;1\n2026-01-01;10:00:00,5;5,000;1,000;25;0,1;1\n",
+        None,
+    ),
+    "Otii": (
+        "Timestamp,Main current (mA),Main voltage (V)\n0,500,5\n0.5,1000,5\n", None
+    ),
+    "INA219 logger": (
+        "datetime,bus_voltage_V,shunt_voltage_mV,current_mA,power_mW\n"
+        "2026-01-01T10:00:00.000Z,5,5,500,2500\n2026-01-01T10:00:00.500Z,5,10,1000,5000\n", None
+    ),
+    "watts with a decimal comma and thousands": (
+        "t [ms]\tP [mW]\n0\t2.500,0\n500\t5.000,0\n", None
+    ),
+    "times of day over midnight": (
+        "Time,Watts\n23:59:59.8,2.5\n00:00:00.3,5\n", None
+    ),
+    "a German date": (
+        "Datum/Date;Leistung/Power (W)\n1.12.2026 10:00:00,5;2,5\n1.12.2026 10:00:01;5,0\n", None
+    ),
+    "microamperes by their sign": (
+        "Time (s),Current (\u00b5A),Voltage (mV)\n0,500000,5000\n0.5,1000000,5000\n", None
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+def test_what_meters_export_is_read_with_its_units(name, tmp_path):
+    text, voltage = EXPORTS[name]
+    path = tmp_path / "meter.csv"
+    path.write_text(text, encoding="utf-8")
+    when, watts = read_csv(path, voltage)
+    assert watts == pytest.approx([2.5, 5.0])
+    assert np.diff(when) == pytest.approx([0.5])
+
+
+def test_samples_of_the_same_second_are_averaged(tmp_path):
+    path = tmp_path / "meter.csv"
+    path.write_text("Date,W\n2026-01-01 10:00:00,2\n2026-01-01 10:00:00,4\n2026-01-01 10:00:01,5\n")
+    when, watts = read_csv(path)
+    assert when.tolist() == [0.0, 1.0] and watts.tolist() == [3.0, 5.0]
+
+
+def test_power_that_no_board_takes_is_refused(tmp_path):
+    """Milliwatts that were taken for watts; and a current needs its voltage."""
+    path = tmp_path / "meter.csv"
+    path.write_text("time_s,power\n0,3003\n1,3004\n")
+    with pytest.raises(UsageError, match=r"3,004 W \(median\).*name the unit.*power_mw"):
+        read_csv(path)
+    path.write_text("Timestamp(ms),Current(uA)\n0,500000\n1,500000\n")
+    with pytest.raises(UsageError, match="--voltage 5"):
+        read_csv(path)
 
 
 PROFILE = ["profile", "--quick", "--window-s", "0.1"]
@@ -497,8 +598,10 @@ def test_without_a_sensor_all_but_the_joules_is_there(profile, tmp_path, capsys)
         # numbers as numbers, without units or thousands' commas
         assert all(not cell or float(cell) >= 0 for cell in list(row.values())[1:])
     assert float(rows["matches_per_s"]["value"]) == found["throughput"]["matches_per_s"]
-    path, table = str(profile / "profile.json"), tmp_path / "both.csv"
-    assert main(["profile", "compare", path, path, "--csv", str(table)]) == 0
+    path, table = str(profile), tmp_path / "both.csv"  # the folder stands for the file in it
+    assert (
+        main(["profile", "compare", path, str(profile / "profile.json"), "--csv", str(table)]) == 0
+    )
     assert "not measured" in capsys.readouterr().out
     with table.open(newline="") as file:
         times = {row["quantity"]: row["times"] for row in csv.DictReader(file)}
@@ -708,7 +811,7 @@ def test_a_profile_calibrates_the_energy_of_a_cycle(profile, tmp_path):
     energy = to_json(analyse(Trace.of_power(time_s, watts), windows, METER, 1.0))
     found["energy"] = energy | {
         "cpu_s_per_match": 1e-3,
-        "marginal_j_per_match": 2e-3, "marginal_j_per_match_interval": [1e-3, 3e-3],
+        "matches_per_joule": 500.0, "matches_per_joule_interval": [1 / 3e-3, 1000.0],
     }  # fmt: skip
     path, out = tmp_path / "profile.json", tmp_path / "estimate.json"
     path.write_text(json.dumps(found))
@@ -718,8 +821,32 @@ def test_a_profile_calibrates_the_energy_of_a_cycle(profile, tmp_path):
     pi_5 = ["estimate", "--target", "raspberry-pi-5", "--calibrate", str(path)]
     assert main([*pi_5, "--json", str(out)]) == 0
     told = json.loads(out.read_text())["targets"]["Raspberry Pi 5"]
-    cycles, energy = told["cycles"]["match"], told["energy_j"]["match"]
+    cycles, energy = told["cycles"]["search"], told["energy_j"]["search"]
     assert energy["central"] == pytest.approx(2e-9 * cycles["central"])
+
+
+def test_two_profiles_are_compared_by_their_intervals(profile, tmp_path, capsys):
+    """952 and 1,098 matches a joule of one power overlap; half of the energy does not."""
+    found = json.loads((profile / "profile.json").read_text())
+    windows, time_s, watts = synthetic(np.random.default_rng(5))
+    energy = to_json(analyse(Trace.of_power(time_s, watts), windows, METER, 1.0))
+    for name, value, bounds in (
+        ("a", 952.0, [870.0, 1050.0]), ("b", 1098.0, [980.0, 1190.0]), ("c", 2000.0, [1900.0, 2100])
+    ):  # fmt: skip
+        (tmp_path / name).mkdir()
+        of = {"matches_per_joule": value, "matches_per_joule_interval": bounds}
+        (tmp_path / name / "profile.json").write_text(json.dumps(found | {"energy": energy | of}))
+    for other, says in (("b", "overlap"), ("c", "apart")):
+        both = tmp_path / "both.csv"
+        sides = [str(tmp_path / name) for name in ("a", other)]
+        assert main(["profile", "compare", *sides, "--csv", str(both)]) == 0
+        shown = " ".join(capsys.readouterr().out.split())
+        line = shown[shown.index("matches_per_joule") :].partition("idle_w")[0]
+        assert "952 (870 to 1,050)" in line and says in line
+        with both.open(newline="") as file:
+            (row,) = (one for one in csv.DictReader(file) if one["quantity"] == "matches_per_joule")
+        assert row["intervals"] == says
+        assert [float(row[f"{sides[0]} {end}"]) for end in ("low", "high")] == [870.0, 1050.0]
 
 
 def test_a_profile_is_read_back_as_it_was_written(profile):
@@ -790,9 +917,14 @@ def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
     found["energy"]["windows"] = [window._asdict() for window in windows]
     path, meter = tmp_path / "profile.json", tmp_path / "meter.csv"
     path.write_text(json.dumps(found))
-    rows = "".join(f"{t},{w}\n" for t, w in zip(time_s, watts, strict=True))
-    meter.write_text("time_s,power_w\n" + rows)
-    assert main(["profile", "trace", str(path), str(meter)]) == 0
+    rows = "".join(f"{t},{w * 200}\n" for t, w in zip(time_s, watts, strict=True))
+    meter.write_text("time_s,current_ma\n" + rows)
+    assert main(["profile", "trace", str(path), str(meter)]) == 2
+    assert "--voltage" in capsys.readouterr().err
+    assert main(["profile", "trace", str(path), str(meter), "--voltage", "-5"]) == 2
+    assert "expected volts" in capsys.readouterr().err
+    # the folder stands for the profile in it; 5 V times milliamperes
+    assert main(["profile", "trace", str(tmp_path), str(meter), "--voltage", "5"]) == 0
     assert "whole board" in capsys.readouterr().out
     energy = json.loads(path.read_text())["energy"]
     assert energy["resolved"]
@@ -811,7 +943,7 @@ def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
         (["--ground-truth", "t.csv"], "give --map"),
         (["--meter", "--meter-port", "x"], "give only one"),
         (["--shunt-mohm", "100", "--sysroot", "/nowhere"], "no power monitor"),
-        (["compare", "a.json"], "required: B.json"),
+        (["compare", "a.json"], "required: B"),
         (["compare", "a.json", "b.json"], "cannot read a profile"),
     ],
 )

@@ -51,19 +51,19 @@ def verbosity(level: Verbosity, command: Sequence[str] = ()) -> Iterator[None]:
 
 
 def is_quiet() -> bool:
-    """Return whether progress, notes and summaries are off."""
+    """Return whether everything but errors is off."""
     return _now[-1] <= Verbosity.QUIET
 
 
 def summary(text: str) -> None:
     """Print a line of the summary on standard output; not if quiet."""
-    if not is_quiet():
-        answer(text)
+    answer(text)
 
 
 def answer(text: str) -> None:
-    """Print a line of a command's result on standard output, even if quiet."""
-    print(escaped(text), flush=True)
+    """Print a line of a command's result on standard output; not if quiet."""
+    if not is_quiet():
+        print(escaped(text), flush=True)
 
 
 def note(text: str) -> None:
@@ -177,7 +177,7 @@ def table(
     width: int = WIDTH,
     quiet: bool = False,
 ) -> None:
-    """Print a table: the first column to the left, numbers to the right.
+    """Print a table: the first column to the left, numbers to the right; not if quiet.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def _plain(text: str) -> Text:
 
 
 def _console(width: int, quiet: bool) -> Console:
-    return Console(width=None if Console().is_terminal else width, quiet=quiet)
+    return Console(width=None if Console().is_terminal else width, quiet=quiet or is_quiet())
 
 
 # Note that kernels are being compiled, which takes long, or that compiled ones were damaged.

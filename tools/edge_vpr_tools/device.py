@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
+
 from edge_vpr.errors import UsageError
+from edge_vpr.events import Events
 from edge_vpr.pipeline import EventSource, cleaned
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_parent
+from edge_vpr_tools.estimate.model import flash_bytes
 from edge_vpr_tools.estimate.of_map import memories_of
+from edge_vpr_tools.estimate.search import Budget
 from firmware_model import Design, Event, Memories
 from firmware_model.vectors import FILTER_CORNERS, Case, load_manifest
 from firmware_model.vectors.case import choose_pixels
@@ -17,10 +24,50 @@ from firmware_model.vectors.manifest import SuiteEntry
 # Golden vectors of a map and a drive, and the folder to which they are written.
 
 
+#: flash of a microcontroller that is left for the program beside a case
+_PROGRAM_BYTES = 16 * 1024
+_EVENT_BYTES, _RECORD_BYTES = 8, 5 * 4
+
+
+def vectors_size(text: str) -> float:
+    """Read the size of a folder of vectors: `all`, 0, or bytes such as 20MB.
+
+    Raises
+    ------
+    UsageError
+        If it is none of them.
+    """
+    if text == "all":
+        return math.inf
+    return 0.0 if text == "0" else case_size(text)
+
+
+def case_size(text: str) -> float:
+    """Read bytes such as 512KiB.
+
+    Raises
+    ------
+    UsageError
+        If it is no size.
+    """
+    budget = Budget.parse(text)
+    if budget.quantity != "bytes":
+        raise UsageError(f"size {text!r}: expected memory, such as 512KiB")
+    return budget.limit
+
+
 def recorded_case(
-    reference: ReferenceMap, design: Design, recording: EventSource, most_events: int
+    reference: ReferenceMap,
+    design: Design,
+    recording: EventSource,
+    most_windows: int,
+    most_bytes: float,
 ) -> Case:
-    """Make a case of the first events of a drive, cleaned as in the pipeline.
+    """Make a case of the first windows of a drive, cleaned as in the pipeline.
+
+    All events at selected pixels are in it. Of the others, which change no result, there are at
+    most as many, evenly spread. Where the case is still larger than the memory, it has fewer of
+    these, and then fewer windows, but enough for a match.
 
     Parameters
     ----------
@@ -28,17 +75,99 @@ def recorded_case(
     design : Design
         Design of this map.
     recording : EventSource
-    most_events : int
-        Largest number of events of the case.
+    most_windows : int
+    most_bytes : float
+        Of a microcontroller's flash with the case: image, events, and expected records.
+
+    Raises
+    ------
+    UsageError
+        If the recording has too few windows for a match.
     """
-    taken: list[tuple[int, int, int, bool]] = []
-    for chunk in cleaned(recording, reference.settings):
-        taken += chunk[: most_events - len(taken)].tolist()
-        if len(taken) >= most_events:
+    if most_windows < design.length:
+        raise UsageError(
+            f"--max-windows {most_windows}: a match takes {design.length} windows: give as many"
+        )
+    memories = memories_of(reference, design)
+    events, selected = _first_windows(reference, design, recording, most_windows)
+    room = most_bytes - _PROGRAM_BYTES - flash_bytes(design)
+    windows = most_windows
+    while True:
+        end = _end_of(windows, design, events, selected)
+        chosen = selected[:end].copy()
+        # the last event may be what ends the last window
+        chosen[-1:] = True
+        size = int(chosen.sum()) * (_EVENT_BYTES + _RECORD_BYTES)
+        # the records of a window and of its match
+        size += windows * 4 * ((design.slots + 4) + 10)
+        if size <= room or windows == design.length:
             break
+        windows -= 1
+    others = np.flatnonzero(~chosen)
+    fit = max(0, int((room - size) // (_EVENT_BYTES + _RECORD_BYTES)))
+    taken = min(others.size, fit, int(chosen.sum()))
+    chosen[others[np.linspace(0, others.size - 1, taken).astype(np.int64)]] = True
     clock = 1 << design.timestamp_bits
-    events = tuple(Event(t % clock, x, y, bool(p)) for t, x, y, p in taken)
-    return Case("drive", memories_of(reference, design), events)
+    found = tuple(Event(t % clock, x, y, bool(p)) for t, x, y, p in events[:end][chosen].tolist())
+    case = Case("drive", memories, found)
+    matches = len(case.trace().matches)
+    if not matches:
+        raise UsageError(
+            f"the recording has no match in its first {most_windows} windows, of "
+            f"{_window_text(design)}: a match takes {design.length} whole "
+            f"window{'s' * (design.length > 1)}; take a longer part of the drive"
+        )
+    return case
+
+
+def _window_text(design: Design) -> str:
+    if design.window == "count":
+        return f"{design.window_events} events at the selected pixels"
+    return f"{design.tau_us / 1e6:g} s"
+
+
+def _first_windows(
+    reference: ReferenceMap, design: Design, recording: EventSource, most_windows: int
+) -> tuple[Events, npt.NDArray[np.bool_]]:
+    """Return the events of the first windows, and which are at selected pixels.
+
+    Of the other events, each part of the recording keeps at most as many.
+    """
+    at_selected = np.zeros((design.height, design.width), dtype=np.bool_)
+    at_selected[reference.pixel_map.y, reference.pixel_map.x] = True
+    parts: list[Events] = []
+    masks: list[npt.NDArray[np.bool_]] = []
+    counted = 0
+    for chunk in cleaned(recording, reference.settings):
+        if not chunk.size:
+            continue
+        selected = at_selected[chunk["y"], chunk["x"]]
+        keep = selected.copy()
+        keep[[0, -1]] = True
+        others = np.flatnonzero(~selected)
+        several = np.linspace(0, others.size - 1, min(others.size, int(selected.sum()))).astype(int)
+        keep[others[several]] = True
+        parts.append(chunk[keep])
+        masks.append(selected[keep])
+        counted += int(selected.sum())
+        if design.window == "count":
+            enough = counted >= most_windows * design.window_events
+        else:
+            enough = int(chunk["t"][-1]) >= most_windows * design.tau_us
+        if enough:
+            break
+    if not parts:
+        raise UsageError("the recording holds no events: name another one")
+    return np.concatenate(parts), np.concatenate(masks)
+
+
+def _end_of(windows: int, design: Design, events: Events, selected: npt.NDArray[np.bool_]) -> int:
+    """Return the number of events up to the one that ends the last of so many windows."""
+    if design.window == "count":
+        last = np.searchsorted(np.cumsum(selected), windows * design.window_events)
+    else:
+        last = np.searchsorted(events["t"], windows * design.tau_us)
+    return min(int(last) + 1, len(events))
 
 
 def check_vectors_folder(path: Path, overwrite: bool) -> None:

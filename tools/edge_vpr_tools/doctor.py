@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, distribution, version
 from itertools import product
@@ -32,7 +32,7 @@ import edge_vpr
 import fixedpoint
 from edge_vpr import __version__
 from edge_vpr.compiling import checked_code
-from edge_vpr.errors import install_command, printable
+from edge_vpr.errors import EdgeVprError, install_command, printable
 from edge_vpr.live.protocols import PROTOCOLS, open_decoder
 from edge_vpr.live.session import LiveLocaliser
 from edge_vpr.online.state import MatchSchedule
@@ -70,37 +70,6 @@ class Finding:
     state: State
     text: str
     remedy: str = ""
-
-
-# Run all checks, and format their findings.
-
-
-_MARKS = {"good": "ok", "absent": "--", "wrong": "!!"}
-
-
-def examine() -> list[Finding]:
-    """Run every check on this machine."""
-    return [
-        *check_versions(),
-        *check_extras(),
-        *check_kernels(),
-        *check_processor(),
-        *check_memory(),
-        *check_clock(),
-        *check_ports(),
-        *check_sensors(),
-    ]
-
-
-def as_text(findings: Sequence[Finding]) -> str:
-    """Format findings as lines: a mark, the topic, what was found, and the remedy."""
-    width = max((len(finding.topic) for finding in findings), default=0)
-    lines = []
-    for finding in findings:
-        lines.append(f"{_MARKS[finding.state]}  {finding.topic:<{width}}  {finding.text}")
-        if finding.remedy:
-            lines.append(f"{'':<{width + 6}}{finding.remedy}")
-    return "\n".join(lines)
 
 
 # Check where compiled kernels are stored, and compile them before they are needed.
@@ -148,7 +117,14 @@ def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
     show : callable
         Called with a description of each step before it begins.
     """
-    for index, state in list(_indexes(_cache_folder())):
+    try:
+        kept = list(_indexes(_cache_folder()))
+    except RuntimeError as error:  # raised by Numba if it can write to no folder
+        raise EdgeVprError(
+            "there is no folder where compiled kernels may be kept: set NUMBA_CACHE_DIR to one "
+            "that this user may write"
+        ) from error
+    for index, state in kept:
         if state in ("older", "damaged"):
             for file in (*_compiled(index), index):
                 file.unlink(missing_ok=True)
@@ -369,7 +345,7 @@ def _group_of(device: str) -> str:
 # Check Python, the required libraries, and the optional ones.
 
 
-#: extras for users; the others are for work on edge-vpr itself
+#: extras for users
 EXTRAS = {
     "aedat4": "AEDAT 4 recordings",
     "parquet": "Parquet recordings",
@@ -378,13 +354,22 @@ EXTRAS = {
     "es": "event-stream recordings",
     "tonic": "data sets by tonic",
     "firmware": "compiling and emulating the reference firmware",
+    "pandas": "tables of matches (Matches.to_frame)",
+    "dask": "sweep --scheduler",
+    "baselines": "histograms of oriented gradients in experiment rivals",
+    "models": "networks in ONNX files as baselines",
     "mqtt": "stream --mqtt",
     "rerun": "the viewer of stream --rerun",
+    "dds": "the node for ROS 2 (--dds)",
+    "hardware": "placing the hardware core on an ECP5, and its bench in Python",
 }
+#: extras for work on edge-vpr, and those that only gather others
+NOT_CHECKED = ("formats", "docs", "test", "bench")
 #: extras that cannot be installed on a processor, and why
 NO_WHEELS = {
+    ("dds", "aarch64"): "cyclonedds has no wheel for aarch64",
     ("tonic", "aarch64"): "tonic needs expelliarmus, which has no wheel for aarch64; "
-    "edge_vpr_tools.research.datasets reads the same files without it"
+    "edge_vpr_tools.research.datasets reads the same files without it",
 }
 
 
@@ -396,7 +381,7 @@ def check_versions() -> Iterator[Finding]:
         if requirement.marker is not None:  # required by an extra
             continue
         installed = _installed(requirement)
-        if installed is None or not requirement.specifier.contains(installed, prereleases=True):
+        if not _is_fit(requirement):
             yield Finding(
                 "versions",
                 "wrong",
@@ -412,22 +397,34 @@ def check_extras() -> Iterator[Finding]:
     """Check for the libraries of each extra for users."""
     needed = [Requirement(text) for text in distribution("edge-vpr").requires or ()]
     for extra, what in EXTRAS.items():
-        missing = [
-            requirement.name
+        unfit = [
+            (requirement, _installed(requirement))
             for requirement in needed
             if requirement.marker is not None
             and requirement.marker.evaluate({"extra": extra})
             and not requirement.marker.evaluate({"extra": ""})
-            and _installed(requirement) is None
+            and not _is_fit(requirement)
+        ]
+        missing = [
+            f"{one.name} missing"
+            if old is None
+            else f"{one.name} is {old}, needed is {one.specifier}"
+            for one, old in unfit
         ]
         reason = NO_WHEELS.get((extra, platform.machine()))
         if missing and reason is not None:
             yield Finding("extras", "absent", f"{what}: {reason}")
         elif missing:
-            text = f"{what}: {', '.join(missing)} missing"
+            text = f"{what}: {', '.join(missing)}"
             yield Finding("extras", "absent", text, install_command(extra))
         else:
             yield Finding("extras", "good", what)
+
+
+def _is_fit(requirement: Requirement) -> bool:
+    """Return whether a library is installed in a version that the requirement allows."""
+    installed = _installed(requirement)
+    return installed is not None and requirement.specifier.contains(installed, prereleases=True)
 
 
 def _installed(requirement: Requirement) -> str | None:
@@ -435,3 +432,57 @@ def _installed(requirement: Requirement) -> str | None:
         return version(requirement.name)
     except PackageNotFoundError:
         return None
+
+
+# Run all checks, and format their findings.
+
+
+_MARKS = {"good": "ok", "absent": "--", "wrong": "!!"}
+
+
+#: checks by their topic
+CHECKS: Mapping[str, Callable[[], Iterable[Finding]]] = {
+    "versions": check_versions,
+    "extras": check_extras,
+    "compiled kernels": check_kernels,
+    "processor": check_processor,
+    "memory": check_memory,
+    "clock": check_clock,
+    "serial ports": check_ports,
+    "power sensors": check_sensors,
+}
+
+
+def examine(
+    checks: Mapping[str, Callable[[], Iterable[Finding]]] | None = None,
+) -> list[Finding]:
+    """Run every check on this machine; one that fails is a finding, and the others go on.
+
+    Parameters
+    ----------
+    checks : mapping of str to callable, optional
+        By topic; by default all.
+    """
+    found = []
+    for topic, check in (CHECKS if checks is None else checks).items():
+        try:
+            # those that were found before a failure stay
+            for finding in check():
+                found.append(finding)
+        except Exception as error:
+            text = f"the check fails: {type(error).__name__}: {printable(str(error), 200)}"
+            found.append(
+                Finding(topic, "wrong", text, "please report it, with edge-vpr doctor --json")
+            )
+    return found
+
+
+def as_text(findings: Sequence[Finding]) -> str:
+    """Format findings as lines: a mark, the topic, what was found, and the remedy."""
+    width = max((len(finding.topic) for finding in findings), default=0)
+    lines = []
+    for finding in findings:
+        lines.append(f"{_MARKS[finding.state]}  {finding.topic:<{width}}  {finding.text}")
+        if finding.remedy:
+            lines.append(f"{'':<{width + 6}}{finding.remedy}")
+    return "\n".join(lines)

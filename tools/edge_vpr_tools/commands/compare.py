@@ -53,7 +53,8 @@ def run(args: argparse.Namespace) -> None:
     if output is not None:
         results.check_output_folder(output, args.overwrite, runs)
     rows = rows_of(runs)
-    print(markdown(rows), end="")
+    for line in markdown(rows).splitlines():
+        summary(line)
     if output is not None:
         with results.results_folder(output, args.overwrite) as folder:
             write_comparison(folder, rows, formats, args.measure)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,7 +16,7 @@ from edge_vpr_tools.console import say
 
 if TYPE_CHECKING:
     from edge_vpr_tools.estimate.accuracy import Drives
-    from edge_vpr_tools.estimate.estimation import Question, Side, Tried
+    from edge_vpr_tools.estimate.estimation import Other, Question, Tried
     from edge_vpr_tools.estimate.model import Mission
     from firmware_model.model.design import Design
 
@@ -27,10 +28,10 @@ PLACES = 1_000
 DESIGN_FLAGS = {
     "sensor": "346x260",
     "pixels": 150,
-    "matching": "sequence",
+    "matching": "filter",
     "sequence_length": 0,
-    "counter_code": "log",
-    "counter_bits": 4,
+    "counter_code": "own-mean",
+    "counter_bits": 3,
     "polarity": False,
     "tau": "1s",
     "window_events": None,
@@ -59,14 +60,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"number of places (default: that of the route or of the map, else {PLACES})",
     )  # fmt: skip
     design.add_argument(
-        "--sequence-length", "-L", type=int, metavar="L", help="windows in a sequence (default: 5)"
-    )
+        "--sequence-length", "-L", type=int, metavar="L",
+        help="windows in a sequence; the design then matches by sequences (default: 5)",
+    )  # fmt: skip
     design.add_argument(
-        "--matching", metavar="KIND", help=f"method: sequence or filter {_default('matching')}"
-    )
+        "--matching", metavar="KIND",
+        help="method: filter or sequence (default: filter, with sequences shown beside it)",
+    )  # fmt: skip
     design.add_argument(
         "--counter-code", metavar="KIND",
-        help=f"code of the counters: linear, sqrt, log or own-mean {_default('counter_code')}",
+        help="code of the counters: linear, sqrt, log or own-mean (default: own-mean, or log with "
+        "sequences)",
     )  # fmt: skip
     design.add_argument(
         "--counter-bits", type=int, metavar="B", help=f"bits per code {_default('counter_bits')}"
@@ -121,8 +125,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     asked.add_argument(
         "--fit", action="append", metavar="LIMIT", default=[],
-        help="find the largest J, K and bits that stay below a limit, such as 64KiB or 10mW; needs "
-        "one --target; may be repeated",
+        help="budget of memory or power, such as 64KiB or 10mW; finds the largest J, K and bits "
+        "within it on one --target, and with --accuracy-on or --pareto the design to take on each "
+        "target; may be repeated",
     )  # fmt: skip
     asked.add_argument(
         "--calibrate", metavar="PROFILE.json",
@@ -130,17 +135,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     asked.add_argument(
         "--pareto", metavar="DIR",
-        help="draw the accuracy of all evaluated runs below DIR against energy and bytes",
+        help="recommend one of the evaluated runs below DIR, and with one --target draw their "
+        "accuracy against energy and bytes",
     )  # fmt: skip
     asked.add_argument(
         "--accuracy-on", nargs="+", metavar="DRIVE",
-        help="run designs on two drives and evaluate them: REFERENCE QUERY together with "
-        "--ground-truth, or `simulated`",
+        help="try designs of many sizes on two drives and recommend one: REFERENCE QUERY together "
+        "with --ground-truth, or `simulated`",
     )  # fmt: skip
     asked.add_argument(
-        "--ground-truth", nargs="+", metavar="FILE", help="same as in edge-vpr evaluate"
-    )
-    asked.add_argument("--tolerance", type=float, metavar="T", help="same as in edge-vpr evaluate")
+        "--ground-truth", nargs="+", metavar="FILE",
+        help="two tracks, or one alignment in seconds, as for edge-vpr evaluate; a matrix does not "
+        "fit, since designs have windows of their own",
+    )  # fmt: skip
+    asked.add_argument(
+        "--tolerance", type=float, metavar="T",
+        help="largest error of a correct match, as for edge-vpr evaluate",
+    )  # fmt: skip
     asked.add_argument(
         "--figure", metavar="FILE.png",
         help="file for the figure of accuracy against cost (default: DIR/pareto.png); needs one "
@@ -156,7 +167,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 # The drives or evaluated runs on which `edge-vpr estimate` takes the accuracy of designs.
 
 
-def tried_designs(args: argparse.Namespace, design: Design) -> Tried | None:
+def tried_designs(args: argparse.Namespace, designs: Sequence[Design]) -> Tried | None:
     """Read evaluated runs, or run designs on two drives; None without flags for either.
 
     Raises
@@ -174,12 +185,13 @@ def tried_designs(args: argparse.Namespace, design: Design) -> Tried | None:
             raise UsageError(
                 "--pareto takes finished runs and --accuracy-on makes new ones: give only one"
             )
-        return Tried("its own drives", evaluated_runs(Path(args.pareto)))
+        return Tried("its own drives", evaluated_runs(Path(args.pareto)), same_queries=False)
     if args.accuracy_on is None:
         return None
     with status("opening the drives") as show_stage:
         drives = _drives(args)
-        return Tried(drives.name, accuracy.try_designs(drives, design, show_stage))
+        tried = accuracy.try_designs(drives, designs, show_stage)
+        return Tried(drives.name, tried, same_queries=True)
 
 
 def _drives(args: argparse.Namespace) -> Drives:
@@ -196,6 +208,12 @@ def _drives(args: argparse.Namespace) -> Drives:
             f"--accuracy-on {' '.join(args.accuracy_on)}: expected `simulated`, or a reference and "
             "a query recording with --ground-truth"
         )
+    for file in args.ground_truth:
+        if Path(file).suffix in (".npz", ".npy"):
+            raise UsageError(
+                f"--ground-truth {file}: a matrix has rows for the windows of one design, and "
+                "several are tried: give two tracks, or an alignment in seconds"
+            )
     reference, query = (Kept(open_recording(path)) for path in args.accuracy_on)
     truth_of = partial(
         load_truth, args.ground_truth, tolerance=args.tolerance, rows=None, frame_period=None
@@ -214,7 +232,7 @@ def question_of(args: argparse.Namespace) -> Question:
     EdgeVprError
         If an argument is wrong, or a file cannot be used.
     """
-    from edge_vpr_tools.estimate.estimation import Other, Question, calibrated
+    from edge_vpr_tools.estimate.estimation import Question, calibrated
     from edge_vpr_tools.estimate.search import Budget
     from edge_vpr_tools.estimate.targets import find, names
     from firmware_model.errors import DesignError
@@ -233,18 +251,21 @@ def question_of(args: argparse.Namespace) -> Question:
         raise UsageError("--calibrate is for one board: name its processor with --target")
     try:
         design, mission = design_and_mission(args)
-        other = None if args.vs is None else Other(args.vs, compared(args.vs, design, mission))
+        other = None if args.vs is None else other_design(args.vs)
     except DesignError as error:
         raise UsageError(str(error)) from error
+    beside = sequences_beside(args, design)
     return Question(
         design=design,
+        beside=beside,
+        choose_distances=args.design is None,
         mission=mission,
         places_per_metre=args.places_per_metre,
         targets=targets,
         budgets=tuple(Budget.parse(text) for text in args.fit),
         measured=measured,
         other=other,
-        tried=tried_designs(args, design),
+        tried=tried_designs(args, [design] if beside is None else [design, beside]),
         route_places=None if args.route_km is None and args.places is None else design.places,
         events_per_s=args.event_rate,
         matches_per_s=args.match_rate,
@@ -321,6 +342,11 @@ def _of_flags(args: argparse.Namespace, places: int) -> Design:
     for name, default in DESIGN_FLAGS.items():
         given = getattr(args, name)
         flags[name] = default if given is None else given
+    by_sequences = flags["matching"] == "sequence" or args.sequence_length is not None
+    if args.matching is None and by_sequences:
+        flags["matching"] = "sequence"
+    if args.counter_code is None and by_sequences:
+        flags["counter_code"] = "log"
     sensor = Sensor.parse(flags["sensor"])
     by_count = {}
     if flags["window_events"] is not None:
@@ -338,23 +364,36 @@ def _of_flags(args: argparse.Namespace, places: int) -> Design:
             "polarity": flags["polarity"],
             "tau_us": duration_us(flags["tau"]),
             "lanes": args.lanes,
+            # as a map of this design has, see `of_map.design_of`
+            "accept": "ratio" if by_sequences else "margin",
             **by_count,
         },
         "the command line",
     )
 
 
-def compared(name: str, design: Design, mission: Mission) -> Side:
-    """Return the design to compare with, and its mission, which has its own share of events."""
-    from edge_vpr_tools.estimate.estimation import Side
-    from edge_vpr_tools.estimate.model import EveryPixel
+def other_design(name: str) -> Other:
+    """Return the design to compare with."""
+    from edge_vpr_tools.estimate.estimation import Other
     from firmware_model.model.design import Design
 
-    if name == "all-pixels":
-        return Side(EveryPixel.beside(design), replace(mission, selected_share=1.0))
-    other = Design.load(name)
-    share = min(1.0, mission.selected_share * other.pixels / design.pixels)
-    return Side(other, replace(mission, selected_share=share))
+    return Other(name, None if name == "all-pixels" else Design.load(name))
+
+
+def sequences_beside(args: argparse.Namespace, design: Design) -> Design | None:
+    """Return a design of the same size with sequences, where the user did not choose the matching.
+
+    It has what suits sequences best: plain logarithms, and windows of a number of events where
+    designs are tried on drives.
+    """
+    chosen = (args.map, args.design, args.matching, args.sequence_length, args.counter_code)
+    if args.pareto is not None or any(one is not None for one in chosen):
+        return None
+    windows = "count" if args.accuracy_on is not None else design.window
+    return replace(
+        design, matching="sequence", length=0, code="log", full_scales=(0,), accept="ratio",
+        window=windows,
+    )  # fmt: skip
 
 
 def _matches_per_s(every: str, design: Design, selected_per_s: float) -> float:

@@ -9,6 +9,7 @@ from types import ModuleType
 from typing import Any
 
 from edge_vpr.errors import UsageError
+from edge_vpr_tools.console import summary
 from edge_vpr_tools.research.experiments import EXPERIMENTS, SOURCES, STREETS_ONLY
 
 EXAMPLES = """\
@@ -111,7 +112,8 @@ def run(args: argparse.Namespace) -> None:
                 with page.figures() as kept:
                     table = module.run(data, args.seeds, show, *files, kept, **more)
                     page.add(name, _summary(module), table)
-        print(f"{name}:\n\n{table}\n" if len(names) > 1 else table)
+        for line in (f"{name}:\n\n{table}\n" if len(names) > 1 else table).split("\n"):
+            summary(line)
         if page is not None:  # what is done is kept, if a later one fails
             page.write(Path(args.report))
 

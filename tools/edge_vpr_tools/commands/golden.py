@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 EXAMPLES = """\
   edge-vpr golden --design design.toml -o vectors
   edge-vpr golden --map monday.npz --recording tuesday.raw -o vectors
-  edge-vpr golden verify vectors --results device.jsonl"""
+  edge-vpr golden verify vectors --results device.csv"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,8 +36,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --map, also write vectors of a recorded drive, as suite `recording`",
     )  # fmt: skip
     vectors.add_argument(
-        "--max-events", metavar="N", type=int, default=20_000,
-        help="number of events to take from the start of the recording",
+        "--max-windows", metavar="N", type=int, default=20,
+        help="number of windows to take from the start of the recording",
+    )  # fmt: skip
+    vectors.add_argument(
+        "--case-size", metavar="SIZE", default="512KiB",
+        help="flash of the microcontroller for the recording's case.h: of its windows, and of the "
+        "events elsewhere than at selected pixels, only as many are taken as fit",
+    )  # fmt: skip
+    vectors.add_argument(
+        "--vectors", metavar="SIZE", default="all",
+        help="leave out the cases with most events, so that the folder has about this size, such "
+        "as 20MB",
     )  # fmt: skip
     vectors.add_argument(
         "--suite",
@@ -63,14 +74,17 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.files import check_output, replacing_folder
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.device import (
+        case_size,
         check_vectors_folder,
         missed_corners,
         recorded_case,
+        vectors_size,
     )
     from edge_vpr_tools.estimate.of_map import design_of
     from edge_vpr_tools.inputs import open_from
+    from edge_vpr_tools.progress import status
     from firmware_model import Design
-    from firmware_model.vectors import write_suites
+    from firmware_model.vectors import smallest_cases, write_suites
 
     if (args.design is None) == (args.map is None):
         raise UsageError("golden needs either --design or --map: give one of them")
@@ -87,12 +101,27 @@ def run(args: argparse.Namespace) -> None:
     else:
         reference = ReferenceMap.load(args.map)
         design = design_of(reference, args.lanes)
+        if design.filters:
+            # cheaper than to compute them twice, for 2 bytes of RAM a place
+            design = replace(design, keep_distances=True)
         if args.recording is not None:
             recording = open_from(args, args.recording, default_period=reference.frame_period)
-            recorded = [recorded_case(reference, design, recording, args.max_events)]
-    suites = _suites(args, design, recorded)
-    with replacing_folder(output) as folder:
-        manifest = write_suites(folder, design, suites, args.seed, rtl=args.rtl)
+            with status("windows of the recording"):
+                recorded = [
+                    recorded_case(
+                        reference, design, recording, args.max_windows, case_size(args.case_size)
+                    )
+                ]
+    with replacing_folder(output) as folder, status("cases") as show_case:
+        suites = _suites(args, design, recorded)
+        made = {name: cases for name, cases in suites.items() if name != "recording"}
+        chosen = smallest_cases(made, vectors_size(args.vectors))
+        if "recording" in suites:
+            chosen["recording"] = suites["recording"]
+        manifest = write_suites(folder, design, chosen, args.seed, rtl=args.rtl, on_case=show_case)
+    left_out = sum(map(len, suites.values())) - sum(map(len, chosen.values()))
+    if left_out:
+        note(f"--vectors {args.vectors} leaves out the {left_out} cases with most events")
     for suite in manifest.suites:
         missed = missed_corners(suite)
         if missed:

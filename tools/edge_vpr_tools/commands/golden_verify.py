@@ -10,7 +10,7 @@ from edge_vpr_tools.console import answer
 
 EXAMPLES = """\
   edge-vpr golden verify vectors
-  edge-vpr golden verify vectors --results device.jsonl --only match"""
+  edge-vpr golden verify vectors --results device.csv --only match"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,7 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("results of a device")
     group.add_argument(
         "--results", metavar="FILE",
-        help="file with the results of the device (default: check the vectors only)",
+        help="results of the device: .csv, a record a line, or .bin, records of 32-bit words "
+        "(default: check the vectors only)",
     )  # fmt: skip
     group.add_argument(
         "--case", metavar="SUITE/NAME", help="case to which results without a case belong"
@@ -56,6 +57,6 @@ def run(args: argparse.Namespace) -> None:
             answer(difference)
         raise EdgeVprError(
             f"{args.results}: {len(verdict.differences)} of {verdict.cases} cases differ from the "
-            f"vectors in {folder}; the first difference of each is above"
+            f"vectors in {folder}, first in {verdict.differences[0]}"
         )
     answer(f"{args.results}: {verdict.cases} of {verdict.known} cases, equal records: {compared}")

@@ -26,6 +26,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     design.add_argument(
         "--lanes", type=int, default=8, metavar="P", help="with --map, number of parallel lanes"
     )
+    parser.add_argument(
+        "--vectors", metavar="SIZE", default="20MB",
+        help="golden vectors of about this size, without the cases with most events; all writes "
+        "every case, and 0 none",
+    )  # fmt: skip
     parser.add_argument("--seed", type=int, default=0, help="seed of the random vectors")
     parser.add_argument(
         "-o", "--output", metavar="DIR", required=True, help="folder to write: new, or empty"
@@ -37,8 +42,9 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.files import check_output, replacing_folder
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.results import check_parent
-    from edge_vpr_tools.device import blank_memories
+    from edge_vpr_tools.device import blank_memories, vectors_size
     from edge_vpr_tools.estimate.of_map import design_of, memories_of
+    from edge_vpr_tools.progress import status
     from firmware_model import Design
     from firmware_model.hardware.project import write_project
 
@@ -59,8 +65,11 @@ def run(args: argparse.Namespace) -> None:
         reference = ReferenceMap.load(args.map)
         design = design_of(reference, args.lanes)
         memories = memories_of(reference, design)
-    with replacing_folder(output) as folder:
-        write_project(folder, memories, args.seed)
+    with replacing_folder(output) as folder, status("golden vectors") as show_case:
+        write_project(
+            folder, memories, args.seed,
+            most_bytes=vectors_size(args.vectors), on_case=show_case,
+        )  # fmt: skip
     summary(
         f"{args.output}: core of {design.pixels} pixels and {design.places} places; make builds it "
         "for an iCEBreaker or a ULX3S, make test holds it to its vectors"

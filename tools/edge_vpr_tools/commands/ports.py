@@ -6,6 +6,7 @@ import argparse
 from typing import NamedTuple
 
 from edge_vpr.errors import printable
+from edge_vpr_tools.console import answer
 
 EXAMPLES = """\
   edge-vpr ports
@@ -130,6 +131,6 @@ def run(args: argparse.Namespace) -> None:
         how += f" --baud {one.baud}" if one.baud else ""
         # the name comes from the device and can contain anything
         name, what = printable(one.port), printable(one.description, 80)
-        print(f"{name}  {one.usb or '-'}  {what}  {how}")
+        answer(f"{name}  {one.usb or '-'}  {what}  {how}")
     if not found:
-        print("no serial ports; edge-vpr bridge RECORDING makes a virtual one")
+        answer("no serial ports; edge-vpr bridge RECORDING makes a virtual one")

@@ -6,13 +6,13 @@ import argparse
 from pathlib import Path
 
 EXAMPLES = """\
-  edge-vpr profile compare results/board/profile.json results/laptop/profile.json --csv both.csv"""
+  edge-vpr profile compare results/board results/laptop --csv both.csv"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument("first", metavar="A.json", help="a profile")
-    parser.add_argument("second", metavar="B.json", help="another profile")
+    parser.add_argument("first", metavar="A", help="a profile, by its folder or file")
+    parser.add_argument("second", metavar="B", help="another profile")
     output = parser.add_argument_group("output")
     output.add_argument("--csv", metavar="FILE", help="also write the table as CSV")
 

@@ -5,28 +5,39 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import is_quiet, summary
 
 EXAMPLES = """\
   edge-vpr profile --meter -o results/board
-  edge-vpr profile trace results/board/profile.json meter.csv"""
+  edge-vpr profile trace results/board meter.csv
+  edge-vpr profile trace results/board ppk2.csv --voltage 5"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument(
-        "profile", metavar="PROFILE.json", help="profile that edge-vpr profile --meter wrote"
-    )
+        "profile", metavar="PROFILE",
+        help="profile that edge-vpr profile --meter wrote, by its folder or file",
+    )  # fmt: skip
     parser.add_argument(
         "trace", metavar="METER.csv",
-        help="recording of the meter, with columns time_s and power_w, or voltage and current",
+        help="recording of the meter: a header that names time, and power or voltage and current, "
+        "with their units",
     )  # fmt: skip
     group = parser.add_argument_group("energy")
+    group.add_argument(
+        "--voltage", type=float, metavar="V",
+        help="supply in volts, for a meter that writes current alone, such as a PPK2",
+    )  # fmt: skip
     group.add_argument(
         "--mission-rate", type=float, default=1.0, metavar="N",
         help="matches per second of the mission that the energy is stated for",
     )  # fmt: skip
     group.add_argument("--no-figures", action="store_true", help="write no report")
+
+
+_MOST_VOLTS = 60.0
 
 
 def run(args: argparse.Namespace) -> None:
@@ -40,10 +51,14 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr import results
     from edge_vpr_tools.profile.files import write_profile
     from edge_vpr_tools.profile.profiling import with_meter
+    from edge_vpr_tools.profile.record import PROFILE
     from edge_vpr_tools.profile.show import check_shown, show
 
     path = Path(args.profile)
-    found = with_meter(path, Path(args.trace), args.mission_rate)
+    path = path / PROFILE if path.is_dir() else path
+    if args.voltage is not None and not 0 < args.voltage <= _MOST_VOLTS:
+        raise UsageError(f"--voltage {args.voltage:g}: expected volts, such as 5")
+    found = with_meter(path, Path(args.trace), args.mission_rate, args.voltage)
     check_shown(found, path)
     write_profile(found, path.parent, report=not args.no_figures, name=path.name)
     if not is_quiet():

@@ -62,7 +62,8 @@ def run(args: argparse.Namespace) -> None:
                 f"{n} of {of} trials" + (f", {failed} failed" if failed else "")
             ),
         )
-    print(markdown(rows_of([store.folder])), end="")
+    for line in markdown(rows_of([store.folder])).splitlines():
+        summary(line)
     summary(
         f"{store.folder}: {done.trials} trials, {done.different} of them different; {done.known} "
         f"were known, {done.computed} computed now, {done.failed} failed now"

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
-from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.metrics import evaluate
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.pipeline import EventSource, coded_map, describe
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import PRESETS, Settings
+from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from edge_vpr_tools.estimate.search import Evaluated
+from edge_vpr_tools.estimate.targets import matching
 from edge_vpr_tools.research.experiments.simulated import TOLERANCE_M, truth_of_pair
 from edge_vpr_tools.research.experiments.trial import TruthOf
 from firmware_model.model.design import Design
@@ -52,73 +56,136 @@ def simulated(seed: int = 0) -> Drives:
     return Drives(name, reference, query, truth_of_pair(reference, query))
 
 
-def try_designs(drives: Drives, design: Design, on_start: Callable[[str], None]) -> list[Evaluated]:
-    """Evaluate a design at several numbers of pixels and bits.
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """One design on one draw of pixels, with every match whose truth is known.
 
-    Windows hold a fixed number of events, as many as a window of the design's tau does on average
-    in the reference drive.
+    Attributes
+    ----------
+    name : str
+    reference : ReferenceMap
+    start_us, end_us : ndarray of int64, shape (n,)
+        Of the query windows, in order.
+    correct : ndarray of bool, shape (n,)
+    """
+
+    name: str
+    reference: ReferenceMap
+    start_us: npt.NDArray[np.int64]
+    end_us: npt.NDArray[np.int64]
+    correct: npt.NDArray[np.bool_]
+
+    def rows_at(self, times_us: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """Return the match whose window each time lies in, -1 where there is none."""
+        rows = np.searchsorted(self.start_us, times_us, side="right") - 1
+        inside = (rows >= 0) & (times_us < self.end_us[rows])
+        return np.where(inside, rows, -1)
+
+
+def try_designs(
+    drives: Drives, designs: Sequence[Design], on_start: Callable[[str], None]
+) -> list[Evaluated]:
+    """Evaluate designs at several numbers of pixels and bits, all on the same queries.
+
+    Windows of a fixed number of events hold as many as a window of the design's tau does on average
+    in the reference drive. A query is the moment in the middle of a window of the first design; of
+    each design, the match counts whose window that moment lies in. Moments for which a design has
+    no match, as sequences have none in the first windows of a drive, count for none of them.
 
     Parameters
     ----------
     drives : Drives
-    design : Design
-        Matching, code, polarity, tau and exclusion are its own.
+    designs : sequence of Design
+        All but their pixels, bits and places is their own.
     on_start : callable
-        Told what begins.
+        Called with the name of each stage before it begins.
+
+    Returns
+    -------
+    list of Evaluated
+        The accuracy is the mean over the draws of pixels.
 
     Raises
     ------
     UsageError
         If not even the fewest pixels can be drawn.
+    GroundTruthError
+        If the truth is known at no moment for which all designs have a match.
     """
-    settings = PRESETS["paper"].replaced(
-        {
-            "window": "count",
-            "events_per_pixel": None,
-            "tau_us": design.tau_us,
-            "polarity": design.polarity,
-            "sequence_length": design.length,
-            "exclusion": design.exclusion,
-            "matching": design.matching,
+    runs: list[tuple[_Run, ...]] = []
+    for pixels in PIXELS:
+        on_start(f"{pixels} pixels")
+        try:
+            draws = [
+                [run for of in designs for run in _draw(drives, of, pixels, seed)]
+                for seed in range(DRAWS)
+            ]
+        except UsageError:
+            if not runs:
+                raise
+            break  # the sensor has no more
+        runs += zip(*draws, strict=True)
+    first = runs[0][0]
+    moments = (first.start_us + first.end_us) // 2
+    for run in chain(*runs):
+        moments = moments[run.rows_at(moments) >= 0]
+    if not moments.size:
+        raise GroundTruthError(
+            "the truth is known for no query that all designs match: check that it covers the time "
+            "of the query drive"
+        )
+    return [
+        Evaluated(
+            those[0].name,
+            float(np.mean([run.correct[run.rows_at(moments)] for run in those])),
+            len(moments),
+            those[0].reference,
+        )
+        for those in runs
+    ]
+
+
+def _draw(drives: Drives, design: Design, pixels: int, seed: int) -> Iterator[_Run]:
+    """Map and match one draw of pixels with codes of each width, as a device does."""
+    changes: dict[str, Any] = {
+        "matching": design.matching,
+        "smooth": False,
+        "query_mean": "running",
+        "exclusion": design.exclusion,
+        "window": design.window,
+        "tau_us": design.tau_us,
+        "events_per_pixel": None,
+        "polarity": design.polarity,
+        "pixels": pixels,
+        "seed": seed,
+    }
+    if design.filters:
+        changes |= {
             "filter_steps": design.steps,
             "filter_back": design.back,
             "filter_restart": max(design.restart, 1),
-            "query_mean": "running",
-        },
-        "the design",
-    )
-    found: list[Evaluated] = []
-    for pixels in PIXELS:
-        on_start(f"{pixels} pixels")
-        draws = []
-        try:
-            for seed in range(DRAWS):
-                changed = settings.replaced({"pixels": pixels, "seed": seed}, "draw")
-                draws.append(dict(_coded(drives, changed, design)))
-        except UsageError:
-            if not found:
-                raise
-            break  # the sensor has no more
-        for bits in draws[0]:
-            right = [draw[bits][1] for draw in draws]
-            name = f"{pixels} px, {bits} bit{'s' * (bits > 1)} {design.code}"
-            found.append(Evaluated(name, sum(right) / DRAWS, draws[0][bits][2], draws[0][bits][0]))
-    return found
-
-
-def _coded(
-    drives: Drives, settings: Settings, design: Design
-) -> Iterator[tuple[int, tuple[ReferenceMap, float, int]]]:
-    """Code the counts of one draw with each width; yield map, P@100R and number of queries."""
+        }
+    else:
+        # the middle of a sequence is most often within the tolerance
+        changes |= {"sequence_length": design.length, "anchor": "middle"}
+    settings = PRESETS["default"].replaced(changes, "the design").uncoded
     mapped = ReferenceMap.build(drives.reference, settings)
     queries = describe(drives.query, mapped.pixel_map, mapped.settings)
     truth = drives.truth_of(mapped.places.centre_us, queries.centre_us)
+    code = {
+        "counter_code": "log" if design.own_mean else design.code,
+        "counter_scaling": "own-mean" if design.own_mean else "shared",
+    }
     for bits in BITS:
-        code: dict[str, Any] = {"counter_code": design.code, "counter_bits": bits}
-        if design.own_mean:
-            code |= {"counter_code": "log", "counter_scaling": "own-mean"}
-        coded = mapped.settings.replaced(code, "the design")
+        coded = mapped.settings.replaced(code | {"counter_bits": bits}, "the design")
         reference = coded_map(mapped, coded)
         matches = match_descriptors(reference.places, reference.coded(queries), coded)
-        found = evaluate(matches, truth)
-        yield bits, (reference, found.precision_at_100_recall, found.queries)
+        known = truth.known[matches.query]
+        query = matches.query[known]
+        yield _Run(
+            f"{pixels} px, {bits} bit{'s' * (bits > 1)} {design.code}, {matching(design)}",
+            reference,
+            queries.start_us[query],
+            queries.end_us[query],
+            truth.correct[matches.place[known], query],
+        )

@@ -4,45 +4,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from edge_vpr.errors import UsageError
 from edge_vpr.files import understood
 from edge_vpr.results import to_json
-from edge_vpr_tools.estimate.model import (
-    Cost,
-    Mission,
-    Sizes,
-    Work,
-    block_memories,
-    cost,
-    large_and_small_blocks,
-    sizes,
-    work,
-)
+from edge_vpr_tools.estimate.model import Cost, EveryPixel, Mission, Sizes, Work, cost, sizes, work
 from edge_vpr_tools.estimate.search import (
     Asked,
     Budget,
     Candidate,
+    DesignOnTarget,
     Evaluated,
     Fit,
-    answer,
-    broken_by,
+    Recommendation,
+    blocks_of,
     candidates,
     fit,
-    memory_bytes,
+    on_target,
+    recommend,
 )
 from edge_vpr_tools.estimate.targets import (
     UNKNOWN,
     Constant,
     Spread,
     Target,
-    busy,
-    matching,
+    per_joule,
+    short_text,
     size_text,
-    spread,
+    watts,
 )
 from edge_vpr_tools.profile.measurement import Energy
 from edge_vpr_tools.profile.record import Profile
@@ -132,15 +124,15 @@ def compare(
 def counted(design: Design, mission: Mission) -> dict[str, float]:
     """Return operations and bytes of a match and of a second, and memory."""
     units, rates, size = work(design), mission.rates, sizes(design)
-    match = units["match"]
+    search = units["search"]
     found: dict[str, float] = {"counters": design.slots}
-    found |= {f"{name}, a match": n for name, n in match.operations.items() if n}
+    found |= {f"{name}, a search": n for name, n in search.operations.items() if n}
     found |= {
-        "bytes read, a match": match.bytes_read,
-        "bytes written, a match": match.bytes_written,
+        "bytes read, a search": search.bytes_read,
+        "bytes written, a search": search.bytes_written,
     }
     found |= {"bytes read and written, a window's end": _bytes(units["window"])}
-    for name in match.operations:
+    for name in search.operations:
         total = sum(units[unit].operations[name] * rate for unit, rate in rates.items())
         if total:
             found[f"{name}, a second"] = total
@@ -166,17 +158,18 @@ def _bytes(unit: Work) -> float:
 
 
 class Tried(NamedTuple):
-    """Evaluated designs, and the name of the drives that they were evaluated on."""
+    """Evaluated designs, the drives that they were tried on, and whether on the same queries."""
 
     drives: str
     designs: Sequence[Evaluated]
+    same_queries: bool
 
 
 class Other(NamedTuple):
-    """A design to compare with, by the name that the user gave it."""
+    """A design to compare with, by the name that the user gave it; None for all pixels."""
 
     name: str
-    side: Side
+    design: Design | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -186,6 +179,10 @@ class Question:
     Attributes
     ----------
     design : Design
+    beside : Design or None
+        One of the same size that matches by sequences, to show beside it.
+    choose_distances : bool
+        See `fit.on_target`.
     mission : Mission
     places_per_metre : float
         Density of the route.
@@ -205,6 +202,8 @@ class Question:
     """
 
     design: Design
+    beside: Design | None = None
+    choose_distances: bool = False
     mission: Mission
     places_per_metre: float = 0.1
     targets: tuple[Target, ...]
@@ -224,26 +223,33 @@ class Question:
 
 @dataclass(frozen=True)
 class Answers:
-    """The most accurate designs that fit, by the name of the target.
+    """The designs that are recommended, by the name of the target.
 
     Attributes
     ----------
-    text : dict of str to str
-        A sentence a target.
+    recommended : dict of str to Recommendation
     candidates : dict of str to list of Candidate
-        Best first; none of a target that cannot be answered.
+        Best first.
+    unknown : dict of str to str
+        Why a target cannot be held against a budget of power.
     """
 
-    text: dict[str, str]
+    recommended: dict[str, Recommendation]
     candidates: dict[str, list[Candidate]]
+    unknown: dict[str, str]
 
     def to_json(self) -> dict[str, Any]:
         """Return values that JSON can hold."""
-        told = {
-            name: [to_json(one) | {"energy_is": "modelled"} for one in found]
-            for name, found in self.candidates.items()
+        return {
+            "recommended": {
+                name: {"limit": found.limit, "design": _modelled(found.design)}
+                for name, found in self.recommended.items()
+            },
+            "candidates": {
+                name: [_modelled(one) for one in found] for name, found in self.candidates.items()
+            },
+            "unknown": self.unknown,
         }
-        return {"text": self.text, "candidates": told}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -253,21 +259,31 @@ class Estimation:
     Attributes
     ----------
     question : Question
+    design : Design
+        That the counts and sizes are of: with a single target the recommended one, if designs were
+        tried and one fits; else the question's.
+    mission : Mission
+        Of that design.
     sizes : Sizes
     counts : mapping of str to Work
-        Of an event, a window and a match.
-    costs : dict of str to Cost
-        By the name of the target.
+        Of an event, a window's end and a search.
+    on : dict of str to DesignOnTarget
+        That design, by the name of the target.
+    beside : dict of str to DesignOnTarget
+        The design that matches by sequences.
     fit : tuple of Fit
-        The largest designs within the budgets of a single target.
+        The largest designs within the budgets of a single target, if none were tried.
     comparison : Comparison or None
     answers : Answers or None
     """
 
     question: Question
+    design: Design
+    mission: Mission
     sizes: Sizes
     counts: Mapping[str, Work]
-    costs: dict[str, Cost]
+    on: dict[str, DesignOnTarget]
+    beside: dict[str, DesignOnTarget]
     fit: tuple[Fit, ...] = ()
     comparison: Comparison | None = None
     answers: Answers | None = None
@@ -275,15 +291,13 @@ class Estimation:
     def to_json(self) -> dict[str, Any]:
         """Return values that JSON can hold."""
         values = {
-            "schema": 1,
-            "design": to_json(self.question.design),
-            "mission": to_json(self.question.mission),
+            "schema": 2,
+            "design": to_json(self.design),
+            "mission": to_json(self.mission),
             "sizes": to_json(self.sizes),
             "counts": to_json(self.counts),
-            "targets": {
-                name: {"energy_is": "modelled"} | to_json(found)
-                for name, found in self.costs.items()
-            },
+            "targets": {name: _on_target(found) for name, found in self.on.items()},
+            "beside": {name: _on_target(found) for name, found in self.beside.items()},
             "fit": to_json(self.fit),
         }
         if self.comparison is not None:
@@ -291,6 +305,15 @@ class Estimation:
         if self.answers is not None:
             values["answers"] = to_json(self.answers)
         return values
+
+
+def _modelled(found: Candidate | None) -> dict[str, Any] | None:
+    return None if found is None else to_json(found) | {"energy_is": "modelled"}
+
+
+def _on_target(found: DesignOnTarget) -> dict[str, Any]:
+    more = {"memory_bytes": found.memory_bytes, "limited_by": found.limited_by}
+    return {"energy_is": "modelled", "design": to_json(found.design), **more} | to_json(found.cost)
 
 
 def estimate(question: Question) -> Estimation:
@@ -301,25 +324,64 @@ def estimate(question: Question) -> Estimation:
     UsageError
         If a budget cannot be held against the only target.
     """
-    design, mission, measured = question.design, question.mission, question.measured
-    fits: tuple[Fit, ...] = ()
-    if question.budgets and question.alone is not None:
-        fits = tuple(fit(design, question.alone, mission, question.budgets, measured))
-    other = question.other
+    measured, alone = question.measured, question.alone
+    answers = None if question.tried is None else _answers(question, question.tried)
+    budgets = question.budgets if alone is not None else ()
+
+    def on(design: Design, mission: Mission) -> dict[str, DesignOnTarget]:
+        return {
+            target.name: on_target(
+                design, target, mission, budgets, measured,
+                choose_distances=question.choose_distances,
+            )
+            for target in question.targets
+        }  # fmt: skip
+
+    fits: list[Fit] = []
+    if question.budgets and alone is not None and answers is None:
+        for one in filter(None, (question.design, question.beside)):
+            fits += fit(
+                one, alone, question.mission, question.budgets, measured,
+                choose_distances=question.choose_distances,
+            )  # fmt: skip
+    recommended = None
+    if answers is not None and alone is not None:
+        recommended = answers.recommended[alone.name].design
+    found = on(question.design, question.mission)
+    if recommended is not None and alone is not None:
+        found = {alone.name: recommended}
+    described = next(iter(found.values()))
+    design, mission = described.design, described.mission
     return Estimation(
         question=question,
+        design=design,
+        mission=mission,
         sizes=sizes(design),
         counts=work(design),
-        costs={one.name: cost(design, one, mission, measured) for one in question.targets},
-        fit=fits,
-        comparison=None if other is None
-        else compare(Side(design, mission), other.side, question.targets, measured),
-        answers=None if question.tried is None else _answers(question, question.tried),
+        on=found,
+        beside={} if question.beside is None else on(question.beside, question.mission),
+        fit=tuple(fits),
+        comparison=None if question.other is None
+        else compare(
+            Side(design, mission),
+            _other_side(question.other, design, mission),
+            question.targets,
+            measured,
+        ),
+        answers=answers,
     )  # fmt: skip
 
 
+def _other_side(other: Other, design: Design, mission: Mission) -> Side:
+    """Return the design to compare with, and its mission, which has its own share of events."""
+    if other.design is None:
+        return Side(EveryPixel.beside(design), replace(mission, selected_share=1.0))
+    share = min(1.0, mission.selected_share * other.design.pixels / design.pixels)
+    return Side(other.design, replace(mission, selected_share=share))
+
+
 def _answers(question: Question, tried: Tried) -> Answers:
-    said, told = {}, {}
+    recommended, every, unknown = {}, {}, {}
     for target in question.targets:
         asked = Asked(
             target, question.budgets, question.route_places, question.matches_per_s,
@@ -330,91 +392,122 @@ def _answers(question: Question, tried: Tried) -> Answers:
         except UsageError as error:
             if question.alone is not None:
                 raise
-            said[target.name] = str(error)
+            unknown[target.name] = str(error)
             continue
-        said[target.name] = answer(found, asked, tried.drives)
-        told[target.name] = found
-    return Answers(said, told)
+        recommended[target.name] = recommend(found)
+        every[target.name] = found
+    return Answers(recommended, every, unknown)
 
 
-# The answer of an estimate in sentences: what fits, memory, time, power and accuracy.
+# The answer of an estimate: one table of designs on targets, and one sentence.
 
 
-def answer_lines(found: Estimation) -> list[str]:
-    """Return the answer: a sentence for each target, and one on the accuracy."""
+_HEADER = ["target", "design", "memory", "power (modelled)"]
+
+
+class Answer(NamedTuple):
+    """What is printed first.
+
+    Attributes
+    ----------
+    header, rows
+        Of the table.
+    lines : list of str
+        A sentence, and a line on the targets whose power is unknown.
+    """
+
+    header: list[str]
+    rows: list[list[str]]
+    lines: list[str]
+
+
+def answer(found: Estimation) -> Answer:
+    """Return the table of an estimate, the sentence that goes with it, and what is unknown."""
     asked = found.question
-    if found.answers is not None:
-        return [
-            *found.answers.text.values(),
-            "an accuracy is of those drives: a longer route has more places to be mistaken for "
-            "one another",
+    told = found.answers
+    shown = [target for target in asked.targets if _has_power(target, asked)]
+    hidden = [target.name for target in asked.targets if target not in shown]
+    if told is None:
+        rows = [
+            [*_row(target, of), per_joule(of.cost), of.limited_by or "-"]
+            for target in shown
+            for of in _designs(found, target)
         ]
-    of = asked.design
-    head = (
-        f"{of.pixels} pixels, codes of {of.code_bits} bits ({of.code}), {of.places:,} places, "
-        f"{matching(of)}:"
-    )
-    lines = [
-        f"{target.name}: {_verdict(asked, target, found.costs[target.name])}"
-        for target in asked.targets
-    ]
-    return [head, *lines, "accuracy is not estimated: --accuracy-on tries designs on two drives"]
+        header = [*_HEADER, "matches per joule (modelled)", "over"]
+        lines = ["accuracy is not estimated: --accuracy-on tries designs on two drives"]
+    else:
+        rows = [_recommended(target, told, asked) for target in shown]
+        header = [*_HEADER, "correct", "limited by"]
+        lines = [_sentence(asked, told)]
+    if hidden:
+        lines.append(
+            f"power {UNKNOWN}: {', '.join(hidden)} (--target shows one; --calibrate takes a "
+            "profile of your board)"
+        )
+    return Answer(header, rows, lines)
 
 
-def _verdict(asked: Question, target: Target, cost: Cost) -> str:
-    """Return whether a design fits, and what it takes."""
-    of = asked.design
-    budgets = asked.budgets if asked.alone is not None else ()
-    over = broken_by(of, target, asked.mission, budgets, asked.measured)
-    problems = [f"over {over}"] if over else []
-    memory = size_text(memory_bytes(of, target))
-    if target.blocks:
-        blocks, enough = _blocks(of, target)
-        memory += f" in {blocks}"
-        if not enough:
-            problems.append("too few block memories")
-    if cost.logic_cells is not None:
-        memory += f"; {cells_text(cost.logic_cells, target)} (predicted)"
-        if cost.logic_cells > target.logic_cells:
-            problems.append("too few logic cells")
-    if cost.load.low >= 1:
-        problems.append("too slow for the mission")
-    fits = f"does not fit ({', '.join(problems)})" if problems else "fits"
-    energy = f"energy {UNKNOWN}"
-    if cost.energy_j is not None:
-        energy = f"{spread(cost.energy_j['match'], 'J')} modelled"
-    known = ((cost.marginal_w, "added by the work"), (cost.idle_w, "at rest"))
-    power = [f"{spread(value, 'W')} {what}" for value, what in known if value is not None]
+def _has_power(target: Target, asked: Question) -> bool:
+    """Return whether a part of the power of a target is known, or no other is asked for."""
+    return asked.alone is not None or not target.unknown or bool(target.idle_power)
+
+
+def _designs(found: Estimation, target: Target) -> Iterable[DesignOnTarget]:
+    yield found.on[target.name]
+    if target.name in found.beside:
+        yield found.beside[target.name]
+
+
+def _recommended(target: Target, told: Answers, asked: Question) -> list[str]:
+    chosen = told.recommended[target.name]
+    if chosen.design is None:
+        tried = len(told.candidates[target.name])
+        return [target.name, f"none of {tried} fits", "-", "-", "-", chosen.limit]
+    correct = f"{chosen.design.accuracy:.1%} \u00b1 {chosen.design.error:.1%}"
+    return [*_row(target, chosen.design), correct, chosen.limit or "-"]
+
+
+def _sentence(asked: Question, told: Answers) -> str:
+    """Return what `correct` is, and how the designs were chosen."""
+    assert asked.tried is not None
+    tried, some = asked.tried, [one for found in told.candidates.values() for one in found]
+    within = " and ".join(budget.text for budget in asked.budgets)
+    chosen = "the smallest design" + f" within {within}" * bool(within)
+    on = f"of the queries of {tried.drives}, each run on its own"
+    if tried.same_queries:
+        on = f"of the {some[0].queries if some else 0} queries on {tried.drives}, the same for all"
+        on += f" {len(tried.designs)} designs"
     return (
-        f"{fits}; memory {memory}; a match takes {spread(cost.seconds['match'], 's')}, {energy}; "
-        f"busy {busy(cost.load)}; power {', '.join(power) or UNKNOWN}"
+        f"{chosen} that is as often correct as the most accurate one that fits, but for a standard "
+        f"error; correct is the share {on}, and a longer route has more places that look alike"
     )
 
 
-def memory_text(of: Design, target: Target) -> str:
-    """Return the memory that a design takes on a target, and whether that is too much."""
+def _row(target: Target, of: DesignOnTarget) -> list[str]:
+    return [
+        target.name, short_text(of.design), memory_text(of, target), power_text(of.cost)
+    ]  # fmt: skip
+
+
+def power_text(of: Cost) -> str:
+    """Return the power of a device at the mission's rates, as far as it is known."""
+    if of.whole_w is not None:
+        return watts(of.whole_w)
+    if of.marginal_w is not None:
+        return f"{watts(of.marginal_w)} of the work"
+    return UNKNOWN if of.idle_w is None else f"{watts(of.idle_w)} at rest"
+
+
+def memory_text(of: DesignOnTarget, target: Target) -> str:
+    """Return the memory that a design takes on a target, and its blocks and cells on an FPGA."""
     if target.kind == "processor":
-        limit = broken_by(of, target, Mission(0.0, 0.0, 1.0), ())
-        return size_text(memory_bytes(of, target)) + (f": over {limit}" if limit else "")
-    if not target.blocks:
-        return size_text(sizes(of).packed_bytes)
-    blocks, enough = _blocks(of, target)
-    return blocks if enough else f"{blocks}: too many"
-
-
-def cells_text(taken: int, target: Target) -> str:
-    """Return the logic cells that the core takes, and those that there are."""
-    return f"{taken:,} of {target.logic_cells:,} logic cells"
-
-
-def _blocks(of: Design, target: Target) -> tuple[str, bool]:
-    """Return the block memories that a design takes, and whether there are as many."""
-    needed = block_memories(of, target.block_shapes)
-    if needed <= target.blocks or not target.large_blocks:
-        return f"{needed} of {target.blocks} blocks", needed <= target.blocks
-    large, rest = large_and_small_blocks(of, target.large_block_shapes, target.block_shapes)
-    enough = rest <= target.blocks and large <= target.large_blocks
-    return f"{rest} of {target.blocks} blocks, {large} of {target.large_blocks} large", enough
+        return size_text(of.memory_bytes)
+    text = size_text(sizes(of.design).packed_bytes)
+    if target.blocks:
+        text += f": {blocks_of(of.design, target)[0]}"
+    if of.cost.logic_cells is not None:
+        text += f"; {of.cost.logic_cells:,} of {target.logic_cells:,} logic cells"
+    return text
 
 
 # Energy of a processor's clock cycle, from the profile of a board with a power sensor.
@@ -423,7 +516,8 @@ def _blocks(of: Design, target: Target) -> tuple[str, bool]:
 def calibrated(path: Path) -> Constant:
     """Return the energy of a cycle that a profile measured.
 
-    It is a single point: marginal joules per second of processor time, divided by the clock.
+    It is a single point: one over the matches per joule (`matches_per_joule` of the profile), per
+    second of processor time, divided by the clock.
 
     Parameters
     ----------
@@ -443,17 +537,20 @@ def calibrated(path: Path) -> Constant:
     profile = Profile.load_file(path)
     energy, clock = profile.energy, profile.conditions.loaded.frequency_hz
     figures = energy.figures if isinstance(energy, Energy) else None
-    marginal = None if figures is None else figures.marginal_j_per_match
-    if not isinstance(energy, Energy) or figures is None or marginal is None or not clock:
+    a_joule = None if figures is None else figures.bounded("matches_per_joule")
+    if (
+        not isinstance(energy, Energy) or a_joule is None or a_joule.value is None
+        or a_joule.low is None or a_joule.high is None or not clock
+    ):  # fmt: skip
         raise UsageError(
             f"{path}: energy was not measured or not resolved, or the clock is not known: "
             "profile a board with a power sensor, for longer"
         )
     # periods of an external meter have no processor time, which is taken from the throughput
     seconds = energy.cpu_s_per_match or profile.throughput.cpu_s_per_match
-    low, high = figures.marginal_j_per_match_interval
+    most_first = (a_joule.high, a_joule.value, a_joule.low)
     with understood(path, "energy and clock", "profile the board again"):
-        picojoules = [1e12 * joules / (seconds * clock) for joules in (low, marginal, high)]
+        picojoules = [1e12 / (matches * seconds * clock) for matches in most_first]
         if not all(map(math.isfinite, picojoules)) or picojoules != sorted(picojoules):
             raise ValueError(f"{picojoules} pJ a cycle are no interval")
         year = int(profile.run.finished_utc[:4])

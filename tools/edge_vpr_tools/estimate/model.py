@@ -315,7 +315,7 @@ class Mission:
             "selected event": selected,
             "other event": self.events_per_s - selected,
             "window": self.matches_per_s,
-            "match": self.matches_per_s,
+            "search": self.matches_per_s,
         }
 
 
@@ -325,7 +325,7 @@ def work(design: Design) -> dict[str, Work]:
         "selected event": event_work(design, selected=True),
         "other event": event_work(design, selected=False),
         "window": window_work(design),
-        "match": match_work(design),
+        "search": match_work(design),
     }
 
 
@@ -358,6 +358,9 @@ def firmware() -> Mapping[str, Firmware]:
 class Cost:
     """What each unit of work takes on a target.
 
+    A match takes its share of the events, the end of its window, and the search for its place. The
+    energy of a match is that of all three.
+
     Attributes
     ----------
     instructions : dict of str to float, optional
@@ -374,7 +377,10 @@ class Cost:
         Modelled: what the work adds at the mission's rates, what is used without it, and both,
         which is None if either is unknown.
     per_match_j, per_match_whole_j : Spread, optional
-        Those over the matches a second.
+        Energy of a match: what the work adds, and all that the device takes; the powers over the
+        matches a second.
+    matches_per_joule : Spread, optional
+        One over the energy of a match: of the work, as in a profile.
     basis : tuple of Constant
         What the energy rests on.
     """
@@ -390,6 +396,7 @@ class Cost:
     whole_w: Spread | None
     per_match_j: Spread | None
     per_match_whole_j: Spread | None
+    matches_per_joule: Spread | None
     basis: tuple[Constant, ...]
 
 
@@ -416,7 +423,7 @@ def cost(
             "selected event": device.event,
             "other event": device.event,
             "window": device.encode,
-            "match": device.compare + device.drain,
+            "search": device.compare + device.drain,
         }
         taken = {unit: Spread(1.0, 1.0, 1.0) * count for unit, count in number.items()}
     cells = core_area.cells(design) if target.logic_cells else None
@@ -452,6 +459,7 @@ def cost(
         whole_w=whole,
         per_match_j=None if marginal is None else marginal * a_match,
         per_match_whole_j=None if whole is None else whole * a_match,
+        matches_per_joule=None if marginal is None else (marginal * a_match).reciprocal(),
         basis=tuple(basis),
     )
 
@@ -467,7 +475,7 @@ def instructions_of(design: Design, core: str, mission: Mission) -> dict[str, fl
         "selected event": told.event_selected + call,
         "other event": told.event_unselected + call,
         "window": float(window_and_match.window),
-        "match": float(window_and_match.match),
+        "search": float(window_and_match.match),
     }
 
 

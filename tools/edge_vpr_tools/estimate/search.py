@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,9 +18,17 @@ from edge_vpr.errors import MapError, UsageError
 from edge_vpr.files import read_json
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import from_json
-from edge_vpr_tools.estimate.model import Cost, Mission, cost, firmware, sizes
+from edge_vpr_tools.estimate.model import (
+    Cost,
+    Mission,
+    block_memories,
+    cost,
+    firmware,
+    large_and_small_blocks,
+    sizes,
+)
 from edge_vpr_tools.estimate.of_map import design_of, event_rates
-from edge_vpr_tools.estimate.targets import UNKNOWN, Constant, Target, matching, size_text, spread
+from edge_vpr_tools.estimate.targets import Constant, Target
 from edge_vpr_tools.report.style import (
     BLUE,
     ORANGE,
@@ -42,6 +50,7 @@ _UNITS = {
     "uw": ("watts", 1e-6), "mw": ("watts", 1e-3), "w": ("watts", 1.0),
 }  # fmt: skip
 FIRMWARE_LIMITS = "the firmware's widths"
+BLOCKS, LOGIC_CELLS, SPEED = "its block memories", "its logic cells", "its speed"
 #: bits of a code, for which J and K are searched; and the most that a code has
 _BITS = (8, 6, 4, 3, 2, 1)
 MOST_BITS = 8
@@ -77,6 +86,8 @@ class Fit:
 
     Attributes
     ----------
+    matching : str
+        How the design matches.
     parameter : {"pixels", "places", "code_bits"}
     code_bits : int
     value : int
@@ -85,9 +96,31 @@ class Fit:
         The budget, or the range of the parameter.
     """
 
+    matching: str
     parameter: str
     code_bits: int
     value: int
+    limited_by: str
+
+
+@dataclass(frozen=True)
+class DesignOnTarget:
+    """A design on a target, with what it takes there.
+
+    Attributes
+    ----------
+    design : Design
+    mission : Mission
+    cost : Cost
+    memory_bytes : int
+    limited_by : str
+        What keeps it from fitting; empty if it fits.
+    """
+
+    design: Design
+    mission: Mission
+    cost: Cost
+    memory_bytes: int
     limited_by: str
 
 
@@ -109,6 +142,8 @@ def fit(
     mission: Mission,
     budgets: Sequence[Budget],
     cycle_energy: Constant | None = None,
+    *,
+    choose_distances: bool = False,
 ) -> list[Fit]:
     """Find the largest J, and the largest K, for some numbers of bits a code; and the most bits.
 
@@ -123,6 +158,8 @@ def fit(
         All must hold.
     cycle_energy : Constant, optional
         See `cost`.
+    choose_distances : bool
+        See `on_target`.
 
     Raises
     ------
@@ -133,7 +170,12 @@ def fit(
     def broken(candidate: Design) -> str:
         share = min(1.0, mission.selected_share * candidate.pixels / design.pixels)
         scaled = replace(mission, selected_share=share)
-        return broken_by(candidate, target, scaled, budgets, cycle_energy)
+        found = ""
+        for one in _variants(candidate) if choose_distances else (candidate,):
+            found = broken_by(one, target, scaled, budgets, cycle_energy)
+            if not found:
+                break
+        return found
 
     # the firmware in C keeps a byte a code, so that fewer bits save a processor nothing
     packed = target.kind != "processor"
@@ -145,6 +187,50 @@ def fit(
     return [*found, replace(widest, code_bits=widest.value or design.code_bits)]
 
 
+def on_target(
+    design: Design,
+    target: Target,
+    mission: Mission,
+    budgets: Sequence[Budget] = (),
+    cycle_energy: Constant | None = None,
+    *,
+    choose_distances: bool = False,
+) -> DesignOnTarget:
+    """Take a design to a target, and see whether it fits.
+
+    Parameters
+    ----------
+    design : Design
+    target : Target
+    mission : Mission
+    budgets : sequence of Budget
+    cycle_energy : Constant, optional
+        See `cost`.
+    choose_distances : bool
+        Keep the distances of the place filter where the memory allows it, which takes less time and
+        energy than to compute them twice; else do as the design says.
+
+    Raises
+    ------
+    UsageError
+        If a budget of power is given and the target's is unknown.
+    """
+    chosen, limit = design, ""
+    for chosen in _variants(design) if choose_distances else (design,):
+        limit = broken_by(chosen, target, mission, budgets, cycle_energy)
+        if not limit:
+            break
+    of = cost(chosen, target, mission, cycle_energy)
+    return DesignOnTarget(chosen, mission, of, memory_bytes(chosen, target), limit)
+
+
+def _variants(design: Design) -> tuple[Design, ...]:
+    """Return a design with the filter's distances kept, and with them computed twice."""
+    if not design.filters:
+        return (design,)
+    return tuple(replace(design, keep_distances=kept) for kept in (True, False))
+
+
 def broken_by(
     design: Design,
     target: Target,
@@ -152,7 +238,7 @@ def broken_by(
     budgets: Sequence[Budget],
     cycle_energy: Constant | None = None,
 ) -> str:
-    """Return which budget or limit of the firmware a design exceeds; empty if none.
+    """Return which budget or limit of the target a design exceeds; empty if none.
 
     Raises
     ------
@@ -164,17 +250,33 @@ def broken_by(
             check_limits(design)
         except DesignError:
             return FIRMWARE_LIMITS
+    elif target.blocks and not blocks_of(design, target)[1]:
+        return BLOCKS
+    of = cost(design, target, mission, cycle_energy)
+    if of.logic_cells is not None and of.logic_cells > target.logic_cells:
+        return LOGIC_CELLS
+    if of.load.low >= 1:
+        return SPEED
     for budget in budgets:
         if budget.quantity == "bytes":
             used: float = memory_bytes(design, target)
         else:
-            of = cost(design, target, mission, cycle_energy)
             # a board that takes more at rest needs no figure for its work
             at_rest = of.whole_w is None and of.idle_w is not None and of.idle_w.low > budget.limit
             used = budget.limit + 1 if at_rest else _watts(of, target)
         if used > budget.limit:
             return budget.text
     return ""
+
+
+def blocks_of(of: Design, target: Target) -> tuple[str, bool]:
+    """Return the block memories that a design takes, and whether there are as many."""
+    needed = block_memories(of, target.block_shapes)
+    if needed <= target.blocks or not target.large_blocks:
+        return f"{needed} of {target.blocks} blocks", needed <= target.blocks
+    large, rest = large_and_small_blocks(of, target.large_block_shapes, target.block_shapes)
+    enough = rest <= target.blocks and large <= target.large_blocks
+    return f"{rest} of {target.blocks} blocks, {large} of {target.large_blocks} large", enough
 
 
 def _watts(of: Cost, target: Target) -> float:
@@ -208,7 +310,7 @@ def _largest(
     try:
         limit = broken(_changed(design, bits, parameter, least))
         if limit:
-            return Fit(parameter, bits, 0, limit)
+            return Fit(design.matching, parameter, bits, 0, limit)
         low, high = least, most + 1
         limit = f"range up to {most}"
         while high - low > 1:
@@ -220,7 +322,7 @@ def _largest(
                 low = middle
     except DesignError as error:
         raise UsageError(str(error)) from error
-    return Fit(parameter, bits, low, limit)
+    return Fit(design.matching, parameter, bits, low, limit)
 
 
 # Evaluated designs as devices of a mission, and the most accurate one that fits.
@@ -235,7 +337,7 @@ class Evaluated:
     name : str
         Of its folder, or its size.
     accuracy : float
-        P@100R.
+        Share of the queries that are correct when every one is matched (P@100R).
     queries : int
         That were evaluated.
     reference : ReferenceMap
@@ -261,8 +363,10 @@ class Metrics(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Candidate(DesignOnTarget):
     """One evaluated map, as a device.
+
+    Its design has as many places as the mission's route, if that is given.
 
     Attributes
     ----------
@@ -270,22 +374,33 @@ class Candidate:
         See `Evaluated`.
     own_places : int
         Of its map, among which it was that accurate.
-    design : Design
-        Of its map; with as many places as the mission's route, if that is given.
-    cost : Cost
-    memory_bytes : int
-    limited_by : str
-        What keeps it from fitting; empty if it fits.
     """
 
     name: str
     accuracy: float
     queries: int
     own_places: int
-    design: Design
-    cost: Cost
-    memory_bytes: int
-    limited_by: str
+
+    @property
+    def error(self) -> float:
+        """Standard error of the accuracy, as if the queries were independent of one another."""
+        return math.sqrt(self.accuracy * (1 - self.accuracy) / max(self.queries, 1))
+
+
+class Recommendation(NamedTuple):
+    """The design that is recommended for a target, and what keeps it from being better.
+
+    Attributes
+    ----------
+    design : Candidate or None
+        None where no design fits.
+    limit : str
+        The budget or limit that a design breaks which is more accurate by a standard error, or that
+        the smallest one breaks where none fits; empty where there is none.
+    """
+
+    design: Candidate | None
+    limit: str
 
 
 @dataclass(frozen=True)
@@ -333,15 +448,15 @@ class Asked:
         windows_s = int((reference.places.end_us - reference.places.start_us).sum()) / 1e6
         a_second = self.matches_per_s or len(reference) / max(windows_s, 1e-6)
         mission = Mission(self.events_per_s or rate, share, a_second)
+        found = on_target(
+            design, self.target, mission, self.budgets, self.cycle_energy, choose_distances=True
+        )
         return Candidate(
+            **{field.name: getattr(found, field.name) for field in fields(found)},
             name=one.name,
             accuracy=one.accuracy,
             queries=one.queries,
             own_places=len(reference),
-            design=design,
-            cost=cost(design, self.target, mission, self.cycle_energy),
-            memory_bytes=memory_bytes(design, self.target),
-            limited_by=broken_by(design, self.target, mission, self.budgets, self.cycle_energy),
         )
 
 
@@ -394,48 +509,23 @@ def candidates(evaluated: Iterable[Evaluated], asked: Asked) -> list[Candidate]:
     return sorted(found, key=lambda one: (-one.accuracy, one.memory_bytes))
 
 
-def answer(found: Sequence[Candidate], asked: Asked, on: str) -> str:
-    """Return a sentence on the best design that fits, its accuracy, and what limits it."""
-    within = " and ".join(budget.text for budget in asked.budgets) or "no budget"
-    head = f"{asked.target.name}, within {within}: "
+def recommend(found: Sequence[Candidate]) -> Recommendation:
+    """Return the smallest design that fits and is as accurate as the most accurate one that fits.
+
+    A difference below the standard error of the most accurate one does not count. Among designs of
+    the same size it is the more accurate one.
+    """
     fitting = [one for one in found if not one.limited_by]
     if not fitting:
-        least = min(found, key=lambda one: one.memory_bytes)
-        return (
-            f"{head}none of the {len(found)} designs fits; the smallest, {_told(least)}, is over "
-            f"{least.limited_by}"
-        )
-    best = fitting[0]
-    # of a share, taken as if the queries had nothing to do with one another
-    error = math.sqrt(best.accuracy * (1 - best.accuracy) / max(best.queries, 1))
-    said = (
-        f"{head}{_told(best)}, {best.accuracy:.1%} right on {on}, among its own {best.own_places} "
-        f"places (standard error {error:.1%} of {best.queries} queries)"
-    )
-    better = [one for one in found if one.accuracy > best.accuracy + error]
-    if not better:
-        return f"{said}. Nothing limits it: no design is more often right by a standard error"
-    # the one that asks for least more
-    nearest = min(better, key=lambda one: one.memory_bytes)
-    return (
-        f"{said}. What limits it: {nearest.limited_by}; {nearest.accuracy:.1%} right would take "
-        f"{_told(nearest)}"
-    )
-
-
-def _told(one: Candidate) -> str:
-    design, power = one.design, one.cost.whole_w or one.cost.marginal_w
-    watts = f"power {UNKNOWN}"
-    if power is None and one.cost.idle_w is not None:
-        watts = spread(one.cost.idle_w, "W") + " at rest alone, modelled"
-    elif power is not None:
-        watts = spread(power, "W")
-        watts += " modelled" if one.cost.whole_w else " added by the work, modelled (rest unknown)"
-    return (
-        f"{design.pixels} pixels, {design.code_bits} bit{'s' * (design.code_bits > 1)} "
-        f"({design.code}), {design.places:,} places, {matching(design)}: "
-        f"{size_text(one.memory_bytes)}, {watts}"
-    )
+        return Recommendation(None, min(found, key=lambda one: one.memory_bytes).limited_by)
+    best = max(fitting, key=lambda one: one.accuracy)
+    least = best.accuracy - best.error
+    as_good = [one for one in fitting if one.accuracy >= least]
+    chosen = min(as_good, key=lambda one: (one.memory_bytes, -one.accuracy))
+    better = [one for one in found if one.accuracy > best.accuracy + best.error]
+    # what keeps the smallest of the better ones from fitting
+    limit = min(better, key=lambda one: one.memory_bytes).limited_by if better else ""
+    return Recommendation(chosen, limit)
 
 
 # Accuracy of evaluated designs against their cost on a target, drawn.
@@ -455,14 +545,14 @@ def draw(found: Sequence[Candidate], target: Target) -> Figure:
     with panels(1, 2, 12.0, 5.2, sharey=True) as (drawing, ((left, right),)):
         known = [one for one in found if one.cost.per_match_j is not None]
         if known:
-            _panel(left, known, _joules, "J", "energy added by the work of a match: modelled")
+            _panel(left, known, _joules, "J", "energy of a match: modelled")
         else:
             left.text(
                 0.5, 0.5, f"energy on {target.name}: unknown", transform=left.transAxes, ha="center"
             )
             left.set_xticks([])
         _panel(right, found, lambda one: one.memory_bytes, "B", "memory (1 kB is 1,000 bytes)")
-        left.set_ylabel("P@100R")
+        left.set_ylabel("correct (P@100R)")
         legend_below(drawing, [right], 3)
         drawing.suptitle(f"Accuracy against energy and bytes on {target.name}")
     return drawing

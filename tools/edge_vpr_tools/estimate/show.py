@@ -7,25 +7,17 @@ from dataclasses import asdict
 
 from edge_vpr_tools.console import say, table
 from edge_vpr_tools.estimate import core_area
-from edge_vpr_tools.estimate.estimation import (
-    Comparison,
-    Costs,
-    Estimation,
-    Question,
-    answer_lines,
-    cells_text,
-    memory_text,
-)
+from edge_vpr_tools.estimate.estimation import Comparison, Costs, Estimation, Question, answer
 from edge_vpr_tools.estimate.model import Cost, EveryPixel, Mission, firmware, per_second
-from edge_vpr_tools.estimate.search import Candidate, Fit, memory_bytes
+from edge_vpr_tools.estimate.search import Candidate, DesignOnTarget, Fit, memory_bytes
 from edge_vpr_tools.estimate.targets import (
     UNKNOWN,
     Constant,
     Target,
     busy,
     count,
+    design_text,
     joules,
-    matching,
     size_text,
     spread,
     three,
@@ -69,15 +61,15 @@ def _modelled(found: Comparison, name: str, costs: Sequence[Costs], unit: str) -
         taken = [_taken(one) for one in (a, b)]
         memory = [memory_bytes(side.design, target) for side in (found.ours, found.theirs)]
         lines = [
-            (f"{unit} a match", *(f"{n:,.0f}" for n in taken), times(taken[1], taken[0])),
-            ("time of a match", *(spread(c.seconds["match"], "s") for c in (a, b)),
-             times(b.seconds["match"].central, a.seconds["match"].central)),
+            (f"{unit} of a search", *(f"{n:,.0f}" for n in taken), times(taken[1], taken[0])),
+            ("time of a search", *(spread(c.seconds["search"], "s") for c in (a, b)),
+             times(b.seconds["search"].central, a.seconds["search"].central)),
             ("busy", *(busy(c.load) for c in (a, b)), times(b.load.central, a.load.central)),
             ("memory", *map(size_text, memory), times(memory[1], memory[0])),
         ]  # fmt: skip
-        if a.energy_j and b.energy_j and a.marginal_w and b.marginal_w:
+        if a.per_match_j and b.per_match_j and a.marginal_w and b.marginal_w:
             for what, x, y, sign in (
-                ("energy of a match, modelled", a.energy_j["match"], b.energy_j["match"], "J"),
+                ("energy of a match, modelled", a.per_match_j, b.per_match_j, "J"),
                 ("added power, modelled", a.marginal_w, b.marginal_w, "W"),
             ):
                 lines.append((what, spread(x, sign), spread(y, sign), times(y.central, x.central)))
@@ -88,10 +80,10 @@ def _modelled(found: Comparison, name: str, costs: Sequence[Costs], unit: str) -
 
 
 def _taken(found: Cost) -> float:
-    """Return the instructions of a match, or its cycles where there is no program."""
+    """Return the instructions of a search, or its cycles where there is no program."""
     if found.instructions is None:
-        return found.cycles["match"].central
-    return found.instructions["match"]
+        return found.cycles["search"].central
+    return found.instructions["search"]
 
 
 # Assumptions, sources and unknown values of an estimate.
@@ -120,7 +112,7 @@ def sources(found: Estimation) -> list[str]:
         if target.unknown and found.question.measured is None:
             remedy = "; --calibrate takes a profile of your board"
             said.append(f"{target.name}: {target.unknown}" + remedy * (target.kind == "processor"))
-        cited |= dict.fromkeys(found.costs[target.name].basis)
+        cited |= dict.fromkeys(found.on[target.name].cost.basis)
     said += [
         f"modelled, {constant.name}: {three(asdict(constant.value).values())} "
         f"{constant.unit} (year {constant.year}, {constant.node}): {constant.source}; "
@@ -130,8 +122,8 @@ def sources(found: Estimation) -> list[str]:
     return said
 
 
-#: rows of a table of designs
-_SHOWN = 12
+#: designs shown of each way of matching
+_SHOWN = 6
 
 
 def show(found: Estimation, *, with_sources: bool = False) -> None:
@@ -144,17 +136,22 @@ def show(found: Estimation, *, with_sources: bool = False) -> None:
         Print the assumptions and the cited constants too.
     """
     asked = found.question
-    for line in answer_lines(found):
+    first = answer(found)
+    table(first.header, first.rows)
+    for line in first.lines:
         say(line)
     if found.fit and asked.alone is not None:
         _fits(found.fit, asked, asked.alone)
-    if found.answers is not None and asked.alone is not None:
-        _candidates(found.answers.candidates[asked.alone.name])
+    if found.answers is not None:
+        if asked.alone is None:
+            say("--target shows the designs, counts and costs of one target")
+            return
+        _candidates(found.answers.candidates[asked.alone.name], found.on[asked.alone.name])
     _design(found)
     _work(found)
     _costs(found)
     if asked.alone is not None:
-        _units(found.costs[asked.alone.name], asked.alone, asked.mission)
+        _units(found.on[asked.alone.name].cost, asked.alone, found.mission)
     if found.comparison is not None and asked.other is not None:
         show_comparison(found.comparison, asked.other.name)
     if not with_sources:
@@ -167,11 +164,8 @@ def show(found: Estimation, *, with_sources: bool = False) -> None:
 def _design(found: Estimation) -> None:
     """Print the design, its sizes, and the mission that the rates are for."""
     asked, size = found.question, found.sizes
-    of, mission, density = asked.design, asked.mission, asked.places_per_metre
-    say(
-        f"{of.pixels} of {of.width} x {of.height} pixels, {of.slots} counters, codes of "
-        f"{of.code_bits} bits ({of.code}), {of.places:,} places, {matching(of)}"
-    )
+    of, mission, density = found.design, found.mission, asked.places_per_metre
+    say(f"{design_text(of)}: {of.slots} counters, of {of.width} x {of.height} pixels")
     say(
         f"{size.place_bytes} bytes a place, {size_text(1e3 * density * size.place_bytes)} "
         f"a km at {density:g} places a metre ({of.places / density / 1000:g} km); all memories "
@@ -186,7 +180,7 @@ def _design(found: Estimation) -> None:
 
 def _work(found: Estimation) -> None:
     """Print the exact counts."""
-    units, rates = found.counts, found.question.mission.rates
+    units, rates = found.counts, found.mission.rates
     header = ["exact counts", *units, "per second"]
     rows = []
     for name in next(iter(units.values())).operations:
@@ -211,33 +205,29 @@ def _costs(found: Estimation) -> None:
     """Print what each target takes: instructions, time, and modelled energy."""
     rows = []
     for target in found.question.targets:
-        cost = found.costs[target.name]
-        energy = None if cost.energy_j is None else cost.energy_j["match"]
+        cost = found.on[target.name].cost
         rows.append(
             [
                 target.name,
                 _instructions(cost, "selected event"),
-                _instructions(cost, "match"),
-                quantity(cost.seconds["match"].central, "s"),
+                _instructions(cost, "window"),
+                _instructions(cost, "search"),
+                quantity(cost.seconds["search"].central, "s"),
                 busy(cost.load),
-                joules(energy),
+                joules(cost.per_match_j),
                 watts(cost.marginal_w),
                 watts(cost.idle_w),
-                _memory(found, target),
             ]
         )
     table(
-        ["target", "event", "match", "time of a match", "busy", "energy of a match (modelled)",
-         "added power (modelled)", "power at rest", "memory"],
+        ["target", "event", "window", "search", "time of a search", "busy",
+         "energy of a match (modelled)", "added power (modelled)", "power at rest"],
         rows,
     )  # fmt: skip
-    say("event and match: i are instructions, c are clock cycles")
-
-
-def _memory(found: Estimation, target: Target) -> str:
-    """Return the memory of a target, and the logic cells of the core where they are known."""
-    memory, cells = memory_text(found.question.design, target), found.costs[target.name].logic_cells
-    return memory if cells is None else f"{memory}; {cells_text(cells, target)}"
+    say(
+        "i are instructions, c are clock cycles; a match takes its events, the end of its window "
+        "and the search"
+    )
 
 
 def _units(found: Cost, target: Target, mission: Mission) -> None:
@@ -265,7 +255,8 @@ def _fits(found: Sequence[Fit], asked: Question, target: Target) -> None:
     """Print the largest designs within the budgets."""
     limits = " and ".join(budget.text for budget in asked.budgets)
     rows = [
-        ["-" if fit.parameter == "code_bits" else f"{fit.code_bits} bit{'s' * (fit.code_bits > 1)}",
+        ["place filter" if fit.matching == "filter" else "sequences",
+         "-" if fit.parameter == "code_bits" else f"{fit.code_bits} bit{'s' * (fit.code_bits > 1)}",
          fit.parameter.replace("code_bits", "bits a code"),
          f"{fit.value:,}" if fit.value else "none", fit.limited_by]
         for fit in found
@@ -274,32 +265,33 @@ def _fits(found: Sequence[Fit], asked: Question, target: Target) -> None:
         f"within {limits} on {target.name}: the largest J with K = {asked.design.places:,}; the "
         f"largest K with J = {asked.design.pixels}; the most bits with both"
     )
-    table(["code", "parameter", "largest", "limited by"], rows)
+    table(["matching", "code", "parameter", "largest", "limited by"], rows)
     if target.kind == "processor":
         say("the firmware in C keeps a byte a code, so that fewer bits save it no memory")
     if any(b.quantity == "watts" for b in asked.budgets) and not target.idle_power:
         say("the budget of power is held against what the work adds: power at rest is unknown")
 
 
-def _candidates(found: Sequence[Candidate]) -> None:
-    """Print evaluated designs by accuracy: the best ones, and the best that fits."""
-    fitting = [one for one in found if not one.limited_by]
-    shown = found if len(found) <= _SHOWN else [*found[:_SHOWN]]
-    if fitting and fitting[0] not in shown:
-        shown = [*shown, fitting[0]]
+def _candidates(found: Sequence[Candidate], recommended: DesignOnTarget) -> None:
+    """Print evaluated designs by accuracy, the best ones of each way of matching."""
+    shown = [
+        one
+        for kind in ("filter", "sequence")
+        for one in [of for of in found if of.design.matching == kind][:_SHOWN]
+    ]
+    if isinstance(recommended, Candidate) and recommended not in shown:
+        shown.append(recommended)
     rows = [
-        [one.name, f"{one.accuracy:.3f}", f"{one.design.pixels}", f"{one.design.code_bits}",
+        ["> " * (one is recommended) + one.name, f"{one.accuracy:.3f} \u00b1 {one.error:.3f}",
          f"{one.design.places:,}", size_text(one.memory_bytes), joules(one.cost.per_match_j),
          one.limited_by or "fits"]
         for one in shown
     ]  # fmt: skip
     table(
-        ["evaluated", "P@100R", "J", "bits", "K", "memory", "energy a match (modelled)",
-         "limited by"],
-        rows,
-    )  # fmt: skip
+        ["evaluated", "correct", "K", "memory", "energy of a match (modelled)", "limited by"], rows
+    )
     if len(shown) < len(found):
-        say(f"and {len(found) - len(shown)} more, less often right (all of them by --json)")
+        say(f"and {len(found) - len(shown)} more, less often correct (all of them by --json)")
 
 
 def _instructions(found: Cost, unit: str) -> str:

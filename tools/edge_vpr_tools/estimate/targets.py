@@ -11,6 +11,7 @@ from typing import Any
 from edge_vpr.errors import UsageError
 from edge_vpr.files import read_toml, understood
 from edge_vpr_tools.estimate.emulation import scaling
+from edge_vpr_tools.estimate.model import Cost
 from edge_vpr_tools.report.page import quantity
 from firmware_model.model.design import Design
 
@@ -34,6 +35,10 @@ class Spread:
         """Multiply by a number, or end by end by another spread."""
         by = other if isinstance(other, Spread) else Spread(other, other, other)
         return Spread(self.low * by.low, self.central * by.central, self.high * by.high)
+
+    def reciprocal(self) -> Spread | None:
+        """Return one over the value; None if it can be 0."""
+        return Spread(1 / self.high, 1 / self.central, 1 / self.low) if self.low > 0 else None
 
     def __add__(self, other: Spread) -> Spread:
         """Add end by end."""
@@ -225,8 +230,29 @@ def matching(of: Design) -> str:
     """Return how a design matches."""
     if not of.filters:
         return f"sequences of {of.length}"
-    kept = "kept" if of.keep_distances else "computed twice"
-    return f"place filter of {len(of.steps) + len(of.back)} steps (distances {kept})"
+    return f"place filter of {len(of.steps) + len(of.back)} steps"
+
+
+def short_text(of: Design) -> str:
+    """Return pixels, codes, places and matching of a design for a cell of a table."""
+    by = f"sequences of {of.length}"
+    if of.filters:
+        by = "filter" if of.keep_distances else "filter, distances computed twice"
+    return (
+        f"{of.pixels:,} px, {of.code_bits} bit{'s' * (of.code_bits > 1)} {of.code}, "
+        f"{of.places:,} places, {by}"
+    )
+
+
+def design_text(of: Design) -> str:
+    """Return pixels, codes, places, and how a design matches."""
+    kept = ""
+    if of.filters:
+        kept = ", distances kept" if of.keep_distances else ", distances computed twice"
+    return (
+        f"{of.pixels:,} pixels, {of.code_bits} bit{'s' * (of.code_bits > 1)} ({of.code}), "
+        f"{of.places:,} places, {matching(of)}{kept}"
+    )
 
 
 def busy(load: Spread) -> str:
@@ -239,6 +265,18 @@ def busy(load: Spread) -> str:
 def joules(value: Spread | None) -> str:
     """Return an energy, or that it is unknown."""
     return UNKNOWN if value is None else spread(value, "J")
+
+
+def per_joule(of: Cost) -> str:
+    """Return the matches per joule of the work, or that they are unknown."""
+    if of.matches_per_joule is None:
+        return UNKNOWN
+    value = of.matches_per_joule
+    low, central, high = (
+        f"{one:,.0f}" if one >= 100 else f"{one:.3g}"
+        for one in (value.low, value.central, value.high)
+    )
+    return f"{central} ({low} to {high})"
 
 
 def watts(value: Spread | None) -> str:

@@ -200,6 +200,10 @@ class Estimate:
             high / (1 - error) if high > 0 else high / (1 + error),
         )
 
+    def widened(self, below: float, above: float) -> Estimate:
+        """Extend the interval downwards and upwards."""
+        return replace(self, low=self.low - below, high=self.high + above)
+
     def pairs_needed(self) -> int | None:
         """Return the number of pairs that would resolve the median; None if it is not above 0.
 
@@ -505,6 +509,11 @@ Load = Callable[[float], int]
 #: least duration and native samples of a window, for a figure that can be published
 LEAST_S, LEAST_SAMPLES = 10.0, 100
 _LEAST_QUICK_S = 0.1
+#: the same for a quick one, and for the trace of an external meter
+_LEAST_QUICK_SAMPLES, _LEAST_TRACE_SAMPLES = 10, 5
+#: readings at the beginning of a window, and at its end, that may be of the window beside it: a
+#: meter averages, and answers late
+_READINGS_AT_EDGES = 2
 
 
 @dataclass(frozen=True)
@@ -552,10 +561,9 @@ class Plan:
         return cls(pairs, window_s, quick)
 
     def for_period(self, period_s: float) -> Plan:
-        """Lengthen the windows so that each holds a hundred native samples."""
-        if self.quick:
-            return self
-        return Plan(self.pairs, max(self.window_s, LEAST_SAMPLES * period_s))
+        """Lengthen the windows so that each holds a hundred native samples; ten if quick."""
+        least = _LEAST_QUICK_SAMPLES if self.quick else LEAST_SAMPLES
+        return replace(self, window_s=max(self.window_s, least * period_s))
 
 
 def take_turns(
@@ -644,7 +652,19 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) 
         Description of the meter.
     rate : float
         Matches per second of the mission.
+
+    Raises
+    ------
+    SensorError
+        If the meter reads too seldom for the windows. Where it gives fewer than a hundred readings
+        in a window, the intervals are widened by those that may be of the window beside it.
     """
+    window_s = float(np.median([w.end_s - w.start_s for w in windows]))
+    if round(window_s / about.period_s) < _LEAST_TRACE_SAMPLES:
+        raise SensorError(
+            f"the meter reads every {about.period_s:g} s, and windows are of {window_s:g} s: take "
+            f"windows of {_LEAST_QUICK_SAMPLES * about.period_s:g} s or more (--window-s)"
+        )
     idle_w, load_w = paired_energy(trace, windows)
     loads = [window for window in windows if window.load]
     # divided by the matches of the same period, so that a slow period does not seem cheap
@@ -654,11 +674,18 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) 
     idle = interval(idle_w)
     resolved, value = marginal.resolved, marginal.value
     at_mission = interval(idle_w / rate + (load_w - idle_w) * a_match_s)
+    if round(window_s / about.period_s) < LEAST_SAMPLES:
+        share = _READINGS_AT_EDGES * about.period_s / window_s
+        lost = max(marginal.high, 0.0) * (1 / (1 - share) - 1)
+        lost_w = lost / float(np.median(a_match_s))
+        marginal, saturated = marginal.widened(0.0, lost), saturated.widened(0.0, lost)
+        idle = idle.widened(lost_w, 0.0)
+        at_mission = at_mission.widened(lost_w / rate, lost)
     start = windows[0].start_s
     samples = [trace.native_samples(w.start_s, w.end_s) for w in windows]
     return Energy(
         pairs=marginal.pairs,
-        window_s=float(np.median([w.end_s - w.start_s for w in windows])),
+        window_s=window_s,
         native_samples_per_window=int(np.median(samples)),
         saturated_matches_per_s=float(np.median(1 / a_match_s)),
         mission_matches_per_s=rate,

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +32,14 @@ from edge_vpr_tools.profile.measurement import (
     take_turns,
 )
 from edge_vpr_tools.profile.record import LoadRecord, MapSize, Moments, Profile, Provenance
-from edge_vpr_tools.profile.sensors.sensor import ROOT, About, Missing, Sensor, SensorError
+from edge_vpr_tools.profile.sensors.sensor import (
+    MAX_WATTS,
+    ROOT,
+    About,
+    Missing,
+    Sensor,
+    SensorError,
+)
 from edge_vpr_tools.profile.speed import sparse_against_all
 from edge_vpr_tools.profile.workload import PIXELS, Load, Workload, compare, measure_throughput
 
@@ -41,66 +51,243 @@ from edge_vpr_tools.profile.workload import PIXELS, Load, Workload, compare, mea
 #: traces of noise, of random walks and of other steps, none passed; with 3 in place of 6, one in
 #: five did.
 _FOLLOWING, _PAIRS_HIGHER = 5.0, 6.0
+#: median power of a trace above which its unit must be wrong: no board of this kind takes more
+MAX_TRACE_WATTS = 500.0
 #: most windows of a profile, and most seconds between its first and last one
 _MOST_WINDOWS, _MOST_S = 100_000, 1e6
 
 
-def read_csv(path: Path) -> tuple[Floats, Floats]:
+#: words in a column's name that tell what it holds, and units with their factors
+_QUANTITIES = {
+    "time": ("timestamp", "datetime", "time", "elapsed", "t"),
+    "date": ("date",),
+    "power": ("power", "watts", "watt", "p"),
+    "voltage": ("voltage", "volts", "volt", "u", "v"),
+    "current": ("current", "amperes", "amps", "ampere", "amp", "i"),
+}
+_UNITS = {
+    "time": {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9,
+             "min": 60.0, "h": 3600.0},
+    "date": {},
+    "power": {"w": 1.0, "mw": 1e-3, "uw": 1e-6, "nw": 1e-9},
+    "voltage": {"v": 1.0, "mv": 1e-3, "uv": 1e-6},
+    "current": {"a": 1.0, "ma": 1e-3, "ua": 1e-6, "na": 1e-9},
+}  # fmt: skip
+#: words of columns that hold something else
+_OTHER_WORDS = frozenset({"shunt", "temp", "temperature", "c", "energy", "charge", "wh", "ah"})
+#: rows before the header, in which programs write what they are
+_MOST_PREFACE = 50
+#: Unix times without a unit: as many milliseconds, or microseconds, have passed since 1970
+_UNIX_MS, _UNIX_US = 1e11, 1e14
+_DAY_S = 86_400.0
+_DAY = re.compile(r"\d[-/]\d|\d\.\d+\.\d")
+_GERMAN_DAY = re.compile(r"^(\d{1,2})\.(\d{1,2})\.(\d{4})")
+
+
+class _Column(NamedTuple):
+    """Column of a meter's file: its number, the factor to SI units, and whether it names a unit."""
+
+    at: int
+    factor: float
+    unit: str
+
+
+def read_csv(path: Path, voltage: float | None = None) -> tuple[Floats, Floats]:
     """Read the times and watts that an external meter wrote.
 
     Parameters
     ----------
     path : path
-        CSV with a header: a column of time in seconds (``time``, ``time_s``, ``timestamp``), and
-        either one of power in watts (``power``, ``power_w``) or those of volts and amperes
-        (``voltage``, ``current``, with or without ``_v`` and ``_a``).
+        Table with commas, semicolons (then also decimal commas) or tabs between its cells, and a
+        header that names columns of time and of power, or of voltage and current, with or without
+        units: ``time_s,power_w``, ``Timestamp(ms),Current(uA)``, ``Date;Voltage (V);Current (A)``.
+        Rows before the header are skipped. Times are numbers, ISO 8601 or a time of day. Rows of
+        the same time, as of clocks with whole seconds, are averaged.
+    voltage : float, optional
+        Supply in volts, for a meter that writes current alone.
 
     Returns
     -------
     time_s, watts : ndarray of float64, shape (n,)
+        Time begins with the meter's own clock if it is in numbers, else at 0.
 
     Raises
     ------
     UsageError
-        If columns are missing, a cell is not a number, or time does not increase.
+        If columns are missing, a cell is not a number, time decreases, or the power is more than
+        any board takes.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            header, *rows = [row for row in csv.reader(file) if row]
-    except (OSError, ValueError, csv.Error) as error:
+            lines = [line for line in file.read().splitlines() if line.strip(" ,;\t")]
+    except (OSError, ValueError) as error:
         raise UsageError(
             f"cannot read a power trace from {path}: {error}: name a CSV with a header of time "
             "and power"
         ) from error
-    names = [name.strip().lower() for name in header]
-    values = np.empty((len(rows), len(names)))
-    for i, row in enumerate(rows):
-        try:
-            values[i] = [float(cell) for cell, _ in zip(row, names, strict=True)]
-        except ValueError:
-            raise UsageError(
-                f"cannot read a power trace from {path}, sample {i + 1}, {','.join(row)!r}: "
-                f"expected {len(names)} numbers with commas between them, time in seconds"
-            ) from None
-
-    def column(*choices: str) -> Floats | None:
-        found = next((names.index(name) for name in choices if name in names), None)
-        return None if found is None else values[:, found]
-
-    if len(values) < 2:
+    if not lines:
+        raise UsageError(f"cannot read a power trace from {path}: it is empty")
+    header, delimiter, columns = _find_header(path, lines, voltage)
+    try:
+        rows = list(csv.reader(lines[header + 1 :], delimiter=delimiter))
+    except csv.Error as error:
+        raise UsageError(f"cannot read a power trace from {path}: {error}") from error
+    if len(rows) < 2:
         raise UsageError(f"{path}: a power trace needs two samples or more")
-    when, watts = column("time", "time_s", "timestamp"), column("power", "power_w")
+    width = len(next(csv.reader([lines[header]], delimiter=delimiter)))
+    for number, row in enumerate(rows):
+        if len(row) < width or any(cell.strip() for cell in row[width:]):
+            raise _bad_row(path, number, row)
+    cells = {name: [row[column.at].strip() for row in rows] for name, column in columns.items()}
+    clock = cells.pop("time")
+    if "date" in cells:
+        clock = [f"{day} {time}" for day, time in zip(cells.pop("date"), clock, strict=True)]
+    when = _times(path, rows, clock, columns["time"])
+    decimal_comma = delimiter != ","
+    found = {
+        name: _numbers(path, rows, texts, decimal_comma) * columns[name].factor
+        for name, texts in cells.items()
+    }
+    watts = found.get("power")
     if watts is None:
-        volts, amperes = column("voltage", "voltage_v"), column("current", "current_a")
-        watts = None if volts is None or amperes is None else volts * amperes
-    if when is None or watts is None:
-        raise UsageError(
-            f"{path} has the columns {', '.join(names)}: expected time_s, and power_w or both "
-            "voltage_v and current_a"
-        )
-    if not (np.diff(when) > 0).all() or not np.isfinite(values).all():
+        volts = found["voltage"] if voltage is None else voltage
+        watts = found["current"] * volts
+    if not np.isfinite(when).all() or not np.isfinite(watts).all() or (np.diff(when) < 0).any():
         raise UsageError(f"{path}: time does not increase from row to row, or a cell is no number")
+    when, watts = _averaged(when, watts)
+    if len(when) < 2:
+        raise UsageError(f"{path}: time does not increase from row to row")
+    typical = float(np.median(watts))
+    if not -1.0 <= typical <= MAX_TRACE_WATTS or watts.max() > MAX_WATTS:
+        raise UsageError(
+            f"{path}: its power is {typical:,.4g} W (median) and up to {watts.max():,.4g} W, which "
+            "no board of this kind takes: name the unit in the header, such as power_mw"
+        )
     return when, watts
+
+
+def _find_header(
+    path: Path, lines: Sequence[str], voltage: float | None
+) -> tuple[int, str, dict[str, _Column]]:
+    """Return the number of the header's line, the delimiter, and the columns by quantity."""
+    best: tuple[str, ...] = ()
+    for number, line in enumerate(lines[:_MOST_PREFACE]):
+        delimiter = max(";\t,", key=line.count)
+        names = next(csv.reader([line.lstrip("# ")], delimiter=delimiter))
+        columns = _columns(names)
+        by_power = "power" in columns
+        by_current = "current" in columns and (voltage is not None or "voltage" in columns)
+        if "time" in columns and (by_power or by_current):
+            needed = ("power",) if by_power else ("current", "voltage")
+            needed = ("time", "date", *needed)
+            return number, delimiter, {name: columns[name] for name in needed if name in columns}
+        if len(columns) > len(best):
+            best = tuple(columns)
+            if {"time", "current"} <= set(columns):
+                raise UsageError(
+                    f"{path} has time and current: give the supply by --voltage, such as "
+                    "--voltage 5"
+                )
+    shown = lines[0][:80]
+    raise UsageError(
+        f"{path} begins with {shown!r}: expected time_s, and power_w or both voltage_v and "
+        "current_a, or such names, in a header"
+    )
+
+
+def _columns(names: Sequence[str]) -> dict[str, _Column]:
+    """Return the first column of each quantity that the names tell."""
+    found: dict[str, _Column] = {}
+    for at, name in enumerate(names):
+        text = name.strip().lower().replace("\u00b5", "u").replace("\u03bc", "u")
+        words = re.findall(r"[a-z]+", text)
+        # a shunt's voltage is not the supply's, for example
+        if not words or _OTHER_WORDS & set(words):
+            continue
+        for quantity, known in _QUANTITIES.items():
+            unit = words[-1] if len(words) > 1 and words[-1] in _UNITS[quantity] else ""
+            if not set(words[:-1] if unit else words) & set(known):
+                # a unit alone names a quantity too, such as mW
+                alone = len(words) == 1 and words[0] in _UNITS[quantity] and quantity != "time"
+                if not alone:
+                    continue
+                unit = words[0]
+            if quantity not in found:
+                found[quantity] = _Column(at, _UNITS[quantity].get(unit, 1.0), unit)
+            break
+    # a date alone is a time too
+    if "time" not in found and "date" in found:
+        found["time"] = found.pop("date")
+    return found
+
+
+def _bad_row(path: Path, number: int, row: Sequence[str]) -> UsageError:
+    shown = ",".join(row)[:80]
+    return UsageError(
+        f"cannot read a power trace from {path}, sample {number + 1}, {shown!r}: expected numbers, "
+        "and a time in numbers, as ISO 8601 or as a time of day"
+    )
+
+
+def _numbers(
+    path: Path, rows: Sequence[Sequence[str]], cells: Sequence[str], decimal_comma: bool
+) -> Floats:
+    values = np.empty(len(cells))
+    for number, cell in enumerate(cells):
+        try:
+            values[number] = _number(cell, decimal_comma)
+        except ValueError:
+            raise _bad_row(path, number, rows[number]) from None
+    return values
+
+
+def _number(cell: str, decimal_comma: bool) -> float:
+    """Read a number; with a decimal comma, points are between thousands."""
+    if decimal_comma and "," in cell:
+        cell = cell.replace(".", "").replace(",", ".")
+    return float(cell)
+
+
+def _times(
+    path: Path, rows: Sequence[Sequence[str]], cells: Sequence[str], column: _Column
+) -> Floats:
+    """Return times in seconds: numbers in the column's unit, ISO 8601, or times of day."""
+    values = np.empty(len(cells))
+    try:
+        values[:] = [_number(cell, decimal_comma=True) for cell in cells]
+    except ValueError:
+        for number, cell in enumerate(cells):
+            try:
+                values[number] = _clock(cell)
+            except ValueError:
+                raise _bad_row(path, number, rows[number]) from None
+        # a time of day begins again at midnight
+        if ":" in cells[0] and not _DAY.search(cells[0]):
+            values += _DAY_S * np.concatenate([[0], np.cumsum(np.diff(values) < -_DAY_S / 2)])
+        return values - values[0]
+    if not column.unit and values[0] > _UNIX_US:
+        return values * 1e-6
+    if not column.unit and values[0] > _UNIX_MS:
+        return values * 1e-3
+    return values * column.factor
+
+
+def _clock(cell: str) -> float:
+    """Return the seconds of an ISO 8601 time since 1970, or of a time of day since midnight."""
+    text = cell.replace(",", ".")
+    day = re.fullmatch(r"(?:(\d+):)?(\d+):(\d+(?:\.\d+)?)", text)
+    if day:
+        hours, minutes, seconds = day.groups(default="0")
+        return int(hours) * 3600 + int(minutes) * 60 + float(seconds)
+    text = _GERMAN_DAY.sub(lambda day: f"{day[3]}-{int(day[2]):02}-{int(day[1]):02}", text)
+    when = datetime.fromisoformat(text.replace("/", "-"))
+    return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp()
+
+
+def _averaged(when: Floats, watts: Floats) -> tuple[Floats, Floats]:
+    """Return one sample for each time: the mean of those that share it."""
+    times, first, number = np.unique(when, return_index=True, return_counts=True)
+    return times, np.add.reduceat(watts, first) / number
 
 
 def check_turns(windows: Sequence[Window]) -> None:
@@ -314,8 +501,17 @@ def profile(
     )  # fmt: skip
 
 
-def with_meter(path: Path, meter: Path, rate: float) -> Profile:
+def with_meter(path: Path, meter: Path, rate: float, voltage: float | None = None) -> Profile:
     """Add the energy from an external meter's trace to a profile that was made for it.
+
+    Parameters
+    ----------
+    path, meter : path
+        Of the profile and the trace.
+    rate : float
+        Matches per second of the mission.
+    voltage : float, optional
+        Supply in volts, for a trace of current alone.
 
     Raises
     ------
@@ -328,7 +524,7 @@ def with_meter(path: Path, meter: Path, rate: float) -> Profile:
         raise UsageError(f"{path} took no turns for a meter: make it with --meter")
     with understood(path, "the turns of a profile", "make it again with edge-vpr profile"):
         check_turns(windows)
-    time_s, watts = read_csv(meter)
+    time_s, watts = read_csv(meter, voltage)
     ahead = align(windows, time_s, watts)
     about = About(
         name=meter.name,

@@ -142,7 +142,7 @@ class Profile:
 
     @classmethod
     def load_file(cls, path: Path) -> Profile:
-        """Read a profile.
+        """Read a profile, by its file or the folder that holds it.
 
         Raises
         ------
@@ -150,6 +150,7 @@ class Profile:
             If the file is not a profile, or is of another version.
         """
         what, remedy = "a profile", "make one by edge-vpr profile"
+        path = path / PROFILE if path.is_dir() else path
         values = read_json(path, what, remedy)
         if values.get("schema") != SCHEMA or "throughput" not in values:
             raise UsageError(f"{path} is not a profile that this edge-vpr reads: make it again")

@@ -24,6 +24,8 @@ from edge_vpr_tools.spreadsheets import write_spreadsheet
 # Text of a profile, with units: rows of its tables, and notes.
 
 
+#: one over the marginal energy, with the events of a match: the headline
+PER_JOULE = "matches per joule"
 DESIGNS = ("design", "P@100R", "bytes a place", "processor time a match", "marginal energy")
 
 
@@ -48,7 +50,9 @@ def rows(found: Profile) -> list[tuple[str, str]]:
             what += ", made up"
         few, every = (quantity(one.value, "s") for one in (against.sparse_s, against.all_s))
         told.append((what, f"{few} against {every} {against.unit}: {_three(against.times)} times"))
-    return told + _energy_rows(found.energy, found.void)
+    # the headline first
+    energy = _energy_rows(found.energy, found.void)
+    return energy[:1] + told + energy[1:]
 
 
 def _energy_rows(energy: Outcome, void: bool) -> list[tuple[str, str]]:
@@ -59,22 +63,23 @@ def _energy_rows(energy: Outcome, void: bool) -> list[tuple[str, str]]:
     )
     figures = energy.figures if isinstance(energy, Energy) else None
     if void or not isinstance(energy, Energy) or figures is None:
-        return [(name, VOID if void else NOT_MEASURED) for name in names]
+        return [(name, VOID if void else NOT_MEASURED) for name in (PER_JOULE, *names)]
     idle = quantity(figures.idle_w, "W", *figures.idle_w_interval, digits=4)
-    told = [
+    return [
+        (PER_JOULE, _per_joule(figures)),
         (names[0], _marginal(energy, figures)),
         (names[1], _joules(figures, "saturated_j_per_match")),
         (f"{names[2]}'s {energy.mission_matches_per_s:g} matches a second",
          _joules(figures, "mission_j_per_match")),
         ("power at rest", idle),
     ]  # fmt: skip
-    if figures.matches_per_joule is not None and figures.matches_per_joule_interval is not None:
-        low, high = figures.matches_per_joule_interval
-        told.append(
-            ("matches a joule (marginal)",
-             f"{figures.matches_per_joule:,.4g} ({low:,.4g} to {high:,.4g})")
-        )  # fmt: skip
-    return told
+
+
+def _per_joule(figures: Figures) -> str:
+    found = figures.bounded("matches_per_joule")
+    if found.value is None or found.low is None or found.high is None:
+        return NOT_RESOLVED
+    return f"{found.value:,.4g} ({found.low:,.4g} to {found.high:,.4g})"
 
 
 def _marginal(energy: Energy, figures: Figures) -> str:
@@ -193,6 +198,8 @@ def _three(of: Timing) -> str:
 
 
 _WIDTH = 110
+#: what a comparison says of two intervals
+OVERLAP, APART = "overlap", "apart"
 
 
 def show(found: Profile) -> None:
@@ -227,14 +234,26 @@ def compare(first: Path, second: Path, spreadsheet: Path | None = None) -> None:
     for name in dict.fromkeys(name for side in sides for name in side):
         a, b = (side.get(name, Number(name, None, why=NOT_MEASURED)) for side in sides)
         ratio = b.value / a.value if a.value and b.value is not None else None
-        cells.append((name, a.value, b.value, ratio))
-        told.append((name, _cell(a), _cell(b), "-" if ratio is None else f"{ratio:.3g}"))
-    table(("", str(first), str(second), "times"), told, width=_WIDTH)
+        overlap = _overlap(a, b)
+        cells.append((name, *a[1:4], *b[1:4], ratio, overlap))
+        told.append(
+            (name, _cell(a), _cell(b), "-" if ratio is None else f"{ratio:.3g}", overlap or "-")
+        )
+    table(("", str(first), str(second), "times", "intervals"), told, width=_WIDTH)
+    if any(cell[-1] == OVERLAP for cell in cells):
+        say(
+            "intervals are of 95 %; where they overlap, the two profiles show no difference",
+            width=_WIDTH,
+        )
     for path, one in zip((first, second), found, strict=True):
         for line in notes(one):
             say(f"{path}: {line}", width=_WIDTH)
     if spreadsheet is not None:
-        write_spreadsheet(spreadsheet, ("quantity", str(first), str(second), "times"), cells)
+        header = (
+            "quantity", str(first), f"{first} low", f"{first} high",
+            str(second), f"{second} low", f"{second} high", "times", "intervals",
+        )  # fmt: skip
+        write_spreadsheet(spreadsheet, header, cells)
 
 
 def check_shown(found: Profile, path: Path) -> None:
@@ -248,4 +267,15 @@ def check_shown(found: Profile, path: Path) -> None:
 
 
 def _cell(of: Number) -> str:
-    return of.why if of.value is None else f"{of.value:,.6g}"
+    if of.value is None:
+        return of.why
+    if of.low is None or of.high is None:
+        return f"{of.value:,.6g}"
+    return f"{of.value:,.4g} ({of.low:,.4g} to {of.high:,.4g})"
+
+
+def _overlap(a: Number, b: Number) -> str | None:
+    """Return whether two intervals overlap; None unless both figures have one."""
+    if a.low is None or a.high is None or b.low is None or b.high is None:
+        return None
+    return OVERLAP if a.low <= b.high and b.low <= a.high else APART

@@ -62,6 +62,9 @@ class Sensor(ABC):
 
     about: About
 
+    def __str__(self) -> str:
+        return f"{self.about.name}: {self.about.scope}"
+
     @abstractmethod
     def read(self) -> float:
         """Return the joules since a fixed time, or the present watts.
