@@ -135,8 +135,8 @@ bool evpr_init(evpr_t *e, const evpr_config_t *c, uint32_t now)
     e->x_bits = c->x_bits;
     e->y_bits = c->y_bits;
     e->time_at = (uint8_t)time_at;
-    e->pause = (1U << ((8U * c->event_bytes) - time_at)) - 1U;
-    e->longest_pause = (1U << time_at) - 1U;
+    e->pause = ((uint32_t)1U << ((8U * c->event_bytes) - time_at)) - 1U;
+    e->longest_pause = ((uint32_t)1U << time_at) - 1U;
     e->sequence = 0U;
     e->dropped = 0U;
     e->left = 0U;
@@ -203,7 +203,7 @@ bool evpr_push(evpr_t *e, uint32_t t, uint32_t x, uint32_t y, bool on)
     }
     e->time += step;
     const uint32_t pixel = x | (y << e->x_bits);
-    const uint32_t polarity = on ? (1U << (e->time_at - 1U)) : 0U;
+    const uint32_t polarity = on ? ((uint32_t)1U << (e->time_at - 1U)) : 0U;
     put(e, pixel | polarity | (step << e->time_at), e->event_bytes);
     e->sequence++;
     e->left -= e->event_bytes;

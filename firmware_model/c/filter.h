@@ -220,7 +220,7 @@ static void advance_by_evidence(const vpr_design_t *d, vpr_state_t *s, prices_t 
         block_t block = {0U, d->place_count, s->distance};
         while (block.end > 0U) {
             uint16_t *const distance = d->keep_distances ? s->distance : room;
-            block.from = d->keep_distances ? 0U : ((block.end - 1U) & ~(BLOCK - 1U));
+            block.from = d->keep_distances ? 0U : ((block.end - 1U) & ~(uint32_t)(BLOCK - 1U));
             block.distance = distance;
             if (!d->keep_distances || (pass == FOR_MEAN)) {
                 compare(d, s->query, block.from, block.end, distance);

@@ -1,8 +1,12 @@
 /* `replay IMAGE EVENTS START RESULTS`: run a case on this computer. */
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "replay.h"
+
+#define GUARD 4096U /* bytes behind the RAM, which nobody may write */
+#define CANARY 0xC5
 
 static _Alignas(16) uint32_t image[1U << 22];
 static uint32_t events[1U << 22];
@@ -29,10 +33,22 @@ int main(int argc, char **argv)
     const uint32_t image_words = read_words(argv[1], image, sizeof image / sizeof *image);
     const uint32_t event_words = read_words(argv[2], events, sizeof events / sizeof *events);
     const uint32_t start = (uint32_t)strtoul(argv[3], NULL, 10);
+    vpr_design_t design;
+    const bool opened = vpr_open(&design, image, image_words * 4U) &&
+                        (vpr_ram_bytes(&design) <= (sizeof ram - GUARD));
+    const uint32_t ram_bytes = opened ? vpr_ram_bytes(&design) : 0U;
+    (void)memset(&ram[ram_bytes / 4U], CANARY, GUARD);
     const uint32_t written =
         vpr_replay(image, image_words * 4U, (const vpr_event_t *)(const void *)events,
-                   event_words / 2U, 1U, start, ram, (uint32_t)sizeof ram, out,
+                   event_words / 2U, 1U, start, ram, ram_bytes, out,
                    (uint32_t)(sizeof out / sizeof *out));
+    for (size_t at = ram_bytes; at < (ram_bytes + GUARD); at++) {
+        if (((const uint8_t *)ram)[at] != CANARY) {
+            (void)fprintf(stderr, "replay: byte %lu behind the RAM was written\n",
+                          (unsigned long)(at - ram_bytes));
+            return 1;
+        }
+    }
     FILE *const file = fopen(argv[4], "wb");
     if ((written == 0U) || (file == NULL)) {
         (void)fprintf(stderr, "replay: the image is refused, or the results cannot be written\n");

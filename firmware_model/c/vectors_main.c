@@ -12,6 +12,8 @@
 
 #define WORDS (1U << 23)
 #define PAGE 0x10000U /* or a part of one */
+#define REPEATS 0x900000U /* of an event in one window, at most */
+#define FURTHER 0x4000U  /* events behind them, at most */
 
 static uint32_t bundle[WORDS];
 static uint8_t *image_end; /* both end where no memory follows: to go on there is a fault */
@@ -112,6 +114,38 @@ static bool same(const case_t *c, uint32_t batch, uint32_t words)
            (memcmp(out, expected, (size_t)words * 4U) == 0);
 }
 
+/* Windows of more events than any file has: the first event, so many times. */
+static int check_long_windows(void)
+{
+    static vpr_event_t events[REPEATS + FURTHER];
+    const uint32_t windows = next_word();
+    for (uint32_t i = 0U; i < windows; i++) {
+        case_t c;
+        const uint32_t repeats = next_word();
+        c.start = next_word();
+        c.ram_bytes = next_word();
+        c.image = next_image(&c.image_bytes);
+        const uint32_t more = next_word() / 8U;
+        if ((repeats > REPEATS) || (more > FURTHER)) {
+            return differs("too long: window", i);
+        }
+        for (uint32_t j = 0U; j < repeats; j++) {
+            memcpy(&events[j], &bundle[at], sizeof *events);
+        }
+        memcpy(&events[repeats], &bundle[at], more * sizeof *events);
+        at += (size_t)more * 2U;
+        c.events = events;
+        c.event_count = repeats + more;
+        const uint32_t words = next_word() / 4U;
+        memcpy(expected, &bundle[at], (size_t)words * 4U);
+        at += words;
+        if (!same(&c, REPEATS + FURTHER, words)) {
+            return differs("long window", i);
+        }
+    }
+    return 0;
+}
+
 static int check_cases(void)
 {
     const uint32_t cases = next_word();
@@ -171,5 +205,8 @@ int main(int argc, char **argv)
         (void)fprintf(stderr, "vectors: the bundle is empty or too large, or memory is short\n");
         return 2;
     }
-    return ((check_quotients() != 0) || (check_images() != 0) || (check_cases() != 0)) ? 1 : 0;
+    return ((check_quotients() != 0) || (check_images() != 0) || (check_cases() != 0) ||
+            (check_long_windows() != 0))
+               ? 1
+               : 0;
 }

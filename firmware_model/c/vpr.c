@@ -75,7 +75,7 @@ typedef struct {
 
 static uint32_t rounded_up(uint32_t bytes)
 {
-    return (bytes + 15U) & ~15U;
+    return (bytes + 15U) & ~(uint32_t)15U;
 }
 
 /* Whether a product of one factor below 2^32 and one below 2^16 stays below 2^32; without 64-bit
@@ -131,7 +131,7 @@ static bool within_limits(const uint32_t *image)
     const uint32_t distance_max = slots * image[AT_CODE_MAX];
     /* by time, windows are shorter than half the clock's period */
     const uint32_t windows = (image[AT_WINDOW_KIND] == 0U)
-                                 ? ((1U << (image[AT_TIMESTAMP_BITS] - 1U)) - 1U)
+                                 ? (((uint32_t)1U << (image[AT_TIMESTAMP_BITS] - 1U)) - 1U)
                                  : VPR_NONE;
     return ((slots == image[AT_PIXELS]) || (slots == (image[AT_PIXELS] * 2U))) &&
            (image[AT_STRIDE] == rounded_up(slots)) && ((depth - 1U) <= LIMIT) &&
@@ -262,7 +262,7 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->slots = image[AT_SLOTS];
     d->stride = image[AT_STRIDE];
     d->count_max = image[AT_COUNT_MAX];
-    d->time_scale = by_time ? (1U << (32U - image[AT_TIMESTAMP_BITS])) : 0U;
+    d->time_scale = by_time ? ((uint32_t)1U << (32U - image[AT_TIMESTAMP_BITS])) : 0U;
     d->tau = image[AT_WINDOW] * d->time_scale;
     d->budget = by_time ? 0U : image[AT_WINDOW];
     d->place_count = image[AT_PLACES];

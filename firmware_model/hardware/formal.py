@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -73,6 +74,8 @@ def solve(model: Path, options: Sequence[str], seconds: int) -> bool:
 CLOCKS = 120
 UNBOUNDED, SIMPLIFIED = "fold; pdr", "fold; scorr; dc2; scorr; pdr"
 BOUNDED = f"fold; strash; bmc3 -F {CLOCKS}"
+#: number of the first clocks that a bounded proof is of
+_FRAMES = re.compile(r"bmc3 -F (\d+)")
 
 
 def model_check(model: Path, seconds: int, method: str = UNBOUNDED) -> bool:
@@ -86,7 +89,7 @@ def model_check(model: Path, seconds: int, method: str = UNBOUNDED) -> bool:
     model : path
     method : str
         Commands of yosys-abc: `UNBOUNDED`, `SIMPLIFIED`, or `BOUNDED`, after which the assertions
-        hold in the states of the first `CLOCKS` clocks.
+        hold in the states of the first `CLOCKS` clocks; or of as many as it says.
     seconds : int
         Time limit of the model checker in seconds.
 
@@ -96,7 +99,9 @@ def model_check(model: Path, seconds: int, method: str = UNBOUNDED) -> bool:
         Same as for `solve`.
     """
     done = _run(["yosys-abc", "-c", f"read_aiger {model}; {method}"], seconds)
-    if "Property proved." in done.stdout or f"asserted in {CLOCKS} frames" in done.stdout:
+    bound = _FRAMES.search(method)
+    held = bound is not None and f"asserted in {bound[1]} frames" in done.stdout
+    if "Property proved." in done.stdout or held:
         return True
     if "was asserted in frame" in done.stdout:
         return False

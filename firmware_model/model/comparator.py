@@ -217,6 +217,10 @@ class PlaceFilterModel:
         the places.
     place, trust : int
         Of the latest match; the place is -1 before the first.
+    spread : int
+        Of the distances of the latest window that did not pause, at least 1; 0 before there is one.
+    margin, kept : int
+        Of the latest match, and the trust that it began with: that of the match before, or 0.
     """
 
     def __init__(self, design: Design) -> None:
@@ -224,6 +228,7 @@ class PlaceFilterModel:
         self.metrics = [0] * design.places
         self.reciprocal = 0
         self.place, self.trust = -1, 0
+        self.spread, self.margin, self.kept = 0, 0, 0
 
     def predictions(self, quiet: bool) -> list[int]:
         """Return the price of being at each place one window later, without evidence."""
@@ -271,6 +276,7 @@ class PlaceFilterModel:
             ]
             # spread of this window, for the next one
             self.reciprocal = reciprocal_of_spread(found)
+            self.spread = spread_of(found)
         return self._answer(number)
 
     def _answer(self, number: int) -> MatchResult:
@@ -288,6 +294,7 @@ class PlaceFilterModel:
         if result.place == self.place:  # the same view gives no new information
             trust = min(trust, kept - (kept >> STANDING_SHIFT))
         self.place, self.trust = result.place, trust
+        self.margin, self.kept = margin, kept
         return result._replace(trust=trust, accepted=result.accepted and trust >= design.trust)
 
 
@@ -297,7 +304,12 @@ def evidence(difference: int, reciprocal: int) -> int:
 
 
 def reciprocal_of_spread(distances: list[int]) -> int:
-    """Return ``floor(2**16 / s)`` with s the mean absolute deviation, rounded down, at least 1."""
+    """Return ``floor(2**16 / s)`` with s the spread of the distances."""
+    return (1 << RECIPROCAL_BITS) // spread_of(distances)
+
+
+def spread_of(distances: list[int]) -> int:
+    """Return the mean absolute deviation, rounded down, at least 1."""
     mean = sum(distances) // len(distances)
     spread = sum(abs(distance - mean) for distance in distances) // len(distances)
-    return (1 << RECIPROCAL_BITS) // max(spread, 1)
+    return max(spread, 1)

@@ -16,18 +16,57 @@ from firmware_model.model.comparator import (
 )
 from firmware_model.model.descriptor import DescriptorModel, Event, EventResult, WindowResult
 from firmware_model.model.memories import Codes, Memories
+from fixedpoint.own_mean import LAST_SHIFT
 
 Result = EventResult | WindowResult | MatchResult
 Phase = Literal["encode", "compare", "drain", "divide", "filter", "accept"]
 
 
+class WindowState(NamedTuple):
+    """What a design with pauses has computed of a window, beside its codes and its match.
+
+    Attributes
+    ----------
+    window : int
+    counted : int
+        Events at selected pixels.
+    usual : int
+        Usual number of events with which the window is compared, in units of 1/256 event.
+    quiet, paused : bool
+    mean_shift : int or None
+        Of own-mean codes: the means move by 1 / 2 to this power, if the window does not pause.
+    reciprocal : int or None
+        Of the filter: with which the evidence is scaled; None in a pause.
+    spread : int or None
+        Of the distances of this window; None in a pause.
+    least : int or None
+        Least metric.
+    margin, kept, trust : int or None
+        Margin of the match; the trust that it began with, 0 behind a jump; and its trust.
+    """
+
+    window: int
+    counted: int
+    usual: int
+    quiet: bool
+    paused: bool
+    mean_shift: int | None = None
+    reciprocal: int | None = None
+    spread: int | None = None
+    least: int | None = None
+    margin: int | None = None
+    kept: int | None = None
+    trust: int | None = None
+
+
 @dataclass
 class Trace:
-    """All results of a device, by kind and in order."""
+    """All results of a device, by kind and in order; `states` of designs with pauses alone."""
 
     events: list[EventResult] = field(default_factory=list)
     windows: list[WindowResult] = field(default_factory=list)
     matches: list[MatchResult] = field(default_factory=list)
+    states: list[WindowState] = field(default_factory=list)
 
     def add(self, result: Result) -> None:
         """Append a result to the list of its kind."""
@@ -88,6 +127,8 @@ class Machine:
     search : SearchModel
         Of the last match of sequences.
     place_filter : PlaceFilterModel
+    states : list of WindowState
+        Of all windows so far, of a design with pauses.
     """
 
     def __init__(self, memories: Memories, start: int = 0) -> None:
@@ -97,6 +138,7 @@ class Machine:
         self.sequence = SequenceModel(self.design)
         self.search = SearchModel(self.design)
         self.place_filter = PlaceFilterModel(self.design)
+        self.states: list[WindowState] = []
 
     def take(self, event: Event) -> Iterator[Result]:
         """Process an event; each window that ends gives a match, once there were L windows.
@@ -109,9 +151,35 @@ class Machine:
         for result in self.descriptor.take(event):
             yield result
             if isinstance(result, WindowResult):
+                state = self._state(result)
                 match = self.match(result)
+                if state is not None:
+                    self.states.append(self._matched(state))
                 if match is not None:
                     yield match
+
+    def _state(self, window: WindowResult) -> WindowState | None:
+        """Return what is known of a window that has ended, before it is matched."""
+        design, descriptor = self.design, self.descriptor
+        if not (design.filters or design.own_mean):
+            return None
+        state = WindowState(
+            window.number, descriptor.counted, descriptor.activity.usual, window.quiet,
+            window.paused, min(descriptor.mean.shift, LAST_SHIFT) if design.own_mean else None,
+        )  # fmt: skip
+        return state._replace(reciprocal=self.place_filter.reciprocal)
+
+    def _matched(self, state: WindowState) -> WindowState:
+        model, scale = self.place_filter, state.reciprocal
+        if not self.design.filters:
+            return state._replace(reciprocal=None)
+        state = state._replace(
+            least=min(model.metrics), margin=model.margin, kept=model.kept, trust=model.trust
+        )
+        if state.paused:
+            return state._replace(reciprocal=None)
+        # the first window is scaled by its own spread
+        return state._replace(reciprocal=scale or model.reciprocal, spread=model.spread)
 
     def match(self, window: WindowResult) -> MatchResult | None:
         """Compare a window with every place."""
@@ -242,4 +310,5 @@ def trace(memories: Memories, events: Iterable[Event], start: int = 0) -> Trace:
     for event in events:
         for result in machine.take(Event(*event)):
             done.add(result)
+    done.states = machine.states
     return done

@@ -61,6 +61,7 @@ def _event_designs(design: Design) -> dict[str, Design]:
         "wider_zone": replace(by_time, exclusion=wider, places=design.places + 3 * wider),
         "narrowest_clock": replace(by_time, timestamp_bits=by_time.tau_us.bit_length() + 1),
         "narrow_clock": replace(by_time, timestamp_bits=by_time.tau_us.bit_length() + 2),
+        "clock_of_12_bits": replace(by_time, timestamp_bits=12, tau_us=500),
     }
 
 
@@ -204,7 +205,31 @@ def match_cases(design: Design) -> list[Case]:
         For a design with a single code of one or two bits, only the cases that fit it.
     """
     cases = [_pattern_case(name, *pattern) for name, pattern in _patterns(design).items()]
-    return [case for case in cases if case is not None]
+    return [*(case for case in cases if case is not None), _sums_above_16_bits(design)]
+
+
+def _sums_above_16_bits(design: Design) -> Case:
+    """Make a case of sums above 16 bits, the second best on the left of the best and on its right.
+
+    Windows are empty but for an event at one slot, and the map is of the largest codes. Reduced to
+    16 bits, the sums would be in another order.
+    """
+    slots = design.slots
+    bits = max(n for n in range(1, 9) if n == 1 or slots * ((1 << n) - 1) <= 0xFFFF)
+    top = (1 << bits) - 1
+    length = -(-0x18000 // (slots * top))
+    zone = min(design.exclusion, length)
+    wide = replace(
+        design, code="linear", code_bits=bits, full_scales=(0,), length=length, exclusion=zone,
+        window_events=1, accept="margin", margin=1, places=3 * length + 2 * zone + 2,
+    )  # fmt: skip
+    pixels = choose_pixels(wide)
+    stream = Stream.showing(wide, pixels, [[1, *[0] * (slots - 1)]] * (length + 2))
+    rows = [[top] * slots for _ in range(wide.places)]
+    for place in (length, length + zone + 2, length + 2 * zone + 4, wide.places - 1):
+        # a place that is nearer by some units in one slot is so in all sums with it
+        rows[place][-1] = top // 2
+    return Case("wide_sums_of_sequences", Memories(wide, pixels, rows), tuple(stream.events))
 
 
 def _patterns(design: Design) -> dict[str, tuple[Design, str]]:
@@ -343,7 +368,65 @@ def evidence_cases(design: Design) -> list[Case]:
     design : Design
         With the place filter, and with logarithmic or linear codes.
     """
-    return [_far(design), _beyond_a_byte(design), *_small_spreads(design)]
+    return [
+        _far(design),
+        _beyond_a_byte(design),
+        *_small_spreads(design),
+        *_wide_sums(design),
+        *_wide_evidence(design),
+    ]
+
+
+def _wide_evidence(design: Design) -> list[Case]:
+    """Show the same distance to all places, then one that has evidence of 17 bits unsaturated.
+
+    In 16 bits it would be 40. The design needs 66 slots for such a distance.
+    """
+    if not 66 <= design.slots <= 257:
+        return []
+    wide = replace(
+        design, code="linear", code_bits=8, full_scales=(0,), exclusion=1, restart=254,
+        accept="margin", margin=0, window_events=64 * 128 + 40,
+    )  # fmt: skip
+    pixels, rest = choose_pixels(wide), wide.slots - 65
+    near, far = [0] * wide.slots, [255] * 64 + [74] + [0] * rest
+    between = [127] * 32 + [128] * 32 + [37] + [0] * rest
+    # few events, but enough for a window that is not quiet
+    nothing = [0] * (wide.slots - 1) + [20]
+    if wide.window == "count":
+        nothing[-1] = wide.window_events
+        far[-1] = near[-1] = 0
+    stream = Stream.showing(wide, pixels, [between, nothing, between])
+    rows = [near if place == wide.places // 2 else far for place in range(wide.places)]
+    return [Case("evidence_above_16_bits", Memories(wide, pixels, rows), tuple(stream.events))]
+
+
+def _wide_sums(design: Design) -> list[Case]:
+    """Show windows of few events to places of many, with sums of distances above 16 bits.
+
+    Both the sum of the distances and that of the deviations from their mean are above, over all
+    places; the first also over a block of 16 places, of which the reference firmware computes the
+    distances at once, if the design has enough slots.
+    """
+    slots = design.slots
+    bits = max(n for n in range(1, 9) if n == 1 or slots * ((1 << n) - 1) <= 0xFFFF)
+    top = (1 << bits) - 1
+    # a third of the places at half of the largest distance, and the others at the largest: the
+    # deviations are on average 2/9 of the largest distance
+    places = max(12, -(-6 * 0x10000 // (slots * top)))
+    wide = replace(
+        design, code="linear", code_bits=bits, full_scales=(0,), places=places, exclusion=1,
+        restart=254, accept="margin", margin=0, window_events=2,
+    )  # fmt: skip
+    pixels = choose_pixels(wide)
+    counts = [2, *[0] * (slots - 1)]
+    stream = Stream.showing(wide, pixels, [counts] * 4)
+    half = [top] * (slots // 2) + [0] * (slots - slots // 2) if slots > 1 else [top // 2]
+    rows = [half if place % 3 == 1 else [top] * slots for place in range(places)]
+    rows[places // 2] = list(shown_codes(stream)[0])
+    memories, events = Memories(wide, pixels, rows), tuple(stream.events)
+    kept = replace(memories, design=replace(wide, keep_distances=True))
+    return [Case("wide_sums", memories, events), Case("wide_sums_of_kept_distances", kept, events)]
 
 
 def _far(design: Design) -> Case:
@@ -491,6 +574,10 @@ def ram_cases(plain: Design, adaptive: Design) -> list[Case]:
 # Corner cases of the place filter and of own-mean codes: drives through small maps.
 
 
+#: events of a window, more than 16 bits can count
+LONG_WINDOW = 65_540
+
+
 def filter_cases(design: Design) -> list[Case]:
     """Make the cases of the suite ``filter``.
 
@@ -514,7 +601,29 @@ def filter_cases(design: Design) -> list[Case]:
         *evidence_cases(plain),
         *ram_cases(plain, adaptive),
         *adaptive_event_cases(adaptive),
+        long_window(plain),
     ]
+
+
+def long_window(design: Design) -> Case:
+    """Make a case whose second window has 65,540 events, four more than 16 bits can count.
+
+    Were they taken for four, the window would be a pause.
+    """
+    design = replace(design, places=4, exclusion=1)
+    if design.window == "count":
+        design = replace(design, window_events=LONG_WINDOW)
+    pixels, rest = choose_pixels(design), [3] * (design.slots - 1)
+    shown = [[20, *rest], [LONG_WINDOW - sum(rest), *rest], [20, *rest], [1, *rest]]
+    if design.window == "count":  # as many events in each window
+        shown = [
+            [LONG_WINDOW - count * (design.slots - 1), *[count] * (design.slots - 1)]
+            for count in (3, 1)
+        ]
+    stream = Stream.showing(design, pixels, shown)
+    places = shown_codes(stream)[-2:] * 2
+    memories = Memories(design, pixels, places, activity=100 << ACTIVITY_BITS)
+    return Case("long_window", memories, tuple(stream.events))
 
 
 def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
@@ -538,6 +647,20 @@ def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
         "dear_steps": (dear, [0, 0, 5, 5, 11, 0, 3, 3]),
         "four_steps": (replace(forward, steps=(1, 0, 0, 1)), walk),
         "by_three_places": (replace(forward, steps=(1, 0, 0, 1)), [0, 3, 6, 9, 9, 0, 3, 3]),
+        # the price is below the least metric, which a jump has raised
+        "by_three_places_after_jumps": (
+            replace(forward, steps=(9, 9, 9, 0)),
+            [0, 3, 6, 0, 3, 6, 11, 2, 5, 8],
+        ),
+        # a quiet window may move by two places, so that two do not break the trust
+        "by_two_of_one_step": (
+            replace(forward, steps=(1,), back=(1,)),
+            [0, 0, 0, 2, 2, 2, 5, 5, 4, 4, 2, 2],
+        ),
+        "by_two_of_two_steps": (
+            replace(forward, steps=(1, 0)),
+            [0, 0, 0, 2, 4, 5, 5, 7, 7, 10, 10, 10, 9],
+        ),
         # only the longest step is free; the drives begin at the first place
         "by_four_places": (replace(forward, steps=(9, 9, 9, 9, 0)), [0, 4, 8, 8, 0, 4]),
         "by_five_places": (replace(forward, steps=(9, 9, 9, 9, 9, 0)), [0, 5, 10, 10, 0, 5]),
@@ -578,6 +701,9 @@ def _pauses(design: Design) -> list[Case]:
     for name, keeps in {"quiet": False, "quiet_of_kept_distances": True}.items():
         of_map = replace(every_way, keep_distances=keeps)
         cases.append(drive(name, of_map, [6, 6, 4, 4, 8, 8, 8, 7, 11, 0], None, usual))
+    # a quiet window moves by two places for less than the steps of the map would
+    few = replace(forward, steps=(1, 0))
+    cases.append(drive("quiet_of_two_steps", few, [2, 4, 6, 6, 8, 10], None, usual))
     if design.window == "time":
         cases.append(drive("pauses", forward, route))
         kept = replace(forward, keep_distances=True, back=(1, 2))

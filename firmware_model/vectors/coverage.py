@@ -304,6 +304,7 @@ def watched_trace(case: Case) -> tuple[Trace, dict[str, int]]:
             elif isinstance(result, MatchResult):
                 _see_match(case.design, result, rows, found)
         found["gap"] += ended >= 3
+    done.states = machine.states
     return done, dict(found) | (dict(filtered.found) if filtered is not None else {})
 
 

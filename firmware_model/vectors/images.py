@@ -5,11 +5,14 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 from firmware_model.errors import DesignError, VectorError
 from firmware_model.image import ALIGNMENT, HEADER_WORDS, TABLES, Word, image, ram_bytes
+from firmware_model.model.comparator import MatchResult
+from firmware_model.model.descriptor import WindowResult
 from firmware_model.model.design import Design
+from firmware_model.model.machine import Machine
 from firmware_model.model.memories import Memories
 from firmware_model.vectors.case import Case, in_order, records, to_binary
 
@@ -147,6 +150,8 @@ def accepted_adaptive() -> Named:
     yield "sixteen_steps", _many(16, 16).pack()
     yield "price_at_its_limit", adaptive().poke(Word.PRICE_TABLE, "H", 3, _PRICE).pack()
     yield "level_at_its_limit", adaptive().poke(Word.CODE_TABLE, "H", 3, _LEVEL).pack()
+    many = adaptive().header(count_max=0xFFFF).grow(Word.CODE_TABLE, 1 << 17)
+    yield "largest_counts_of_own_means", many.pack()
     padded = adaptive().grow(Word.CODE_TABLE, 16).poke(Word.CODE_TABLE, "H", 4, 0xFFFF)
     yield "padding_behind_the_levels", padded.pack()
     yield "mean_at_its_limit", adaptive().poke(Word.MEAN_TABLE, "H", 5, _LEVEL).pack()
@@ -199,6 +204,9 @@ def refused_adaptive() -> Named:
     code = adaptive(code="linear", full_scales=[3, 2]).poke(Word.CODE_TABLE, "B", 7, 4)
     yield "code_of_a_filter_beyond", code.pack()
     yield "place_of_a_filter_beyond", adaptive().poke(Word.PLACES_TABLE, "B", 0, 4).pack()
+    # the last of 2^16 logarithms
+    last = adaptive().header(count_max=0xFFFF).grow(Word.CODE_TABLE, 1 << 17)
+    yield "level_65_535_beyond", last.poke(Word.CODE_TABLE, "H", 0xFFFF, _LEVEL + 1).pack()
     # tables that begin at the end of the image, so that their entries lie behind it
     for name, table in (("prices", Word.PRICE_TABLE), ("means", Word.MEAN_TABLE)):
         draft = adaptive()
@@ -302,6 +310,7 @@ def image_cases() -> list[ImageCase]:
     """
     accepted = [*_accepted_words(), *_accepted_tables(), *_at_products(), *accepted_adaptive()]
     refused = [*_refused_words(), *refused_layouts(), *_refused_tables(), *_beyond_products()]
+    refused += _beyond_64_kib()
     refused += refused_adaptive()
     return [ImageCase(name, data, True) for name, data in accepted] + [
         ImageCase(name, data, False) for name, data in refused
@@ -367,6 +376,12 @@ def _refused_words() -> Named:
     yield from each(_words, "codes", 0, 1, 5)
     yield "codes_17", base().header(codes=17).grow(Word.CODE_TABLE, 17 * 4).pack()
     yield from each(_words, "lookup_depth", 0, 1, 3, 8, 15, 0x8000_0000)
+    three = one_pixel_draft().header(slots=3)
+    yield (
+        "three_slots_of_a_pixel",
+        three.poke(Word.LOOKUP_TABLE, "H", _entry(three) * 4 + 2, 2).pack(),
+    )
+    yield "lookup_depth_12_of_one_pixel", deep_draft(12).pack()
     # twelve entries hold all pixels, but are not a power of two
     wide = one_pixel_draft(8, lookup_depth=16)
     yield "lookup_depth_12", wide.header(lookup_depth=12).pack()
@@ -385,6 +400,7 @@ def _accepted_tables() -> Named:
     yield "deepest_lookup", deep_draft(1 << 16).pack()
     sixteen = base().header(codes=16).grow(Word.CODE_TABLE, 16 * 4)
     yield "sixteen_code_tables", sixteen.poke(Word.WHICH_CODE_TABLE, "B", 0, 15).pack()
+    yield "largest_counts", base().header(count_max=0xFFFF).grow(Word.CODE_TABLE, 1 << 17).pack()
     two = base().header(code_max=1, codes=1, count_max=1)
     for table in (Word.CODE_TABLE, Word.WHICH_CODE_TABLE, Word.PLACES_TABLE):
         two.tables[table][:] = bytes(len(two.tables[table]))
@@ -397,6 +413,28 @@ def _nobody(draft: Draft) -> Draft:
         if struct.unpack_from("<I", table, at)[0] == NOBODY:
             struct.pack_into("<HH", table, at + 4, 0xFFFF, 0xFFFF)
     return draft
+
+
+def _entry(draft: Draft) -> int:
+    """Return where the only pixel is in the look-up."""
+    entries = struct.iter_unpack("<IHH", draft.tables[Word.LOOKUP_TABLE])
+    return next(at for at, (pixel, _, _) in enumerate(entries) if pixel != NOBODY)
+
+
+def _beyond_64_kib() -> Named:
+    """Yield images that are wrong only where an index has more than 16 bits."""
+    two = base().header(count_max=40_000, codes=2).grow(Word.CODE_TABLE, 80_002)
+    yield "code_beyond_64_kib", two.poke(Word.CODE_TABLE, "B", 70_000, 4).pack()
+    cut = deep_draft(1 << 14)
+    del cut.tables[Word.LOOKUP_TABLE][64:]
+    yield "lookup_of_128_kib_cut", cut.pack()
+    # codes that would be valid, in the first entry of a look-up that ends at 64 KiB and 160 bytes
+    over = deep_draft(1 << 13)
+    body = over.pack()[HEADER_WORDS * 4 :]
+    yield (
+        "codes_in_a_lookup_of_64_kib",
+        over.header(code_table=over.words[Word.LOOKUP_TABLE]).raw(body),
+    )
 
 
 def _refused_tables() -> Named:
@@ -480,7 +518,38 @@ def _product(pixels: int, code_max: int, length: int, denominator: int) -> bytes
 # One file of all cases, which ``c/vectors_main.c`` runs in one process.
 
 
-def bundle(images: Sequence[ImageCase], cases: Iterable[Case]) -> bytes:
+class LongWindow(NamedTuple):
+    """A case, and how often its first event is repeated: more events than a file should have."""
+
+    case: Case
+    repeats: int
+
+    def records(self) -> bytes:
+        """Return the records of its windows and matches.
+
+        Raises
+        ------
+        VectorError
+            If the repeated events would end a window by their number.
+        """
+        machine, (first, *_) = Machine(self.case.memories, self.case.start), self.case.events
+        design, descriptor = self.case.design, machine.descriptor
+        if design.window == "count" and design.window_events <= self.repeats:
+            raise VectorError(f"{self.repeats} events: the window ends with {design.window_events}")
+        slot = descriptor.slot(first)
+        if slot is None:
+            raise VectorError("the first event is at a pixel that is not selected")
+        # what the events would do, at once
+        descriptor.counts[slot] = min(self.repeats, design.count_max)
+        descriptor.counted = descriptor.events = self.repeats
+        results = [result for event in self.case.events for result in machine.take(event)]
+        told = [result for result in results if isinstance(result, (WindowResult, MatchResult))]
+        return to_binary(records(told))
+
+
+def bundle(
+    images: Sequence[ImageCase], cases: Iterable[Case], long_windows: Sequence[LongWindow] = ()
+) -> bytes:
     """Pack images and cases for the program ``vectors_main.c``.
 
     Parameters
@@ -488,23 +557,31 @@ def bundle(images: Sequence[ImageCase], cases: Iterable[Case]) -> bytes:
     images : sequence of ImageCase
     cases : iterable of Case
         Cases beyond the reference firmware's limits are left out.
+    long_windows : sequence of LongWindow
+        Within these limits.
     """
     parts = [struct.pack("<I", len(images))]
     for one in images:
         parts += [struct.pack("<I", one.opens), packed_block(one.image)]
     packed = [data for case in cases if (data := _case(case)) is not None]
-    return b"".join([*parts, struct.pack("<I", len(packed)), *packed])
+    parts += [struct.pack("<I", len(packed)), *packed, struct.pack("<I", len(long_windows))]
+    for window in long_windows:
+        parts.append(struct.pack("<I", window.repeats))
+        parts.append(_packed(window.case, image(window.case.memories), window.records()))
+    return b"".join(parts)
 
 
 def _case(case: Case) -> bytes | None:
     try:
-        flash, events = image(case.memories), case.event_bytes()
-    except (DesignError, VectorError):
+        flash = image(case.memories)
+    except DesignError:
         return None
-    expected = to_binary(records(in_order(case.trace())))
-    start = case.start % (1 << 32)
-    head = struct.pack("<II", start, ram_bytes(case.design))
-    return head + packed_block(flash) + packed_block(events) + packed_block(expected)
+    return _packed(case, flash, to_binary(records(in_order(case.trace()))))
+
+
+def _packed(case: Case, flash: bytes, expected: bytes) -> bytes:
+    head = struct.pack("<II", case.start % (1 << 32), ram_bytes(case.design))
+    return head + b"".join(map(packed_block, (flash, case.event_bytes(), expected)))
 
 
 def packed_block(data: bytes) -> bytes:

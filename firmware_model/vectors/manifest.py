@@ -23,6 +23,20 @@ README = "README.md"
 RTL_FOLDER = "rtl"
 
 
+#: of what the files hold; docs/specification.md defines each
+UNITS = {
+    "t, start, tau_us": "microseconds, modulo 2^timestamp_bits",
+    "activity, usual": "1/256 event at selected pixels in a window",
+    "codes of own-mean designs (levels), means": "1/256 octave: round(256 log2(1 + count))",
+    "steps, back, restart": "whole units of price; a device holds them times 4 (2 fraction bits)",
+    "sum, second_sum": "units of code; of the filter metrics, 1/4 unit of price (2 fraction bits)",
+    "margin": "that of sum",
+    "trust, kept": "1/16 of a metric, 1/64 unit of price",
+    "reciprocal": "1/65536 per unit of code",
+    "spread": "units of code",
+}
+
+
 class FieldPlace(NamedTuple):
     """Position of a field in a packed word."""
 
@@ -187,7 +201,8 @@ class Manifest:
             "seed": self.seed,
             "byte_order": "little",
             "packing": "the first field, and lane 0, in the least significant bits",
-            "none": "0xFFFFFFFF in records and CSV",
+            "none": "0xFFFFFFFF in records, -1 in CSV and arrays",
+            "units": UNITS,
             "corners": self.corners,
             "design": self.design.to_dict(),
             "rtl": list(self.rtl),

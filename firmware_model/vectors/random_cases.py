@@ -36,14 +36,29 @@ def random_cases(
     return [_case(f"random_{i}", design, rng, events) for i in range(number)]
 
 
+def window_cases(design: Design, rng: np.random.Generator, number: int = 2) -> list[Case]:
+    """Make the cases of the suite ``random`` that have some 40 windows, whatever the design.
+
+    Windows by time have from no events to 120, so that some are quiet and some pause. Windows by
+    count have 48 at most: the case's design has another `window_events`, if necessary.
+    """
+    if design.window == "count":
+        design = replace(design, window_events=min(design.window_events, 48))
+    return [_case(f"windows_{i}", design, rng, 0) for i in range(number)]
+
+
 def _case(name: str, design: Design, rng: np.random.Generator, number: int) -> Case:
     flat = rng.choice(design.width * design.height, design.pixels, replace=False)
     pixels = [(f % design.width, f // design.width) for f in flat.tolist()]
     tables = rng.integers(0, len(design.full_scales), design.slots).tolist()
     start = int(rng.integers(0, 1 << min(design.timestamp_bits, 62)))
-    events = _stream(design, pixels, start, rng, number)
+    if number:
+        events = _stream(design, pixels, start, rng, number)
+    else:
+        events = _windows(design, pixels, start, rng)
     blank = replace(design, places=design.length)
-    mean, activity = _learnt(design, rng)
+    # usual numbers comparable with those of the windows, so that some windows pause
+    mean, activity = _learnt(design, rng, 512 * (EVENTS // 30) if number else 256 * 1000)
     no_places = [[0] * design.slots] * design.length
     model = DescriptorModel(
         Memories(blank, pixels, no_places, tables, mean=mean, activity=activity), start
@@ -67,15 +82,35 @@ class _Learnt(NamedTuple):
     activity: int
 
 
-def _learnt(design: Design, rng: np.random.Generator) -> _Learnt:
+def _learnt(design: Design, rng: np.random.Generator, most_activity: int) -> _Learnt:
     mean, activity = None, 0
     if design.own_mean:
-        most = min(design.entry_max, 4 * 256)
-        mean = rng.integers(0, most + 1, design.slots).tolist()
+        highest = min(design.entry_max, 4 * 256)
+        mean = rng.integers(0, highest + 1, design.slots).tolist()
     if design.own_mean or design.filters:
-        # comparable with the events of a window, so that some of the windows pause
-        activity = int(rng.integers(0, 512 * (EVENTS // 30)))
+        activity = int(rng.integers(0, most_activity))
     return _Learnt(mean, activity)
+
+
+def _windows(
+    design: Design, pixels: list[tuple[int, int]], start: int, rng: np.random.Generator
+) -> list[Event]:
+    """Draw 40 windows by time, of log-uniform numbers of events, each with its busy pixels."""
+    events = []
+    for window in range(40):
+        favourites = rng.integers(0, design.pixels, 4)
+        offsets = rng.integers(0, design.tau_us, int(121 ** rng.random()) - 1)
+        for offset in sorted(offsets.tolist()):
+            x, y = pixels[favourites[rng.integers(4)]]
+            if rng.random() < 0.4:
+                x, y = pixels[rng.integers(design.pixels)]
+            t = start + window * design.tau_us + offset
+            events.append(Event(t % (1 << design.timestamp_bits), x, y, bool(rng.integers(2))))
+        # a clock may be too narrow for a silence of two windows
+        x, y = int(rng.integers(design.width)), int(rng.integers(design.height))
+        t = start + window * design.tau_us + design.tau_us - 1
+        events.append(Event(t % (1 << design.timestamp_bits), x, y, True))
+    return events
 
 
 def _stream(

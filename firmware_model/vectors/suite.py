@@ -19,10 +19,10 @@ from firmware_model.hardware.parameters import PACKAGE, package
 from firmware_model.hardware.sources import SIMULATED, copy_sources
 from firmware_model.image import image
 from firmware_model.model.design import Design, widths_of
-from firmware_model.model.machine import Trace
+from firmware_model.model.machine import Trace, WindowState
 from firmware_model.model.memories import Memories
 from firmware_model.vectors import formats
-from firmware_model.vectors.case import Case, in_order, records, to_binary
+from firmware_model.vectors.case import NONE, Case, in_order, records, to_binary
 from firmware_model.vectors.corners import corner_cases, filter_cases
 from firmware_model.vectors.coverage import CORNERS, FILTER_CORNERS, watched_trace
 from firmware_model.vectors.formats import Packing, Table
@@ -35,7 +35,7 @@ from firmware_model.vectors.manifest import (
     Manifest,
     SuiteEntry,
 )
-from firmware_model.vectors.random_cases import random_cases
+from firmware_model.vectors.random_cases import random_cases, window_cases
 
 # Contents of a device's memories, word by word, and the meaning of the bits of a word.
 
@@ -155,13 +155,14 @@ def _match_columns(design: Design) -> tuple[str, ...]:
 
 
 def csv_files(case: Case, done: Trace) -> dict[str, str]:
-    """Return the tables of a case and of its results as CSV text."""
+    """Return the tables of a case and of its results as CSV text; -1 stands for an absent value."""
     slots = range(case.design.slots)
     numbered: dict[str, list[tuple[int, ...]]] = {"event": [], "window": [], "match": []}
     for kind, values in records(in_order(done)):
-        numbered[kind].append(values)
+        numbered[kind].append(tuple(-1 if value == NONE else value for value in values))
     window = ("window", "events", *(f"slot_{slot}" for slot in slots))
-    return {
+    files = {} if not done.states else {"expected_states.csv": _states(done)}
+    return files | {
         "events.csv": formats.csv(("t", "x", "y", "on"), [tuple(map(int, e)) for e in case.events]),
         "pixels.csv": formats.csv(("x", "y"), case.memories.pixels),
         "places.csv": formats.csv([f"slot_{slot}" for slot in slots], case.memories.places),
@@ -169,6 +170,11 @@ def csv_files(case: Case, done: Trace) -> dict[str, str]:
         "expected_windows.csv": formats.csv(window, numbered["window"]),
         "expected_matches.csv": formats.csv(_match_columns(case.design), numbered["match"]),
     }
+
+
+def _states(done: Trace) -> str:
+    rows = [tuple(-1 if v is None else int(v) for v in state) for state in done.states]
+    return formats.csv(WindowState._fields, rows)
 
 
 def arrays(case: Case, done: Trace) -> dict[str, np.ndarray[Any, Any]]:
@@ -244,7 +250,7 @@ def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[
     """
     makers: dict[str, Callable[[], list[Case]]] = {
         "corners": lambda: corner_cases(design),
-        "random": lambda: random_cases(design, np.random.default_rng(seed)),
+        "random": lambda: _random_suite(design, np.random.default_rng(seed)),
     }
     if design.filters or design.own_mean:
         makers["filter"] = lambda: filter_cases(design)
@@ -281,6 +287,10 @@ def _estimated_bytes(case: Case) -> int:
     """Estimate the size of the files of a case."""
     design = case.design
     return 40_000 + 225 * len(case.events) + 18 * design.places * design.slots
+
+
+def _random_suite(design: Design, rng: np.random.Generator) -> list[Case]:
+    return [*random_cases(design, rng), *window_cases(design, rng)]
 
 
 def write_suites(

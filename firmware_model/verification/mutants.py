@@ -11,14 +11,17 @@ import tempfile
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal, TypeVar
 
 from firmware_model.emulation.build import HOST, SOURCES, build
 from firmware_model.errors import ToolError
 from firmware_model.model.design import Design
-from firmware_model.vectors.corners import corner_cases, filter_cases
-from firmware_model.vectors.images import bundle, image_cases
+from firmware_model.model.memories import Memories
+from firmware_model.vectors.case import Case, Stream, choose_pixels
+from firmware_model.vectors.corners import corner_cases, evidence_cases, filter_cases, long_window
+from firmware_model.vectors.images import LongWindow, bundle, image_cases
 
 # Mutants of the C sources: one operator, constant, type or statement is changed in each.
 
@@ -48,6 +51,8 @@ _WORDS = {
     "int32_t": ("int16_t", "uint32_t"),
     "uint16_t": ("uint8_t",),
 }
+_NARROWED = re.compile(r"\buint32_t(?= \w)")
+_ASSIGNED = re.compile(r"^(.*?) (?:[-+*/|&]|<<|>>)?= |^(.*?)(?:\+\+|--);")
 _STATEMENT = re.compile(
     r"^[ ]+(?!return|const |static |for |while |if |uint|bool |search_t |vpr_|struct|typedef)"
     r"[a-z*][^;{}]*;(?=\s)",
@@ -71,6 +76,9 @@ class Mutant:
         tell a mutant, whatever stands in the lines around.
     text : str
         The whole source.
+    narrowed : str
+        Variable or function that has 16 bits in place of 32, as ``function.variable``; empty if
+        something else is changed.
     """
 
     file: str
@@ -79,6 +87,7 @@ class Mutant:
     line: str
     becomes: str
     text: str
+    narrowed: str = ""
 
     @property
     def key(self) -> tuple[str, str, str]:
@@ -104,19 +113,24 @@ def mutants(file: str, text: str) -> Iterator[Mutant]:
     Mutant
         In the order of the text, no two of the same text.
     """
-    seen = {text}
+    seen = {"".join(text.split())}
     for begin, end, new in sorted(_changes(file, text), key=lambda change: change[:2]):
         changed = text[:begin] + new + text[end:]
-        if changed in seen:
+        shape = "".join(changed.split())
+        if shape in seen:
             continue
-        seen.add(changed)
+        seen.add(shape)
         number = text.count("\n", 0, begin) + 1
         line_begin = text.rfind("\n", 0, begin) + 1
         line_end = text.find("\n", end)
         line = " ".join(text[line_begin:line_end].split())
         becomes = " ".join((text[line_begin:begin] + new + text[end:line_end]).split())
         function = _function(text, begin)
-        yield Mutant(file, function, number, line, becomes or DELETED, changed)
+        narrowed = ""
+        if (text[begin:end], new) == ("uint32_t", "uint16_t"):
+            narrowed = f"{function}.{text[end + 1 :].partition(' ')[0].strip('(),;[]=')}"
+            narrowed = re.split(r"[(),;[]", narrowed)[0]
+        yield Mutant(file, function, number, line, becomes or DELETED, changed, narrowed)
 
 
 def _changes(file: str, text: str) -> Iterator[tuple[int, int, str]]:
@@ -144,6 +158,66 @@ def _changes(file: str, text: str) -> Iterator[tuple[int, int, str]]:
         if kind != "comment":
             before = word
     yield from _statements(text, first)
+    yield from _exchanged(text, first)
+    yield from _held(text, first)
+    for declared in _NARROWED.finditer(text):
+        if declared.start() > first and _function(text, declared.start()):
+            yield declared.start(), declared.end(), "uint16_t"
+
+
+def _exchanged(text: str, first: int) -> Iterator[tuple[int, int, str]]:
+    """Return the mutants that exchange two statements, one of which assigns what the other uses."""
+    found = [match for match in _STATEMENT.finditer(text) if match.start() > first]
+    for one, two in pairwise(found):
+        between = text[one.end() : two.start()]
+        if between != "\n" or not _function(text, one.start()):
+            continue
+        parts = one.group().strip(), two.group().strip()
+        if any(_assigns(part, other) for part, other in (parts, parts[::-1])):
+            yield one.start(), two.end(), two.group() + between + one.group()
+
+
+def _assigns(statement: str, other: str) -> bool:
+    """Return whether a statement assigns a variable that another one names."""
+    found = _ASSIGNED.match(" ".join(statement.split()))
+    return found is not None and bool(
+        re.search(rf"{re.escape(found[1] or found[2])}(?!\w)", " ".join(other.split()))
+    )
+
+
+def _held(text: str, first: int) -> Iterator[tuple[int, int, str]]:
+    """Return the mutants that hold one operand of a condition, or one side of a choice."""
+    tokens = [t for t in _TOKEN.finditer(text) if t.lastgroup not in ("comment", "directive")]
+    for i, token in enumerate(tokens):
+        sign = token.group()
+        if token.start() < first or sign not in ("&&", "||", "?"):
+            continue
+        if not _function(text, token.start()):
+            continue
+        begin, end = _operand(tokens, i, -1), _operand(tokens, i, 1)
+        if sign == "?":
+            colon = next(t.start() for t in tokens[i:] if t.group() == ":")
+            # of a choice within a choice, the outer condition is held
+            end = _operand(tokens, i, 1, through=(":", "?", "&&", "||"))
+            yield begin, end, text[token.end() : colon].strip()
+            yield begin, end, text[colon + 1 : end].strip()
+        else:
+            neutral = "true" if sign == "&&" else "false"
+            yield begin, token.start() - 1, neutral
+            yield token.end() + 1, end, neutral
+
+
+def _operand(tokens: list[re.Match[str]], at: int, way: int, through: tuple[str, ...] = ()) -> int:
+    """Return where the operand on one side of a token begins or ends."""
+    depth, last = 0, at
+    stop = {"&&", "||", "?", ":", ";", ",", "=", "{", "}", "return"} - set(through)
+    for i in range(at + way, len(tokens) if way > 0 else -1, way):
+        sign = tokens[i].group()
+        depth += way * ((sign in ("(", "[")) - (sign in (")", "]")))
+        if depth < 0 or (depth == 0 and sign in stop):
+            break
+        last = i
+    return tokens[last].end() if way > 0 else tokens[last].start()
 
 
 def _numbers(word: str) -> Iterator[str]:
@@ -243,8 +317,12 @@ FILTER = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scal
 #: seconds after which a mutant is taken to loop for ever; the firmware takes some hundredths
 PATIENCE_S = 3.0
 
-#: faults on a microcontroller: an unaligned access, an index beyond
-SANITISED = ("-fsanitize=alignment,array-bounds", "-fsanitize-trap=alignment,array-bounds")
+#: faults on a microcontroller: an unaligned access, an index beyond, a write behind an array
+SANITISED = (
+    "-fsanitize=alignment,array-bounds",
+    "-fsanitize-trap=alignment,array-bounds",
+    "-fstack-protector-all",
+)
 
 Outcome = Literal["found", "survives", "does not compile"]
 Key = tuple[str, str, str]
@@ -286,7 +364,11 @@ class Bench:
         shutil.copytree(SOURCES, self._sources)
         self._bundle = self._folder / "bundle"
         self._bundle.write_bytes(
-            bundle(image_cases(), [*corner_cases(DESIGN), *filter_cases(FILTER)])
+            bundle(
+                image_cases(),
+                [*corner_cases(DESIGN), *filter_cases(FILTER), *large_cases()],
+                long_windows(),
+            )
         )
         outcome = self._run()
         if outcome != "survives":
@@ -323,19 +405,80 @@ class Bench:
         return "found" if done.returncode else "survives"
 
 
+def large_cases() -> list[Case]:
+    """Make cases of numbers above 16 bits that are too large for suites on disk."""
+    by_count = long_window(replace(FILTER, code="log", full_scales=(0,), window="count"))
+    many_pixels = replace(FILTER, code="log", full_scales=(0,), pixels=80, lookup_depth=0)
+    evidence = [c for c in evidence_cases(many_pixels) if c.name == "evidence_above_16_bits"]
+    one = Design(width=4, height=4, pixels=1, places=1, length=1, code="linear", code_bits=8)
+    # more than 65,536 distances are held, and the RAM is above 64 KiB
+    held = replace(one, length=40, places=1_700, exclusion=1, accept="margin")
+    # a second best place is searched for behind place 65,536
+    zone = replace(one, matching="filter", length=1, places=32_800, exclusion=1 << 15)
+    # rows of 65,536 bytes
+    wide = Design(
+        width=1 << 15, height=1, pixels=(1 << 15) - 1, polarity=True, places=2, length=1,
+        code="linear", code_bits=1, exclusion=0, accept="margin",
+    )  # fmt: skip
+    return [
+        by_count,
+        *evidence,
+        _shown("held", held, [3 + i % 7 for i in range(42)], lambda k: [k * 7 % 97]),
+        _shown("zone", zone, [9, 9, 9], lambda k: [9 if k > 32_795 else 30 + k % 50]),
+        _shown("wide", wide, [1, 1], lambda k: [k] * wide.slots),
+    ]
+
+
+def _shown(
+    name: str, design: Design, counts: Sequence[int], codes_at: Callable[[int], list[int]]
+) -> Case:
+    """Show counts of the last slot, one in each window, to a map of these codes."""
+    pixels = choose_pixels(design)
+    stream = Stream.showing(design, pixels, ([0] * (design.slots - 1) + [n] for n in counts))
+    memories = Memories(design, pixels, [codes_at(place) for place in range(design.places)])
+    return Case(name, memories, tuple(stream.events))
+
+
+def long_windows() -> list[LongWindow]:
+    """Make a window with more events than 23 bits can count, which saturates.
+
+    The events of the next window then are less than 1/16 of the usual number by so little that they
+    would be a pause if the number had not saturated.
+    """
+    design = replace(FILTER, places=4, exclusion=1)
+    stream, rest = Stream(design, choose_pixels(design)), [2] * (design.slots - 1)
+    stream.fill([1] + [0] * len(rest))
+    stream.fill([8_700 - sum(rest), *rest])
+    stream.close()
+    places = [[slot * place % 8 for slot in range(design.slots)] for place in range(4)]
+    memories = Memories(design, stream.pixels, places)
+    return [LongWindow(Case("", memories, tuple(stream.events)), (1 << 23) + (1 << 20))]
+
+
 def all_mutants() -> list[Mutant]:
     """Generate the mutants of all files."""
     return [m for file in FILES for m in mutants(file, (SOURCES / file).read_text("ascii"))]
 
 
 def proofs() -> dict[Key, str]:
-    """Read why mutants are equal to the firmware, by their keys."""
-    entries = tomllib.loads(PROOFS.read_text(encoding="utf-8"))["equal"]
-    return {
+    """Read why mutants are equal to the firmware, by their keys.
+
+    The proof of a narrowed variable is of every declaration of that name in its function.
+    """
+    given = tomllib.loads(PROOFS.read_text(encoding="utf-8"))
+    found = {
         (entry["function"], entry["line"], becomes): entry["why"]
-        for entry in entries
+        for entry in given["equal"]
         for becomes in entry["becomes"]
     }
+    narrowed: dict[str, list[Key]] = {}
+    for mutant in all_mutants():
+        narrowed.setdefault(mutant.narrowed, []).append(mutant.key)
+    for entry in given["narrow"]:
+        for name in entry["variables"]:
+            # a name that is not there any more is no key of a mutant
+            found |= dict.fromkeys(narrowed.get(name, [("", name, "16 bits")]), entry["why"])
+    return found
 
 
 def survey(bench: Bench, chosen: Iterable[Mutant], proved: Iterable[Key]) -> Survey:

@@ -3,7 +3,7 @@
 The proofs use yosys and its yosys-smtbmc with the solver z3 (``apt install yosys z3``, or the
 package ``z3-solver``), and its model checker pdr for the core's streams. The files in ``formal/``
 state what must hold. No proof has a bound on the number of clocks, unless its claim says so. Each
-deliberately broken version must be refused.
+deliberately broken version must be refused, and so must be the claim that a state is never reached.
 """
 
 from __future__ import annotations
@@ -32,12 +32,15 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def _outcomes() -> Iterator[tuple[str, bool]]:
-    """Run all proofs, and check that each broken version is refused."""
+    """Run all proofs and covers, and check that each broken version is refused."""
     proofs = {name: unit.proved for name, unit in unit_proof.PROVED.items()}
     proofs |= {claim.name: partial(stream_proof.holds, claim) for claim in stream_proof.CLAIMS}
     for what, proof in proofs.items():
         holds = proof()
         yield f"{what}: {'proved' if holds else 'NOT PROVED'}", holds
+    for claim in stream_proof.REACHED:
+        reached = not stream_proof.holds(claim)
+        yield f"{claim.name}: {'refused' if reached else 'NEVER REACHED'}", reached
     broken_units = (unit_proof.SMALL_SEARCH, unit_proof.PREDICTION, unit_proof.TIMER)
     trials = {name: partial(unit.refused, name) for unit in broken_units for name in unit.broken}
     trials |= {name: partial(stream_proof.refused, name) for name in stream_proof.BROKEN}

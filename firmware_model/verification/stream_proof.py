@@ -36,20 +36,30 @@ CORE_CLAIMS = {
     "NUMBER": "a match has the number of its window",
     "IDLE": "a window ends only while the place filter is idle",
     "PATIENCE": "a match comes within so many clocks of its window",
+    "PROGRESS": "an event that is offered is taken, or a window or match is complete, within so "
+    "many clocks in which the core waits for nobody",
+}
+#: state of each define of ``vpr_core_properties.sv`` that a core must be able to reach
+COVERS = {
+    "THREE": "three matches are taken",
+    "RESET": "a match follows after a reset that came after a match",
+    "WAIT": "an event waits while a match does",
+    "SECOND": "a match has a second best place",
+    "ACCEPTED": "a match is accepted",
 }
 #: claims about place filters alone, with reciprocals of as many bits as those of a design: with
 #: fewer, the division ends before its match is taken
 _OF_FILTERS = {"IDLE": {"RECIPROCAL_BITS": 17}}
 #: parameters of the core that is proved, by the kind of design
 CORE_KINDS: dict[str, dict[str, int]] = {
-    "sequences of 2, windows by time": {"PATIENCE": 24},
+    "sequences of 2, windows by time": {"PATIENCE": 24, "PROGRESS": 36},
     "sequences of 1, own means, windows by count": {
-        "LENGTH": 1, "BY_TIME": 0, "OWN_MEAN": 1, "PATIENCE": 24,
+        "LENGTH": 1, "BY_TIME": 0, "OWN_MEAN": 1, "PATIENCE": 24, "PROGRESS": 36,
     },
-    "place filter, windows by time": {"LENGTH": 1, "FILTER": 1, "PATIENCE": 64},
+    "place filter, windows by time": {"LENGTH": 1, "FILTER": 1, "PATIENCE": 64, "PROGRESS": 70},
     "place filter that keeps distances, own means, a step back, windows by count": {
         "LENGTH": 1, "FILTER": 1, "BY_TIME": 0, "KEEP_DISTANCES": 1, "OWN_MEAN": 1, "BACK": 1,
-        "PATIENCE": 64,
+        "PATIENCE": 64, "PROGRESS": 70,
     },
 }  # fmt: skip
 
@@ -79,10 +89,15 @@ class Claim:
     name: str
     top: str
     files: tuple[str, ...]
-    define: str = "PROVE"
+    define: str = "PROVE_UNIT"
     parameters: dict[str, int] = field(default_factory=dict)
     free_memories: bool = False
     method: str = UNBOUNDED
+
+
+#: clocks in which a core of sequences has a second window
+FEW_CLOCKS = 80
+BOUNDED_TO_FEW = BOUNDED.replace(str(CLOCKS), str(FEW_CLOCKS))
 
 
 def core_claim(define: str, kind: str, *, slow_blocks: bool = False) -> Claim:
@@ -96,11 +111,24 @@ def core_claim(define: str, kind: str, *, slow_blocks: bool = False) -> Claim:
         name = f"{name}, with registers behind block memories"
         parameters = parameters | {"SLOW_BLOCKS": 1}
     method = UNBOUNDED
-    if define == "PATIENCE" and "FILTER" in parameters:
+    if define == "PROGRESS" and "FILTER" not in parameters:
+        name, method = f"in the first {FEW_CLOCKS} clocks, {name}", BOUNDED_TO_FEW
+    elif define in ("PATIENCE", "PROGRESS") and "FILTER" in parameters:
         name, method = f"in the first {CLOCKS} clocks, {name}", BOUNDED
     elif define == "MATCH" and "FILTER" in parameters:
         method = SIMPLIFIED
-    return Claim(name, "vpr_core_properties", UNITS, define, parameters, True, method)
+    return Claim(name, "vpr_core_properties", UNITS, f"PROVE_{define}", parameters, True, method)
+
+
+def cover(define: str, kind: str) -> Claim:
+    """Return the claim that a kind of `CORE_KINDS` never reaches a state of `COVERS`.
+
+    `holds` must refuse it: then there are inputs that lead there in the first clocks.
+    """
+    name = f"never: {COVERS[define]} ({kind})"
+    return Claim(
+        name, "vpr_core_properties", UNITS, f"COVER_{define}", CORE_KINDS[kind], True, BOUNDED
+    )
 
 
 COUNTERS = Claim(
@@ -132,7 +160,12 @@ CLAIMS = (
     ),
 )
 
-_BY_TIME, _BY_COUNT, _FILTER, _ = CORE_KINDS
+_BY_TIME, _BY_COUNT, _FILTER, _KEPT = CORE_KINDS
+#: covers: a map of two places has one sequence of 2, and no second best
+REACHED = (
+    *(cover(define, kind) for kind in (_BY_COUNT, _KEPT) for define in COVERS),
+    *(cover(define, _BY_TIME) for define in ("THREE", "RESET", "WAIT")),
+)
 #: broken versions: the claim that must refuse each, its file, the replaced text and its replacement
 BROKEN: dict[str, tuple[Claim, str, str, str]] = {
     "an event that is not taken is overwritten": (
@@ -189,6 +222,18 @@ BROKEN: dict[str, tuple[Claim, str, str, str]] = {
         "settled && filter_idle;",
         "settled;",
     ),
+    "a core stops after its first match": (
+        core_claim("PROGRESS", _BY_TIME),
+        "vpr_core.sv",
+        "match_taken || (finished && !has_best)",
+        "match_taken && (finished && !has_best)",
+    ),
+    "a filter stops after its first match": (
+        core_claim("PROGRESS", _FILTER),
+        "vpr_core.sv",
+        "match_taken || (finished && !has_best)",
+        "match_taken && (finished && !has_best)",
+    ),
     "the last sum of a window is not recognised": (
         core_claim("PATIENCE", _BY_COUNT),
         "vpr_sequence.sv",
@@ -243,7 +288,7 @@ def holds(claim: Claim, changed: Mapping[str, str] | None = None, *, seconds: in
         files.append(PROPERTIES / f"{claim.top}.sv")
         run_yosys(
             [
-                f"read_verilog -formal -sv -DPROVE_{claim.define} {' '.join(map(str, files))}",
+                f"read_verilog -formal -sv -D{claim.define} {' '.join(map(str, files))}",
                 chparam(claim.parameters, claim.top),
                 f"hierarchy -check -top {claim.top}",
                 "proc; flatten; memory_map; opt -fast; async2sync; dffunmap; opt_clean",

@@ -159,6 +159,19 @@ def test_ram_is_what_the_model_says_and_no_more(emulator, cases):
         emulator.replay(flash, events, case.start, ram - 16)
 
 
+@pytest.mark.slow
+def test_a_firmware_that_writes_behind_its_ram_is_found(folder, tmp_path, cases):
+    """By the program of this computer, which fills the memory there with a pattern."""
+    sources = tmp_path / "c"
+    shutil.copytree(SOURCES, sources)
+    text = (sources / "vpr.c").read_text(encoding="ascii")
+    behind = "s->windows++;\n    s->query[vpr_ram_bytes(d)] = 0U;"
+    (sources / "vpr.c").write_text(text.replace("s->windows++;", behind), encoding="ascii")
+    program, case = build(HOST, folder, sources=sources, name="behind"), cases["corners"][0]
+    with pytest.raises(ToolError, match="byte 0 behind the RAM was written"):
+        run_host(program, tmp_path, image(case.memories), case.event_bytes(), case.start)
+
+
 def opens(emulator: Emulator, flash: bytes) -> bool:
     emulator.release()
     design, at = emulator.put(bytes(512)), emulator.put(flash)

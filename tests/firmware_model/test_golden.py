@@ -211,6 +211,45 @@ def test_all_forms_of_a_memory_hold_the_same(vectors):
             assert second < 0 or (match["second"], match["second_sum"]) == (second, second_sum)
 
 
+def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path):
+    """Margin, trust and least metric as in the matches, the rest by the rules of the page."""
+    design = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scales=(0,))
+    chosen = [c for c in filter_cases(design) if c.name in ("jumps", "quiet", "means_and_pauses")]
+    write_suites(tmp_path / "v", design, {"filter": chosen}, 0)
+    kinds = set()
+    for case in chosen:
+        folder = tmp_path / "v" / "filter" / case.name
+        rows = {}
+        for name in ("states", "matches"):
+            with (folder / f"expected_{name}.csv").open(encoding="ascii") as file:
+                lines = csv.DictReader(file)
+                rows[name] = [{k: int(v) for k, v in row.items()} for row in lines]
+        assert len(rows["states"]) == len(rows["matches"]) > 5
+        reciprocal = place = -1
+        for state, match in zip(rows["states"], rows["matches"], strict=True):
+            usual, counted = state["usual"], state["counted"]
+            assert state["quiet"] == (counted == 0 or 2048 * counted < usual)
+            assert state["paused"] == (counted == 0 or 4096 * counted < usual)
+            assert (state["least"], state["trust"]) == (match["sum"], match["trust"])
+            alone = match["second"] == -1
+            assert state["margin"] == (1023 if alone else match["second_sum"] - match["sum"])
+            if state["paused"]:
+                assert state["reciprocal"] == state["spread"] == -1
+            else:
+                own = 65_536 // state["spread"]
+                assert state["reciprocal"] == (own if reciprocal < 0 else reciprocal)
+                reciprocal = own
+            raised = state["kept"] + (16 * state["margin"] - state["kept"]) // 4
+            if match["place"] == place:
+                raised = min(raised, state["kept"] - state["kept"] // 16)
+            assert state["trust"] == raised
+            place = match["place"]
+            kinds.add((state["quiet"], state["paused"]))
+    assert kinds == {(0, 0), (1, 0), (1, 1)}
+    manifest = json.loads((tmp_path / "v" / "manifest.json").read_text(encoding="utf-8"))
+    assert "1/256 event" in manifest["units"]["activity, usual"]
+
+
 def test_intel_hex_gives_the_image_back(vectors):
     """Lines of a correct checksum, also across 64 KiB and from an odd address."""
 

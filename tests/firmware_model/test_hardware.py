@@ -1013,11 +1013,21 @@ def test_counters_delays_and_events_are_proved_for_any_number_of_clocks():
         "a delay line has a word more",
         "the count before the last is not looked at",
         "an event is lost when the window is full",
+        "a core stops after its first match",
     ],
 )
 def test_broken_streams_are_refused(name):
     """Of counters and events; the command has all."""
     assert stream_proof.refused(name)
+
+
+@pytest.mark.slow
+@needs("yosys", "yosys-abc")
+@pytest.mark.parametrize("define", ["THREE", "WAIT"])
+def test_the_proved_core_reaches_what_claims_are_about(define):
+    """A claim about a core that does nothing would hold; the command has all covers."""
+    _, by_count, *_ = stream_proof.CORE_KINDS
+    assert not stream_proof.holds(stream_proof.cover(define, by_count))
 
 
 def test_each_broken_version_breaks_the_source_as_it_is():
@@ -1026,8 +1036,8 @@ def test_each_broken_version_breaks_the_source_as_it_is():
         assert claim in stream_proof.CLAIMS
         assert formal.broken_source(file, old, new) != formal.core_source(file)
     assert {claim.define for claim, *_ in stream_proof.BROKEN.values()} == {
-        "PROVE",
-        *stream_proof.CORE_CLAIMS,
+        "PROVE_UNIT",
+        *(f"PROVE_{define}" for define in stream_proof.CORE_CLAIMS),
     }
     with pytest.raises(ToolError, match="0 times 'no such text'"):
         formal.broken_source("vpr_core.sv", "no such text", "")

@@ -8,6 +8,7 @@ from firmware_model.emulation.build import SOURCES
 from firmware_model.verification.mutants import (
     DELETED,
     Bench,
+    Mutant,
     all_mutants,
     chosen,
     main,
@@ -45,6 +46,9 @@ def test_each_operator_number_and_statement_is_changed_once():
         (9, "uint32_t sum = 1U;"),
         (10, "if (true) {"),
         (10, "if (false) {"),
+        (7, "static uint32_t more(const uint8_t *a, uint16_t n)"),
+        (7, "static uint16_t more(const uint8_t *a, uint32_t n)"),
+        (9, "uint16_t sum = 0U;"),
         (10, "if (n < MOST) {"),
         (10, "if (n >= MOST) {"),
         (11, "sum -= a[n];"),
@@ -52,6 +56,28 @@ def test_each_operator_number_and_statement_is_changed_once():
         (11, DELETED),
     }
     assert {m.function for m in mutants("a.c", SOURCE)} == {"", "more"}
+
+
+CHOICES = """\
+static uint32_t f(uint32_t a, uint32_t b)
+{
+    a = (a < b) ? b : 3U;
+    b = a;
+    if ((a < b) && g(b)) {
+        b = 1U;
+    }
+    return b;
+}
+"""
+
+
+def test_choices_and_conditions_are_held_and_statements_exchanged():
+    """Statements that do not depend on each other keep their order."""
+    found = {m.becomes for m in mutants("a.c", CHOICES)}
+    assert {"a = b;", "a = 3U;", "if (true && g(b)) {", "if ((a < b) && true) {"} <= found
+    assert "b = a; a = (a < b) ? b : 3U;" in found
+    apart = CHOICES.replace("b = a;", "c = d;")
+    assert "c = d; a = (a < b) ? b : 3U;" not in {m.becomes for m in mutants("a.c", apart)}
 
 
 def test_a_mutant_is_told_by_its_text_and_not_by_its_line_number():
@@ -119,3 +145,36 @@ def test_a_survivor_without_a_proof_and_a_proof_without_a_survivor_are_told(benc
     result = survey(bench, [equal, wrong], [equal.key, wrong.key])
     assert [m.key for m in result.equal] == [equal.key]
     assert (result.found, result.stale) == (1, [wrong.key])
+
+
+#: faults that an engineer put in, and that passed the vectors until they had cases for them
+OVERLOOKED = {
+    "16-bit number of events": ("vpr.c", "const uint32_t counted =", "const uint16_t counted ="),
+    "no saturation at 23 bits": (
+        "vpr.c", "(counted < EVENTS_TOP) ? counted : EVENTS_TOP", "counted"
+    ),
+    "16-bit total": ("filter.h", "uint32_t total = 0U", "uint16_t total = 0U"),
+    "16-bit deviations": ("filter.h", "uint32_t deviations = 0U", "uint16_t deviations = 0U"),
+    "16-bit sum of the first window's deviations": (
+        "filter.h", "    uint32_t sum = 0U;\n    for", "    uint16_t sum = 0U;\n    for"
+    ),
+    "16-bit sum over the blocks": (
+        "filter.h", "        uint32_t sum = 0U;\n", "        uint16_t sum = 0U;\n"
+    ),
+    "16-bit sum of a sequence": (
+        "vpr.c", "uint32_t sum = s->history[at]", "uint16_t sum = s->history[at]"
+    ),
+    "range of a jump without quiet steps": (
+        "filter.h", "((d->steps > QUIET_STEPS) ? d->steps : QUIET_STEPS) - 1U", "d->steps - 1U"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", OVERLOOKED)
+def test_faults_that_were_overlooked_are_found(bench, fault):
+    """Each needs a number above 16 or 23 bits, or a design of fewer than three steps."""
+    file, old, new = OVERLOOKED[fault]
+    text = (SOURCES / file).read_text(encoding="ascii")
+    assert text.count(old) == 1
+    assert bench.run(Mutant(file, "", 0, old, new, text.replace(old, new))) == "found"

@@ -16,7 +16,8 @@ module vpr_core_properties #(
     parameter BACK           = 0,
     parameter RECIPROCAL_BITS = 5,
     parameter SLOW_BLOCKS    = 0,
-    parameter PATIENCE       = 40
+    parameter PATIENCE       = 40,
+    parameter PROGRESS       = 40
 ) (
     input logic       clk,
     input logic       rst,
@@ -136,8 +137,46 @@ module vpr_core_properties #(
                                     - (m_event_tvalid && m_event_tready);
     end
 
+    // Progress: while an event is offered, it is taken, or a window or a match is complete, within
+    // PROGRESS clocks in which the core waits for nobody. A core that ends no window any more fails.
+    localparam STOOD_BITS = $clog2(PROGRESS + 2);
+    logic [STOOD_BITS-1:0] stood;
+    wire nobody_waits = m_event_tready && m_window_tready && m_match_tready && s_place_tvalid;
+    always_ff @(posedge clk) begin
+        if (rst || !s_event_tvalid || s_event_tready || complete || taken) stood <= '0;
+        else if (nobody_waits && stood <= PROGRESS) stood <= stood + 1'b1;
+    end
+
+    // Covers: states that a core must reach. The assertion that it does not must be refused.
+    logic [1:0] matches;
+    logic       was_reset;
+    always_ff @(posedge clk) begin
+        if (!begun) was_reset <= 1'b0;
+        else if (rst && matches != 0) was_reset <= 1'b1;
+        if (rst) matches <= '0;
+        else if (taken && matches != 3) matches <= matches + 1'b1;
+    end
+
     always_comb begin
         if (running && !rst) begin
+`ifdef PROVE_PROGRESS
+            assert (stood < PROGRESS);
+`endif
+`ifdef COVER_THREE
+            assert (matches != 3);
+`endif
+`ifdef COVER_RESET
+            assert (!(was_reset && matches != 0));
+`endif
+`ifdef COVER_WAIT
+            assert (!(match_held && s_event_tvalid && !s_event_tready));
+`endif
+`ifdef COVER_SECOND
+            assert (!(m_match_tvalid && m_match_tdata[35]));
+`endif
+`ifdef COVER_ACCEPTED
+            assert (!(m_match_tvalid && m_match_tdata[40]));
+`endif
 `ifdef PROVE_EVENT
             if (event_held) assert (m_event_tvalid && m_event_tdata == event_data);
             if (m_event_tvalid) assert (under_way != 0);

@@ -429,7 +429,7 @@ def answer(found: Estimation) -> Answer:
     hidden = [target.name for target in asked.targets if target not in shown]
     if told is None:
         rows = [
-            [*_row(target, of), per_joule(of.cost), of.limited_by or "-"]
+            [*_row(target, of), per_joule(of.cost.matches_per_joule), of.limited_by or "-"]
             for target in shown
             for of in _designs(found, target)
         ]

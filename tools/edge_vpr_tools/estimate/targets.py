@@ -11,7 +11,6 @@ from typing import Any
 from edge_vpr.errors import UsageError
 from edge_vpr.files import read_toml, understood
 from edge_vpr_tools.estimate.emulation import scaling
-from edge_vpr_tools.estimate.model import Cost
 from edge_vpr_tools.report.page import quantity
 from firmware_model.model.design import Design
 
@@ -267,11 +266,10 @@ def joules(value: Spread | None) -> str:
     return UNKNOWN if value is None else spread(value, "J")
 
 
-def per_joule(of: Cost) -> str:
+def per_joule(value: Spread | None) -> str:
     """Return the matches per joule of the work, or that they are unknown."""
-    if of.matches_per_joule is None:
+    if value is None:
         return UNKNOWN
-    value = of.matches_per_joule
     low, central, high = (
         f"{one:,.0f}" if one >= 100 else f"{one:.3g}"
         for one in (value.low, value.central, value.high)
