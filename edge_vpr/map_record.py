@@ -6,6 +6,7 @@ All stages of matching take this record. `ReferenceMap` adds building and matchi
 from __future__ import annotations
 
 import re
+import warnings
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from pathlib import Path
@@ -23,7 +24,7 @@ from edge_vpr.archive import (
     read_archive,
     write_archive,
 )
-from edge_vpr.confidence import Acceptance, Confidence, default_confidence
+from edge_vpr.confidence import TRUST_RULE, Acceptance, Confidence, default_confidence
 from edge_vpr.descriptors.codes import codes_of, encode_own, encode_running
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, check_descriptors, narrow
@@ -319,12 +320,13 @@ class MapRecord(EqualByValue):
             jumps=self.jumps,
             odometer_mm=self.odometer_mm,
         )
-        if self.confidence is not None:
-            arrays |= self.confidence.to_arrays()
         meta: dict[str, Any] = {
             "settings": self.settings.to_dict(),
             "sensor": list(self.pixel_map.sensor),
         }
+        if self.confidence is not None:
+            arrays |= self.confidence.to_arrays()
+            meta["trust_rule"] = TRUST_RULE
         if self.route is not None:
             arrays |= self.route.to_arrays()
             meta["position_kind"] = self.route.kind
@@ -336,6 +338,9 @@ class MapRecord(EqualByValue):
     def load(cls, path: str | Path) -> Self:
         """Read a saved map.
 
+        A table of probabilities that an earlier version has learnt for the place filter is not
+        used, because its trust had another scale. A warning says so.
+
         Raises
         ------
         MapError
@@ -343,7 +348,7 @@ class MapRecord(EqualByValue):
         """
         arrays, meta = read_archive(path, KIND)
         with damaged(path, "make the map again"):
-            return cls(
+            found = cls(
                 settings=Settings.from_dict(meta["settings"]),
                 pixel_map=PixelMap(Sensor(*meta["sensor"]), arrays["pixel_x"], arrays["pixel_y"]),
                 places=Descriptors.from_arrays(arrays),
@@ -357,6 +362,15 @@ class MapRecord(EqualByValue):
                 odometer_mm=arrays.get("odometer_mm"),
                 frame_period=_period(meta.get("frame_period")),
             )
+        earlier = found.settings.matching == "filter" and meta.get("trust_rule") != TRUST_RULE
+        if found.confidence is None or not earlier:
+            return found
+        warnings.warn(
+            f"{path}: its probabilities were learnt by an earlier version, with another scale of "
+            "trust; the shipped ones are used: calibrate it again (edge-vpr calibrate)",
+            stacklevel=2,
+        )
+        return replace(found, confidence=None)
 
 
 def _period(text: object) -> Fraction | None:

@@ -20,7 +20,7 @@ class Begin(NamedTuple):
 
     windows: int
     mean_activity: int  # events of a window, times 256
-    filtered: tuple[list[int], int, int, int] | None = None  # see `naive.place_filter`
+    filtered: tuple[list[int], int, int, int, list[int]] | None = None  # `naive.place_filter`
     means: list[tuple[int, int]] | None = None  # of each counter, see `naive.running_means`
 
 
@@ -33,8 +33,13 @@ def begin_of(reference: ReferenceMap) -> Begin:
 
 def resumed(arrays) -> Begin:  # type: ignore[no-untyped-def]
     """What a saved state of a localiser says."""
-    reciprocal, mean_activity, place, trust, windows = arrays["filter_state"].tolist()
-    filtered = (arrays["filter_metric"].tolist(), reciprocal, place, trust) if windows else None
+    reciprocal, mean_activity, place, support, newer, older, windows = arrays[
+        "filter_state"
+    ].tolist()
+    filtered = None
+    if windows:
+        metric = arrays["filter_metric"].tolist()
+        filtered = (metric, reciprocal, place, support, [older, newer])
     means = None
     if "filter_mean" in arrays:
         seen = int(arrays["filter_mean_windows"][0])
@@ -106,16 +111,17 @@ def smoothed(
     """Place, metric, second, its metric and trust of each window, by those before and after it."""
     settings, places = reference.settings, reference.places.counts.tolist()
     forward = settings.filter_steps or ((1, 0, 1) if settings.window == "time" else (1, 0, 0, 1))
-    told = naive.smoothed_filter(
+    told, follow, evidence = naive.smoothed_filter(
         [[naive.sad(place, code) for place in places] for code in coded],
         events, forward, settings.filter_back, settings.filter_restart,
         begin_of(reference).mean_activity,
         [] if reference.jumps is None else reference.jumps.tolist(), [], [None] * len(coded),
     )  # fmt: skip
-    rows = []
+    rows, margins = [], []
     for metric in told:
         best, second, _ = naive.best_and_second(metric, settings.exclusion)
         least = metric[second] if second >= 0 else -1
-        margin = least - metric[best] if second >= 0 else METRIC_TOP
-        rows.append((best, metric[best], second, least, 16 * margin))
-    return rows
+        margins.append(least - metric[best] if second >= 0 else METRIC_TOP)
+        rows.append((best, metric[best], second, least))
+    trusts = naive.smoothed_trust([row[0] for row in rows], margins, follow, evidence)
+    return [(*row, trust) for row, trust in zip(rows, trusts, strict=True)]

@@ -338,7 +338,7 @@ def place_filter(
     restart: int,
     exclusion: int,
     activity: int,
-    begin: tuple[list[int], int, int, int] | None = None,
+    begin: tuple[list[int], int, int, int, list[int]] | None = None,
     jumps: Sequence[tuple[int, int]] = (),
     along: Sequence[int] = (),
     travelled: Sequence[int | None] = (),
@@ -347,11 +347,11 @@ def place_filter(
     """Metrics, best, second and trust after each window; ``distances[j]`` are those of window j.
 
     Evidence of a quiet window counts 1 / `quiet_part`. It goes on from `begin`: metrics, scale (0:
-    none yet), place and trust of a window before.
+    none yet), place and support of a window before, and the misfits of it and the one before it.
     """
     prices = {i: 4 * price for i, price in enumerate(forward)}
     prices |= {-1 - i: 4 * price for i, price in enumerate(back)}
-    metric, scale, last, trust = begin or ([0] * len(distances[0]), 0, None, 0)
+    metric, scale, last, support, misfits = begin or ([0] * len(distances[0]), 0, None, 0, [])
     told = []
     for j, d in enumerate(distances):
         mean = sum(d) // len(d)
@@ -383,13 +383,22 @@ def place_filter(
                 len(d), dict.fromkeys(range(-len(back), max(len(forward), 3)), 0), jumps
             )
         follows = any((i, to) == (last, best) and c < 4 * restart for i, to, c in ways)
-        trust = trust if follows else 0
-        risen = trust + (16 * margin - trust) // 4
-        if best == last:  # the same view again says nothing new
-            risen = min(risen, trust - trust // 16)
-        trust, last = risen, best
-        told.append((metric, best, second, trust))
+        support = next_support(support if follows else 0, margin, best == last)
+        misfits, last = [*misfits, evidence[best]][-3:], best
+        told.append((metric, best, second, trust(support, misfits)))
     return told
+
+
+def next_support(kept: int, margin: int, stands: bool) -> int:
+    """Running mean of 16 times the margins, of at most 23 each."""
+    risen = kept + (16 * min(margin, 23) - kept) // 4
+    # the same view again says nothing new
+    return min(risen, kept - kept // 16) if stands else risen
+
+
+def trust(support: int, misfits: Sequence[int]) -> int:
+    """Support of a match, less 16 times the worst evidence against it in three windows."""
+    return max(support - 16 * min(max(misfits), 23), 0)
 
 
 def smoothed_filter(
@@ -403,11 +412,11 @@ def smoothed_filter(
     along: Sequence[int],
     travelled: Sequence[int | None],
     quiet_part: int = 4,
-) -> tuple[list[list[int]], list[set[tuple[int, int]]]]:
+) -> tuple[list[list[int]], list[set[tuple[int, int]]], list[list[int]]]:
     """Forward metric of each window plus the price of the cheapest way on from each place.
 
-    And the pairs of places that may follow each other up to each window. Evidence of a quiet window
-    counts 1 / `quiet_part`.
+    And the pairs of places that may follow each other up to each window, and its evidence. Evidence
+    of a quiet window counts 1 / `quiet_part`.
     """
     k, scale, evidence, ways = len(distances[0]), None, [], []
     prices = {i: 4 * price for i, price in enumerate(forward)}
@@ -446,13 +455,20 @@ def smoothed_filter(
         }
         for j, way in enumerate(travelled)
     ]
-    return summed[::-1], follow
+    return summed[::-1], follow, evidence
 
 
 def smoothed_trust(
-    place: Sequence[int], margin: Sequence[int], follow: Sequence[set[tuple[int, int]]]
+    place: Sequence[int],
+    margin: Sequence[int],
+    follow: Sequence[set[tuple[int, int]]],
+    evidence: Matrix,
 ) -> list[int]:
-    """Mean of 16 times the margin over 9 windows, without those behind a jump."""
+    """Mean of 16 times the margin over 9 windows, without those behind a jump.
+
+    It is reduced by 16 times the worst evidence against a match in the 9 windows.
+    """
+    misfit = [row[best] for row, best in zip(evidence, place, strict=True)]
     trust = []
     for j in range(len(place)):
         first = last = j
@@ -462,21 +478,25 @@ def smoothed_trust(
             (place[last], place[last + 1]) in follow[last + 1]
         ):
             last += 1
-        trust.append(16 * sum(margin[first : last + 1]) // 9)
+        mean = 16 * sum(margin[first : last + 1]) // 9
+        trust.append(max(mean - 16 * max(misfit[max(j - 4, 0) : j + 5]), 0))
     return trust
 
 
 def delayed_trust(
-    place: Sequence[int], margin: Sequence[int], follow: Sequence[set[tuple[int, int]]]
+    place: Sequence[int],
+    margin: Sequence[int],
+    follow: Sequence[set[tuple[int, int]]],
+    evidence: Matrix,
 ) -> list[int]:
     """Trust of the place filter, of margins and places that later windows have changed."""
-    trusts, trust = [], 0
+    trusts, support, misfits = [], 0, []
     for j, best in enumerate(place):
         last = place[j - 1] if j else None
-        trust = trust if (last, best) in follow[j] else 0
-        risen = trust + (16 * margin[j] - trust) // 4
-        trust = min(risen, trust - trust // 16) if best == last else risen
-        trusts.append(trust)
+        kept = support if (last, best) in follow[j] else 0
+        support = next_support(kept, margin[j], best == last)
+        misfits = [*misfits, evidence[j][best]][-3:]
+        trusts.append(trust(support, misfits))
     return trusts
 
 

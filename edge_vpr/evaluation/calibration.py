@@ -11,6 +11,8 @@ import numpy.typing as npt
 from edge_vpr.confidence import Confidence
 from edge_vpr.errors import UsageError
 
+#: a step holds this part of all matches at least, unless its block holds fewer
+FINEST = 256
 #: bins of the reliability diagram and of the expected calibration error
 BINS = 10
 
@@ -46,7 +48,7 @@ def learn_confidence(trust: npt.NDArray[np.integer], correct: npt.NDArray[np.boo
 
     Steps are the blocks of an isotonic regression, with Laplace's estimate
     ``(right + 1) / (matches + 2)``. It draws blocks of few matches towards 1/2; they are joined
-    until the estimates rise.
+    until the estimates rise. A long block is divided into several steps of its probability.
 
     Parameters
     ----------
@@ -79,11 +81,31 @@ def learn_confidence(trust: npt.NDArray[np.integer], correct: npt.NDArray[np.boo
             low = blocks.pop()
             block = (low[0], low[1] + block[1], low[2] + block[2])
         blocks.append(block)
+    first = np.array([block[0] for block in blocks], dtype=np.int64)
+    probability = np.array([_laplace(block) for block in blocks], dtype=np.float64)
+    kept = _finer(levels, matches, first)
     return Confidence(
-        np.array([block[0] for block in blocks], dtype=np.int64),
-        np.array([_laplace(block) for block in blocks], dtype=np.float64),
-        np.array([block[2] for block in blocks], dtype=np.int64),
+        levels[kept],
+        probability[np.searchsorted(first, levels[kept], side="right") - 1],
+        np.add.reduceat(matches, kept),
     )
+
+
+def _finer(
+    levels: npt.NDArray[np.int64], matches: npt.NDArray[np.int64], first: npt.NDArray[np.int64]
+) -> npt.NDArray[np.int64]:
+    """Return the levels that steps begin with: those of blocks, and some within long blocks.
+
+    A step within a block has the block's probability. It lets a threshold lie within the block.
+    """
+    least = max(int(matches.sum()) // FINEST, 1)
+    kept, held = [], 0
+    for i, begins in enumerate(np.isin(levels, first).tolist()):
+        if begins or held >= least:
+            kept.append(i)
+            held = 0
+        held += int(matches[i])
+    return np.array(kept, dtype=np.int64)
 
 
 def _laplace(block: tuple[int, int, int]) -> float:

@@ -13,7 +13,7 @@ from edge_vpr.descriptors.windows import Descriptors, activity_of_drive
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import CANDIDATES, Matches, nearest_places
-from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, WindowRows
+from edge_vpr.matching.place_filter import TRUST_BITS, FilterMatch, PlaceFilter, WindowRows
 from edge_vpr.matching.sequences import (
     BestSequences,
     anchor_offset,
@@ -120,8 +120,9 @@ def filter_drive(
     -------
     FilteredDrive
         If smoothed, the trust is the mean margin of the summed metrics over the window and the
-        four before and after it, in units of 1/16 of a metric; a window counts as 0 where a match
-        between does not follow from the one before. Else it is that of `trust_after`.
+        four before and after it, in units of 1/16 of a metric, less the largest evidence against a
+        match of these nine windows, and at least 0. A margin counts as 0 where a match between
+        does not follow from the one before. Else the trust is that of `trust_of`.
 
     Raises
     ------
@@ -200,7 +201,18 @@ def _smooth(
         rows = kept.rows(first, min(first + block, len(ways)))
         onward.add_to(rows, ways[first : first + block])
         found.put(first, rows.columns, rows.metrics)
-    found.columns[:, -1] = _mean_trust(found.columns, ways, place_filter.transitions)
+    place = found.columns[:, 0]
+    misfit = _largest_around(kept.evidence[np.arange(len(place)), place].astype(np.int64))
+    trust = _mean_trust(found.columns, ways, place_filter.transitions) - (misfit << TRUST_BITS)
+    found.columns[:, -1] = np.maximum(trust, 0)
+
+
+def _largest_around(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return the largest value of each window and its neighbours."""
+    around = np.pad(values, NEIGHBOURS)
+    return np.asarray(
+        np.lib.stride_tricks.sliding_window_view(around, 2 * NEIGHBOURS + 1).max(axis=1)
+    )
 
 
 def _mean_trust(

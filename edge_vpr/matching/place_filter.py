@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,33 +29,70 @@ from edge_vpr.matching.transitions import (
 EVIDENCE_TOP = (1 << 8) - 1
 #: fraction bits of the reciprocal of the spread
 RECIPROCAL_BITS = 16
-#: trust, in units of 1/16 of a margin, moves by 1/4 of the difference in each window
+#: support, in units of 1/16 of a margin, moves by 1/4 of the difference in each window
 TRUST_SHIFT, TRUST_BITS = 2, 4
-#: while the place stays the same, trust falls by 1/16 in each window
+#: while the place stays the same, support falls by 1/16 in each window
 STANDING_SHIFT = 4
+#: larger margins and misfits count as this, so that one window is not remembered for long: 5 bits
+MARGIN_TOP = MISFIT_TOP = 23
+#: largest support and largest trust: 9 bits
+TRUST_TOP = MARGIN_TOP << TRUST_BITS
 
 
 @kernel
-def trust_after(kept: int, stands: bool, margin: int) -> int:
-    """Return the trust after a window, in units of 1/16 of a metric.
+def support_after(kept: int, stands: bool, margin: int) -> int:
+    """Return the support of a match after a window: a running mean of its margins.
 
-    While the robot stands, it sees the same view again and learns nothing new. The trust then falls
-    by 1/16 in each window.
+    While the robot stands, it sees the same view again and learns nothing new. The support then
+    falls by 1/16 in each window.
 
     Parameters
     ----------
     kept : int
-        Trust of the window before; 0 where this match does not follow from that one.
+        Support of the window before; 0 where this match does not follow from that one.
     stands : bool
         Whether the place is that of the window before.
     margin : int
         Second metric less the least.
+
+    Returns
+    -------
+    int
+        0 to `TRUST_TOP`, in units of 1/16 of a metric.
     """
-    before = np.int64(kept)
-    raised = before + (((np.int64(margin) << TRUST_BITS) - before) >> TRUST_SHIFT)
+    before, capped = np.int64(kept), np.int64(min(margin, MARGIN_TOP))
+    raised = before + (((capped << TRUST_BITS) - before) >> TRUST_SHIFT)
     if stands:
         raised = min(raised, before - (before >> STANDING_SHIFT))
     return int(raised)
+
+
+@kernel
+def trust_of(support: int, misfit: int) -> int:
+    """Return the trust in a match: its support less the misfit of the matched place.
+
+    A path that has become wrong still has the support of earlier windows, but the places along it
+    no longer fit what is seen.
+
+    Parameters
+    ----------
+    support : int
+        See `support_after`.
+    misfit : int
+        Largest `misfit_of` of this window and the two before it.
+
+    Returns
+    -------
+    int
+        0 to `TRUST_TOP`.
+    """
+    return max(int(support) - (int(misfit) << TRUST_BITS), 0)
+
+
+@kernel
+def misfit_of(evidence: int) -> int:
+    """Return the evidence against the matched place, limited to `MISFIT_TOP`."""
+    return min(int(evidence), MISFIT_TOP)
 
 
 @kernel
@@ -164,14 +202,8 @@ def _first_least(metric: Metrics, begin: int, end: int) -> int:
 
 
 #: State of a filter between two windows, in addition to its metrics; see `PlaceFilter`.
-NUMBERS = np.dtype(
-    [
-        ("reciprocal", np.int64),
-        ("mean_activity", np.int64),
-        ("place", np.int64),
-        ("trust", np.int64),
-    ]
-)
+NUMBER_NAMES = ("reciprocal", "mean_activity", "place", "support", "misfit", "misfit_before")
+NUMBERS = np.dtype([(name, np.int64) for name in NUMBER_NAMES])
 
 
 class Predictions(NamedTuple):
@@ -286,10 +318,14 @@ def update_windows(
         else:
             follows = predicted.follows[place]
         margin = write_match(metric, place, second, ties, rows.columns[i])
-        kept = int(now.trust) if follows else 0
-        now.trust = trust_after(kept, place == now.place, margin)
+        kept = int(now.support) if follows else 0
+        now.support = support_after(kept, place == now.place, margin)
         now.place = place
-        rows.columns[i, 5] = now.trust
+        misfit = misfit_of(evidence[place])
+        worst = max(misfit, now.misfit, now.misfit_before)
+        rows.columns[i, 5] = trust_of(now.support, worst)
+        now.misfit_before = now.misfit
+        now.misfit = misfit
 
 
 @kernel
@@ -374,10 +410,10 @@ class FilterMatch(NamedTuple):
     ties : int
         Other places of the same least metric.
     trust : int
-        How far to trust the answer: the margin (second metric less the least) of this window and
-        those before, with weights that fall by 3/4 a window, in units of 1/16 of a metric. It
-        starts at 0 where the answer jumps. It does not rise where the place stays the same, since
-        the same view again says nothing new: see `trust_after`.
+        How far to trust the match, 0 to 368: its support, which is a running mean of the margins
+        (second metric less the least) of this window and those before, less its misfit, which is
+        the largest evidence against the matched places of this window and the two before. See
+        `support_after` and `trust_of`.
     """
 
     place: int
@@ -415,14 +451,16 @@ class PlaceFilter:
         Cost of being at each place one window later, without its evidence; `quiet` if that window
         is quiet.
     follows : ndarray of bool, shape (K,)
-        Which places follow from the latest answer, so that its trust is kept.
+        Which places follow from the latest match, so that its support is kept.
     reciprocal : int
         ``floor(2**16 / spread)`` of the window before: scales the evidence. 0 before the first,
         and after a spread above 2**16: then the window's own does.
     activity : Activity
         How many events a window usually has.
-    place, trust : int
-        Of the latest answer; the place is -1 before the first.
+    place, support : int
+        Of the latest match; the place is -1 before the first.
+    misfit, misfit_before : int
+        Of the latest match, and of the one before it; see `trust_of`.
     """
 
     def __init__(
@@ -444,7 +482,8 @@ class PlaceFilter:
         self.quiet = np.zeros(places, dtype=np.int32)
         self.follows = np.zeros(places, dtype=np.bool_)
         self.reciprocal = 0
-        self.place, self.trust = -1, 0
+        self.place, self.support = -1, 0
+        self.misfit, self.misfit_before = 0, 0
 
     def __len__(self) -> int:
         return len(self.metric)
@@ -491,20 +530,36 @@ class PlaceFilter:
             At the selected pixels in each window.
         """
         rows, numbers = self._rows(distances, events)
-        self.reciprocal, self.activity.mean_activity, self.place, self.trust = numbers[0].tolist()
+        self._set_numbers(numbers[0].tolist())
         self.metric = rows.metrics[-1].copy()
         self._predict()
         return rows
 
-    def resume(
-        self, metric: Metrics, reciprocal: int, mean_activity: int, place: int, trust: int
-    ) -> None:
-        """Continue from the state of another filter with the same map and costs."""
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Numbers of the state other than the metrics, in the order of `NUMBERS`."""
+        return (
+            self.reciprocal, self.activity.mean_activity, self.place, self.support, self.misfit,
+            self.misfit_before,
+        )  # fmt: skip
+
+    def resume(self, metric: Metrics, numbers: Sequence[int]) -> None:
+        """Continue from the state of another filter with the same map and costs.
+
+        Parameters
+        ----------
+        metric : ndarray of int32, shape (K,)
+        numbers : sequence of int
+            Of that filter.
+        """
         self.metric = metric.copy()
-        self.reciprocal, self.activity.mean_activity = reciprocal, mean_activity
-        self.place, self.trust = place, trust
-        if place >= 0:
+        self._set_numbers(numbers)
+        if self.place >= 0:
             self._predict()
+
+    def _set_numbers(self, numbers: Sequence[int]) -> None:
+        self.reciprocal, self.activity.mean_activity, self.place, self.support = numbers[:4]
+        self.misfit, self.misfit_before = numbers[4:]
 
     def predict_travelled(self, travelled_mm: int) -> None:
         """Predict by odometry instead of steps until the window ends.
@@ -548,7 +603,7 @@ class PlaceFilter:
         distances = np.ascontiguousarray(distances, dtype=exact)
         rows = WindowRows.empty(*distances.shape)
         numbers = np.zeros(1, dtype=NUMBERS).view(np.recarray)
-        numbers[0] = (self.reciprocal, self.activity.mean_activity, self.place, self.trust)
+        numbers[0] = self.numbers
         predicted = Predictions(self.prediction, self.quiet, self.follows)
         update_windows(
             numbers, predicted, self.transitions.by_step, self.exclusion, self.quiet_shift,

@@ -18,8 +18,10 @@ from edge_vpr.matching.place_filter import (
     TRUST_BITS,
     FilterMatch,
     WindowRows,
+    misfit_of,
     smooth_windows,
-    trust_after,
+    support_after,
+    trust_of,
 )
 from edge_vpr.matching.transitions import Metrics, Transitions
 
@@ -104,7 +106,8 @@ class FixedLag:
         self._rows = WindowRows.empty(delay + 1, transitions.places)
         self._scratch = WindowRows.empty(delay + 1, transitions.places)
         self._ways: list[Way] = [None] * (delay + 1)
-        self._place, self._trust = -1, 0
+        self._place, self._support = -1, 0
+        self._misfits = (0, 0)  # of the two windows before
 
     def add(self, row: WindowRows, way: Way) -> SmoothedMatch | None:
         """Add the next window, and decide the one N windows before it, if there is one.
@@ -138,10 +141,13 @@ class FixedLag:
         match = FilterMatch(*rows.columns[0].tolist())
         place, before = match.place, self._place
         follows = before >= 0 and self._transitions.lead_to(before, place, self._ways[first])
-        kept_trust = self._trust if follows else 0
-        self._trust = trust_after(kept_trust, place == before, match.trust >> TRUST_BITS)
+        kept = self._support if follows else 0
+        self._support = support_after(kept, place == before, match.trust >> TRUST_BITS)
         self._place = place
-        return SmoothedMatch(match._replace(trust=self._trust), rows.metrics[0].copy())
+        misfit = misfit_of(int(rows.evidence[0, place]))
+        trust = trust_of(self._support, max(misfit, *self._misfits))
+        self._misfits = (misfit, self._misfits[0])
+        return SmoothedMatch(match._replace(trust=trust), rows.metrics[0].copy())
 
 
 def runs(ways: Sequence[Way], most: int) -> Iterator[tuple[int, int]]:

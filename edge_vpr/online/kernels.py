@@ -17,8 +17,10 @@ from edge_vpr.matching.place_filter import (
     add_evidence,
     least_and_second,
     margin_of,
+    misfit_of,
     reciprocal_of_spread,
-    trust_after,
+    support_after,
+    trust_of,
 )
 from edge_vpr.matching.transitions import METRIC_TOP
 from fixedpoint.own_mean import LEVEL_BITS
@@ -522,11 +524,14 @@ def filter_answer(predicted, metric, sums, c, events, row):
     if c.change and best == c.last_reported:
         return False
     c.last_reported = best
-    kept = c.trust if predicted.follows[best] else np.int64(0)
+    kept = c.support if predicted.follows[best] else np.int64(0)
     row["place"], row["second"] = best, second
     second_metric = np.int64(-1) if second < 0 else np.int64(metric[second])
     write_distances(row, np.int64(metric[best]), second_metric, 1)
-    row["trust"] = trust_after(int(kept), bool(best == c.place), margin_of(metric, best, second))
+    support = support_after(int(kept), bool(best == c.place), margin_of(metric, best, second))
+    # the least metric never saturates: the nearest place has no evidence against it
+    misfit = misfit_of(metric[best] - prediction[best])
+    row["trust"] = trust_of(support, max(misfit, c.misfit, c.misfit_before))
     return True
 
 

@@ -398,7 +398,8 @@ class FilterRun(MatchRun):
         predicted.moving[:], predicted.quiet[:] = found.prediction, found.quiet
         predicted.follows[:] = found.follows
         control.mean_activity, control.reciprocal = found.activity.mean_activity, found.reciprocal
-        control.place, control.trust = found.place, found.trust
+        control.place, control.support = found.place, found.support
+        control.misfit, control.misfit_before = found.misfit, found.misfit_before
         s = self.windows.s
         control.window_end = (self._windows + 1) * (s.tau or s.n)
 
@@ -431,23 +432,16 @@ class FilterRun(MatchRun):
         found, s = self.place_filter, self.windows.s
         while s.bound[0] == s.bound[1] and (self._windows + 2) * s.tau <= until:
             read = self.odometer.fresh
-            before = (found.place, found.trust, found.activity.mean_activity)
-            metric = found.metric
+            before, metric = found.numbers, found.metric
             self._finish_window()
-            same = before == (found.place, found.trust, found.activity.mean_activity)
+            same = before == found.numbers
             if same and not read and np.array_equal(metric, found.metric):
                 self._windows = until // s.tau - 1
 
     def to_arrays(self) -> Arrays:
         """Return the arrays that `resume` needs, for an archive."""
         found, meter = self.place_filter, self.odometer
-        state = [
-            found.reciprocal,
-            found.activity.mean_activity,
-            found.place,
-            found.trust,
-            self._windows,
-        ]
+        state = [*found.numbers, self._windows]
         arrays = super().to_arrays() | {
             "filter_metric": found.metric,
             "filter_state": np.array(state, dtype=np.int64),
@@ -464,8 +458,8 @@ class FilterRun(MatchRun):
         """Restore the state from the arrays of `to_arrays`."""
         super().resume(arrays)
         found = self.place_filter
-        reciprocal, mean_activity, place, trust, self._windows = arrays["filter_state"].tolist()
-        found.resume(arrays["filter_metric"], reciprocal, mean_activity, place, trust)
+        *numbers, self._windows = arrays["filter_state"].tolist()
+        found.resume(arrays["filter_metric"], numbers)
         if "filter_odometer" in arrays:
             found.transitions.check_odometry()
             meter = self.odometer

@@ -15,7 +15,13 @@ from edge_vpr.errors import EdgeVprError, MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.distances import ReferenceIndex, aligned_zeros
-from edge_vpr.matching.place_filter import RECIPROCAL_BITS, TRUST_BITS, Predictions
+from edge_vpr.matching.place_filter import (
+    MISFIT_TOP,
+    NUMBER_NAMES,
+    RECIPROCAL_BITS,
+    TRUST_TOP,
+    Predictions,
+)
 from edge_vpr.matching.transitions import METRIC_TOP, Metrics
 from edge_vpr.online.kernels import BLOCK, LANES, MAX_STEPS, advance, settle
 from edge_vpr.route import MOST_MM
@@ -521,7 +527,9 @@ CONTROL = np.dtype(
         ("mean_activity", "<i8"),  # number of events in a window
         ("reciprocal", "<i8"),  # of the spread of the distances
         ("place", "<i8"),  # of the window before
-        ("trust", "<i8"),
+        ("support", "<i8"),
+        ("misfit", "<i8"),
+        ("misfit_before", "<i8"),
         # events
         ("off_slots", "<i8"),  # first slot of OFF events
         ("floor", "<i8"),  # earliest time that the next event may have
@@ -756,8 +764,8 @@ def check_filter_state(
     """
     check_array(arrays["filter_metric"], "filter_metric", (np.int32,), (places,))
     check_range(arrays["filter_metric"], "filter_metric", 0, METRIC_TOP)
-    check_array(arrays["filter_state"], "filter_state", (np.int64,), (5,))
-    reciprocal, mean_activity, place, trust, windows = arrays["filter_state"].tolist()
+    check_array(arrays["filter_state"], "filter_state", (np.int64,), (len(NUMBER_NAMES) + 1,))
+    reciprocal, mean_activity, place, support, *misfits, windows = arrays["filter_state"].tolist()
     ended = floor_us // window.tau_us if isinstance(window, FixedTime) else (
         int(arrays["bound"][0]) // window.events
     )  # fmt: skip
@@ -765,7 +773,8 @@ def check_filter_state(
         0 <= reciprocal <= 1 << RECIPROCAL_BITS
         and 0 <= mean_activity <= TIME_LIMIT_US
         and (0 <= place < places if windows else place == -1)
-        and 0 <= trust <= METRIC_TOP << TRUST_BITS
+        and 0 <= support <= TRUST_TOP
+        and 0 <= min(misfits) <= max(misfits) <= MISFIT_TOP
     )
     if not within or windows != ended:
         raise MapError(

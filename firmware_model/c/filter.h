@@ -16,6 +16,7 @@
 #define RECIPROCAL_ONE 0x10000U
 #define TRUST_BITS 4U
 #define TRUST_SHIFT 2U
+#define MARGIN_TOP 23U
 #define STANDING_SHIFT 4U
 #define QUIET_STEPS 3U
 #define STEPS_MAX 16U
@@ -205,18 +206,18 @@ static uint32_t total_of(const block_t *b, uint32_t *nearest)
 
 /* Advance by a window that does not pause, in passes over the places: for the mean of the
  * distances, for the spread, which only the first window needs beforehand, and for the metrics. If
- * the distances are not kept, each pass computes them again, a block at a time. */
-static void advance_by_evidence(const vpr_design_t *d, vpr_state_t *s, prices_t *p)
+ * the distances are not kept, each pass computes them again, a block at a time. `scale`
+ * is set. */
+static void advance_by_evidence(const vpr_design_t *d, vpr_state_t *s, prices_t *p, scale_t *scale)
 {
     enum { FOR_MEAN, FOR_SPREAD, FOR_METRICS, PASSES };
     uint16_t room[BLOCK];
-    scale_t scale = {VPR_NONE, 0U, 0U};
     for (uint32_t pass = FOR_MEAN; pass < PASSES; pass++) {
         uint32_t sum = 0U;
         if ((pass == FOR_SPREAD) && (s->reciprocal != 0U)) {
             continue;
         }
-        scale.reciprocal = s->reciprocal;
+        scale->reciprocal = s->reciprocal;
         block_t block = {0U, d->place_count, s->distance};
         while (block.end > 0U) {
             uint16_t *const distance = d->keep_distances ? s->distance : room;
@@ -226,18 +227,18 @@ static void advance_by_evidence(const vpr_design_t *d, vpr_state_t *s, prices_t 
                 compare(d, s->query, block.from, block.end, distance);
             }
             if (pass == FOR_MEAN) {
-                sum += total_of(&block, &scale.nearest);
+                sum += total_of(&block, &scale->nearest);
             } else if (pass == FOR_SPREAD) {
-                sum += deviations_of(&block, scale.mean);
+                sum += deviations_of(&block, scale->mean);
             } else {
                 predict(p, s->metric, &block);
-                sum += add_evidence(&scale, s->metric, &block, &s->least);
+                sum += add_evidence(scale, s->metric, &block, &s->least);
             }
             block.end = block.from;
         }
         sum = quotient(sum, d->place_count);
         if (pass == FOR_MEAN) {
-            scale.mean = sum;
+            scale->mean = sum;
         } else {
             s->reciprocal = quotient(RECIPROCAL_ONE, (sum == 0U) ? 1U : sum);
         }
@@ -308,21 +309,35 @@ static void search_places(const vpr_design_t *d, const uint16_t *metric, uint32_
     search_second(metric, best + d->exclusion + 1U, d->place_count, m);
 }
 
-/* Trust the match by its margin, and by those before it as long as it follows from them. */
-static void trust(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
+/* Evidence against a place in a window that does not pause. It is not limited, as above 23 it takes
+ * all trust anyway. */
+static uint32_t misfit_of(const vpr_design_t *d, const vpr_state_t *s, const scale_t *scale,
+                          uint32_t place)
+{
+    const uint32_t distance = sad(s->query, &d->places[place * d->stride], d->stride);
+    return ((distance - scale->nearest) * scale->reciprocal) >> EVIDENCE_SHIFT;
+}
+
+/* Trust the match by its margin, and by those before it as long as it follows from them; less what
+ * speaks against it and the two matches before. */
+static void trust(const vpr_design_t *d, vpr_state_t *s, uint32_t misfit, vpr_match_t *m)
 {
     const uint32_t margin = (m->second == VPR_NONE) ? METRIC_TOP : (m->second_sum - m->sum);
     const uint32_t last = ((d->steps > QUIET_STEPS) ? d->steps : QUIET_STEPS) - 1U;
     const bool follows =
         (s->place != VPR_NONE) && (((m->place + d->back) - s->place) <= (d->back + last));
-    const uint32_t kept = follows ? s->trust : 0U;
+    const uint32_t kept = follows ? s->support : 0U;
     const uint32_t stood = kept - (kept >> STANDING_SHIFT);
-    s->trust = moved(kept, margin << TRUST_BITS, TRUST_SHIFT);
-    if ((m->place == s->place) && (s->trust > stood)) {
-        s->trust = stood; /* the same view again says nothing new */
+    s->support = moved(kept, lesser(margin, MARGIN_TOP) << TRUST_BITS, TRUST_SHIFT);
+    if (m->place == s->place) {
+        s->support = lesser(s->support, stood); /* the same view again says nothing new */
     }
     s->place = m->place;
-    m->trust = s->trust;
+    uint32_t worst = (s->misfit > s->misfit_before) ? s->misfit : s->misfit_before;
+    worst = ((misfit > worst) ? misfit : worst) << TRUST_BITS;
+    m->trust = s->support - lesser(s->support, worst);
+    s->misfit_before = s->misfit;
+    s->misfit = misfit;
 }
 
 /* Advance by the window that ended last, and search it. */
@@ -331,13 +346,14 @@ static void filter_places(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
     prices_t prices;
     set_prices(d, s, &prices);
     s->least = VPR_NONE;
+    scale_t scale = {VPR_NONE, 0U, 0U};
     if (s->paused) {
         advance_paused(d, s, &prices);
     } else {
-        advance_by_evidence(d, s, &prices);
+        advance_by_evidence(d, s, &prices, &scale);
     }
     search_places(d, s->metric, s->least, m);
-    trust(d, s, m);
+    trust(d, s, s->paused ? 0U : misfit_of(d, s, &scale, m->place), m);
 }
 
 #endif

@@ -83,7 +83,8 @@ void plain_begin(plain_t *p, const uint8_t *image, uint32_t bytes, uint32_t star
     const uint32_t places = plain_word(p, PLACES);
     p->mean = calloc(slots, sizeof *p->mean);
     p->metric = calloc(places, sizeof *p->metric);
-    if ((p->mean == NULL) || (p->metric == NULL)) {
+    p->evidence = calloc(places, sizeof *p->evidence);
+    if ((p->mean == NULL) || (p->metric == NULL) || (p->evidence == NULL)) {
         abort();
     }
     for (uint32_t i = 0U; (i < slots) && (plain_word(p, OWN_MEAN) != 0U); i++) {
@@ -95,7 +96,9 @@ void plain_begin(plain_t *p, const uint8_t *image, uint32_t bytes, uint32_t star
     p->moved = 0U;
     p->reciprocal = 0;
     p->place = -1;
-    p->trust = 0;
+    p->support = 0;
+    p->misfits[0] = 0;
+    p->misfits[1] = 0;
     p->end = (start + (uint64_t)plain_word(p, WINDOW)) % period(p);
     p->counted = 0U;
     p->windows = 0U;
@@ -107,6 +110,7 @@ void plain_free(plain_t *p)
     free(p->codes);
     free(p->mean);
     free(p->metric);
+    free(p->evidence);
 }
 
 bool plain_is_behind(const plain_t *p, const vpr_event_t *e)
@@ -266,7 +270,8 @@ static void advance(plain_t *p)
     for (uint32_t k = 0U; k < places; k++) {
         int64_t evidence = ((distances[k] - nearest) * reciprocal) / 16384;
         evidence = (evidence > 255) ? 255 : evidence;
-        p->metric[k] = predicted(p, before, least, k) + (p->paused ? 0 : evidence);
+        p->evidence[k] = p->paused ? 0 : evidence;
+        p->metric[k] = predicted(p, before, least, k) + p->evidence[k];
         p->metric[k] = (p->metric[k] > 1023) ? 1023 : p->metric[k];
     }
     p->reciprocal = p->paused ? p->reciprocal : own;
@@ -282,15 +287,23 @@ static void trust(plain_t *p, vpr_match_t *m)
         (m->second == VPR_NONE) ? 1023 : ((int64_t)m->second_sum - (int64_t)m->sum);
     const int64_t step = (int64_t)m->place - p->place;
     if ((p->place < 0) || (step >= forward) || (step < -(int64_t)plain_word(p, BACK))) {
-        p->trust = 0;
+        p->support = 0;
     }
-    const int64_t stood = p->trust - (p->trust / 16);
-    p->trust += floor_shift((margin * 16) - p->trust, 2U);
-    if ((step == 0) && (p->place >= 0) && (p->trust > stood)) {
-        p->trust = stood;
+    const int64_t stood = p->support - (p->support / 16);
+    p->support += floor_shift((((margin > 23) ? 23 : margin) * 16) - p->support, 2U);
+    if ((step == 0) && (p->place >= 0) && (p->support > stood)) {
+        p->support = stood;
     }
     p->place = m->place;
-    m->trust = (uint32_t)p->trust;
+    p->misfits[2] = p->misfits[1];
+    p->misfits[1] = p->misfits[0];
+    p->misfits[0] = p->evidence[m->place];
+    int64_t trust = p->support;
+    for (uint32_t i = 0U; i < 3U; i++) {
+        const int64_t less = p->support - (p->misfits[i] * 16);
+        trust = (less < trust) ? less : trust;
+    }
+    m->trust = (trust < 0) ? 0U : (uint32_t)trust;
     m->accepted = m->accepted && (m->trust >= plain_word(p, TRUST));
 }
 

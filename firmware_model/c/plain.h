@@ -23,8 +23,10 @@ typedef struct {
     uint32_t moved;    /* windows that moved it */
     int64_t *metric;   /* [places] */
     int64_t reciprocal;
-    int64_t place; /* of the match before, or -1 */
-    int64_t trust;
+    int64_t *evidence; /* [places]: of the window that ended last */
+    int64_t place;     /* of the match before, or -1 */
+    int64_t support;
+    int64_t misfits[3]; /* of the last matches, the newest first */
 } plain_t;
 
 /* The memory is the caller's: that of `plain_free`. */

@@ -51,7 +51,7 @@ enum {
 #define PIXEL_MASK 0x7FFFFFFFU
 #define ON_SHIFT 31U
 #define PRICE_MAX 1016U
-#define TRUST_MAX 16368U
+#define TRUST_MAX 368U
 #define LEVEL_MAX 4096U /* logarithm of 65,536 in units of 1/256 octave */
 #define LEVEL_BITS 8U
 #define LEVEL_HALF 128U
@@ -332,7 +332,9 @@ void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t st
     s->reciprocal = 0U;
     s->least = 0U;
     s->place = VPR_NONE;
-    s->trust = 0U;
+    s->support = 0U;
+    s->misfit = 0U;
+    s->misfit_before = 0U;
     for (uint32_t i = 0U; (d->level != NULL) && (i < d->slots); i++) {
         s->mean[i] = (uint32_t)d->mean[i] << MEAN_BITS;
     }

@@ -89,7 +89,9 @@ typedef struct {
     uint32_t reciprocal; /* of the spread of the window before: scales the evidence */
     uint32_t least;      /* metric */
     uint32_t place;      /* of the match before, or VPR_NONE */
-    uint32_t trust;
+    uint32_t support;    /* of the match before */
+    uint32_t misfit;
+    uint32_t misfit_before; /* of the match before that one */
 } vpr_state_t;
 
 typedef enum {

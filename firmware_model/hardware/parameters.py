@@ -74,7 +74,7 @@ def parameters(design: Design) -> dict[str, tuple[str, int]]:
         "STEP_PRICES": ("logic [159:0]", _prices(design.steps)),
         "BACK_PRICES": ("logic [159:0]", _prices(design.back)),
         "RESTART": ("logic [9:0]", design.restart << FRACTION_BITS),
-        "TRUST": ("logic [13:0]", design.trust),
+        "TRUST": ("logic [8:0]", design.trust),
         "EXCLUSION": ("int", design.exclusion),
         "BY_MARGIN": ("bit", int(design.accept == "margin")),
         "MARGIN": ("logic [31:0]", design.margin),

@@ -11,7 +11,9 @@ from firmware_model.model.descriptor import moved
 from firmware_model.model.design import (
     EVIDENCE_TOP,
     FRACTION_BITS,
+    MARGIN_TOP,
     METRIC_TOP,
+    MISFIT_TOP,
     RECIPROCAL_BITS,
     TRUST_BITS,
     Design,
@@ -198,9 +200,9 @@ class SequenceModel:
 
 #: prices of a step of 0, 1 and 2 places in a quiet window
 STATIONARY_COSTS = (0, 0, 1)
-#: the trust moves by 1/4 of the difference to the margin in each window
+#: the support moves by 1/4 of the difference to the margin in each window
 TRUST_SHIFT = 2
-#: while the place stays the same, the trust falls by 1/16 in each window
+#: while the place stays the same, the support falls by 1/16 in each window
 STANDING_SHIFT = 4
 
 
@@ -215,20 +217,24 @@ class PlaceFilterModel:
         ``floor(2**16 / spread)`` of the distances of the latest window that did not pause; 0 before
         there is one. Hardware takes a restoring divider of 17 steps for it, outside the loop over
         the places.
-    place, trust : int
+    place, support : int
         Of the latest match; the place is -1 before the first.
     spread : int
         Of the distances of the latest window that did not pause, at least 1; 0 before there is one.
     margin, kept : int
-        Of the latest match, and the trust that it began with: that of the match before, or 0.
+        Of the latest match, and the support that it began with: that of the match before, or 0.
+    misfit, misfit_before, worst : int
+        Evidence against the latest match, against the one before it, and the largest of the last
+        three; each of 5 bits.
     """
 
     def __init__(self, design: Design) -> None:
         self.design = design
         self.metrics = [0] * design.places
         self.reciprocal = 0
-        self.place, self.trust = -1, 0
-        self.spread, self.margin, self.kept = 0, 0, 0
+        self.place, self.support = -1, 0
+        self.misfit, self.misfit_before = 0, 0
+        self.spread, self.margin, self.kept, self.worst = 0, 0, 0, 0
 
     def predictions(self, quiet: bool) -> list[int]:
         """Return the price of being at each place one window later, without evidence."""
@@ -277,9 +283,9 @@ class PlaceFilterModel:
             # spread of this window, for the next one
             self.reciprocal = reciprocal_of_spread(found)
             self.spread = spread_of(found)
-        return self._answer(number)
+        return self._answer(number, predictions)
 
-    def _answer(self, number: int) -> MatchResult:
+    def _answer(self, number: int, predictions: list[int]) -> MatchResult:
         search = SearchModel(self.design)
         for place, metric in enumerate(self.metrics):
             search.take(place, metric)
@@ -289,12 +295,17 @@ class PlaceFilterModel:
         design = self.design
         last = max(len(design.steps), len(STATIONARY_COSTS)) - 1
         follows = self.place >= 0 and -len(design.back) <= result.place - self.place <= last
-        kept = self.trust if follows else 0
-        trust = moved(kept, margin << TRUST_BITS, TRUST_SHIFT)
+        kept = self.support if follows else 0
+        self.support = moved(kept, min(margin, MARGIN_TOP) << TRUST_BITS, TRUST_SHIFT)
         if result.place == self.place:  # the same view gives no new information
-            trust = min(trust, kept - (kept >> STANDING_SHIFT))
-        self.place, self.trust = result.place, trust
+            self.support = min(self.support, kept - (kept >> STANDING_SHIFT))
+        self.place = result.place
         self.margin, self.kept = margin, kept
+        # the evidence: the least metric never saturates, because the nearest place has none
+        misfit = min(result.sum - predictions[result.place], MISFIT_TOP)
+        worst = max(misfit, self.misfit, self.misfit_before)
+        trust = max(self.support - (worst << TRUST_BITS), 0)
+        self.misfit, self.misfit_before, self.worst = misfit, self.misfit, worst
         return result._replace(trust=trust, accepted=result.accepted and trust >= design.trust)
 
 

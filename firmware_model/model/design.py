@@ -105,9 +105,11 @@ FRACTION_BITS = 2
 METRIC_TOP, EVIDENCE_TOP = (1 << 10) - 1, (1 << 8) - 1
 #: fraction bits of the reciprocal of the spread, which is at most 1
 RECIPROCAL_BITS = 16
+#: largest margin and largest misfit that count
+MARGIN_TOP = MISFIT_TOP = 23
 #: fraction bits of the trust, and its largest value
 TRUST_BITS = 4
-TRUST_TOP = METRIC_TOP << TRUST_BITS
+TRUST_TOP = MARGIN_TOP << TRUST_BITS
 #: fraction bits of the usual number of events in a window
 ACTIVITY_BITS = 8
 #: largest number of events of a window; larger ones saturate

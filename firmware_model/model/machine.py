@@ -41,8 +41,10 @@ class WindowState(NamedTuple):
         Of the distances of this window; None in a pause.
     least : int or None
         Least metric.
-    margin, kept, trust : int or None
-        Margin of the match; the trust that it began with, 0 behind a jump; and its trust.
+    margin, kept, support, misfit : int or None
+        Margin of the match; the support that it began with, 0 behind a jump; its support; and the
+        largest evidence against a match of this window and the two before. Its trust is
+        ``max(support - 16 * misfit, 0)``.
     """
 
     window: int
@@ -56,7 +58,8 @@ class WindowState(NamedTuple):
     least: int | None = None
     margin: int | None = None
     kept: int | None = None
-    trust: int | None = None
+    support: int | None = None
+    misfit: int | None = None
 
 
 @dataclass
@@ -174,8 +177,9 @@ class Machine:
         if not self.design.filters:
             return state._replace(reciprocal=None)
         state = state._replace(
-            least=min(model.metrics), margin=model.margin, kept=model.kept, trust=model.trust
-        )
+            least=min(model.metrics), margin=model.margin, kept=model.kept,
+            support=model.support, misfit=model.worst,
+        )  # fmt: skip
         if state.paused:
             return state._replace(reciprocal=None)
         # the first window is scaled by its own spread

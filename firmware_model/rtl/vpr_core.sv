@@ -33,7 +33,7 @@ module vpr_core #(
     parameter logic [159:0] STEP_PRICES      = 0,
     parameter logic [159:0] BACK_PRICES      = 0,
     parameter logic [9:0]  RESTART           = 0,
-    parameter logic [13:0] TRUST             = 0,
+    parameter logic [8:0]  TRUST             = 0,
     parameter int          EXCLUSION         = 0,
     parameter bit          BY_MARGIN         = 0,
     parameter logic [31:0] MARGIN            = 0,
@@ -61,7 +61,7 @@ module vpr_core #(
     parameter int          DISTANCE_TOTAL_BITS = 1,
     parameter int          RECIPROCAL_BITS     = 17,
     parameter int          EVIDENCE_BITS       = 8,
-    parameter int          TRUST_BITS          = 14,
+    parameter int          TRUST_BITS          = 9,
     parameter int          MATCH_BITS          = 39,
     parameter              MEMORY_STYLE      = "auto",
     parameter              PLACES_FILE       = "",
@@ -206,7 +206,7 @@ module vpr_core #(
         .distance_valid(distance_valid), .distance(distance)
     );
 
-    logic                has_best, has_second, accepted, ends_search;
+    logic                became, has_best, has_second, accepted, ends_search;
     logic [PLACE_BITS-1:0] best, ties, second;
     logic [SUM_BITS-1:0]   best_sum, second_sum;
     logic [TRUST_BITS-1:0] trust;
@@ -214,6 +214,8 @@ module vpr_core #(
 
     generate
         if (FILTER) begin : g_filter
+            logic [4:0] misfit;
+
             vpr_filter #(
                 .PLACES(PLACES), .KEEP(KEEP_DISTANCES), .STEPS(STEPS), .BACK(BACK),
                 .STEP_PRICES(STEP_PRICES), .BACK_PRICES(BACK_PRICES), .RESTART(RESTART),
@@ -225,15 +227,16 @@ module vpr_core #(
                 .idle(filter_idle),
                 .distance_start(distance_start), .distance_valid(distance_valid),
                 .distance(distance), .sum_valid(sum_valid), .sum_last(sum_last), .place(place),
-                .sum(sum), .found(ends_search), .best_sum(best_sum)
+                .sum(sum), .misfit(misfit), .found(ends_search), .best_sum(best_sum)
             );
             assign sum_complete = 1'b1;
             vpr_trust #(
                 .STEPS(STEPS), .BACK(BACK), .TRUST(TRUST), .PLACE_BITS(PLACE_BITS),
                 .METRIC_BITS(SUM_BITS), .TRUST_BITS(TRUST_BITS)
             ) trust_in_matches (
-                .clk(clk), .rst(rst), .update(ends_search), .best(best), .best_sum(best_sum),
-                .has_second(has_second), .second_sum(second_sum), .trust(trust), .trusted(trusted)
+                .clk(clk), .rst(rst), .became(became), .misfit(misfit), .update(ends_search),
+                .best(best), .best_sum(best_sum), .has_second(has_second),
+                .second_sum(second_sum), .trust(trust), .trusted(trusted)
             );
             assign m_match_tdata = {
                 trust, accepted && trusted, ties, second_sum, second, has_second, best_sum, best,
@@ -254,7 +257,7 @@ module vpr_core #(
             );
             assign trust   = '0;
             assign trusted = 1'b1;
-            wire unused = &{1'b0, trust, trusted, ends_search, quiet};
+            wire unused = &{1'b0, trust, trusted, became, ends_search, quiet};
             assign m_match_tdata = {
                 accepted, ties, second_sum, second, has_second, best_sum, best, window
             };
@@ -266,7 +269,8 @@ module vpr_core #(
         .SLOW_BLOCKS(SLOW_BLOCKS)
     ) search (
         .clk(clk), .rst(rst), .start(compare),
-        .sum_valid(sum_valid && sum_complete), .place(place), .sum(sum), .has_best(has_best),
+        .sum_valid(sum_valid && sum_complete), .place(place), .sum(sum), .became(became),
+        .has_best(has_best),
         .best(best), .best_sum(best_sum), .ties(ties),
         .has_second(has_second), .second(second), .second_sum(second_sum)
     );
@@ -281,8 +285,8 @@ module vpr_core #(
 
     // A window at a time: from its end until its match is taken, or there is none
 
-    // the search's two clocks, and the first of the acceptance test; the trust takes five more
-    localparam int FINISHING = FILTER ? 8 : 3;
+    // the search's two clocks, and the first of the acceptance test; the trust takes six more
+    localparam int FINISHING = FILTER ? 9 : 3;
 
     logic [FINISHING-1:0] finishing;
 

@@ -8,8 +8,8 @@
 // evidence, and there are no distances. The spread of this window is divided after its match; until
 // then the unit is not `idle`, and no window may end.
 //
-// `found` says that the search stands at `best_sum`, the least metric. Distances come two clocks
-// apart at least, and so do metrics.
+// `misfit` is the evidence that the metric has, saturated at 23. `found` says that the search stands at
+// `best_sum`, the least metric. Distances come two clocks apart at least, and so do metrics.
 module vpr_filter #(
     parameter int            PLACES          = 1,
     parameter bit            KEEP            = 0,
@@ -23,7 +23,8 @@ module vpr_filter #(
     parameter int            TOTAL_BITS      = 1,
     parameter int            RECIPROCAL_BITS = 17,
     parameter int            EVIDENCE_BITS   = 8,
-    parameter int            METRIC_BITS     = 10
+    parameter int            METRIC_BITS     = 10,
+    parameter int            MISFIT_BITS     = 5
 ) (
     input  logic                     clk,
     input  logic                     rst,
@@ -38,6 +39,7 @@ module vpr_filter #(
     output logic                     sum_last,
     output logic [PLACE_BITS-1:0]    place,
     output logic [METRIC_BITS-1:0]   sum,
+    output logic [MISFIT_BITS-1:0]   misfit,
     input  logic                     found,
     input  logic [METRIC_BITS-1:0]   best_sum
 );
@@ -49,6 +51,7 @@ module vpr_filter #(
     // fraction bits of the reciprocal, less those of a metric
     localparam int SHIFT         = RECIPROCAL_BITS - 1 - 2;
     localparam int LEAD_BITS     = $clog2(BACK + 2);
+    localparam logic [MISFIT_BITS-1:0] MISFIT_TOP = MISFIT_BITS'(23);
 
     localparam logic [1:0] IDLE   = 2'd0;
     localparam logic [1:0] LEAD   = 2'd1;  // metrics of the BACK places ahead of the first
@@ -216,8 +219,8 @@ module vpr_filter #(
     wire [PRODUCT_BITS-SHIFT:0] weighted =
         whole ? product[PRODUCT_BITS-1:SHIFT-1] : {1'b0, product[PRODUCT_BITS-1:SHIFT]};
 
-    wire [METRIC_BITS:0]          metric = {1'b0, prediction}
-        + (METRIC_BITS + 1)'(evidence[PREDICTED-SCALED-1]);
+    wire [EVIDENCE_BITS-1:0]      against = evidence[PREDICTED-SCALED-1];
+    wire [METRIC_BITS:0]          metric = {1'b0, prediction} + (METRIC_BITS + 1)'(against);
 
     integer i;
     always_ff @(posedge clk) begin
@@ -229,6 +232,9 @@ module vpr_filter #(
         sum_valid <= valid[PREDICTED-1];
         if (valid[PREDICTED-1]) begin
             sum_inverse <= metric[METRIC_BITS] ? '0 : ~metric[METRIC_BITS-1:0];
+            // 24 and above are those with both upper bits, or with more
+            misfit <= (against >> MISFIT_BITS) != 0 || &against[MISFIT_BITS-1:MISFIT_BITS-2]
+                ? MISFIT_TOP : MISFIT_BITS'(against);
             place <= place + 1'b1;
         end
         if (begins) place <= '1;

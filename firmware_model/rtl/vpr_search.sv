@@ -19,6 +19,7 @@ module vpr_search #(
     input  logic                  sum_valid,
     input  logic [PLACE_BITS-1:0] place,
     input  logic [SUM_BITS-1:0]   sum,
+    output logic                  became,  // in the clock after `sum_valid`: it is the best
     output logic                  has_best,
     output logic [PLACE_BITS-1:0] best,
     output logic [SUM_BITS-1:0]   best_sum,
@@ -70,6 +71,7 @@ module vpr_search #(
     wire nearer   = leaves && (!has_left || oldest_lower);
     wire becomes  = !has_best || sum_lower;
     wire outside  = behind == ZONE_BITS'(EXCLUSION);
+    assign became = update && becomes;
 
     wire [PLACE_BITS-1:0] next_left     = nearer ? oldest_place : left;
     wire [SUM_BITS-1:0]   next_left_sum = nearer ? oldest : left_sum;

@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from firmware_model.model.descriptor import PAUSE_SHIFT, QUIET_SHIFT, ActivityModel
-from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, LENGTH, Design
+from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, LENGTH, TRUST_TOP, Design
 from firmware_model.model.memories import Codes, Memories
 from firmware_model.vectors.case import Case, Stream, choose_pixels, shown_codes, unselected_pixel
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS, RunningMean
@@ -640,6 +640,7 @@ def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
         "walk": (forward, walk),
         "walk_of_kept_distances": (replace(forward, keep_distances=True), walk),
         "jumps": (forward, jumps),
+        "past_what_does_not_fit": (forward, [0, 1, 2, 3, 4, 5, 0, 1, 3, 4, 8, 0]),
         "by_one_too_many": (forward, [0, 0, 3, 3, 3, 2, 2, 4, 4, 5, 5, 4, 4, 8, 8, 7, 7]),
         "backwards": (back, backwards),
         "backwards_of_kept_distances": (replace(back, keep_distances=True), backwards),
@@ -764,7 +765,7 @@ def _thresholds(design: Design) -> list[Case]:
     forward = replace(design, exclusion=1, accept="margin", margin=0, trust=0)
     route = [0, 1, 2, 3, 4, 5, 6]
     told = [match.trust for match in drive("", forward, route).trace().matches]
-    trust = min(max(told[4] or 0, 1), 0x3FEF)
+    trust = min(max(told[4] or 0, 1), TRUST_TOP - 1)
     return [
         drive("trusted", replace(forward, trust=trust), route),
         drive("distrusted", replace(forward, trust=trust + 1), route),

@@ -24,8 +24,11 @@ from firmware_model.model.design import (
     ACTIVITY_BITS,
     EVIDENCE_TOP,
     FRACTION_BITS,
+    MARGIN_TOP,
     METRIC_TOP,
+    MISFIT_TOP,
     RECIPROCAL_BITS,
+    TRUST_BITS,
     Design,
 )
 from firmware_model.model.machine import Machine, Trace
@@ -73,6 +76,12 @@ FILTER_CORNERS = {
     "kept_distances": "a window of a map whose distances are kept",
     "trusted_at_threshold": "a match whose trust is the least that is accepted",
     "distrusted_at_threshold": "a match that is rejected for a trust less by one",
+    "margin_limited": "a match with a margin that is above the largest that counts",
+    "misfit_limited": "a match with the largest misfit, whose trust is above 0 without it",
+    "misfit_of_this_window": "a match with less trust for its own misfit alone, and some left",
+    "misfit_of_the_window_before": "the same for the misfit of the match before",
+    "misfit_of_two_windows_before": "the same for the misfit of the match before that one",
+    "trust_of_nothing": "a match whose misfit is above its support",
     "code_at_the_bottom": "an own-mean code of 0 that would be below it",
     "code_at_the_top": "the largest own-mean code, that would be above it",
     "mean_falls_by_part": "a running mean that falls by what the shift does not divide",
@@ -82,12 +91,18 @@ FILTER_CORNERS = {
 }
 
 
+_MISFITS = (
+    "misfit_of_this_window", "misfit_of_the_window_before", "misfit_of_two_windows_before",
+)  # fmt: skip
+
+
 class FilterCoverage:
     """Counts corners from the states of a machine, before each window changes them."""
 
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
         self.found: Counter[str] = Counter(dict.fromkeys(FILTER_CORNERS, 0))
+        self._misfits = (0, 0, 0)  # of the last matches, the newest first
         self._paused = False
         self._last = -1
 
@@ -173,6 +188,7 @@ class FilterCoverage:
         found["filter_tie"] += match.ties > 0
         found["filter_no_second"] += match.second is None
         assert match.trust is not None, "a match of the filter has one"
+        self._see_trust(match)
         second = match.second is not None and design.trust > 0
         found["trusted_at_threshold"] += match.accepted and second and match.trust == design.trust
         found["distrusted_at_threshold"] += second and match.trust == design.trust - 1
@@ -185,6 +201,18 @@ class FilterCoverage:
         found["beyond_the_largest_step"] += step == largest + 1
         found["smallest_step"] += step == -len(design.back)
         found["beyond_the_smallest_step"] += step == -len(design.back) - 1
+
+    def _see_trust(self, match: MatchResult) -> None:
+        """Count the corners of the trust in a match, and keep its misfit."""
+        found, model = self.found, self.machine.place_filter
+        misfits = self._misfits = (model.misfit, *self._misfits[:2])
+        worst = max(misfits)
+        if match.second_sum is not None:
+            found["margin_limited"] += match.second_sum - match.sum > MARGIN_TOP
+        found["misfit_limited"] += misfits[0] == MISFIT_TOP and model.support > 0
+        found["trust_of_nothing"] += model.support < worst << TRUST_BITS
+        for name, misfit in zip(_MISFITS, misfits, strict=True):
+            found[name] += match.trust != 0 and misfits.count(worst) == 1 and misfit == worst > 0
 
     def _see_means(self, window: WindowResult) -> None:
         descriptor, found = self.machine.descriptor, self.found

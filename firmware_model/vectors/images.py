@@ -143,7 +143,7 @@ def accepted_adaptive() -> Named:
     yield _adaptive_words(back=0)
     yield from each(_adaptive_words, "restart", 0, _PRICE)
     yield _adaptive_words(keep_distances=1)
-    yield from each(_adaptive_words, "trust", 0, 0x3FF0)
+    yield from each(_adaptive_words, "trust", 0, 0x170)
     yield from each(_adaptive_words, "activity", 0, _ACTIVITY)
     # a metric has 10 bits, so that its product with any ratio fits
     yield _adaptive_words(accept=1, ratio_denominator=0xFFFF)
@@ -183,7 +183,7 @@ def refused_adaptive() -> Named:
     yield from each(_adaptive_words, "length", 2, 6)
     yield _adaptive_words(restart=_PRICE + 1)
     yield _adaptive_words(keep_distances=2)
-    yield _adaptive_words(trust=0x3FF1)
+    yield _adaptive_words(trust=0x171)
     yield from each(_adaptive_words, "own_mean", 9, 3, 1)
     yield _adaptive_words(own_mean=33, code_max=1)
     yield _adaptive_words(own_mean=3, code_max=6)

@@ -31,7 +31,8 @@ UNITS = {
     "steps, back, restart": "whole units of price; a device holds them times 4 (2 fraction bits)",
     "sum, second_sum": "units of code; of the filter metrics, 1/4 unit of price (2 fraction bits)",
     "margin": "that of sum",
-    "trust, kept": "1/16 of a metric, 1/64 unit of price",
+    "trust, support, kept": "1/16 of a metric, 1/64 unit of price",
+    "misfit": "that of a metric",
     "reciprocal": "1/65536 per unit of code",
     "spread": "units of code",
 }

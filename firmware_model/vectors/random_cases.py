@@ -194,7 +194,7 @@ def random_adaptive_design(rng: np.random.Generator) -> Design:
             "back": rng.integers(0, most + 1, int(rng.integers(0, 4))).tolist(),
             "restart": int(rng.integers(0, most + 1)),
             "keep_distances": bool(rng.integers(2)),
-            "trust": int(rng.choice([0, int(rng.integers(1, 8000))])),
+            "trust": int(rng.choice([0, int(rng.integers(1, 300))])),
         }
     return Design(**values)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import warnings
 
 import naive
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.research.experiments.calibration import (
     Case,
+    Sample,
+    accepted_past_the_edge,
     carried_off,
     with_detour,
     without_places,
@@ -68,15 +71,26 @@ def test_a_learnt_table_rises_and_never_says_never_or_always(found):
     trust = np.array([t for t, _ in found])
     correct = np.array([c for _, c in found])
     learnt = learn_confidence(trust, correct)
-    assert (np.diff(learnt.probability) > 0).all()
+    assert (np.diff(learnt.probability) >= 0).all()
     assert learnt.probability[0] > 0 and learnt.probability[-1] < 1
     assert learnt.matches.sum() == len(found)
-    for i, (begin, p, n) in enumerate(
-        zip(learnt.trust, learnt.probability, learnt.matches, strict=True)
-    ):
+    for i, (begin, n) in enumerate(zip(learnt.trust, learnt.matches, strict=True)):
         end = learnt.trust[i + 1] if i + 1 < len(learnt.trust) else 99
-        inside = (trust >= begin) & (trust < end)
-        assert inside.sum() == n and p == (correct[inside].sum() + 1) / (n + 2)
+        assert ((trust >= begin) & (trust < end)).sum() == n
+    for p in learnt.probability:  # of all steps that have it together
+        inside = learnt.probability_of(trust) == p
+        assert p == (correct[inside].sum() + 1) / (inside.sum() + 2)
+
+
+def test_a_threshold_lies_within_a_long_block():
+    """Half of the matches are right in 0.98, the others always."""
+    trust = np.repeat(np.arange(1_000), 10)
+    correct = np.ones(10_000, dtype=np.bool_)
+    correct[:5_000:50] = False  # 2 % of the lower half
+    learnt = learn_confidence(trust, correct)
+    least = learnt.least_trust(0.995)
+    assert 300 < least < 500 and len(learnt.trust) < 300
+    assert learnt.probability_of(np.array([least])) < 0.985
 
 
 @given(outcomes, st.floats(0.01, 0.99))
@@ -290,3 +304,39 @@ def test_the_experiment_of_trust_draws_its_figure(tmp_path, capsys):
     figure = str(tmp_path / "reliability.png")
     assert main(["experiment", "trust", "--data", str(tmp_path), "--figure", figure]) == 2
     assert "holds no pair: name a folder with two traverses" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("matching", ["filter", "sequence"])
+def test_a_table_of_an_earlier_rule_of_trust_is_not_used(tmp_path, monkeypatch, matching):
+    """That of sequences is, as their margin has the scale that it had."""
+    settings = COUNTED.replaced({"matching": matching, "sequence_length": 1}, "test")
+    reference = a_map(settings, confidence=table((0, 0.25, 8)))
+    path = tmp_path / "map.npz"
+    reference.save(path)
+    assert ReferenceMap.load(path).confidence is not None
+    monkeypatch.setattr("edge_vpr.reference_map.TRUST_RULE", 1)
+    reference.save(path)
+    monkeypatch.undo()
+    if matching == "sequence":
+        assert ReferenceMap.load(path).confidence is not None
+        return
+    with pytest.warns(UserWarning, match="learnt by an earlier version"):
+        assert ReferenceMap.load(path).confidence is None
+
+
+def test_matches_that_are_accepted_past_the_edge_of_the_map_are_counted():
+    trust = np.array([9, 9, 9, 9, 0, 9, 0, 9, 9])
+    has_place = np.array([1, 1, 0, 0, 0, 1, 0, 1, 0], dtype=np.bool_)
+    drive = Sample(trust, has_place, has_place)
+    assert accepted_past_the_edge([drive], 5) == "1.0, 2"  # 2, 0 and, up to its end, 1
+    assert accepted_past_the_edge([drive], 10) == "-"
+
+
+@pytest.mark.filterwarnings("always")
+def test_a_warning_is_one_line(monkeypatch, capsys):
+    def run(argv):
+        warnings.warn("too old", stacklevel=1)
+
+    monkeypatch.setattr("edge_vpr_tools.cli.run", run)
+    assert main([]) == 0
+    assert capsys.readouterr().err == "edge-vpr: warning: too old\n"

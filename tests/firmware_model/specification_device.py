@@ -57,7 +57,7 @@ class Device:
         self.metrics: Row = []
         self.reciprocal: int | None = None
         self.place: int | None = None
-        self.trust = 0
+        self.support, self.misfits = 0, (0, 0)
 
     def take(self, t: int, x: int, y: int, on: int) -> Iterator[Record]:
         """Section 2."""
@@ -145,10 +145,12 @@ class Device:
         best, second, ties = search(metric, self.design["exclusion"])
         follows = self.place is not None and within_steps(self.design, best - self.place)
         margin = 1023 if second is None else metric[second] - metric[best]
-        self.trust = trust_after(self.trust if follows else 0, margin, best == self.place)
-        self.place = best
-        accepted = self.trust >= self.design["trust"] and self.accepted(metric, best, second)
-        return [*self.told(metric, best, second, ties), int(accepted), self.trust]
+        self.support = support_after(self.support if follows else 0, margin, best == self.place)
+        misfit = min(against[best], 23)
+        trust = max(self.support - 16 * max(misfit, *self.misfits), 0)
+        self.place, self.misfits = best, (misfit, self.misfits[0])
+        accepted = trust >= self.design["trust"] and self.accepted(metric, best, second)
+        return [*self.told(metric, best, second, ties), int(accepted), trust]
 
     @staticmethod
     def told(metric: dict[int, int], best: int, second: int | None, ties: int) -> Row:
@@ -220,10 +222,10 @@ def within_steps(design: dict[str, Any], step: int) -> bool:
     return -len(design["back"]) <= step <= max(len(design["steps"]), 3) - 1
 
 
-def trust_after(kept: int, margin: int, stands: bool) -> int:
+def support_after(kept: int, margin: int, stands: bool) -> int:
     """Section 6, step 4."""
-    trust = kept + ((16 * margin - kept) >> 2)
-    return min(trust, kept - (kept >> 4)) if stands else trust
+    support = kept + ((16 * min(margin, 23) - kept) >> 2)
+    return min(support, kept - (kept >> 4)) if stands else support
 
 
 class Drive:
@@ -328,16 +330,19 @@ class Drive:
             while last < min(w + 4, n - 1) and chained[last + 1]:
                 last += 1
             margins = sum(16 * margin for _, _, margin in found[first : last + 1])
-            told.append((best, metric, margins // 9))
+            near = range(max(w - 4, 0), min(w + 4, n - 1) + 1)
+            misfit = max(self.evidence[v][found[v][0]] for v in near)
+            told.append((best, metric, max(margins // 9 - 16 * misfit, 0)))
         return told
 
     def delayed(self, delay: int) -> list[tuple[int, int, int]]:
         """Place, cost and trust of each window, so many windows late; 0: as section 6."""
-        trust, told, before = 0, [], None
+        support, misfits, told, before = 0, (0, 0), [], None
         found = self.matches(lambda w: min(w + delay, len(self.metrics) - 1))
         for w, (best, metric, margin) in enumerate(found):
             follows = before is not None and self.follows(w, before, best)
-            trust = trust_after(trust if follows else 0, margin, best == before)
-            told.append((best, metric, trust))
-            before = best
+            support = support_after(support if follows else 0, margin, best == before)
+            misfit = min(self.evidence[w][best], 23)
+            told.append((best, metric, max(support - 16 * max(misfit, *misfits), 0)))
+            before, misfits = best, (misfit, misfits[0])
         return told

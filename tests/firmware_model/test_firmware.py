@@ -529,8 +529,19 @@ FILTER_MUTATIONS = {
     ),
     "trust does not begin anew": (
         "filter.h",
-        "follows ? s->trust : 0U",
-        "follows ? s->trust : s->trust",
+        "follows ? s->support : 0U",
+        "follows ? s->support : s->support",
+    ),
+    "misfits of three windows": (
+        "filter.h",
+        "s->misfit_before = s->misfit;",
+        "s->misfit_before = 0U;",
+    ),
+    "margins without a limit": ("filter.h", "lesser(margin, MARGIN_TOP)", "margin"),
+    "a pause does not fit": (
+        "filter.h",
+        "s->paused ? 0U : misfit_of",
+        "s->paused ? 1U : misfit_of",
     ),
     "trust follows too far": ("filter.h", "<= (d->back + last)", "<= (d->back + last + 1U)"),
     "quiet windows are lively": ("vpr.c", "events <= (below >> QUIET_BITS)", "s->paused"),

@@ -262,7 +262,7 @@ def test_cycles_and_results_of_the_stepped_filter():
             states = list(stepped.filter_cycles(codes, quiet, paused))
             metrics = at_once.place_filter.metrics
             assert stepped.place_filter.metrics == metrics
-            assert stepped.place_filter.trust == at_once.place_filter.trust
+            assert stepped.place_filter.support == at_once.place_filter.support
             told = [(s.searched, s.metric) for s in states if s.searched is not None]
             assert told == list(enumerate(metrics))
             assert [state.number for state in states] == list(range(len(states)))

@@ -230,7 +230,9 @@ def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path):
             usual, counted = state["usual"], state["counted"]
             assert state["quiet"] == (counted == 0 or 2048 * counted < usual)
             assert state["paused"] == (counted == 0 or 4096 * counted < usual)
-            assert (state["least"], state["trust"]) == (match["sum"], match["trust"])
+            trust = max(state["support"] - 16 * state["misfit"], 0)
+            assert (state["least"], trust) == (match["sum"], match["trust"])
+            assert 0 <= state["misfit"] <= 23
             alone = match["second"] == -1
             assert state["margin"] == (1023 if alone else match["second_sum"] - match["sum"])
             if state["paused"]:
@@ -239,10 +241,10 @@ def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path):
                 own = 65_536 // state["spread"]
                 assert state["reciprocal"] == (own if reciprocal < 0 else reciprocal)
                 reciprocal = own
-            raised = state["kept"] + (16 * state["margin"] - state["kept"]) // 4
+            raised = state["kept"] + (16 * min(state["margin"], 23) - state["kept"]) // 4
             if match["place"] == place:
                 raised = min(raised, state["kept"] - state["kept"] // 16)
-            assert state["trust"] == raised
+            assert state["support"] == raised
             place = match["place"]
             kinds.add((state["quiet"], state["paused"]))
     assert kinds == {(0, 0), (1, 0), (1, 1)}

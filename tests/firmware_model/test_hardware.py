@@ -207,7 +207,7 @@ def filter_cycles(design):
     distances = (design.places - 1) * max(design.words, 2) + levels
     kept = 2 * design.places - 4
     passes = distances + (kept if design.keep_distances else distances + design.words)
-    around = 29 + 2 * design.own_mean + 2 * len(design.back) + (entries - 1).bit_length()
+    around = 30 + 2 * design.own_mean + 2 * len(design.back) + (entries - 1).bit_length()
     return design.slots + passes + formats_of(design)["distance_total"].width + around
 
 

@@ -6,6 +6,7 @@ import io
 import json
 import re
 import tomllib
+import warnings
 import zipfile
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -400,8 +401,15 @@ def _shown_profile(path: Path) -> object:
     return calibrated(path)
 
 
+def load_map(path: Path) -> ReferenceMap:
+    """Read a map; that its table is of an earlier version is a warning here."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return ReferenceMap.load(path)
+
+
 LOADERS: dict[str, Callable[[Path], object]] = {
-    "map": ReferenceMap.load,
+    "map": load_map,
     "state": Localiser.load,
     "matches": Matches.load,
     "settings": lambda path: resolve_settings(config=path),

@@ -121,7 +121,7 @@ def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
             4 if delay is None else 1,
         )  # fmt: skip
 
-    told, follow = smoothed(windows)
+    told, follow, evidence = smoothed(windows)
     if delay is not None:
         told = [smoothed(j + delay + 1)[0][j] for j in range(windows)]
     margins = []
@@ -133,7 +133,7 @@ def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
         nearest = sorted(range(places), key=lambda k: (metric[k], k))
         assert found.candidates[j][: min(places, 25)].tolist() == nearest[:25]
     trust = naive.smoothed_trust if delay is None else naive.delayed_trust
-    assert found.trust.tolist() == trust(found.place.tolist(), margins, follow)
+    assert found.trust.tolist() == trust(found.place.tolist(), margins, follow, evidence)
 
 
 def readings(travelled):
@@ -217,6 +217,31 @@ def test_a_view_that_stays_the_same_wins_no_trust():
     standing = [found.update(row, 1) for row in distances[10:]]
     assert [match.place for match in standing[-20:]] == [30] * 20
     assert max(match.trust for match in standing[3:]) < moving[-1].trust // 2
+
+
+def test_a_path_along_places_that_do_not_fit_is_not_trusted():
+    """Past the edge of a map the path goes on for a while, but other places fit better."""
+    distances = drive_through(60, list(range(10, 30)), np.random.default_rng(5))
+    distances[15:] = 20
+    distances[15:, 45:50] = 20 - 12 * np.eye(5, dtype=np.int64)
+    found = PlaceFilter(60, TransitionCosts(restart=60))
+    matches = [found.update(row, 1) for row in distances]
+    assert [match.place for match in matches[:16]] == list(range(10, 26))
+    before, past = matches[14], matches[15]
+    assert before.trust > 200 and past.second_metric - past.metric > 15
+    assert past.trust == 0
+
+
+def test_a_large_margin_is_not_remembered_for_long():
+    """Trust falls as fast from a huge margin as from one of 23 units."""
+    falls = []
+    for contrast in (25, 250):
+        distances = np.full((9, 40), contrast)
+        distances[np.arange(9), np.arange(9)] = 0
+        distances[6:] = contrast  # nothing is seen any more
+        found = PlaceFilter(40, TransitionCosts(restart=250))
+        falls.append([found.update(row, 1).trust for row in distances])
+    assert falls[0] == falls[1] and falls[0][5] > 200
 
 
 def test_steps_back_are_followed_only_where_they_are_priced():

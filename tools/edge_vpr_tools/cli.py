@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 import traceback
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
@@ -19,7 +20,7 @@ import argcomplete
 
 from edge_vpr import __version__
 from edge_vpr.errors import EdgeVprError, UsageError, did_you_mean, printable
-from edge_vpr_tools.console import Verbosity, compiling_noted, error_line, verbosity
+from edge_vpr_tools.console import Verbosity, compiling_noted, error_line, verbosity, warning
 
 # The commands (verbs) of the command line, by group, each with its one line of help.
 
@@ -323,8 +324,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     sys.unraisablehook = _interrupt_again
     try:
         if "_ARGCOMPLETE" in os.environ:
-            importlib.import_module("edge_vpr_tools.cli").answer()
-        run(argv)
+            answer()
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_: warning(str(message))
+            run(argv)
         sys.stdout.flush()
     except KeyboardInterrupt:
         error_line("interrupted; no incomplete file was left")

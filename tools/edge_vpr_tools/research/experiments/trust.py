@@ -20,8 +20,10 @@ from edge_vpr_tools.report.style import save
 from edge_vpr_tools.research.experiments.calibration import (
     HEADER,
     MATCHINGS,
+    PAST_THE_EDGE,
     Case,
     Sample,
+    accepted_past_the_edge,
     carried_off,
     described,
     first_row,
@@ -57,8 +59,7 @@ def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path)
                 found = tables.add(pair, [with_settings(case, **MATCHINGS[name]) for case in drawn])
                 everything += found if name == SMOOTHED else []
             for name in LIVE:
-                changes = {**MATCHINGS[name], "query_mean": "running"}
-                live = [with_settings(case, **changes) for case in drawn[: min(seeds, 2)]]
+                live = [with_settings(case, **MATCHINGS[name]) for case in drawn[: min(seeds, 2)]]
                 table = default_confidence(late=int(name))
                 first.append(first_row(f"{pair.name}, {described(name).lower()}", table, live))
     if figures:
@@ -86,7 +87,7 @@ def draw(smoothed: Sample) -> Figure:
 
 _REJECTED = ("drives", "right of those on the map", "found at 99 % precision over all",
              "AUROC off the map", "error, all draws", "accepted", "precision",
-             "recall")  # fmt: skip
+             "recall", PAST_THE_EDGE)  # fmt: skip
 
 
 class _Rows:
@@ -219,6 +220,7 @@ def _rejection_row(name: str, table: Confidence, found: list[Sample]) -> list[st
         f"{(counts.accepted or 0) / pooled.trust.size:.3f}",
         _shown(counts.precision),
         _shown(counts.recall),
+        accepted_past_the_edge(found, table.least_trust(PRECISION)),
     ]
 
 
