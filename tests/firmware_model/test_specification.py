@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from specification_device import Device, Drive, table
 
-from edge_vpr.matching.drive import _mean_trust
-from edge_vpr.matching.place_filter import PlaceFilter, WindowRows
+from edge_vpr.matching.drive import _largest_around, _mean_trust
+from edge_vpr.matching.place_filter import TRUST_BITS, PlaceFilter, WindowRows
 from edge_vpr.matching.smoother import BackwardPass, FixedLag
 from edge_vpr.matching.transitions import TransitionCosts
 from firmware_model import Design
@@ -78,10 +78,10 @@ def test_smoothing_delay_odometry_and_jumps_are_those_of_the_page(delay):
             jumps=np.array(jumps, dtype=np.int32).reshape(-1, 2), along_mm=along,
         )  # fmt: skip
         rows, late = [], []
-        lag = FixedLag(place_filter.moves, design["exclusion"], delay or 0)
+        lag = FixedLag(place_filter.transitions, design["exclusion"], delay or 0)
         for row, count, way in zip(distances, events, driven, strict=True):
             if way is not None:
-                place_filter.travel(way)
+                place_filter.predict_travelled(way)
             rows.append(place_filter.update_windows(row[None], count[None]))
             late.append(lag.add(rows[-1], way))
         page = Drive(
@@ -97,7 +97,9 @@ def test_smoothing_delay_odometry_and_jumps_are_those_of_the_page(delay):
         else:
             parts = [np.concatenate(column) for column in zip(*rows, strict=True)]
             every = WindowRows(*parts)
-            BackwardPass(place_filter.moves, design["exclusion"]).add_to(every, driven)
-            trust = _mean_trust(every.columns, driven, place_filter.moves)
+            BackwardPass(place_filter.transitions, design["exclusion"]).add_to(every, driven)
+            against = every.evidence[np.arange(len(driven)), every.columns[:, 0]].astype(np.int64)
+            trust = _mean_trust(every.columns, driven, place_filter.transitions)
+            trust = np.maximum(trust - (_largest_around(against) << TRUST_BITS), 0)
             found = zip(every.columns[:, 0], every.columns[:, 1], trust, strict=True)
             assert page.smoothed() == [tuple(map(int, one)) for one in found]
