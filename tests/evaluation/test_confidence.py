@@ -252,7 +252,7 @@ def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, caps
     evaluation = json.loads((tmp_path / "a" / "metrics.json").read_text())["evaluation"]
     assert evaluation["rejection"]["off_map"] == 9
     assert 0 <= evaluation["reliability"]["expected_calibration_error"] <= 1
-    assert (tmp_path / "a" / "reliability.png").is_file()
+    assert (tmp_path / "a" / "reliability.svg").is_file()
 
     sure = str(tmp_path / "sure.npz")
     assert main(["calibrate", str(tmp_path / "a"), *given, "-o", sure]) == 0

@@ -153,6 +153,22 @@ def test_an_online_report_shows_correct_and_wrong_once_it_knows(street):
     assert legend(text, "wrong, not accepted")
 
 
+def test_a_map_with_a_gps_log_can_be_evaluated_by_tracks_in_metres(street):
+    """Then the marks stand at the matched places, since the true ones are in other coordinates."""
+    table = np.loadtxt(street / "reference.csv", delimiter=",", skiprows=1)
+    table[:, 1:] = np.array([50.0, 8.0]) + table[:, 1:] * 1e-5
+    header = "time_s,latitude,longitude"
+    np.savetxt(street / "gps.csv", table, fmt="%.7f", delimiter=",", header=header, comments="")
+    small = ("--pixels", 8, "--sigma", 1, "--track", street / "gps.csv")
+    run("map", street / "pair/reference.npz", "-o", street / "gps.npz", *small)
+    folder = street / "gps"
+    run("match", street / "gps.npz", street / "pair/query.npz", "-o", folder, "--no-figures")
+    evaluated(street, folder)
+    metrics, text = read(folder)
+    assert metrics["verdict"] == read(street / "results")[0]["verdict"]
+    assert "east (m)" in text and "according to a match" in text
+
+
 def test_errors_without_positions_are_places_to_the_nearest_correct_one():
     correct = np.zeros((6, 3), dtype=np.bool_)
     correct[[1, 5], 0] = correct[2, 1] = True

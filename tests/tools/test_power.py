@@ -692,7 +692,7 @@ def test_a_profile_with_a_sensor_has_joules_figures_and_provenance(drive, load, 
         assert 0 <= one["precision_at_100_recall"] <= 1 and one["cpu_s_per_match"] > 0
     pictures = {path.name for path in out.glob("*.png")}
     assert pictures == {"accuracy.png", "power.png", "pairs.png", "rate.png"}
-    assert (out / "report.html").read_text().count("<img") == 4
+    assert (out / "report.html").read_text().count("<svg ") == 4
 
 
 @pytest.mark.usefixtures("timed_before")

@@ -58,7 +58,7 @@ TOLERANCE_M = 10
 _SHOWN = 0.8
 #: columns and rows, and how long the view is watched before it is drawn
 _TERMINAL = (80, 9)
-_WATCHED_S = 20
+_WATCHED_S = 25
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 COMMANDS = (
     "edge-vpr simulate -o street",
@@ -226,7 +226,7 @@ def live_view(folder: Path, path: Path) -> None:
     """Write what `edge-vpr stream` shows in a terminal, some time into the query drive."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-    query = ["edge-vpr", "bridge", "street/query.npz", "--start", "90", "--port", address]
+    query = ["edge-vpr", "bridge", "street/query.npz", "--start", "60", "--port", address]
     view = ["edge-vpr", "stream", "--port", address, "--protocol", "evpr", "--map", "map.npz"]
     with subprocess.Popen(query, cwd=folder, stdout=subprocess.DEVNULL) as bridge:
         terminal = Terminal([*view, "--every", "50ms"], os.environ, folder, _TERMINAL)

@@ -59,4 +59,5 @@ def run(args: argparse.Namespace) -> None:
     table(HEADER, rows(trials), title=title, width=_WIDTH, quiet=quiet)
     for line in remarks(trials, latencies):
         say(line, width=_WIDTH, markup=True, quiet=quiet)
-    say(f"See {output / results.REPORT}", width=_WIDTH, quiet=quiet)
+    film = f"edge-vpr replay {output} -o match.gif"
+    say(f"See {output / results.REPORT}; as a film: {film}", width=_WIDTH, quiet=quiet)

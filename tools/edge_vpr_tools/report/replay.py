@@ -82,7 +82,8 @@ class Replay:
             if np.isfinite(matches.probability[i]):
                 text += f", probability {matches.probability[i]:.2f}"
             if self.outcome.precision is not None:
-                text += f", {'' if self.outcome.accepted[i] else 'not '}accepted"
+                accepted = "accepted" if self.outcome.accepted[i] else "not accepted"
+                text += f", {accepted} at {self.outcome.precision:g}"
             texts.append(text)
         return texts
 
@@ -147,7 +148,8 @@ class _Film:
         self._query = self._sensor(query, "what the camera sees", self._seen[0])
         self._place = self._sensor(place, "the matched place", self._mapped[0])
         scale = along_route(reference, reference.route)
-        self._x, label = scale.values, scale.label.replace(" along the route", "")
+        self._x = scale.values
+        label = "way (m)" if reference.route is not None else "reference (s)"
         self._draw_cost(cost, label)
         self._draw_position(where, label)
         sure.set(title="probability", xlabel="time (s)", ylim=(-0.05, 1.05))

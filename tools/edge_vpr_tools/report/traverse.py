@@ -132,7 +132,12 @@ def _add_outcome(
     accepted = "" if level is None else f" Accepted: matches that --precision {level:g} keeps."
     positions = None if outcome.truth is None else outcome.truth.positions
     along_mm = reference.along_mm
-    spatial = positions is not None and positions.unit == "m"
+    spatial = (
+        positions is not None
+        and route is not None
+        and positions.unit == "m"
+        and (positions.kind, positions.query.shape[1]) == (route.kind, route.position.shape[1])
+    )
     if route is not None and route.position.shape[1] > 1:
         at = positions.query[query] if positions is not None and spatial else route.position[places]
         add("route", seen_from_above(outcome, route.position, at, route.kind),
