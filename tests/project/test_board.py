@@ -8,10 +8,12 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 from edge_vpr_tools.cli import parser_of
+from packaging.requirements import Requirement
 
 BOARD = Path(__file__).parents[2] / "tools/board"
 SCRIPTS = sorted(BOARD.glob("*.sh"))
@@ -43,7 +45,7 @@ def test_every_shell_of_posix_reads_a_script(script):
 def test_systemd_finds_nothing_in_the_unit(tmp_path):
     unit = tmp_path / "edge-vpr.service"
     # systemd looks whether the program is there
-    unit.write_text(UNIT.replace("/opt/edge-vpr/bin/edge-vpr", sys.executable))
+    unit.write_text(UNIT.replace("/opt/edge-vpr/current/bin/edge-vpr", sys.executable))
     command = [tool("systemd-analyze"), "verify", "--man=no", str(unit)]
     run = subprocess.run(command, capture_output=True, text=True)
     assert (run.returncode, run.stderr) == (0, "")
@@ -51,11 +53,31 @@ def test_systemd_finds_nothing_in_the_unit(tmp_path):
     assert "SIGNOTHING" in subprocess.run(command, capture_output=True, text=True).stderr
 
 
+def test_systemd_rates_the_service_as_hardly_exposed(tmp_path):
+    unit = tmp_path / "edge-vpr.service"
+    unit.write_text(UNIT)
+    run = subprocess.run(
+        [tool("systemd-analyze"), "security", "--offline=true", "--no-pager", str(unit)],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    if "unrecognized option" in run.stderr:
+        pytest.skip("systemd-analyze security --offline came with systemd 251")
+    (level,) = re.findall(r"Overall exposure level for edge-vpr.service: ([\d.]+)", run.stdout)
+    assert float(level) < 3
+
+
+def test_actions_of_other_people_are_pinned_by_commit():
+    """A tag can be moved to other code."""
+    for workflow in (BOARD.parents[1] / ".github/workflows").glob("*.yml"):
+        for action in re.findall(r"uses: *(\S+)", workflow.read_text()):
+            assert re.fullmatch(r"[\w./-]+@[0-9a-f]{40}", action), action
+
+
 def test_what_the_unit_runs_is_a_command():
     (line,) = of_unit("ExecStart")
     (given,) = re.findall(r'^STREAM="(.*)"$', (BOARD / "edge-vpr.conf").read_text(), re.MULTILINE)
     program, verb, *words = shlex.split(line.replace("$STREAM", given))
-    assert program == "/opt/edge-vpr/bin/edge-vpr"
+    assert program == "/opt/edge-vpr/current/bin/edge-vpr"
     arguments = parser_of(verb).parse(words)
     assert arguments.map == "/var/lib/edge-vpr/map.npz"
     assert of_unit("ConditionPathExists") == [arguments.map]
@@ -71,7 +93,7 @@ def test_the_installer_makes_what_the_unit_needs():
     for path in ("/var/lib/edge-vpr", "/var/cache/edge-vpr", "/etc/default/edge-vpr"):
         assert path in text
     (wanted_by,) = of_unit("WantedBy")
-    assert wanted_by.replace("\\", "\\\\") + ".wants" in text
+    assert f"{wanted_by}.wants" in text
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
@@ -131,7 +153,7 @@ def test_a_second_installation_keeps_arguments_and_needs_no_space_and_uninstalli
     install, root, done = stand_in
     assert install().returncode == 0
     assert "doctor --compile" in done.read_text()
-    program = root / "opt/edge-vpr/bin/edge-vpr"
+    program = root / "opt/edge-vpr/b/bin/edge-vpr"
     program.parent.mkdir(parents=True)
     program.touch(0o755)
     (root / "etc/default/edge-vpr").write_text("mine")
@@ -140,9 +162,99 @@ def test_a_second_installation_keeps_arguments_and_needs_no_space_and_uninstalli
     assert install(free_mib=30).returncode == 0
     assert (root / "etc/default/edge-vpr").read_text() == "mine"
     for _ in range(2):
-        assert install("--uninstall", fails_at=" id ").returncode == 0
+        assert install("--uninstall", fails_at="edge-vpr id ").returncode == 0
     left = sorted(str(path.relative_to(root)) for path in root.rglob("*") if path.is_file())
     assert left == ["etc/default/edge-vpr", "var/lib/edge-vpr/map.npz"]
+
+
+def test_an_update_is_put_beside_the_running_version_and_there_is_a_way_back(stand_in):
+    install, root, done = stand_in
+    current = root / "opt/edge-vpr/current"
+
+    def of_version(slot):
+        program = root / "opt/edge-vpr" / slot / "bin/edge-vpr"
+        program.parent.mkdir(parents=True, exist_ok=True)
+        program.touch(0o755)
+
+    refused = install("--back")
+    assert (refused.returncode, "no version to go back to" in refused.stderr) == (1, True)
+    assert install().returncode == 0
+    assert str(current.readlink()) == "a"
+    of_version("a")
+    # an update that fails leaves the running version as it is
+    done.unlink()
+    assert install(fails_at="pip install").returncode == 1
+    assert str(current.readlink()) == "a"
+    assert (root / "opt/edge-vpr/a/bin/edge-vpr").exists()
+    assert "/opt/edge-vpr/a" not in done.read_text()
+    assert install().returncode == 0
+    assert str(current.readlink()) == "b"
+    of_version("b")
+    for slot in ("a", "b"):
+        assert install("--back").returncode == 0
+        assert str(current.readlink()) == slot
+
+
+@pytest.mark.parametrize("words", [[], ["--uninstall"], ["--back"]])
+@pytest.mark.parametrize(
+    "path",
+    ["opt", "opt/edge-vpr", "var", "var/cache", "var/lib/edge-vpr", "var/tmp", "tmp", "etc",
+     "etc/default/edge-vpr", "etc/systemd/system", "etc/udev/rules.d",
+     "etc/systemd/system/dev-event\\x2dcamera.device.wants"],
+)  # fmt: skip
+def test_links_of_a_card_do_not_lead_into_this_machine(stand_in, tmp_path, path, words):
+    """`--root CARD --uninstall` deleted /opt/edge-vpr of the machine as root."""
+    install, root, done = stand_in
+    host = tmp_path / "host"
+    for inner in ("edge-vpr/bin", "cache/edge-vpr", "tmp"):
+        (host / inner).mkdir(parents=True)
+    (host / "edge-vpr/bin/edge-vpr").touch(0o755)
+    before = sorted(host.rglob("*"))
+    if (root / path).is_dir():
+        shutil.rmtree(root / path)
+    (root / path).parent.mkdir(parents=True, exist_ok=True)
+    (root / path).symlink_to(host)
+    run = install(*words)
+    assert run.returncode == 1
+    assert f"error: {root}/{path} is a link, which may lead out of {root}" in run.stderr
+    assert sorted(host.rglob("*")) == before
+    assert not done.exists()
+
+
+def test_no_file_of_a_freed_user_id_is_left(stand_in):
+    install, _, done = stand_in
+    assert install("--uninstall").returncode == 0
+    find, userdel = (done.read_text().index(name) for name in ("find / ", "userdel edge-vpr"))
+    assert find < userdel
+    assert (
+        r"( -user edge-vpr -o -group edge-vpr ) -exec chown -h root:root {} +" in done.read_text()
+    )
+
+
+def test_everything_that_is_installed_is_pinned_by_hash():
+    """For Linux on x86-64 and aarch64 and each version of Python, and what builds edge-vpr too."""
+    project = tomllib.loads((BOARD.parents[1] / "pyproject.toml").read_text())
+    text = (BOARD / "requirements.txt").read_text()
+    pinned = [
+        Requirement(line.split("\\")[0]) for line in re.findall(r"^\w.*$", text, re.MULTILINE)
+    ]
+    for python in ("3.11", "3.12", "3.13", "3.14"):
+        given = {"python_full_version": f"{python}.0", "python_version": python}
+        named = {
+            each.name: next(iter(each.specifier)).version
+            for each in pinned
+            if each.marker is None or each.marker.evaluate(given)
+        }
+        wanted = project["project"]["dependencies"] + project["build-system"]["requires"]
+        for each in map(Requirement, wanted):
+            assert each.specifier.contains(named[each.name]), each
+    assert all(each.url is None for each in pinned)
+    assert len(re.findall(r"^\w", text, re.MULTILINE)) == text.count("==")
+    install = (BOARD / "install.sh").read_text()
+    assert re.findall(r"run_pip (.*)", install) == [
+        '--require-hashes --only-binary :all: -r "${staged#"$root"}/requirements.txt"',
+        '--no-deps --no-build-isolation "$source"',
+    ]
 
 
 def test_udev_finds_nothing_in_the_rule():

@@ -27,6 +27,9 @@ echo "installed: $taken MiB"
 echo 'STREAM="--baud 9600 --protocol evpr"' >"$root/etc/default/edge-vpr"
 sh "$here/install.sh" --root "$root"
 grep -q 9600 "$root/etc/default/edge-vpr" || exit 1
+[ "$(readlink "$root/opt/edge-vpr/current")" = b ]
+sh "$here/install.sh" --root "$root" --back
+[ "$(readlink "$root/opt/edge-vpr/current")" = a ]
 
 cp "$map" "$root/var/lib/edge-vpr/map.npz"
 cp "$bytes" "$root/tmp/sent.bin"
@@ -36,7 +39,7 @@ for run in 1 2 3; do
     # as edge-vpr.service does, but for the port
     chroot "$root" runuser -u edge-vpr -- env -i PATH=/usr/bin:/bin \
         NUMBA_CACHE_DIR=/var/cache/edge-vpr MPLCONFIGDIR=/var/cache/edge-vpr/matplotlib \
-        /opt/edge-vpr/bin/edge-vpr stream --port /tmp/sent.bin --protocol evpr --once --json \
+        /opt/edge-vpr/current/bin/edge-vpr stream --port /tmp/sent.bin --protocol evpr --once --json \
         --map /var/lib/edge-vpr/map.npz >"$root/tmp/matches.jsonl" &
     until grep -q '"match"' "$root/tmp/matches.jsonl" 2>/dev/null; do
         kill -0 $! 2>/dev/null || break
@@ -58,6 +61,10 @@ for left in opt/edge-vpr var/cache/edge-vpr etc/systemd/system/edge-vpr.service 
     fi
 done
 [ -f "$root/var/lib/edge-vpr/map.npz" ]
+if [ -n "$(find "$root" -xdev -nouser)" ]; then
+    echo "files of the removed user are left" >&2
+    exit 1
+fi
 if chroot "$root" id edge-vpr >/dev/null 2>&1; then
     echo "the user edge-vpr is left" >&2
     exit 1

@@ -222,11 +222,12 @@ SILENT_S = 0.5
 def compiling_noted() -> Iterator[None]:
     """Print one note when compilation within the block has taken longer than `SILENT_S`.
 
-    Print another one when compiled kernels were damaged.
-
-    Does nothing if Numba was not imported before.
+    Print another one when compiled kernels were damaged. Does nothing if no kernel was imported
+    before.
     """
-    if "numba" not in sys.modules:
+    # importing it here would import Numba, which most commands need not
+    kernels = sys.modules.get("edge_vpr.compiling")
+    if kernels is None:
         yield
         return
     with compiling_reported(note, SILENT_S) as spent:
