@@ -97,34 +97,7 @@ AnyMap = TypeVar("AnyMap", bound="MapRecord")
 class MapRecord(EqualByValue):
     """Data of a reference drive, which queries are matched against.
 
-    Attributes
-    ----------
-    settings : Settings
-        With which it was made; a query is described with the same.
-    pixel_map : PixelMap
-    places : Descriptors
-        One a place, K in all.
-    saliency : ndarray of float32, shape (height, width)
-        Variance (or mean) that the pixels were drawn from; for figures.
-    hot : ndarray of bool, shape (height, width)
-        Pixels that were left out.
-    full_scale : ndarray of uint16, shape (J,), optional
-        Of each counter's code, where the settings scale it to each pixel; with polarity (2 J,).
-    mean : ndarray of int32, shape (J,), optional
-        Mean logarithm of each counter over this drive in units of 1/256 octave, where the settings
-        take codes against it; with polarity (2 J,).
-    confidence : Confidence, optional
-        Probability of matches with these settings, learnt from an evaluated drive.
-    route : Route, optional
-        Where the K places are.
-    jumps : ndarray of int32, shape (n, 2), optional
-        Pairs of places: from the first, the place filter may step to the second, as where a loop
-        closes or two routes meet.
-    odometer_mm : ndarray of int64, shape (K,), optional
-        Millimetres that the reference had driven at each place by its own odometry.
-    frame_period : Fraction, optional
-        Seconds a frame of counts, where the file of the reference did not say; taken for queries
-        that do not say either.
+    Its attributes are those of `edge_vpr.ReferenceMap`, and are described there.
 
     Raises
     ------

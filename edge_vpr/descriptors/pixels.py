@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect, narrow
-from edge_vpr.errors import UsageError, expect
+from edge_vpr.errors import UsageError, expect, kind_of
 from edge_vpr.events import Sensor
 from edge_vpr.settings import STRATEGIES, Strategy
 from fixedpoint.own_mean import LEVEL_BITS, OwnMeanCode
@@ -177,7 +177,8 @@ def select_pixels(
             "saliency holds negative or non-finite values: expected variances or means"
         )
     expect(pixels, (int, np.integer), "pixels", "a whole number")
-    expect(rng, np.random.Generator, "rng", "numpy.random.default_rng(seed)")
+    if not hasattr(rng, "random"):
+        raise UsageError(f"rng is {kind_of(rng)}: give numpy.random.default_rng(seed)")
     if pixels < 1:
         raise UsageError(f"cannot select {pixels} pixels: ask for at least 1")
     if not (math.isfinite(sigma) and (sigma == 0 or sigma >= 0.01)):
