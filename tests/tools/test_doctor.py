@@ -112,8 +112,8 @@ def test_sensors_are_shown_by_name_and_scope(tmp_path, capsys, monkeypatch):
 def test_without_a_folder_for_kernels_doctor_says_so_and_all_else_works(tmp_path):
     """Numba refuses to compile with a cache then, at the import of the first kernel."""
     script = (
-        "from numba.core.caching import _CacheImpl\n"
-        "_CacheImpl._locator_classes = []\n"
+        "from numba.core import caching\n"
+        "(getattr(caching, 'CacheImpl', None) or caching._CacheImpl)._locator_classes = []\n"
         "from edge_vpr_tools.cli import main\n"
         "import sys\n"
         "sys.exit(main(sys.argv[1:]))\n"

@@ -496,7 +496,7 @@ EXPORTS = {
         "Timestamp(ms),Current(uA),D0-D7\n0.0,500000.0,00000000\n500.0,1000000.0,00000001\n", 5.0
     ),
     "Joulescope": (
-        "#time (s),current (A),voltage (V),power (W)\n0.0,0.5,5.0,2.5\n0.5,1.0,5.0,5.0\n", None
+        "#time (s),current (A),voltage (V)\n0.0,0.5,5.0\n0.5,1.0,5.0\n", None
     ),
     "Joulescope, Unix microseconds": (
         "timestamp,power\n1767261600000000,2.5\n1767261600500000,5.0\n", None

@@ -473,7 +473,10 @@ def _sentence(asked: Question, told: Answers) -> str:
     tried, some = asked.tried, [one for found in told.candidates.values() for one in found]
     within = " and ".join(budget.text for budget in asked.budgets)
     chosen = "the smallest design" + f" within {within}" * bool(within)
-    on = f"of the queries of {tried.drives}, each run on its own"
+    on = (
+        f"of the queries of {tried.drives}, each run on its own, as evaluated (a smoothed run sees "
+        "later windows too, which a device does not)"
+    )
     if tried.same_queries:
         on = f"of the {some[0].queries if some else 0} queries on {tried.drives}, the same for all"
         on += f" {len(tried.designs)} designs"

@@ -383,8 +383,12 @@ class Candidate(DesignOnTarget):
 
     @property
     def error(self) -> float:
-        """Standard error of the accuracy, as if the queries were independent of one another."""
-        return math.sqrt(self.accuracy * (1 - self.accuracy) / max(self.queries, 1))
+        """Standard error of the accuracy, as if the queries were independent of one another.
+
+        By the rule of succession, so that it is not 0 where all queries are correct.
+        """
+        share = (self.accuracy * self.queries + 1) / (self.queries + 2)
+        return math.sqrt(share * (1 - share) / (self.queries + 3))
 
 
 class Recommendation(NamedTuple):
