@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any
+
+#: What a user can do to have them all at once.
+COMPILE_ALL = "; edge-vpr doctor --compile compiles all of them"
+
+#: event of `numba.core.event` when a file of compiled code was damaged; its data is the path
+DAMAGED = "edge_vpr:damaged"
+_waiting: list[Callable[[], None]] = []
+
+
+def listen() -> None:
+    """Let the reports that wait for Numba listen to it; `edge_vpr.compiling` calls this."""
+    while _waiting:
+        _waiting.pop()()
 
 
 @contextmanager
@@ -29,63 +43,70 @@ def compiling_reported(
     dict
         ``spent_s``, the seconds of compilation so far.
     """
-    from numba.core import event
-
-    from edge_vpr.compiling import DAMAGED
-
     spent = {"spent_s": 0.0}
 
-    class CompileListener(event.Listener):
-        """Sum the time of compilations; a kernel compiled for another one is not counted twice."""
+    def begin() -> None:
+        from numba.core import event
 
-        def __init__(self) -> None:
-            self._depth, self._start, self._said = 0, 0.0, False
-            self._timer: threading.Timer | None = None
+        class CompileListener(event.Listener):
+            """Sum the time of compilations; those within another one are not counted twice."""
 
-        def on_start(self, event: Any) -> None:
-            self._depth += 1
-            if self._depth > 1:
-                return
-            self._start = time.monotonic()
-            if not self._said:
-                self._timer = threading.Timer(max(silent_s - spent["spent_s"], 0.0), self._say)
-                self._timer.daemon = True
-                self._timer.start()
+            def __init__(self) -> None:
+                self._depth, self._start, self._said = 0, 0.0, False
+                self._timer: threading.Timer | None = None
 
-        def on_end(self, event: Any) -> None:
-            self._depth -= 1
-            if self._depth:
-                return
-            spent["spent_s"] += time.monotonic() - self._start
-            if self._timer is not None:
-                self._timer.cancel()
+            def on_start(self, event: Any) -> None:
+                self._depth += 1
+                if self._depth > 1:
+                    return
+                self._start = time.monotonic()
+                if not self._said:
+                    self._timer = threading.Timer(max(silent_s - spent["spent_s"], 0.0), self._say)
+                    self._timer.daemon = True
+                    self._timer.start()
 
-        def _say(self) -> None:
-            self._said = True
-            report(
-                "compiling the kernels that this needs, once on each machine, up to a minute; "
-                "edge-vpr doctor --compile compiles all of them"
-            )
+            def on_end(self, event: Any) -> None:
+                self._depth -= 1
+                if self._depth:
+                    return
+                spent["spent_s"] += time.monotonic() - self._start
+                if self._timer is not None:
+                    self._timer.cancel()
 
-    class DamageListener(event.Listener):
-        """Report one damaged file, however many there are."""
-
-        def __init__(self) -> None:
-            self._said = False
-
-        def on_start(self, event: Any) -> None:
-            if not self._said:
+            def _say(self) -> None:
                 self._said = True
                 report(
-                    "compiled kernels are damaged or of an older version: they are deleted and "
-                    f"compiled again ({event.data})"
+                    "compiling the kernels that this needs, once on each machine, up to a minute"
                 )
 
-        def on_end(self, event: Any) -> None:
-            pass
+        class DamageListener(event.Listener):
+            """Report one damaged file, however many there are."""
 
-    with (
-        event.install_listener("numba:compile", CompileListener()),
-        event.install_listener(DAMAGED, DamageListener()),
-    ):
-        yield spent
+            def __init__(self) -> None:
+                self._said = False
+
+            def on_start(self, event: Any) -> None:
+                if not self._said:
+                    self._said = True
+                    report(
+                        "compiled kernels are damaged or of an older version: they are deleted and "
+                        f"compiled again ({event.data})"
+                    )
+
+            def on_end(self, event: Any) -> None:
+                pass
+
+        stack.enter_context(event.install_listener("numba:compile", CompileListener()))
+        stack.enter_context(event.install_listener(DAMAGED, DamageListener()))
+
+    with ExitStack() as stack:
+        # importing Numba here would make commands slow that need no kernels
+        if "edge_vpr.compiling" in sys.modules:
+            begin()
+        else:
+            _waiting.append(begin)
+        try:
+            yield spent
+        finally:
+            if begin in _waiting:
+                _waiting.remove(begin)

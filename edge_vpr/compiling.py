@@ -16,6 +16,8 @@ from numba import config, njit, types
 from numba.core import caching, event
 from numba.core.dispatcher import Dispatcher
 
+from edge_vpr.compile_report import DAMAGED, listen
+
 # How kernels are compiled: without the interpreter's lock, and kept from run to run.
 #
 # Numba keeps compiled code beside the sources until the kernel's own module changes. The code
@@ -27,8 +29,6 @@ from numba.core.dispatcher import Dispatcher
 # `DAMAGED` tells Numba's listeners.
 
 
-#: event of `numba.core.event` when a file of compiled code was damaged; its data is the path
-DAMAGED = "edge_vpr:damaged"
 _DIGEST_BYTES = 32
 # these have no types
 _CACHING: Any = caching
@@ -247,3 +247,6 @@ class KernelState(Generic[Tuple]):
 
 def _plain(value: Any) -> Any:
     return tuple(map(_plain, value)) if isinstance(value, tuple) else value
+
+
+listen()  # reports that wait for Numba

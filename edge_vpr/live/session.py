@@ -22,7 +22,7 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.compile_report import compiling_reported
+from edge_vpr.compile_report import COMPILE_ALL, compiling_reported
 from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
 from edge_vpr.errors import MapError, RecordingError, UsageError, printable
 from edge_vpr.evaluation.tracks import save_odometry
@@ -628,7 +628,7 @@ class LiveSession:
         """Compile all kernels of this session; `open` does it before it opens the link."""
         if self._live is not None:
             return
-        with compiling_reported(lambda text: self._say("compiling", text)):
+        with compiling_reported(lambda text: self._say("compiling", text + COMPILE_ALL)):
             self._live = LiveLocaliser(
                 self.decoder, self.reference, self._every,
                 causal_bursts=self._causal, odometry=self._odometry is not None,
@@ -640,11 +640,15 @@ class LiveSession:
 
         Raises
         ------
+        UsageError
+            If the session was closed.
         LinkError
             If the link or the odometer cannot be opened.
         OSError
             If a file of bytes cannot be written.
         """
+        if self._closed:
+            raise UsageError("this session is closed: make a new one")
         if self._opened:
             return
         self.warm_up()

@@ -427,6 +427,16 @@ def test_a_program_that_fails_leaves_whole_files(route, query, tmp_path):
     assert 0 < recorded.size == session.health.events
 
 
+def test_a_session_is_used_once(route):
+    line = Line("pty")
+    with LiveSession(line.host, protocol="evpr", reference=route) as session:
+        session.stop()
+        assert list(session) == session.poll() == []
+    with pytest.raises(UsageError, match="make a new one"):
+        list(session)
+    line.close()
+
+
 @pytest.mark.parametrize(
     ("given", "says"),
     [

@@ -688,6 +688,36 @@ def test_a_line_that_breaks_and_comes_back_costs_what_was_sent_meanwhile(drive, 
     at_once(broken, "cable", "network")
 
 
+@pytest.mark.slow
+def test_a_process_that_is_starved_says_how_late_its_matches_came(drive, tmp_path, any_baud):
+    """It cannot know when the bytes came, only what the camera's clock says."""
+    events = random_events(np.random.default_rng(4), 60_000, SENSOR, 6_000_000)
+    link = open_device_link("virtual")
+    run = Running(
+        "--port", link.address, "--protocol", "evpr", "--map", drive / "map.npz", "--json",
+        "--every", "50ms", "--max-lag", "60s",
+    )  # fmt: skip
+    bridge = Bridge(link, open_encoder("evpr", SENSOR))
+    parts = [events[i : i + 500] for i in range(0, events.size, 500)]
+    thread = threading.Thread(target=bridge.run, args=(parts,), daemon=True)
+    thread.start()
+    run.wait_for(lambda line: '"kind": "match"' in line)
+    run.process.send_signal(signal.SIGSTOP)
+    time.sleep(1.5)
+    run.process.send_signal(signal.SIGCONT)
+    told = json.loads(run.wait_for(lambda line: '"kind": "lag"' in line))
+    assert "late: this machine is busy" in told["text"]
+    run.wait_for(lambda line: '"kind": "lag"' in line)  # in time again
+    summary = json.loads(run.stop().splitlines()[-1])
+    bridge.stopping.set()
+    thread.join(timeout=10)
+    link.close()
+    # the device, too, waits for room on its line: 4 kB
+    assert 1_000_000 < summary["longest_lag_us"] < 60_000_000
+    assert summary["lag_us"] < summary["longest_lag_us"] / 2
+    assert summary["lag_p99_ms"] < 1_000
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [

@@ -43,7 +43,7 @@ def test_a_room_imports_only_the_rooms_below_it(room):
 
 #: stages of the pipeline; each imports only those before it
 STAGES = [
-    *("errors", "run_log", "files", "plugins", "compiling", "compile_report", "archive"),
+    *("errors", "run_log", "files", "plugins", "compile_report", "compiling", "archive"),
     *("settings", "events", "results"),
     *("confidence", "route", "recordings", "descriptors", "map_record", "matching"),
     *("pipeline", "registration", "evaluation", "simulation", "online", "reference_map", "live"),

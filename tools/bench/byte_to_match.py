@@ -1,10 +1,10 @@
 """From the last byte of a frame on a line to its match, as a robot's program sees it.
 
 ``python tools/bench/byte_to_match.py`` plays a device on a pseudo-terminal, and takes the time from
-the write of a frame to the match that the frame gives: in a program that reads the line with
-`LinkReader` and matches with `LiveLocaliser`, and in a program that reads the output of `edge-vpr
-stream`. All of them sleep in between, as a robot's do. Before that it takes the time of the call
-of `LiveLocaliser.feed` alone, for frames that follow at once and after a sleep.
+the write of a frame to the match that the frame gives: in a program that iterates over a
+`LiveSession`, and in a program that reads the output of `edge-vpr stream`. All of them sleep in
+between, as a robot's do. Before that it takes the time of the call of `LiveLocaliser.feed` alone,
+for frames that follow at once and after a sleep.
 """
 
 from __future__ import annotations

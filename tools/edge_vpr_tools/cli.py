@@ -19,6 +19,7 @@ from typing import Any, NoReturn
 import argcomplete
 
 from edge_vpr import __version__
+from edge_vpr.compile_report import COMPILE_ALL
 from edge_vpr.errors import EdgeVprError, UsageError, did_you_mean, printable
 from edge_vpr_tools.console import Verbosity, compiling_noted, error_line, verbosity, warning
 
@@ -390,7 +391,7 @@ def run(argv: Sequence[str]) -> None:
     level = Verbosity.QUIET if args.quiet else Verbosity(args.verbose)
     with verbosity(level, argv):
         command = importlib.import_module(f"edge_vpr_tools.commands.{module_name(verb)}")
-        with compiling_noted():
+        with compiling_noted("" if verb == "doctor" else COMPILE_ALL):
             command.run(args)
 
 

@@ -219,18 +219,17 @@ SILENT_S = 0.5
 
 
 @contextmanager
-def compiling_noted() -> Iterator[None]:
+def compiling_noted(hint: str = "") -> Iterator[None]:
     """Print one note when compilation within the block has taken longer than `SILENT_S`.
 
-    Print another one when compiled kernels were damaged. Does nothing if no kernel was imported
-    before.
+    Print another one when compiled kernels were damaged.
+
+    Parameters
+    ----------
+    hint : str
+        End of the note.
     """
-    # importing it here would import Numba, which most commands need not
-    kernels = sys.modules.get("edge_vpr.compiling")
-    if kernels is None:
-        yield
-        return
-    with compiling_reported(note, SILENT_S) as spent:
+    with compiling_reported(lambda text: note(text + hint), SILENT_S) as spent:
         yield
     if spent["spent_s"]:
         detail(f"compiling kernels took {spent['spent_s']:.1f} s")
