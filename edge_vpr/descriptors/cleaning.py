@@ -424,12 +424,14 @@ def load_hot_pixels(path: str | Path, sensor: Sensor) -> npt.NDArray[np.bool_]:
     """
     sensor, path = Sensor.of(sensor), as_path(path, "a list of hot pixels")
     try:
-        if path.stat().st_size > _LONGEST_LIST:
+        with path.open("rb") as file:  # a device has no size
+            raw = file.read(_LONGEST_LIST + 1)
+        if len(raw) > _LONGEST_LIST:
             raise RecordingError(
                 f"{path} has more than {_LONGEST_LIST:,} bytes: name a file with a line x, y for "
                 "each hot pixel"
             )
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = raw.decode().splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(
             f"cannot read hot pixels from {path}: {error}: name a file with a line x, y for each"

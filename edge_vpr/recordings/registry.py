@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import stat
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -183,10 +184,17 @@ def check_file_or_folder(path: Path) -> None:
     Raises
     ------
     RecordingError
-        If there is nothing at `path`, or neither a file nor a folder.
+        If there is nothing at `path`, or neither a file nor a folder, or the folder holds
+        something that is neither.
     """
     try:
         mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            with os.scandir(path) as entries:
+                odd = [Path(entry) for entry in entries if not (entry.is_file() or entry.is_dir())]
+            for inner in odd:
+                if inner.exists():  # a link to nothing does no harm
+                    raise RecordingError(f"{inner} is neither a file nor a folder: remove it")
     except FileNotFoundError:
         raise RecordingError(f"{path} does not exist: check the path") from None
     except (OSError, ValueError) as error:

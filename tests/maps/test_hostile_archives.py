@@ -345,6 +345,11 @@ def test_numbers_that_are_no_characters_are_one_line_that_names_the_file(tmp_pat
         read_archive(tmp_path / "a.npz", "thing")
 
 
+def test_a_list_of_hot_pixels_without_end_is_refused():
+    with pytest.raises(RecordingError, match=r"/dev/zero has more than .* bytes"):
+        load_hot_pixels("/dev/zero", SENSOR)
+
+
 def test_pickles_are_never_opened(tmp_path):
     np.savez(tmp_path / "a.npz", edge_vpr=np.array([{"kind": "thing"}], dtype=object))
     with pytest.raises(MapError, match="expected numbers or text"):

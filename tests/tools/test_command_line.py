@@ -339,13 +339,18 @@ def test_a_recording_is_a_file_or_a_folder(tmp_path, capsys, kind):
     if kind == "pipe":
         path = tmp_path / "pipe"
         os.mkfifo(path)
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    (bag / "metadata.yaml").symlink_to(path)
     for read in (
         lambda: open_recording(path, sensor=SENSOR, format="evt3"),
         lambda: open_recording(path),
         lambda: open_intensity(path),
         lambda: content_hash(Path(path)),
+        lambda: open_recording(bag),
+        lambda: open_intensity(bag),
     ):
-        with pytest.raises(EdgeVprError, match="is neither a file nor a folder: write it to a fil"):
+        with pytest.raises(EdgeVprError, match="is neither a file nor a folder: "):
             read()
     assert cli.main(["info", str(path)]) == 1
     assert capsys.readouterr().err.count("\n") == 1
