@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # tells a stale environment from a current one without asking pip
 STAMP = $(VENV)/.installed-$(1)
 
-.PHONY: demo test quick coverage test-rtl test-aarch64 test-pythons test-oldest lint types site bench clean
+.PHONY: demo test quick coverage test-rtl test-aarch64 test-pythons test-oldest lint types site bench eva clean
 
 demo: $(call STAMP,run)
 	$(BIN)/edge-vpr demo -o results/demo --overwrite
@@ -48,6 +48,10 @@ test-oldest:
 	.oldest/bin/python -m pip install --quiet uv
 	.oldest/bin/uv pip install --quiet --python .oldest/bin/python --resolution lowest-direct --editable '.[test]'
 	.oldest/bin/python -m pytest -n auto --dist worksteal -m "not slow and not alone" -W ignore::DeprecationWarning
+
+# the firmware by abstract interpretation: apt install frama-c-base
+eva: $(call STAMP,test)
+	$(BIN)/python -m firmware_model.eva
 
 lint: $(call STAMP,test)
 	$(BIN)/ruff check .

@@ -34,31 +34,33 @@ _FILTER = replace(_DESIGN, matching="filter", length=1, code="own-mean")
 CASES = ("tie_of_two", "events_by_count", "walk", "backwards_of_kept_distances", "own_means")
 _OPTIONS = (
     "-eva", "-machdep", "x86_32", "-eva-precision", "2", "-eva-auto-loop-unroll", "300",
-    "-eva-slevel", "100", "-eva-widening-delay", "24",
+    "-eva-slevel", "60", "-eva-widening-delay", "18",
+    "-eva-widening-period", "8",
 )  # fmt: skip
 #: types of the entries of the tables, in their order in the image
 _TYPES = ("H", "IHH", "B", "B", "B", "H", "H")
 _C_TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "IHH": "vpr_entry_t"}
 _DRIVER = """
-static void take(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m, const vpr_event_t *event)
+static vpr_design_t design;
+static vpr_state_t state;
+static vpr_match_t match;
+
+static void take(const vpr_event_t *event)
 {
     const vpr_event_t *next = event;
     while (next == event) {
-        if (vpr_events(d, s, &next, event + 1) != VPR_WINDOW_ENDS) {
+        if (vpr_events(&design, &state, &next, event + 1) != VPR_WINDOW_ENDS) {
             break;
         }
-        vpr_window_end(d, s);
-        //@ split s->newest;
-        //@ split s->seen;
-        (void)vpr_match_places(d, s, m);
+        vpr_window_end(&design, &state);
+        //@ split state.newest;
+        //@ split state.seen;
+        (void)vpr_match_places(&design, &state, &match);
     }
 }
 
 int main(void)
 {
-    vpr_design_t design;
-    vpr_state_t state;
-    vpr_match_t match = {0};
     if (!vpr_open(&design, (const uint32_t *)(const void *)&flash, sizeof flash)) {
         //@ assert opens: \\false;
         return 1;
@@ -69,10 +71,10 @@ int main(void)
         event.t = Frama_C_unsigned_int_interval(0U, ~0U);
         if (Frama_C_nondet(0, 1)) {
             event.pixel = Frama_C_unsigned_int_interval(0U, 0x7FFFFFFFU);
-            take(&design, &state, &match, &event);
+            take(&event);
         } else {
             event.pixel = Frama_C_unsigned_int_interval(0x80000000U, ~0U);
-            take(&design, &state, &match, &event);
+            take(&event);
         }
     }
 }
@@ -167,20 +169,24 @@ def alarms(memories: Memories, *, sources: Path = SOURCES, seconds: int = 600) -
             )
         except subprocess.TimeoutExpired as error:
             raise ToolError(f"frama-c took more than {seconds} s") from error
-    summary = re.search(r"(\d+) alarms? generated|No alarms? (?:was )?generated", done.stdout)
+    summary = re.search(r"(\d+) alarms? generated", done.stdout)
     if done.returncode or "ANALYSIS SUMMARY" not in done.stdout:
         raise ToolError(f"frama-c does not analyse the firmware: {done.stdout[-500:]}")
     found = re.findall(r"\[eva:alarm\] \S*?(\w+\.[ch]:\d+): Warning:\s+(.*?)\n", done.stdout)
     told = [f"{where}: {' '.join(what.split())}" for where, what in found]
-    if summary is not None and summary[1] and not told:
+    if summary is None or (int(summary[1]) > 0) != bool(told):
         raise ToolError(f"frama-c tells of alarms in another way: {done.stdout[-500:]}")
     return told
 
 
 def cases() -> dict[str, Case]:
-    """Return the cases whose images are analysed, by name."""
-    every = [*corner_cases(_DESIGN), *filter_cases(_FILTER)]
-    return {case.name: case for case in every if case.name in CASES}
+    """Return the cases whose images are analysed, by name; windows by count end soon."""
+    found = {}
+    for case in (*corner_cases(_DESIGN), *filter_cases(_FILTER)):
+        if case.name in CASES:
+            short = replace(case.design, window_events=3)
+            found[case.name] = replace(case, memories=replace(case.memories, design=short))
+    return found
 
 
 def main() -> int:
