@@ -5,7 +5,8 @@ BIN := $(VENV)/bin
 # tells a stale environment from a current one without asking pip
 STAMP = $(VENV)/.installed-$(1)
 
-.PHONY: demo test quick coverage test-rtl test-aarch64 test-pythons test-oldest lint types site bench eva clean
+SHELL := /bin/bash
+.PHONY: demo test verify coverage test-rtl test-aarch64 test-pythons test-oldest lint types site bench eva clean
 
 demo: $(call STAMP,run)
 	$(BIN)/edge-vpr demo -o results/demo --overwrite
@@ -16,14 +17,15 @@ KERNELS := cleaning codes counters distances filter_run informative_pixels local
 
 PLAIN := NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q -n auto $(wildcard $(KERNELS:%=tests/*/test_%.py))
 
+# what guards a change
 test: lint types
-	$(BIN)/python -m pytest -n auto --dist worksteal -m "not alone"
-	$(BIN)/python -m pytest -m alone tests
-	$(PLAIN)
-
-# while one works: without the tests marked slow, and without lint and types
-quick: $(call STAMP,test)
 	$(BIN)/python -m pytest -q -n auto --dist worksteal -m "not slow and not alone"
+
+# the rest: slow tests, terminals in real time, and kernels in plain Python; says how long each part takes
+verify: $(call STAMP,test)
+	time $(BIN)/python -m pytest -q -n auto --dist worksteal -m "slow and not alone"
+	time $(BIN)/python -m pytest -q -m alone tests
+	time $(PLAIN)
 
 # of what has kernels, with the compiler off
 coverage: $(call STAMP,test)

@@ -198,3 +198,40 @@ def test_the_tutorial_runs_word_for_word_and_prints_what_it_says(tmp_path, monke
     (code,) = (body for _, needs, body in _BLOCK.findall(page) if needs)
     exec(compile(code, "docs/tutorial.md", "exec"), {})
     assert len(capsys.readouterr().out.splitlines()) == 3
+
+
+#: rows of the README's table of accuracy, and of the figures from which they come
+SHOWN = {
+    "Brisbane-Event-VPR, car, 49 pixels, GPS at 70 m": "Brisbane, 49 px",
+    "two walks with a Speck, 25 pixels": "Speck walks, 25 px",
+    "one walk indoors with a Speck, 150 pixels": "Speck indoor, 150 px",
+    "simulated street, half to double speed, 150 pixels, 10 m": "street, 150 px",
+    "the same in low sun": "street, low sun, 150 px",
+    "the same with three stops": "street, 3 stops, 150 px",
+}
+COLUMNS = (
+    "sequences of 5, counts (the paper)",
+    "sequences of 10, own mean",
+    "place filter, running mean (robot)",
+    "place filter, running mean (robot), 4 windows late",
+    "place filter, own mean, smoothed (default)",
+)
+
+
+def table_rows(text: str) -> list[list[str]]:
+    """Give the cells of each row of a page's tables."""
+    return [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in text.splitlines()
+        if line.startswith("|")
+    ]
+
+
+def test_the_accuracy_in_the_readme_is_that_of_the_experiment():
+    figures = table_rows((ROOT / "docs/place_filter_figures.md").read_text())
+    head = next(row for row in figures if row[0] == "drives" and COLUMNS[0] in row)
+    at = [head.index(name) for name in COLUMNS]
+    found = {row[0]: row for row in table_rows((ROOT / "README.md").read_text())}
+    for shown, name in SHOWN.items():
+        of = next(row for row in figures if row[0] == name and len(row) == len(head))
+        assert found[shown][1:6] == [of[column].split(" /")[0] for column in at], shown

@@ -85,9 +85,10 @@ def detail_settings(settings: Mapping[str, object]) -> None:
 
 
 def warning(text: str) -> None:
-    """Print a warning on standard error, even if quiet, and keep it for the record of the run."""
+    """Print a warning on standard error, unless quiet, and keep it for the record of the run."""
     log_warning(text)
-    error_line(f"warning: {text}")
+    if not is_quiet():
+        error_line(f"warning: {text}")
 
 
 def error_line(text: str) -> None:
