@@ -28,7 +28,7 @@ CASES =
 all: {first}
 {rules}
 test:
-\tpython -m firmware_model.verification.replay vectors
+\tpython -m firmware_model.hardware.replay vectors
 
 cocotb:
 	$(PYTHON) cocotb/{bench} $(CASES)

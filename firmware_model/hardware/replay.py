@@ -1,4 +1,4 @@
-"""Hold the core to golden vectors: ``python -m firmware_model.verification.replay``.
+"""Hold the core to golden vectors: ``python -m firmware_model.hardware.replay``.
 
 With a folder of vectors that ``edge-vpr golden --rtl`` wrote, its cases are replayed; with
 ``--designs N``, those of N random designs; with ``--events N``, one long case of a design with the
