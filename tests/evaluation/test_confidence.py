@@ -314,7 +314,7 @@ def test_a_table_of_an_earlier_rule_of_trust_is_not_used(tmp_path, monkeypatch, 
     path = tmp_path / "map.npz"
     reference.save(path)
     assert ReferenceMap.load(path).confidence is not None
-    monkeypatch.setattr("edge_vpr.reference_map.TRUST_RULE", 1)
+    monkeypatch.setattr("edge_vpr.map_record.TRUST_RULE", 1)
     reference.save(path)
     monkeypatch.undo()
     if matching == "sequence":

@@ -19,6 +19,7 @@ from firmware_model import Design, ToolError, VectorError, cost
 from firmware_model.hardware import (
     formal,
     registers,
+    replay,
     report,
     simulation,
     sources,
@@ -49,7 +50,6 @@ from firmware_model.verification import (
 )
 from firmware_model.verification import (
     proof,
-    replay,
     stream_proof,
     unit_proof,
 )

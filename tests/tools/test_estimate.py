@@ -36,13 +36,13 @@ from edge_vpr_tools.estimate.of_map import design_of
 from edge_vpr_tools.estimate.search import FIRMWARE_LIMITS, Budget, broken_by, fit, memory_bytes
 from edge_vpr_tools.estimate.targets import busy
 from edge_vpr_tools.report.page import quantity
-from edge_vpr_tools.results import to_json
 from naive import sad
 from test_commands import drive  # noqa: F401
 
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.matching.transitions import TransitionCosts
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.results import to_json
 from edge_vpr.settings import PRESETS
 from firmware_model import Design, EventResult, Machine, WindowResult
 from firmware_model.cost import memories
