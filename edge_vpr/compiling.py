@@ -230,7 +230,7 @@ class KernelState(Generic[Tuple]):
     value : tuple
     boxed : BoxedState
         What kernels take as an argument. Its `value` is of plain tuples, also where names were: a
-        kernel gives them back, ``Followed(*box.value)``. A cache that knew the class by its name
+        kernel gives them back, ``OnlineState(*box.value)``. A cache that knew the class by its name
         could not be read, nor thrown away, by a later version without that name.
     """
 

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import Floats, local_metres
 from edge_vpr.files import replacing
+from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.matches import Matches
-from edge_vpr.reference_map import ReferenceMap
 
 SUFFIXES = (".gpx", ".geojson", ".tum")
 #: a recording does not say when it was made: its time 0 is written as this
@@ -22,14 +22,14 @@ _ZERO = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
 _GPX = "http://www.topografix.com/GPX/1/1"
 
 
-def check_track_file(path: str | Path, reference: ReferenceMap) -> None:
+def check_track_file(path: str | Path, reference: MapRecord) -> None:
     """Check that matches with a map can be written to a file of this name.
 
     Parameters
     ----------
     path : str or Path
         Ends in one of `SUFFIXES`.
-    reference : ReferenceMap
+    reference : MapRecord
 
     Raises
     ------
@@ -53,7 +53,7 @@ def check_track_file(path: str | Path, reference: ReferenceMap) -> None:
         )
 
 
-def save_match_track(path: str | Path, reference: ReferenceMap, matches: Matches) -> int:
+def save_match_track(path: str | Path, reference: MapRecord, matches: Matches) -> int:
     """Write the positions of the matched places as a track, atomically.
 
     Matches with a place of unknown position are left out, as are lost ones, except of GeoJSON,
@@ -66,7 +66,7 @@ def save_match_track(path: str | Path, reference: ReferenceMap, matches: Matches
         for each match, with its time, place, probability and metres along the route. ``.tum``:
         seconds, metres and no rotation, as evo reads it; of geographic positions, metres east and
         north of the first place of the map, which a comment names.
-    reference : ReferenceMap
+    reference : MapRecord
     matches : Matches
 
     Returns
@@ -93,7 +93,7 @@ def save_match_track(path: str | Path, reference: ReferenceMap, matches: Matches
     return len(rows)
 
 
-def _positions(reference: ReferenceMap) -> Floats:
+def _positions(reference: MapRecord) -> Floats:
     """Return the positions of the places, or the metres along the route, shape (K, d)."""
     if reference.route is not None:
         return reference.route.position
@@ -104,7 +104,7 @@ def _positions(reference: ReferenceMap) -> Floats:
 Rows = npt.NDArray[np.intp]
 
 
-def _gpx(reference: ReferenceMap, matches: Matches, rows: Rows) -> str:
+def _gpx(reference: MapRecord, matches: Matches, rows: Rows) -> str:
     root = ElementTree.Element("gpx", version="1.1", creator="edge-vpr", xmlns=_GPX)
     segment = ElementTree.SubElement(ElementTree.SubElement(root, "trk"), "trkseg")
     position = _positions(reference)[matches.place]
@@ -117,7 +117,7 @@ def _gpx(reference: ReferenceMap, matches: Matches, rows: Rows) -> str:
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def _geojson(reference: ReferenceMap, matches: Matches, rows: Rows) -> str:
+def _geojson(reference: MapRecord, matches: Matches, rows: Rows) -> str:
     route = reference.route
     assert route is not None
     rejects = matches.settings.precision is not None
@@ -137,7 +137,7 @@ def _geojson(reference: ReferenceMap, matches: Matches, rows: Rows) -> str:
     return json.dumps({"type": "FeatureCollection", "features": points}, indent=1) + "\n"
 
 
-def _tum(reference: ReferenceMap, matches: Matches, rows: Rows) -> str:
+def _tum(reference: MapRecord, matches: Matches, rows: Rows) -> str:
     position, route = _positions(reference), reference.route
     lines = ["# time_s x_m y_m z_m qx qy qz qw"]
     if route is not None and route.kind == "geographic":

@@ -472,6 +472,7 @@ class LiveSession:
     ...     camera.sendall(encoder.start() + encoder.encode(next(iter(drive))))
     ...     camera.close()
     ...     places = [match.place for match in session]
+    >>> port.close()
     >>> len(places) > 5, str(session.health)
     (True, 'no faults')
 

@@ -444,7 +444,7 @@ class PlaceFilter:
 
     Attributes
     ----------
-    transitions : Moves
+    transitions : Transitions
     metric : ndarray of int32, shape (K,)
         Of 10 bits, 2 of them fraction bits.
     prediction, quiet : ndarray of int32, shape (K,)

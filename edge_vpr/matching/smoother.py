@@ -37,7 +37,7 @@ class BackwardPass:
 
     Parameters
     ----------
-    transitions : Moves
+    transitions : Transitions
     exclusion : int
         See `PlaceFilter`.
     """
@@ -92,7 +92,7 @@ class FixedLag:
 
     Parameters
     ----------
-    transitions : Moves
+    transitions : Transitions
     exclusion : int
         See `PlaceFilter`.
     delay : int

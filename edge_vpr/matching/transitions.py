@@ -270,7 +270,7 @@ class Transitions:
 
     Examples
     --------
-    >>> moves = Moves(4, TransitionCosts(restart=5), jumps=np.array([[3, 0]], dtype=np.int32))
+    >>> moves = Transitions(4, TransitionCosts(restart=5), jumps=np.array([[3, 0]], dtype=np.int32))
     >>> moves.by_steps(np.array([9, 9, 9, 0], dtype=np.int32)).tolist()  # back at the start
     [0, 4, 9, 4]
     """

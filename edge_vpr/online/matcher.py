@@ -178,7 +178,7 @@ class MatchRun:
     ----------
     windows : OnlineWindows
         Its state may be replaced between two calls.
-    followed : Followed
+    followed : OnlineState
     """
 
     #: Name of the array of the schedule in an archive.
@@ -248,7 +248,7 @@ class MatchRun:
 
         Parameters
         ----------
-        result : Few
+        result : Chunked
             Which is not that the events are refused.
 
         Returns

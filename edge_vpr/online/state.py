@@ -80,7 +80,7 @@ class SlidingWindows(NamedTuple):
         Map, a pixel's places one after another, `stride` apart from pixel to pixel.
     sums : ndarray of uint16 or uint32
         ``sums[m]``: distance of the sequence that ends at place m + L - 1, less the common base.
-        After LANES spare ones, the smallest of each block, see `vector_kernels.least_in`.
+        After LANES spare ones, the smallest of each block, see `kernels.least_in`.
     steps : ndarray of int64, shape (2, MAX_STEPS)
         Scratch for the steps of `update_blocks`.
     totals : ndarray of TOTALS, shape (1,)
@@ -219,7 +219,7 @@ def compared(s: SlidingWindows, index: ReferenceIndex) -> SlidingWindows:
 
     Parameters
     ----------
-    s : Sliding
+    s : SlidingWindows
         Of one window, with all moves taken.
     index : ReferenceIndex
         The map.
@@ -233,7 +233,7 @@ def compared(s: SlidingWindows, index: ReferenceIndex) -> SlidingWindows:
 
 
 def _find_least(sums: npt.NDArray[np.unsignedinteger], count: int) -> None:
-    """Write the smallest sum of each block after the sums, see `vector_kernels.least_in`."""
+    """Write the smallest sum of each block after the sums, see `kernels.least_in`."""
     sums[count + LANES :] = np.minimum.reduceat(sums[:count], np.arange(0, count, BLOCK))
 
 
@@ -260,7 +260,7 @@ class OnlineWindows:
 
     Attributes
     ----------
-    s : Sliding
+    s : SlidingWindows
     places : ndarray of unsigned int, shape (K, J)
         Those of the map, and those that were appended.
     """
@@ -543,7 +543,7 @@ class OnlineState(NamedTuple):
 
     Attributes
     ----------
-    s : Sliding
+    s : SlidingWindows
     predicted : Predictions
         Of the place filter; of size 0 where sequences are matched.
     metric : ndarray of int32, shape (K,)
@@ -579,7 +579,7 @@ class OnlineState(NamedTuple):
         Parameters
         ----------
         reference : MapRecord
-        s : Sliding
+        s : SlidingWindows
             Of this map.
         schedule : MatchSchedule
             When to give a match.

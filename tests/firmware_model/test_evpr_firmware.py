@@ -494,7 +494,7 @@ def test_no_address_or_arithmetic_is_undefined(folder):
 
 MUTATIONS = {
     "step one too long": ("(step >= e->pause) ||", "(step > e->pause) ||"),
-    "pause one too long": ("(1U << time_at) - 1U;", "(1U << time_at);"),
+    "pause one too long": ("1U << time_at) - 1U;", "1U << time_at);"),
     "pauses take no room": ("e->left -= pauses * e->event_bytes;", ""),
     "one pause too many": ("((pauses + 1U) * e->event_bytes)", "(pauses * e->event_bytes)"),
     "frame one word too long": ("frame_bytes - EMPTY_BYTES;", "frame_bytes - HEADER_BYTES;"),
@@ -508,7 +508,7 @@ MUTATIONS = {
     "counts no stalls": ("step)) {\n            e->dropped++;", "step)) {"),
     "takes pixels beyond": ("(y >> e->y_bits)) != 0U", "(y >> e->y_bits)) == 0xFFFFU"),
     "clock of 32 bits": ("(uint32_t)(e->time >> 32)}", "0U}"),
-    "polarity upside down": ("= on ? (1U", "= !on ? (1U"),
+    "polarity upside down": ("= on ? ((", "= !on ? (("),
     "x and y change places": ("x | (y << e->x_bits)", "y | (x << e->y_bits)"),
     "sends beyond the ring's end": ("(whole < to_end) ? whole : to_end", "whole"),
     "frames too old": ("(EVPR_FRAME_US - EVPR_POLL_US)", "EVPR_FRAME_US"),

@@ -266,19 +266,6 @@ def test_the_filter_takes_at_most_half_of_sequences_of_five(measured):
     assert not FILTER.keep_distances and FILTER.own_mean
 
 
-def test_the_pages_say_what_a_place_of_the_filter_takes_beside_one_of_sequences():
-    """On a Cortex-M4, from the table: with kept distances, and with distances computed twice."""
-    with TABLE.open(encoding="ascii") as file:
-        row = next(row for row in csv.DictReader(file) if row["target"] == "cortex-m4")
-    sequences = int(row["match_per_place"])
-    kept, twice = (f"{int(row[n]) / sequences:.2f}" for n in ("kept_per_place", "filter_per_place"))
-    docs = Path(__file__).parents[2] / "docs"
-    for name in ("firmware.md", "place_filter.md"):
-        text = " ".join((docs / name).read_text(encoding="utf-8").split())
-        assert f"take {kept} of the instructions of sequences" in text.replace("takes", "take")
-        assert f"and {twice} if" in text
-
-
 def test_counted_instructions_are_those_of_a_loop_by_hand(folder):
     """Of n rounds of three instructions, between one before and one behind; counted or not before.
 
@@ -373,7 +360,11 @@ MUTATIONS = {
         "if ((int32_t)(window_end - (e->t * time_scale)) <= 0)",
         "if ((time_scale != 0U) && ((window_end - (e->t * time_scale) - 1U) >= d->tau))",
     ),
-    "clock of 32 bits always": ("vpr.c", "(1U << (32U - image[AT_TIMESTAMP_BITS]))", "1U"),
+    "clock of 32 bits always": (
+        "vpr.c",
+        "((uint32_t)1U << (32U - image[AT_TIMESTAMP_BITS]))",
+        "1U",
+    ),
     "next window starts late": (
         "vpr.c",
         "    s->window_end += d->tau;",

@@ -877,7 +877,7 @@ def test_a_simulation_without_an_end_is_ended_by_the_processors_time(tmp_path):
     ("words", "cases"),
     [
         (["--events", "3000", "--slow-blocks"], 1),
-        (["--designs", "1", "--suite", "random", "--seed", "4"], 3),
+        (["--designs", "1", "--suite", "random", "--seed", "4"], 5),
     ],
 )
 def test_the_replay_command_makes_its_own_cases(capsys, words, cases):

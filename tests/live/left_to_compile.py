@@ -9,16 +9,19 @@ import gc
 import socket
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
-from streams import Drive, random_events
 
 from edge_vpr import LiveSession
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.pipeline import map_traverse
 from edge_vpr.settings import Settings
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from streams import Drive, random_events
 
 SENSOR = Sensor(64, 48)
 

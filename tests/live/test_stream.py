@@ -526,8 +526,7 @@ def test_faults_that_make_no_sense_are_refused(text):
 # lines come ten times as often, or most of a test's time would be spent on waiting for them
 PROGRAM = """
 import sys
-from edge_vpr_tools import cli
-from edge_vpr_tools.console import live_view
+from edge_vpr_tools import cli, live_view
 live_view._LINE_S = 0.1
 sys.exit(cli.main())
 """

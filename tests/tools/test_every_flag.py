@@ -289,8 +289,7 @@ def small_loads(monkeypatch):
     monkeypatch.setattr("firmware_model.vectors.standard_suites", lambda *unused: {})
     monkeypatch.setattr(codes_frontier, "pairs", lambda data: map(_Pair, "abcdef"))
     monkeypatch.setattr(codes_frontier, "score", scores)
-    for module in ("edge_vpr_tools.commands.evaluate", "edge_vpr_tools.report.traverse"):
-        monkeypatch.setattr(f"{module}.write_report", lambda *unused, **more: None)
+    monkeypatch.setattr("edge_vpr_tools.report.traverse.write_report", lambda *unused, **more: None)
     street = partial(simulate_pair, length_m=60.0)
     monkeypatch.setattr("edge_vpr.simulation.simulate_pair", street)
 

@@ -85,7 +85,7 @@ def test_times_are_without_compilation(drive, tmp_path, monkeypatch):  # noqa: F
 
     for original in (describe_query, match_query):
         name = original.__name__
-        monkeypatch.setattr(f"edge_vpr_tools.runs.matching.{name}", slow(name, original))
+        monkeypatch.setattr(f"edge_vpr.reference_map.{name}", slow(name, original))
     out = tmp_path / "run"
     words = ["match", str(drive / "map.npz"), str(drive / "query.npz"), "-o", str(out)]
     assert main([*words, "--no-figures"]) == 0

@@ -17,7 +17,7 @@ from edge_vpr_tools.console import warning
 def add_reading_arguments(
     parser: argparse.ArgumentParser, *, on_fault: bool = True
 ) -> argparse._ArgumentGroup:
-    """Add a group with the flags that `reading.open_from` reads, and return the group."""
+    """Add a group with the flags that `inputs.open_from` reads, and return the group."""
     group = parser.add_argument_group(
         "reading", "needed where a file does not hold this information"
     )
@@ -228,7 +228,7 @@ def _checked(field: SettingField) -> Callable[[str], str]:
 
 
 def add_truth_flags(group: argparse._ActionsContainer) -> None:
-    """Add the flags that `truth.load_truth` reads."""
+    """Add the flags that `inputs.load_truth` reads."""
     group.add_argument(
         "--ground-truth",
         nargs="+",

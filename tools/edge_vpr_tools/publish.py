@@ -316,9 +316,9 @@ WAITING_MESSAGES = 1_000
 #: Environment variable with the password; other users could read an argument.
 PASSWORD = "EDGE_VPR_MQTT_PASSWORD"
 _KEEP_ALIVE_S = 10
-#: Kinds of packets that a broker sends to a client without subscriptions, with QoS 0: CONNACK and
-#: PINGRESP; and the length of the longest in bytes.
-_EXPECTED, _LONGEST_PACKET = (0x20, 0xD0), 2
+#: Kinds of packets that a broker sends to a client without subscriptions: CONNACK, PUBACK (with
+#: QoS 1) and PINGRESP; and the length of the longest in bytes.
+_EXPECTED, _LONGEST_PACKET = (0x20, 0x40, 0xD0), 2
 _URL = re.compile(
     r"mqtt(?P<tls>s?)://(?:(?P<user>[^@/:]+)@)?(?P<host>\[[^\]/]+\]|[^@:/\[\]]+)"
     r"(?::(?P<port>\d{1,5}))?/(?P<topic>[^?]+)(?:\?(?P<options>.*))?"

@@ -115,7 +115,7 @@ STAGES = {
             "edge_vpr.live.links.LinkReader",
             "edge_vpr.live.session.LiveLocaliser",
         ),
-        exported=("stream",),
+        exported=("live",),
     ),
     "evaluation": Stage(
         "Ground truth and evaluation",

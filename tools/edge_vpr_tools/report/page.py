@@ -125,7 +125,8 @@ class Page:
         """Add an SVG of Matplotlib, which becomes a part of the page and has its colours."""
         self._pictures += 1
         drawn = _themed(svg.decode("utf-8"), f"f{self._pictures}-")
-        drawn = drawn.replace("<svg", f'<svg role="img" aria-label="{html.escape(caption)}"', 1)
+        label = html.escape(str(_without_controls(caption)))
+        drawn = drawn.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
         size = _VIEW.search(drawn)
         width = round(float(size[1]) * _PIXELS * _ENLARGED) if size else 0
         self._sections[-1].parts.append(_Picture(drawn, caption, width))
@@ -183,7 +184,8 @@ def _without_controls(value: object) -> object:
     """Escape control characters, such as those of a file name, in what a page shows."""
     if type(value) is not str:  # markup of macros contains what was escaped before
         return value
-    return "\n".join(map(escaped, value.split("\n")))
+    lines = (line.split("\u00a0") for line in value.split("\n"))
+    return "\n".join("\u00a0".join(map(escaped, parts)) for parts in lines)
 
 
 def _is_number(cell: str) -> bool:

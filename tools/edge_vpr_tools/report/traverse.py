@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from edge_vpr import results
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.metrics import Evaluation
-from edge_vpr.files import read_json
+from edge_vpr.files import read_json, understood
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.sequences import sequence_sums
@@ -58,7 +58,7 @@ def write_report(
     outcome : Outcome, optional
         Of an evaluation; by default, of all matches of the folder without one.
     formats : sequence of str
-        Of `report.formats.FORMATS`: each figure is also written in each.
+        Of `report.style.FORMATS`: each figure is also written in each.
     route : Route, optional
         Positions of the places; without it, those that the map holds.
     warnings : sequence of str
@@ -105,7 +105,8 @@ def write_report(
     page.heading("Pixels")
     add("pixels", selected_pixels(reference),
          "Where the sensor sees change that differs from place to place.")  # fmt: skip
-    add_run(page, run)
+    with understood(folder / results.RUN, "the run", "match again"):
+        add_run(page, run)
     page.write(folder / results.REPORT)
 
 

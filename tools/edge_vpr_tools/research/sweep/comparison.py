@@ -252,7 +252,7 @@ def write_comparison(
     folder : Path
     rows : sequence of Row
     formats : sequence of str
-        Names from `report.formats.FORMATS`.
+        Names from `report.style.FORMATS`.
     measure : str
         Measure of the figure, one of `MEASURES`.
     """
