@@ -112,7 +112,9 @@ class _CheckedCacheFile(_CACHING.IndexDataCacheFile):  # type: ignore[misc]
     """
 
     def save(self, key: object, data: object) -> None:
-        super().save(key, (key, data))
+        # a full disk ends no run: what cannot be kept is compiled again in the next one
+        with suppress(OSError):
+            super().save(key, (key, data))
 
     def load(self, key: object) -> object:
         stored_key, data = super().load(key) or (None, None)

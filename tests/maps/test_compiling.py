@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from kernel_programs import KERNEL, Runner
+from kernel_programs import KERNEL, ONE_KERNEL, Runner
 from numba import config
 
 pytestmark = pytest.mark.skipif(
@@ -25,9 +25,9 @@ def taken(x):
 _PROGRAM = """
 import sys
 sys.stderr = sys.stdout
-from edge_vpr_tools.console import compiling
-compiling.SILENT_S = 60.0
-with compiling.compiling_noted():
+from edge_vpr_tools import console
+console.SILENT_S = 60.0
+with console.compiling_noted():
     import two_kernels
     print(two_kernels.added(5), two_kernels.taken(5))
 print("loaded", *(each.stats.cache_hits.total() for each in (two_kernels.added, two_kernels.taken)))
@@ -163,3 +163,16 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder, Runner(folder) as run:
         test_code_that_is_damaged_at_random_never_gives_another_result(Kernels(Path(folder), run))
     print("1,000 damaged files: no other result")
+
+
+def test_a_full_disk_keeps_no_code_and_ends_no_run(tmp_path):
+    """It ended the run with the system's error while its kernels were being stored."""
+    (tmp_path / "one_kernel.py").write_text(ONE_KERNEL)
+    limited = (
+        "import resource, signal, one_kernel\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (64, 64))\n"
+        "print(one_kernel.plus_one(1))"
+    )
+    with Runner(tmp_path) as run:
+        assert "2" in run(limited)

@@ -80,8 +80,10 @@ def test_the_wheel_holds_every_file_of_the_packages(built):
         for folder, package in PACKAGES.items():
             if name.startswith(f"{folder}/") and (ROOT / name).exists():
                 wanted.add(package + name.removeprefix(folder))
-    assert len(wanted) > 200
-    assert wanted <= names
+    verifying = {name for name in wanted if name.startswith("firmware_model/verification/")}
+    assert len(wanted) > 200 and verifying
+    assert wanted - verifying <= names
+    assert not verifying & names
     assert {name.split("/")[0] for name in names} == {
         *PACKAGES.values(), f"edge_vpr-{__version__}.dist-info",
     }  # fmt: skip
@@ -124,7 +126,7 @@ def test_what_the_command_needs_is_what_the_wheel_asks_for(environment):
         "import contextlib, pkgutil, edge_vpr, edge_vpr_tools\n"
         "for package in (edge_vpr, edge_vpr_tools):\n"
         "    for each in pkgutil.walk_packages(package.__path__, package.__name__ + '.'):\n"
-        "        with contextlib.suppress(ImportError):  # of extras\n"
+        "        if '.research.' not in each.name:  # which needs extras\n"
         "            importlib.import_module(each.name)\n"
         "from sys import modules\n"
         "for name, module in list(modules.items()):\n"
