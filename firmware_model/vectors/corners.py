@@ -702,6 +702,9 @@ def _pauses(design: Design) -> list[Case]:
     for name, keeps in {"quiet": False, "quiet_of_kept_distances": True}.items():
         of_map = replace(every_way, keep_distances=keeps)
         cases.append(drive(name, of_map, [6, 6, 4, 4, 8, 8, 8, 7, 11, 0], None, usual))
+    # the cost of a restart stays in quiet windows, so that the next match may be anywhere
+    near = replace(forward, restart=1)
+    cases.append(drive("quiet_restart", near, [6, 6, 0, 0, 9, 9, 2, 2, 11, 5], None, usual))
     # a quiet window moves by two places for less than the steps of the map would
     few = replace(forward, steps=(1, 0))
     cases.append(drive("quiet_of_two_steps", few, [2, 4, 6, 6, 8, 10], None, usual))
@@ -709,6 +712,9 @@ def _pauses(design: Design) -> list[Case]:
         cases.append(drive("pauses", forward, route))
         kept = replace(forward, keep_distances=True, back=(1, 2))
         cases.append(drive("pauses_of_kept_distances", kept, route))
+        # in a pause, a restart for nothing leads to the first place
+        free = replace(forward, restart=0)
+        cases.append(drive("pauses_of_free_restart", free, route))
     return cases + _limits(forward)
 
 

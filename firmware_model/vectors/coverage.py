@@ -64,6 +64,7 @@ FILTER_CORNERS = {
     "evidence_saturated": "a place whose evidence is at its largest, and would be above it",
     "metric_saturated": "a place whose metric is at its largest, and would be above it",
     "restarted": "a place that nothing leads to for less than a restart",
+    "quiet_restarted": "a match in a quiet window that only a restart leads to",
     "stood": "a match at the place of the one before",
     "stepped": "a match one place further",
     "largest_step": "a match that follows by the largest step that there is",
@@ -102,6 +103,7 @@ class FilterCoverage:
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
         self.found: Counter[str] = Counter(dict.fromkeys(FILTER_CORNERS, 0))
+        self._far: set[int] = set()  # places that only a restart leads to, in a quiet window
         self._misfits = (0, 0, 0)  # of the last matches, the newest first
         self._paused = False
         self._last = -1
@@ -130,6 +132,7 @@ class FilterCoverage:
         found["busy_at_threshold"] += counted > 0 and usual == threshold
         threshold = counted << (ACTIVITY_BITS + QUIET_SHIFT)
         found["first_window_quiet"] += first and window.quiet and not paused
+        self._far = set()
         if window.quiet and not (first or paused):
             self._see_quiet()
         found["quiet_at_threshold"] += counted > 0 and usual == threshold + 1
@@ -164,6 +167,8 @@ class FilterCoverage:
         """Count the corners of a window that is quiet but no pause, and not the first."""
         design, model = self.machine.design, self.machine.place_filter
         least, quiet = min(model.metrics), model.predictions(True)
+        limit = design.restart << FRACTION_BITS
+        self._far = {place for place, price in enumerate(quiet) if price == limit > 0}
 
         def cheaper(moves: Iterable[tuple[int, int]]) -> bool:
             """Return whether a place can be reached for less by one of these steps and prices."""
@@ -185,6 +190,7 @@ class FilterCoverage:
         """Count the corners of a match."""
         design, found, last = self.machine.design, self.found, self._last
         self._last = match.place
+        found["quiet_restarted"] += match.place in self._far
         found["filter_tie"] += match.ties > 0
         found["filter_no_second"] += match.second is None
         assert match.trust is not None, "a match of the filter has one"
