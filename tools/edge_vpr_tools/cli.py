@@ -16,8 +16,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-import argcomplete
-
 from edge_vpr import __version__
 from edge_vpr.compile_report import COMPILE_ALL
 from edge_vpr.errors import EdgeVprError, UsageError, did_you_mean, printable
@@ -463,6 +461,8 @@ def answer() -> None:
     """Write the completions that the shell asked for by its environment, and end the process."""
     # only the arguments of the verb on the line are needed: those of the others are not imported
     words = os.environ.get("COMP_LINE", "").split()[1:]
+    import argcomplete  # when a shell asks; other commands need not load it
+
     argcomplete.autocomplete(tree(find_verb(words)[0]))
 
 

@@ -9,14 +9,15 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import IntEnum
 from types import FrameType
-
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
+from typing import TYPE_CHECKING
 
 from edge_vpr.compile_report import compiling_reported
 from edge_vpr.errors import escaped, printable
 from edge_vpr.run_log import log_warning, logged_run
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.text import Text
 
 # Notes on standard error and summaries on standard output, depending on ``-q`` and ``-v``.
 
@@ -190,6 +191,8 @@ def table(
     quiet : bool
         Print nothing.
     """
+    from rich.table import Table  # slow to load, as all of rich
+
     shown = Table(title=None if title is None else _plain(title))
     for i, name in enumerate(header):
         shown.add_column(_plain(name), justify="left" if i == 0 else "right")
@@ -205,10 +208,14 @@ def say(text: str, *, width: int = WIDTH, markup: bool = False, quiet: bool = Fa
 
 def _plain(text: str) -> Text:
     """Return text without the mark-up and escapes that names of files and devices can contain."""
+    from rich.text import Text
+
     return Text("\n".join(map(escaped, text.split("\n"))))
 
 
 def _console(width: int, quiet: bool) -> Console:
+    from rich.console import Console
+
     return Console(width=None if Console().is_terminal else width, quiet=quiet or is_quiet())
 
 

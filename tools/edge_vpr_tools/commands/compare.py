@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Print the table, and write it with the figure if asked."""
     from edge_vpr import results
-    from edge_vpr_tools.report.style import read_formats
+    from edge_vpr_tools.report.formats import read_formats
     from edge_vpr_tools.research.sweep.comparison import markdown, rows_of, write_comparison
 
     runs, formats = [Path(run) for run in args.runs], read_formats(args.figures)

@@ -56,8 +56,8 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.files import read_json
     from edge_vpr.results import run_record, write_json
     from edge_vpr_tools.inputs import load_evaluated
+    from edge_vpr_tools.report.formats import read_formats
     from edge_vpr_tools.report.page import MISSED
-    from edge_vpr_tools.report.style import read_formats
     from edge_vpr_tools.report.traverse import write_report
     from edge_vpr_tools.report.verdict import outcome_of
     from edge_vpr_tools.runs.truth_files import load_tracks

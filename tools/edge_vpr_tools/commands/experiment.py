@@ -141,7 +141,7 @@ def _summary(module: ModuleType) -> str:
 
 def _figure_files(named: Path, formats: str | None) -> list[Path]:
     """Return the given file, or one with its stem for each format."""
-    from edge_vpr_tools.report.style import read_formats
+    from edge_vpr_tools.report.formats import read_formats
 
     if formats is None:
         return [named]

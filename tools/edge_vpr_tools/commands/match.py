@@ -102,7 +102,7 @@ def match_online(
     from edge_vpr.reference_map import OnlineMetrics
     from edge_vpr_tools.inputs import describe_faults, open_from
     from edge_vpr_tools.progress import describe_removed, tracked, warn_if_much
-    from edge_vpr_tools.report.style import read_formats
+    from edge_vpr_tools.report.formats import read_formats
     from edge_vpr_tools.runs.matching import export_tracks, report_shift
 
     if args.frames_as_windows:
@@ -149,7 +149,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.reference_map import MatchMetrics, ReferenceMap
     from edge_vpr_tools.inputs import describe_faults, open_source
     from edge_vpr_tools.progress import describe_removed, tracked, warn_if_much
-    from edge_vpr_tools.report.style import read_formats
+    from edge_vpr_tools.report.formats import read_formats
     from edge_vpr_tools.runs.matching import export_tracks, report_shift
 
     output = Path(args.output)

@@ -20,45 +20,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from edge_vpr.errors import UsageError, did_you_mean, printable
+from edge_vpr.errors import UsageError, printable
 from edge_vpr.files import replacing
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
-
-# File formats of figures: the flag ``--figures``.
-
-
-#: that Matplotlib writes without further libraries, and papers and pages take
-FORMATS = ("png", "pdf", "svg")
-
-
-def read_formats(text: str) -> tuple[str, ...]:
-    """Read names of formats, separated by commas.
-
-    Parameters
-    ----------
-    text : str
-        For example ``pdf,svg``.
-
-    Returns
-    -------
-    tuple of str
-        Each once, in the order given.
-
-    Raises
-    ------
-    UsageError
-        If one is unknown, or none is given.
-    """
-    names = tuple(dict.fromkeys(name.strip().lower() for name in text.split(",")))
-    for name in names:
-        if name not in FORMATS:
-            raise UsageError(
-                f"--figures {text!r}: {name!r} is no format of figures"
-                f"{did_you_mean(name, FORMATS)}: choose from {', '.join(FORMATS)}"
-            )
-    return names
-
+from edge_vpr_tools.report.formats import FORMATS
 
 # One look for every figure: colour-blind safe (Okabe and Ito, 2008), legible in print.
 

@@ -252,7 +252,7 @@ def write_comparison(
     folder : Path
     rows : sequence of Row
     formats : sequence of str
-        Names from `report.style.FORMATS`.
+        Names from `report.formats.FORMATS`.
     measure : str
         Measure of the figure, one of `MEASURES`.
     """
