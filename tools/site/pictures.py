@@ -48,7 +48,7 @@ from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests/tools"))
 from terminals import Terminal  # noqa: E402
 
 IMAGES = ROOT / "docs" / "images"
@@ -109,7 +109,7 @@ def strip(folder: Path, path: Path) -> None:
         right = int(np.count_nonzero(outcome.correct))
         row[2].set(
             title=f"live matches: {right} of {outcome.found.queries} correct",  # type: ignore[union-attr]
-            xlabel="true way (m)", ylabel="matched way (m)",
+            xlabel="true place along the route (m)", ylabel="matched place (m)",
         )  # fmt: skip
         row[2].legend(fontsize=9, loc="upper left", handletextpad=0.2)
     save(drawing, path)
