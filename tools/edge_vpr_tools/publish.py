@@ -439,6 +439,9 @@ class MqttPublisher:
             with suppress(OSError):
                 sock.shutdown(socket.SHUT_RDWR)
         self._client.loop_stop()
+        # without this circle the client is freed, and closes its sockets, when the publisher is
+        for callback in ("on_connect", "on_connect_fail", "on_publish"):
+            setattr(self._client, callback, None)
 
     def _publish_status(self, status: str) -> None:
         with self._lock:
