@@ -83,9 +83,7 @@ _Part = _Text | _Table | _Picture | _Folded | _Warning | _Verdict
 @dataclass
 class _Section:
     title: str = ""
-    parts: list[_Text | _Table | _Picture | _Folded | _Warning | _Verdict] = field(
-        default_factory=list
-    )
+    parts: list[_Part] = field(default_factory=list)
 
     @property
     def anchor(self) -> str:
