@@ -117,6 +117,8 @@ class MapRecord(EqualByValue):
     jumps: npt.NDArray[np.int32] | None = None
     odometer_mm: npt.NDArray[np.int64] | None = None
     frame_period: Fraction | None = None
+    learnt_mean: npt.NDArray[np.int32] | None = None
+    drives: npt.NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
         self.check()
@@ -166,6 +168,7 @@ class MapRecord(EqualByValue):
         if self.route is not None and len(self.route.along_m) != len(places):
             raise MapError(f"position has {len(self.route.along_m)} rows for {len(places)} places")
         check_ways(len(places), self.jumps, self.odometer_mm)
+        self._check_learnt()
         own_mean = self.own_mean_code
         if own_mean is None:
             check_codes(settings, places.counts, self.full_scale)
@@ -175,6 +178,18 @@ class MapRecord(EqualByValue):
         check_array(self.mean, "mean", (np.int32,), (counters,))
         check_range(self.mean, "mean", 0, int(own_mean.levels[-1]))
         check_range(places.counts, "counts", 0, (1 << own_mean.bits) - 1)
+
+    def _check_learnt(self) -> None:
+        """Check that the codes are those of the mean over several drives, if it is there."""
+        if (self.learnt_mean is None) != (self.drives is None):
+            raise MapError("the map holds learnt_mean or drives alone: expected both or neither")
+        if self.learnt_mean is None or self.drives is None:
+            return
+        check_array(self.learnt_mean, "learnt_mean", (np.int32,), self.places.counts.shape)
+        check_array(self.drives, "drives", (np.uint8,), (len(self.places),))
+        check_range(self.drives, "drives", 1, 255)
+        if ((self.learnt_mean.astype(np.int64) + 128) >> 8 != self.places.counts).any():
+            raise MapError("learnt_mean does not round to the codes of the places")
 
     @property
     def codes(self) -> PixelCodes | None:
@@ -292,6 +307,8 @@ class MapRecord(EqualByValue):
             mean=self.mean,
             jumps=self.jumps,
             odometer_mm=self.odometer_mm,
+            learnt_mean=self.learnt_mean,
+            drives=self.drives,
         )
         meta: dict[str, Any] = {
             "settings": self.settings.to_dict(),
@@ -334,6 +351,8 @@ class MapRecord(EqualByValue):
                 jumps=arrays.get("jumps"),
                 odometer_mm=arrays.get("odometer_mm"),
                 frame_period=_period(meta.get("frame_period")),
+                learnt_mean=arrays.get("learnt_mean"),
+                drives=arrays.get("drives"),
             )
         earlier = found.settings.matching == "filter" and meta.get("trust_rule") != TRUST_RULE
         if found.confidence is None or not earlier:

@@ -22,6 +22,7 @@ from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
 from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
 from edge_vpr.evaluation.tracks import Track, load_jumps, load_odometry, load_track, with_positions
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
+from edge_vpr.learning import MapUpdate, learn_drive
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.matches import Matches, write_csv
 from edge_vpr.online.localiser import Localiser, OdometryFeed
@@ -34,6 +35,7 @@ from edge_vpr.pipeline import (
     check_sensor,
     check_source,
     cleaned,
+    count_windows,
     describe_query,
     map_traverse,
     match_query,
@@ -108,6 +110,11 @@ class ReferenceMap(MapRecord):
     frame_period : Fraction, optional
         Seconds a frame of counts, where the file of the reference did not say; taken for queries
         that do not say either.
+    learnt_mean : ndarray of int32, shape (K, J), optional
+        Of a map of several drives (`update`): the mean of their codes, in units of 1/256. The codes
+        of the places are this mean, rounded.
+    drives : ndarray of uint8, shape (K,), optional
+        How many drives each place was learnt from; larger numbers than 4 count as 4.
 
     Raises
     ------
@@ -189,6 +196,60 @@ class ReferenceMap(MapRecord):
         if isinstance(jumps, str | Path):
             jumps = load_jumps(jumps, len(made))
         return made if jumps is None else replace(made, jumps=jumps)
+
+    def update(
+        self,
+        recording: EventSource | WindowSource | PathName,
+        *,
+        track: Track | PathName | None = None,
+        odometry: Odometry | PathName | None = None,
+        removed: Removed | None = None,
+    ) -> MapUpdate[Self]:
+        """Learn another drive of the route: average it into the codes of the places it shows.
+
+        Its windows are aligned with the places by matching, or by positions where both the map and
+        the drive have them. Descriptors stay as large as they are. The newest drive weighs as much
+        as each of the last four. Probabilities of its own that the map has learnt are dropped,
+        because they do not hold for the new codes.
+
+        Parameters
+        ----------
+        recording : EventSource or WindowSource or path
+            Of the drive, from the camera of the map; a path is opened by `open_recording`.
+        track : Track or path, optional
+            Of this drive.
+        odometry : Odometry or path, optional
+            Of this drive; only a map with distances takes it.
+        removed : Removed, optional
+            Filled with what cleaning removed.
+
+        Returns
+        -------
+        MapUpdate
+            Its `reference` is the new map; it also tells which windows could not be aligned and
+            which places look different, and its `warnings` why the new map may be worse.
+
+        Raises
+        ------
+        MapError
+            If the recording is of another sensor, or not counted as the map.
+        UsageError
+            If hardly any window can be aligned with the map.
+
+        Examples
+        --------
+        >>> from edge_vpr.simulation import simulate_pair
+        >>> monday, tuesday = simulate_pair(0, "tiny", length_m=40)
+        >>> update = ReferenceMap.build(monday, pixels=50).update(tuesday, track=tuesday.track)
+        """
+        drive = opened(recording, self.frame_period)
+        check_sensor(drive.sensor, self.pixel_map.sensor)
+        if track is not None and not isinstance(track, Track):
+            track = load_track(track)
+        if odometry is not None and not isinstance(odometry, Odometry):
+            odometry = load_odometry(odometry)
+        counted = count_windows(drive, self.pixel_map, self.settings, removed)
+        return learn_drive(self, counted, track=track, odometry=odometry)
 
     def match(
         self,

@@ -97,6 +97,24 @@ class OwnMeanCode:
         """
         return self._of_levels(self.level(counts), mean)
 
+    def fine(self, counts: Integers, mean: Integers) -> npt.NDArray[np.int32]:
+        """Return the codes of `encode` before they are rounded, in units of 1/256.
+
+        Parameters
+        ----------
+        counts : ndarray of int, shape (..., J)
+        mean : ndarray of int, shape (J,)
+            See `encode`.
+
+        Returns
+        -------
+        ndarray of int32, of the shape of `counts`
+            0 to ``256 * (2**bits - 1)``.
+        """
+        half = 1 << (self.bits - 1 + LEVEL_BITS)
+        difference = self.level(counts) - mean + half
+        return np.clip(difference, 0, (((1 << self.bits) - 1) << LEVEL_BITS)).astype(np.int32)
+
     def decode(self, codes: Integers, mean: Integers) -> npt.NDArray[np.int64]:
         """Return a typical count for each code, for plots, of the same shape."""
         octaves = codes.astype(np.float64) - (1 << (self.bits - 1)) + mean / (1 << LEVEL_BITS)

@@ -46,7 +46,16 @@ STAGES = [
     *("errors", "run_log", "files", "plugins", "compile_report", "compiling", "archive"),
     *("settings", "events", "results"),
     *("confidence", "route", "recordings", "descriptors", "map_record", "matching"),
-    *("pipeline", "registration", "evaluation", "simulation", "online", "reference_map", "live"),
+    *(
+        "pipeline",
+        "registration",
+        "evaluation",
+        "simulation",
+        "online",
+        "learning",
+        "reference_map",
+        "live",
+    ),
 ]
 
 

@@ -1,29 +1,52 @@
-"""`edge-vpr map`: make a reference map of a drive."""
+"""`edge-vpr map`: make a reference map of a drive, and learn more drives of the route."""
 
 from __future__ import annotations
 
 import argparse
+import itertools
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import detail_settings, summary
+from edge_vpr_tools.console import detail_settings, summary, warning
 from edge_vpr_tools.flags import (
     add_map_flags,
     add_reading_arguments,
     add_window_argument,
+    given_map_flags,
     map_settings,
+    match_flags,
 )
+
+if TYPE_CHECKING:
+    from edge_vpr.descriptors.windows import PublishedWindows
+    from edge_vpr.evaluation.tracks import Track
+    from edge_vpr.recordings import Recording
+    from edge_vpr_tools.runs.mapping import MapRun
 
 EXAMPLES = """\
   edge-vpr map monday.raw -o monday.npz
   edge-vpr map monday.raw -o small.npz --preset tiny --counter-code log --counter-bits 3
   edge-vpr map monday.raw -o monday.npz --track monday.nmea
+  edge-vpr map monday.raw tuesday.raw wednesday.raw -o route.npz
+  edge-vpr map route.npz thursday.raw -o route.npz --overwrite
   edge-vpr map frames/ -o map.npz --frame-period 1/30 --frames-as-windows"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument("recording", metavar="REFERENCE", help="recording of the reference drive")
+    parser.add_argument(
+        "recording",
+        metavar="REFERENCE",
+        help="recording of the reference drive, or a map that is to learn the other drives",
+    )
+    parser.add_argument(
+        "more",
+        metavar="DRIVE",
+        nargs="*",
+        help="recordings of other drives of the same route, averaged into the map: it then knows "
+        "their light too, and is not larger",
+    )
     output = parser.add_argument_group("output")
     output.add_argument("-o", "--output", metavar="MAP.npz", required=True, help="file to write")
     output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
@@ -31,8 +54,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     track.add_argument(
         "--track",
         metavar="FILE",
-        help="track of this drive (NMEA, GPX, or CSV with time_s and metres or degrees), from "
-        "which each match gets a position and an interval along the route",
+        action="append",
+        help="track of the reference drive (NMEA, GPX, or CSV with time_s and metres or degrees), "
+        "from which each match gets a position and an interval along the route; given again, of "
+        "each further drive, which is then aligned by it instead of by matching",
     )
     track.add_argument(
         "--track-offset",
@@ -58,23 +83,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Map the recording and save the map."""
+    """Map the recording, or load the map; learn the other drives, and save the map."""
     import numpy as np
 
-    from edge_vpr.descriptors.cleaning import load_hot_pixels
-    from edge_vpr.evaluation.tracks import load_odometry, load_track
+    from edge_vpr.archive import kind_of
+    from edge_vpr.evaluation.tracks import load_track
     from edge_vpr.files import check_output
-    from edge_vpr.reference_map import removed_record
+    from edge_vpr.map_record import KIND
+    from edge_vpr.pipeline import Removed
+    from edge_vpr.reference_map import ReferenceMap, removed_record
     from edge_vpr.results import check_parent, run_record, write_json
     from edge_vpr_tools.inputs import describe_faults, open_source
     from edge_vpr_tools.progress import describe_removed, tracked, warn_if_much
-    from edge_vpr_tools.runs.mapping import map_recording
 
     output = Path(args.output)
-    listed = args.hot_pixels not in (None, "find", "keep")
-    named = (args.recording, args.track, args.odometry, args.jumps, args.config)
-    inputs = [file for file in (*named, args.hot_pixels if listed else None) if file is not None]
-    check_output(output, inputs)
+    # a map is read whole before it is written
+    learns = kind_of(args.recording) == KIND
+    tracks = args.track or []
+    named = (*args.more, *tracks, args.odometry, args.jumps, args.config, _hot_pixel_file(args))
+    inputs = [file for file in (args.recording, *named) if file is not None]
+    check_output(output, inputs[learns:])
     if output.suffix != ".npz":
         raise UsageError(f"output {output} does not end in .npz: name the map for example map.npz")
     run_file = output.with_suffix(".run.json")
@@ -82,26 +110,31 @@ def run(args: argparse.Namespace) -> None:
         if file.exists() and not args.overwrite:
             raise UsageError(f"output {file} exists: name another, or replace it with --overwrite")
     check_parent(output)
-    settings = map_settings(args)
-    recording = open_source(args, args.recording)
-    hot = load_hot_pixels(args.hot_pixels, recording.sensor) if listed else None
+    if args.track_offset is not None and not tracks:
+        raise UsageError("--track-offset corrects the clock of a track: add --track")
+    drives = len(args.more) + (not learns)
+    if len(tracks) > drives:
+        raise UsageError(f"{len(tracks)} tracks are given for {drives} drives: give one per drive")
 
-    if args.track_offset is not None and args.track is None:
-        raise UsageError("--track-offset sets the clock of a track right: add --track")
-    track = None if args.track is None else load_track(args.track).shifted(args.track_offset or 0.0)
-
-    odometry = None if args.odometry is None else load_odometry(args.odometry)
-    detail_settings(settings.to_dict())
-    reference, removed, elapsed = map_recording(
-        tracked(recording, "mapping"),
-        settings,
-        hot=hot,
-        track=track,
-        odometry=odometry,
-        jumps=args.jumps,
-    )
+    of_drives = [load_track(track).shifted(args.track_offset or 0.0) for track in tracks]
+    run = None
+    if learns:
+        _check_flags_of_a_map(args)
+        reference = ReferenceMap.load(args.recording)
+    else:
+        recording = open_source(args, args.recording)
+        run = _mapped(args, recording, of_drives.pop(0) if of_drives else None)
+        reference = run.reference
+    for drive, track in itertools.zip_longest(args.more, of_drives):
+        other = open_source(args, drive, reference.frame_period)
+        update = reference.update(tracked(other, "learning"), track=track)
+        summary(f"{drive}: {update}{describe_faults(other)}")
+        for concern in update.warnings:
+            warning(f"{drive}: {concern}")
+        reference = update.reference
     reference.save(output)
     hot_pixels = int(reference.hot.sum())
+    removed = Removed() if run is None else run.removed
     left_out = removed_record(removed, hot_pixels)
     write_json(run_file, run_record(reference.settings.to_dict(), inputs, left_out))
 
@@ -111,12 +144,13 @@ def run(args: argparse.Namespace) -> None:
         f"{reference.pixel_map.sensor}, {reference.bytes_text}, "
         f"{reference.packed_bytes_per_place * len(places) / 1e3:.1f} kB in all"
     )
-    summary(
-        f"counted {places.events.sum():,} events over {places.end_us[-1] / 1e6:.1f} s "
-        f"in {elapsed:.2f} s; {hot_pixels} hot pixels left out"
-        f"{describe_removed(removed, settings)}"
-        f"{describe_faults(recording)}"
-    )
+    if run is not None:
+        summary(
+            f"counted {places.events.sum():,} events over {places.end_us[-1] / 1e6:.1f} s "
+            f"in {run.seconds:.2f} s; {hot_pixels} hot pixels left out"
+            f"{describe_removed(removed, reference.settings)}"
+            f"{describe_faults(recording)}"
+        )
     if reference.route is not None:
         along = reference.route.along_m
         known = along[~np.isnan(along)]
@@ -124,3 +158,42 @@ def run(args: argparse.Namespace) -> None:
     if reference.odometer_mm is not None:
         summary(f"odometry: {reference.odometer_mm[-1] / 1e3:,.1f} m from first to last place")
     warn_if_much(removed, args.recording, "keep them with --bursts keep")
+
+
+def _mapped(
+    args: argparse.Namespace, recording: Recording | PublishedWindows, track: Track | None
+) -> MapRun:
+    """Make the map of the reference drive."""
+    from edge_vpr.descriptors.cleaning import load_hot_pixels
+    from edge_vpr.evaluation.tracks import load_odometry
+    from edge_vpr_tools.progress import tracked
+    from edge_vpr_tools.runs.mapping import map_recording
+
+    settings, listed = map_settings(args), _hot_pixel_file(args)
+    detail_settings(settings.to_dict())
+    return map_recording(
+        tracked(recording, "mapping"),
+        settings,
+        hot=None if listed is None else load_hot_pixels(listed, recording.sensor),
+        track=track,
+        odometry=None if args.odometry is None else load_odometry(args.odometry),
+        jumps=args.jumps,
+    )
+
+
+def _hot_pixel_file(args: argparse.Namespace) -> str | None:
+    """Return the file that lists hot pixels, if one is given."""
+    return None if args.hot_pixels in (None, "find", "keep") else str(args.hot_pixels)
+
+
+def _check_flags_of_a_map(args: argparse.Namespace) -> None:
+    """Raise UsageError where a map learns, and a flag is given that only making one takes."""
+    given = given_map_flags(args) + list(match_flags(args))
+    given += [f"--{name}" for name in ("odometry", "jumps") if getattr(args, name) is not None]
+    if given:
+        raise UsageError(
+            f"{given[0]} is for making a map, and {args.recording} is one, which keeps its "
+            "settings: leave it out"
+        )
+    if not args.more:
+        raise UsageError(f"{args.recording} is a map already: name the drives that it is to learn")

@@ -1,0 +1,185 @@
+"""Maps that learn other drives: alignment, mean codes, ageing, warnings, and the command."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from edge_vpr_tools.cli import main
+
+from edge_vpr import ReferenceMap, UsageError
+from edge_vpr.descriptors.windows import activity_of_drive, find_pauses
+from edge_vpr.evaluation.tracks import Track
+from edge_vpr.learning import MOST_DRIVES, learn_drive
+from edge_vpr.pipeline import count_windows
+from edge_vpr.simulation import SimulatedRecording, simulate_pair
+
+Places = npt.NDArray[np.int64]
+Drives = tuple[SimulatedRecording, SimulatedRecording]
+
+
+@pytest.fixture(scope="module")
+def drives() -> Drives:
+    reference, query = simulate_pair(3, "tiny", length_m=150)
+    return reference.keep(), query.keep()
+
+
+def _nearest(reference: ReferenceMap, track: Track, query: Track, times: Places) -> Places:
+    places = track.at(reference.places.centre_us)[:, 0]
+    return np.abs(query.at(times)[:, 0][:, None] - places).argmin(axis=1)
+
+
+def test_the_new_codes_are_the_rounded_mean_of_both_drives(drives: Drives) -> None:
+    reference, query = drives
+    route = ReferenceMap.build(reference, pixels=20, track=reference.track)
+    update = route.update(query, track=query.track)
+    counted = count_windows(query, route.pixel_map, route.settings)
+    expected_place = _nearest(route, reference.track, query.track, counted.centre_us)
+    assert (update.place[update.aligned] == expected_place[update.aligned]).all()
+    assert update.aligned.mean() > 0.9
+
+    # in plain Python and exact fractions
+    code = route.own_mean_code
+    assert code is not None and route.mean is not None
+    levels = code.level(counted.counts).tolist()
+    n, counters = counted.counts.shape
+    top = 2**code.bits - 1
+    paused = find_pauses(counted.activity, activity_of_drive(route.places.activity))
+    moving = [row for row, pause in zip(levels, paused, strict=True) if not pause]
+    m = len(moving)
+    means = [(2 * sum(row[j] for row in moving) + m) // (2 * m) for j in range(counters)]
+    for k in range(len(route)):
+        windows = [i for i in range(n) if update.place[i] == k]
+        for j in range(counters):
+            old = 256 * int(route.places.counts[k, j])
+            if windows:
+                fine = [
+                    min(max(levels[i][j] - means[j] + 128 * (top + 1), 0), 256 * top)
+                    for i in windows
+                ]
+                seen = _round_half_up(Fraction(sum(fine), len(fine)))
+                old = _round_half_up(Fraction(old + seen, 2))
+            assert update.reference.places.counts[k, j] == _round_half_up(Fraction(old, 256))
+
+
+def _round_half_up(value: Fraction) -> int:
+    return (2 * value.numerator + value.denominator) // (2 * value.denominator)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"counter_code": "log", "counter_scaling": "shared"},
+        {"counter_code": "none", "counter_scaling": "shared"},
+        {"polarity": True},
+        {"matching": "sequence", "smooth": False},
+    ],
+)
+def test_a_map_that_learns_its_own_drive_stays_as_it_is(
+    drives: Drives, changes: dict[str, Any]
+) -> None:
+    reference, _ = drives
+    route = ReferenceMap.build(reference, pixels=20, track=reference.track, **changes)
+    update = route.update(reference, track=reference.track)
+    assert update.aligned.all() and update.learnt.all() and not update.warnings
+    assert (update.reference.places.counts == route.places.counts).all()
+    assert (update.reference.places.activity == route.places.activity).all()
+    assert update.reference.drives is not None and (update.reference.drives == 2).all()
+    assert update.reference.packed_bytes_per_place == route.packed_bytes_per_place
+
+
+def test_a_map_of_two_drives_is_saved_loaded_and_matched(drives: Drives, tmp_path: Path) -> None:
+    reference, query = drives
+    update = ReferenceMap.build(reference, pixels=50).update(query)
+    update.reference.save(tmp_path / "two.npz")
+    loaded = ReferenceMap.load(tmp_path / "two.npz")
+    assert loaded == update.reference
+    result = loaded.match(query)
+    right = result.evaluate((reference.track, query.track), 10).precision_at_100_recall
+    assert right > 0.9
+
+
+def test_the_newest_drive_weighs_a_fifth_in_the_end(drives: Drives) -> None:
+    reference, _ = drives
+    route = ReferenceMap.build(reference, pixels=20, counter_code="none", counter_scaling="shared")
+    counted = route.places
+    for _ in range(MOST_DRIVES + 2):
+        route = learn_drive(route, counted, track=None).reference
+    assert route.drives is not None and (route.drives == MOST_DRIVES).all()
+    brighter = replace(counted, counts=(counted.counts.astype(np.int64) + 50).astype(np.uint8))
+    after = learn_drive(route, brighter)
+    assert after.learnt.any()
+    grown = after.reference.places.counts.astype(int) - route.places.counts
+    assert (grown[after.learnt].mean(axis=1) >= 9).all()
+
+
+def test_a_drive_of_another_route_is_refused(drives: Drives) -> None:
+    elsewhere, _ = simulate_pair(12, "tiny", length_m=150)
+    with pytest.raises(UsageError, match="of the same route"):
+        ReferenceMap.build(drives[0], pixels=50).update(elsewhere)
+
+
+def test_places_that_look_different_are_named(drives: Drives) -> None:
+    reference, query = drives
+    route = ReferenceMap.build(reference, pixels=50, track=reference.track)
+    counted = count_windows(query, route.pixel_map, route.settings)
+    place = _nearest(route, reference.track, query.track, counted.centre_us)
+    rebuilt = int(np.median(place))
+    counts = counted.counts.copy()
+    counts[place == rebuilt] = counts[place == rebuilt][:, ::-1] * 0
+    counts[place == rebuilt, ::2] = 255
+    update = learn_drive(route, replace(counted, counts=counts), track=query.track)
+    assert rebuilt in update.changed
+    assert f"{rebuilt}" in str(update)
+
+
+def test_few_aligned_windows_are_a_warning(drives: Drives) -> None:
+    reference, query = drives
+    route = ReferenceMap.build(reference, pixels=50, track=reference.track)
+    counted = count_windows(query, route.pixel_map, route.settings)
+    last = int(query.track.time_us[-1])
+    part = query.track.time_us < 0.4 * last
+    track = Track(query.track.time_us[part], query.track.position[part])
+    update = learn_drive(route, counted, track=track)
+    assert any("could be aligned" in sentence for sentence in update.warnings)
+
+
+def _run(command: str) -> int:
+    return main(command.split())
+
+
+def test_the_command_maps_two_drives_and_updates_a_map(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert _run("simulate -o street --sensor tiny --length 150 --seed 3") == 0
+    build = "map street/reference.npz street/query.npz -o two.npz --pixels 50"
+    assert _run(build) == 0
+    assert "windows aligned" in capsys.readouterr().out
+    both = ReferenceMap.load("two.npz")
+    assert both.drives is not None and both.drives.max() == 2
+
+    assert _run("map street/reference.npz -o one.npz --pixels 50") == 0
+    update = "map one.npz street/query.npz -o one.npz --overwrite"
+    assert _run(update) == 0
+    assert ReferenceMap.load("one.npz") == both
+
+    for wrong, sentence in (
+        ("map one.npz -o new.npz", "is a map already"),
+        ("map one.npz street/query.npz -o new.npz --pixels 20", "--pixels is for making a map"),
+        (
+            "map street/reference.npz -o new.npz --track street/reference_track.csv "
+            "--track street/query_track.csv",
+            "2 tracks are given for 1 drives",
+        ),
+        ("map one.npz street/query.npz -o street/query.npz --overwrite", "street/query.npz"),
+    ):
+        assert _run(wrong) == 2
+        assert sentence in capsys.readouterr().err
+    assert not Path("new.npz").exists()
