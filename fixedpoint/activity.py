@@ -53,9 +53,9 @@ def least_events() -> npt.NDArray[np.int64]:
 def activity_costs() -> npt.NDArray[np.int64]:
     """Compute `ACTIVITY_COSTS` from the shares of steps, and from the speed that each stands for.
 
-    A step of i places has the cost ``-ln(share)`` plus that of a normal distribution: the logarithm
-    of the activity has a standard deviation of 1.2 octaves around that of i, or of 0.3 for standing.
-    A row costs at most 1 more than the row with the cheapest step.
+    A step of i places costs ``-ln(share)``, and that of a normal distribution: the logarithm of the
+    activity has a standard deviation of 1.2 octaves around that of i, or of 0.3 for standing. The
+    cheapest step of a row costs at most 1.
     """
     octaves = np.arange(len(ACTIVITY_COSTS)) / 2 - SAME_ROW / 2
     steps, share = np.array([0.3, 1.0, 2.0, 3.0]), np.array([0.2, 0.6, 0.19, 0.01])

@@ -160,7 +160,7 @@ def predict(metric: Metrics, steps: StepTable, activity: int, back: bool) -> Met
     -------
     ndarray of int32, shape (K,)
         ``min(min_i (M[k - i] + cost[i]), min M + restart) - min M``; over a jump from a to b,
-        k = b + o is i places from a - (i - 1 - o). Costs are those of the place that a step reaches.
+        k = b + o is i places from a - (i - 1 - o). The costs are those of the place reached.
     """
     least, rows = metric.min(), np.zeros(metric.size, dtype=np.uint8)
     if len(steps.costs) > 1:
