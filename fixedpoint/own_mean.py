@@ -99,11 +99,8 @@ class OwnMeanCode:
         -------
         ndarray of uint8, of the shape of `counts`
         """
-        deviations = self.level(counts) - mean
-        offset = np.int64(1 << (LEVEL_BITS - 1)) - self.window_mean(deviations)[..., None]
-        half = 1 << (self.bits - 1)
-        octaves = np.clip((deviations + offset) >> LEVEL_BITS, -half, half - 1)
-        return (octaves + half).astype(np.uint8)
+        rounded = self.fine(counts, mean) + (1 << (LEVEL_BITS - 1))
+        return (rounded >> LEVEL_BITS).astype(np.uint8)
 
     def window_mean(self, deviations: Integers) -> npt.NDArray[np.int64]:
         """Return the mean of each window's deviations, rounded to the nearest; 0 without contrast.
@@ -120,7 +117,7 @@ class OwnMeanCode:
         total, counters = deviations.sum(axis=-1, dtype=np.int64), deviations.shape[-1]
         return self.contrast * ((2 * total + counters) // (2 * counters))
 
-    def fine(self, counts: Integers, mean: Integers) -> npt.NDArray[np.int32]:
+    def fine(self, counts: Integers, mean: Integers) -> npt.NDArray[np.int64]:
         """Return the codes of `encode` before they are rounded, in units of 1/256.
 
         Parameters
@@ -131,12 +128,13 @@ class OwnMeanCode:
 
         Returns
         -------
-        ndarray of int32, of the shape of `counts`
+        ndarray of int64, of the shape of `counts`
             0 to ``256 * (2**bits - 1)``.
         """
-        half = 1 << (self.bits - 1 + LEVEL_BITS)
-        difference = self.level(counts) - mean + half
-        return np.clip(difference, 0, (((1 << self.bits) - 1) << LEVEL_BITS)).astype(np.int32)
+        deviations = self.level(counts) - mean
+        half = np.int64(1 << (self.bits - 1 + LEVEL_BITS))
+        relative = deviations - self.window_mean(deviations)[..., None]
+        return np.clip(relative + half, 0, ((1 << self.bits) - 1) << LEVEL_BITS)
 
     def decode(self, codes: Integers, mean: Integers) -> npt.NDArray[np.int64]:
         """Return a typical count for each code, for plots, of the same shape.
