@@ -419,12 +419,61 @@ def smooth_windows(
         Of `FilterMatch`, written to; its trust is the margin, in units of 1/16 of a metric.
     """
     for i in range(len(summed) - 1, -1, -1):
-        summed[i] += onward
-        place, second, ties = least_and_second(summed[i], exclusion)
-        columns[i, 5] = write_match(summed[i], place, second, ties, columns[i]) << TRUST_BITS
-        for k in range(ahead.size):
-            ahead[k] = onward[k] + np.int32(evidence[i, k])
-        onward[:] = predict(ahead, steps, activity[i], True)
+        columns[i, 5] = match_summed(summed[i], onward, exclusion, columns[i])
+        go_back(onward, ahead, steps, activity[i], evidence[i])
+
+
+@kernel
+def match_summed(
+    metric: Metrics, onward: Metrics, exclusion: int, row: npt.NDArray[np.int64]
+) -> int:
+    """Add the cost of the rest of the drive to the metric of a window, and match it by the sum.
+
+    Parameters
+    ----------
+    metric : ndarray of int32, shape (K,)
+        After the call, the cost of the best path through each place.
+    onward : ndarray of int32, shape (K,)
+    exclusion : int
+    row : ndarray of int64, shape (6,)
+        Of `FilterMatch`, written to but for its trust.
+
+    Returns
+    -------
+    int
+        The margin, in units of 1/16 of a metric.
+    """
+    for k in range(metric.size):
+        metric[k] += onward[k]
+    place, second, ties = least_and_second(metric, exclusion)
+    return write_match(metric, place, second, ties, row) << TRUST_BITS
+
+
+@kernel
+def go_back(
+    onward: Metrics,
+    ahead: Metrics,
+    steps: StepTable,
+    activity: int,
+    evidence: npt.NDArray[np.uint8],
+) -> None:
+    """Change the cost of going on from each place, from after a window to before it.
+
+    Parameters
+    ----------
+    onward : ndarray of int32, shape (K,)
+    ahead : ndarray of int32, shape (K,)
+        Written to: the cost after the window before, with the evidence of this window.
+    steps : StepTable
+    activity : int
+    evidence : ndarray of uint8, shape (K,)
+        Of this window, see `WindowRows`.
+    """
+    for k in range(ahead.size):
+        ahead[k] = onward[k] + np.int32(evidence[k])
+    before = predict(ahead, steps, activity, True)
+    for k in range(ahead.size):
+        onward[k] = before[k]
 
 
 # The place filter: finds the place from the newest window and the possible moves before it.

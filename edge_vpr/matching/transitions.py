@@ -162,30 +162,49 @@ def predict(metric: Metrics, steps: StepTable, activity: int, back: bool) -> Met
         ``min(min_i (M[k - i] + cost[i]), min M + restart) - min M``; over a jump from a to b,
         k = b + o is i places from a - (i - 1 - o). The costs are those of the place reached.
     """
-    least, rows = metric.min(), np.zeros(metric.size, dtype=np.uint8)
-    if len(steps.costs) > 1:
-        for k in range(metric.size):
+    places, number = metric.size, steps.costs.shape[1]
+    farthest = max(abs(steps.first), abs(steps.first + number - 1))
+    least = _least(metric)
+    # as dear as a restart beyond both ends; slices from 0 on compile to vector instructions
+    padded = np.full(places + 2 * farthest, least + steps.restart, dtype=np.int32)
+    rows = np.zeros(places + 2 * farthest, dtype=np.uint8)
+    inside, rows_inside = padded[farthest:], rows[farthest:]
+    for k in range(places):
+        inside[k] = metric[k]
+    last_row = len(steps.costs) - 1
+    if last_row > 0:
+        for k in range(places):
             row = (activity - steps.activity[k] + (1 << (ROW_BITS - 1))) >> ROW_BITS
-            rows[k] = min(max(row + SAME_ROW, 0), len(steps.costs) - 1)
-    prediction = np.full(metric.size, steps.restart, dtype=metric.dtype)
-    for i in range(steps.costs.shape[1]):
+            rows_inside[k] = min(max(row + SAME_ROW, 0), last_row)
+    prediction = np.full(places, steps.restart, dtype=np.int32)
+    for i in range(number):
         step = steps.first + i
-        cost = steps.costs[:, i] - least
-        for source in range(max(-step, 0), min(metric.size - step, metric.size)):
-            to = source + step
-            if back:
-                prediction[source] = min(prediction[source], metric[to] + cost[rows[to]])
-            else:
-                prediction[to] = min(prediction[to], metric[source] + cost[rows[to]])
+        cost = steps.costs[:, i] - np.int32(least)
+        source = padded[farthest + (step if back else -step) :]
+        row_of = rows[farthest + (step if back else 0) :]
+        if last_row > 0:
+            for k in range(places):
+                prediction[k] = min(prediction[k], source[k] + cost[row_of[k]])
+        else:
+            for k in range(places):
+                prediction[k] = min(prediction[k], source[k] + cost[0])
         for j in range(len(steps.jumps)):
             for over in range(step):
-                source, to = steps.jumps[j, 0] - (step - 1 - over), steps.jumps[j, 1] + over
-                if source >= 0 and to < metric.size:
-                    if back:
-                        prediction[source] = min(prediction[source], metric[to] + cost[rows[to]])
-                    else:
-                        prediction[to] = min(prediction[to], metric[source] + cost[rows[to]])
+                begin, end = steps.jumps[j, 0] - (step - 1 - over), steps.jumps[j, 1] + over
+                if begin >= 0 and end < places:
+                    to, other = (begin, end) if back else (end, begin)
+                    jumped = metric[other] + cost[rows_inside[end]]
+                    prediction[to] = min(prediction[to], jumped)
     return prediction
+
+
+@kernel
+def _least(metric: Metrics) -> int:
+    # compiles faster than metric.min()
+    least = metric[0]
+    for k in range(metric.size):
+        least = min(least, metric[k])
+    return least
 
 
 @kernel
