@@ -155,7 +155,8 @@ def evidence_of(
     factor = np.int32(reciprocal)
     for k in range(evidence.size):
         difference = np.int32(min(np.int64(distances[k]) - least, most))
-        evidence[k] = (min((difference * factor) >> shift, EVIDENCE_TOP) * weight) >> WEIGHT_BITS
+        unweighted = (difference * factor) >> shift
+        evidence[k] = (min(unweighted, np.int32(EVIDENCE_TOP)) * weight) >> WEIGHT_BITS
 
 
 @kernel
