@@ -144,8 +144,10 @@ def leads_to(
 
 
 @kernel
-def predict(metric: Metrics, steps: StepTable, activity: int, back: bool) -> Metrics:
-    """Return the cheapest cost of each place one window later, or earlier.
+def predict(
+    metric: Metrics, steps: StepTable, activity: int, back: bool, prediction: Metrics
+) -> None:
+    """Write the cheapest cost of each place one window later, or earlier.
 
     Parameters
     ----------
@@ -155,17 +157,18 @@ def predict(metric: Metrics, steps: StepTable, activity: int, back: bool) -> Met
         Of the window, see `activity_of`.
     back : bool
         Whether `metric` is of the window, and the cost of each place in the window before is asked.
-
-    Returns
-    -------
-    ndarray of int32, shape (K,)
-        ``min(min_i (M[k - i] + cost[i]), min M + restart) - min M``; over a jump from a to b,
-        k = b + o is i places from a - (i - 1 - o). The costs are those of the place reached.
+    prediction : ndarray of int32, shape (K,)
+        Written to: ``min(min_i (M[k - i] + cost[i]), min M + restart) - min M``; over a jump from
+        a to b, k = b + o is i places from a - (i - 1 - o). The costs are those of the place
+        reached.
     """
     places, number = metric.size, steps.costs.shape[1]
     farthest = max(abs(steps.first), abs(steps.first + number - 1))
-    least = _least(metric)
-    # as dear as a restart beyond both ends; slices from 0 on compile to vector instructions
+    least = metric[0]
+    for k in range(places):
+        least = min(least, metric[k])
+    # as dear as a restart beyond both ends. Loops over new arrays, all from 0 on, compile to vector
+    # instructions
     padded = np.full(places + 2 * farthest, least + steps.restart, dtype=np.int32)
     rows = np.zeros(places + 2 * farthest, dtype=np.uint8)
     inside, rows_inside = padded[farthest:], rows[farthest:]
@@ -176,7 +179,7 @@ def predict(metric: Metrics, steps: StepTable, activity: int, back: bool) -> Met
         for k in range(places):
             row = (activity - steps.activity[k] + (1 << (ROW_BITS - 1))) >> ROW_BITS
             rows_inside[k] = min(max(row + SAME_ROW, 0), last_row)
-    prediction = np.full(places, steps.restart, dtype=np.int32)
+    found = np.full(places, steps.restart, dtype=np.int32)
     for i in range(number):
         step = steps.first + i
         cost = steps.costs[:, i] - np.int32(least)
@@ -184,27 +187,19 @@ def predict(metric: Metrics, steps: StepTable, activity: int, back: bool) -> Met
         row_of = rows[farthest + (step if back else 0) :]
         if last_row > 0:
             for k in range(places):
-                prediction[k] = min(prediction[k], source[k] + cost[row_of[k]])
+                found[k] = min(found[k], source[k] + cost[row_of[k]])
         else:
             for k in range(places):
-                prediction[k] = min(prediction[k], source[k] + cost[0])
+                found[k] = min(found[k], source[k] + cost[0])
         for j in range(len(steps.jumps)):
             for over in range(step):
                 begin, end = steps.jumps[j, 0] - (step - 1 - over), steps.jumps[j, 1] + over
                 if begin >= 0 and end < places:
                     to, other = (begin, end) if back else (end, begin)
                     jumped = metric[other] + cost[rows_inside[end]]
-                    prediction[to] = min(prediction[to], jumped)
-    return prediction
-
-
-@kernel
-def _least(metric: Metrics) -> int:
-    # compiles faster than metric.min()
-    least = metric[0]
-    for k in range(metric.size):
-        least = min(least, metric[k])
-    return least
+                    found[to] = min(found[to], jumped)
+    for k in range(places):
+        prediction[k] = found[k]
 
 
 @kernel
@@ -335,7 +330,9 @@ class Transitions:
 
     def by_steps(self, metric: Metrics, activity: int = 0) -> Metrics:
         """Return the cost of each place after a window of this activity, shape (K,)."""
-        return predict(metric, self.by_step, activity, False)
+        prediction = np.empty_like(metric)
+        predict(metric, self.by_step, activity, False, prediction)
+        return prediction
 
     def by_distance(self, metric: Metrics, travelled_mm: int, *, back: bool = False) -> Metrics:
         """Return the cost of each place after a distance of `travelled_mm`, shape (K,).

@@ -194,11 +194,11 @@ def start(
         Where the means of own-mean codes start.
     """
     state = empty_windows(window, length, places.shape[1])
-    if isinstance(codes, OwnMeanCode):
+    if isinstance(codes, OwnMeanCode) and mean is not None:
         # a copy, because for Numba a read-only array is of another type
         state = state._replace(levels=codes.levels.copy(), contrast=codes.contrast, bits=codes.bits)
         state.means[:] = mean
-    elif codes is not None:
+    elif isinstance(codes, PixelCodes):
         state.counters["table"] = codes.row
         state = state._replace(code=codes.tables)
     return with_distances(state, places)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import naive
@@ -175,12 +176,26 @@ def test_the_windows_after_decide_with(smooth, delay, first):
     assert found.place.tolist() == [first, *range(26, 35)]
 
 
-def test_a_drive_too_long_to_be_smoothed_is_refused(monkeypatch):
-    monkeypatch.setattr(filtered_drive, "MOST_BYTES", 100)
-    chosen = Settings(matching="filter", pixels=3, smooth=True)
-    places = descriptors(np.ones((6, 3), dtype=np.int64))
-    with pytest.raises(UsageError, match="match with --no-smooth, or split the drive"):
-        match_descriptors(places, places, chosen)
+@pytest.mark.parametrize("values", [1, 40, 200])
+def test_smoothing_a_drive_in_segments_gives_the_same_bits(values, monkeypatch):
+    """The forward pass is repeated from the states between segments, also with odometry."""
+    rng = np.random.default_rng(8)
+    reference = rng.integers(0, 100, (20, 6))
+    queries = np.clip(reference[2:18].repeat(3, axis=0) + rng.integers(-9, 9, (48, 6)), 0, 99)
+    places, drive = descriptors(reference), descriptors(queries)
+    along = np.arange(20) * 1_000
+    readings = np.arange(0, 50_000_000, 2_500_000, dtype=np.int64)  # some windows have none
+    odometry = Odometry(readings, (readings / 3_000).astype(np.int64))
+    chosen = Settings(matching="filter", pixels=6, smooth=True)
+
+    def matched():
+        return match_descriptors(places, drive, chosen, along_mm=along, odometry=odometry)
+
+    whole = matched()
+    monkeypatch.setattr(filtered_drive, "_SEGMENT_VALUES", values)
+    monkeypatch.setattr(filtered_drive, "_BLOCK_DISTANCES", 60)
+    monkeypatch.setattr(math, "isqrt", lambda n: 1)
+    assert matched() == whole
 
 
 def random_jumps(rng, places, number):
