@@ -636,6 +636,7 @@ class PlaceFilter:
             Of that filter.
         """
         self.state.metric[:] = metric
+        self.state.prediction[:] = 0  # as before the first window
         self.state.numbers[0] = (*numbers, NOT_PREDICTED)
 
     def pauses(self, events: int) -> bool:
