@@ -53,7 +53,7 @@ class TransitionCosts:
 
     forward: tuple[int, ...] | None = None
     back: tuple[int, ...] = ()
-    restart: int = 40
+    restart: int = 16
 
     def __post_init__(self) -> None:
         most = (METRIC_TOP >> FRACTION_BITS) - 1
