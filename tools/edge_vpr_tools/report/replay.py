@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,6 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PathCollection
@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
-from edge_vpr import __version__, results
+from edge_vpr import results
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import local_metres
@@ -31,6 +31,7 @@ from edge_vpr.pipeline import EventSource, WindowSource, describe_query, query_d
 from edge_vpr.reference_map import ReferenceMap, read_queries
 from edge_vpr.route import Odometry
 from edge_vpr_tools.report.figures import Window, dot_sizes, draw_window, total_counts
+from edge_vpr_tools.report.page import as_html, fill
 from edge_vpr_tools.report.style import BLUE, GREY, ORANGE, along_route, panels
 from edge_vpr_tools.report.verdict import Outcome, outcome_of
 
@@ -253,17 +254,19 @@ def write_html(
     fps : float
         Frames per second.
     """
-    pages = Environment(
-        loader=PackageLoader(__package__), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
-    )  # fmt: skip
-    text = pages.get_template("replay.html.jinja").render(
-        version=__version__,
-        pictures=[base64.b64encode(_png(one)).decode("ascii") for one in pictures],
-        captions=list(captions),
-        width=pictures[0].width,
-        height=pictures[0].height,
-        pause_ms=round(1000 / fps),
+    encoded = [base64.b64encode(_png(one)).decode("ascii") for one in pictures]
+    # within a script, nothing may look like markup
+    markup = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&'"}
+    text = fill(
+        "replay.html",
+        picture=encoded[0],
+        pictures="".join(f'"{one}",\n' for one in encoded),
+        caption=as_html(captions[0]),
+        captions=json.dumps(list(captions)).translate(markup),
+        last=str(len(pictures) - 1),
+        width=str(pictures[0].width),
+        height=str(pictures[0].height),
+        pause_ms=str(round(1000 / fps)),
     )
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
