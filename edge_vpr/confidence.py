@@ -84,6 +84,7 @@ class Confidence(EqualByValue):
         Parameters
         ----------
         trust : ndarray of int, shape (n,)
+            Of each match.
 
         Returns
         -------
@@ -176,6 +177,7 @@ class Acceptance:
         Parameters
         ----------
         trust : ndarray of int, shape (n,)
+            Of each match.
 
         Returns
         -------

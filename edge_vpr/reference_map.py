@@ -84,7 +84,6 @@ class ReferenceMap(MapRecord):
     ----------
     settings : Settings
         With which it was made; a query is described with the same.
-    pixel_map : PixelMap
     places : Descriptors
         One a place, K in all.
     saliency : ndarray of float32, shape (height, width)
@@ -303,8 +302,6 @@ class ReferenceMap(MapRecord):
 
         Parameters
         ----------
-        settings : Settings or None
-        changes : dict
         by : str
             Name of the method, for error messages.
         """
@@ -369,9 +366,14 @@ class MatchMetrics:
     Attributes
     ----------
     queries, places, pixels, bytes_per_place, packed_bytes_per_place, events : int
+        Numbers of windows, places and pixels, bytes of a place as stored and packed, and
+        events counted.
     counting_s, matching_s : float
+        Seconds that counting and matching took.
     tied_queries : int
+        Queries with other places at the same smallest distance.
     faults_dropped : Faults
+        Faulty entries of the recording that were left out.
     mount_shift : MountShift or None
         None where the query was not registered.
     """
@@ -396,10 +398,13 @@ class OnlineMetrics:
     Attributes
     ----------
     matches, events : int
+        Numbers of matches given and events read.
     every : str
         When a match was given, as the user wrote it.
     localising_s, times_real_time : float
+        Seconds that the run took, and the length of the recording divided by them.
     faults_dropped : Faults
+        Faulty entries of the recording that were left out.
     mount_shift : MountShift or None
         None where the query was not registered.
     """
@@ -429,7 +434,6 @@ class MatchResult:
     reference : ReferenceMap
         The map, with its own settings (those of the run are in `matches`); with its pixels moved
         where the query was registered.
-    matches : Matches
     queries : Descriptors or None
         The windows of the query; None where it was matched event by event.
     metrics : MatchMetrics or OnlineMetrics or None
@@ -577,7 +581,6 @@ class MatchResult:
 
         Parameters
         ----------
-        folder : path
         inputs : sequence of path
             Files that were read, for `run.json`.
         """
@@ -633,7 +636,6 @@ def opened(
 
     Parameters
     ----------
-    recording : EventSource or WindowSource or path
     frame_period : Fraction, optional
         Seconds a frame of counts, where the file does not say.
 

@@ -38,8 +38,8 @@ def check_output_folder(
 
     Parameters
     ----------
-    path : path
     overwrite : bool
+        Whether an existing folder may be replaced.
     inputs : iterable of path or None
         What the run reads, see `check_output`; None is not given.
 
@@ -89,10 +89,10 @@ def check_new_file(path: Path, inputs: Iterable[str | Path | None], overwrite: b
 
     Parameters
     ----------
-    path : path
     inputs : iterable of path or None
         What the run reads, see `check_output`.
     overwrite : bool
+        Whether an existing file may be replaced.
 
     Raises
     ------
@@ -328,11 +328,10 @@ class InputFile:
 
     Attributes
     ----------
-    path : str
-    bytes : int
     sha256 : str
         Of what `sha256_of` says: ``file``, or its first bytes.
     sha256_of : str
+        ``file``, or the number of its first bytes that were hashed.
     """
 
     path: str
@@ -357,16 +356,12 @@ class RunRecord:
 
     Attributes
     ----------
-    schema : int
-    command : tuple of str
     finished_utc : str
         ISO 8601.
     settings : mapping
         Plain values by name.
     versions : mapping of str to str
         Of Python and the libraries that compute.
-    machine : Machine
-    inputs : tuple of InputFile
     removed : RemovedEvents or None
         None where the run cleaned no recording.
     warnings : tuple of str or None
@@ -392,6 +387,7 @@ def run_record(
     Parameters
     ----------
     settings : mapping
+        Plain values by name.
     inputs : iterable of path
         Files or folders that were read.
     removed : RemovedEvents, optional

@@ -61,6 +61,7 @@ class Route(EqualByValue):
         Metres that the reference had driven there since the first known place; NaN where the
         position is not known.
     kind : {"metric", "geographic"}
+        What the positions are.
 
     Raises
     ------
@@ -103,6 +104,7 @@ class Route(EqualByValue):
         Parameters
         ----------
         place : ndarray of int, shape (n,)
+            Index of the matched place, for each match.
         within : int
             The interval reaches from this many places before the matched one to as many after it.
             With the exclusion zone's, the probability of a match is that of the true position
@@ -130,6 +132,7 @@ class Route(EqualByValue):
         Parameters
         ----------
         place : ndarray of int, shape (n,)
+            Index of the matched place, for each match.
         within : int
             See `locate`.
         """
@@ -239,6 +242,7 @@ class Odometry(EqualByValue):
         Parameters
         ----------
         end_us : ndarray of int64, shape (n,)
+            Ends of the windows, increasing.
 
         Returns
         -------

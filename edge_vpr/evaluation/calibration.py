@@ -53,7 +53,9 @@ def learn_confidence(trust: npt.NDArray[np.integer], correct: npt.NDArray[np.boo
     Parameters
     ----------
     trust : ndarray of int, shape (n,)
+        Of each match.
     correct : ndarray of bool, shape (n,)
+        Whether each match is correct.
 
     Raises
     ------
@@ -123,6 +125,7 @@ class Reliability:
     right : ndarray of float64, shape (m,)
         Share of right matches in it.
     matches : ndarray of int64, shape (m,)
+        Number of matches in it.
     """
 
     probability: npt.NDArray[np.float64]
@@ -155,6 +158,7 @@ def reliability(
     probability : ndarray of float, shape (n,)
         From 0 to 1; n of at least 1.
     correct : ndarray of bool, shape (n,)
+        Whether each match is correct.
 
     Returns
     -------

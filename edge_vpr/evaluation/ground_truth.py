@@ -150,11 +150,13 @@ def described_truth(
     Parameters
     ----------
     correct : ndarray of bool, shape (K, Q)
+        Whether place k is a true place of query q.
     known : ndarray of bool, shape (Q,)
+        Whether the truth of query q is known.
     source : str
         Where it is from, and the tolerance.
     doubts : tuple of str, optional
-    positions : TruePositions, optional
+        Reasons to check the truth, each a sentence.
     """
     with_place = int(correct.any(axis=0).sum())
     return GroundTruth(
@@ -239,7 +241,6 @@ def overlap(reference: Track, query: Track, tolerance_m: float) -> Overlap:
     ----------
     reference, query : Track
         Of one kind and dimension.
-    tolerance_m : float
     """
     places, spacing_m = _spread(reference, REFERENCE_POINTS, tolerance_m / 2)
     queries, _ = _spread(query, QUERY_POINTS, 0.0)
@@ -257,7 +258,6 @@ def notes(
 
     Parameters
     ----------
-    reference, query : Track
     reference_us, query_us : ndarray of float64
         Times of the windows' centres.
 
@@ -341,8 +341,7 @@ def from_tracks(
     ----------
     reference, query : Track
         Of one kind and dimension.
-    reference_times_us : array_like, shape (K,)
-    query_times_us : array_like, shape (Q,)
+    reference_times_us, query_times_us : array_like, shapes (K,) and (Q,)
         Times of the windows' centres, in microseconds from each recording's start.
     tolerance_m : float
         In metres, inclusive.
@@ -428,6 +427,7 @@ class Alignment(NamedTuple):
     pairs : ndarray of float64, shape (n, 2)
         Coordinate in the query, coordinate in the reference; the first strictly increasing.
     unit : {"frame", "s"}
+        Of both coordinates.
     """
 
     pairs: Floats
@@ -439,6 +439,7 @@ class Alignment(NamedTuple):
         Parameters
         ----------
         times_us : array_like, shape (m,)
+            From the recording's start.
         frame_period_us : float, optional
             Needed where the unit is frames: frame i begins at ``i * frame_period_us``.
 
@@ -513,8 +514,7 @@ def from_alignment(
     ----------
     pairs : array_like, shape (n, 2)
         Coordinate in the query, coordinate in the reference; the first strictly increasing.
-    query_coordinate : array_like, shape (Q,)
-    reference_coordinate : array_like, shape (K,)
+    query_coordinate, reference_coordinate : array_like, shapes (Q,) and (K,)
         Of the windows' centres, in the unit of `pairs` (see `Alignment.coordinate`).
     tolerance : float
         In the same unit, inclusive.

@@ -108,6 +108,7 @@ def auroc(higher: npt.NDArray[np.integer], lower: npt.NDArray[np.integer]) -> fl
     Parameters
     ----------
     higher, lower : ndarray of int, shapes (n,) and (m,)
+        Scores of the two groups, for example of correct and of wrong matches.
 
     Returns
     -------
@@ -258,11 +259,12 @@ class Evaluation:
     correct : ndarray of bool, shape (n,)
         For each row of the matches; False where not evaluated.
     evaluated : ndarray of bool, shape (n,)
-    curve : PrecisionRecall
+        Whether the truth of each match is known.
     recall_at : dict of int to float
         Recall@N: of the evaluated queries that have a true place, the share that has one among the
         N nearest.
     score, recall_denominator : str
+        By what matches are rejected, and of what the recall is a share; see `evaluate`.
     rejection : Rejection
         How well the trust tells which matches to reject.
     reliability : Reliability or None
@@ -328,7 +330,6 @@ def evaluate(
 
     Parameters
     ----------
-    matches : Matches
     truth : GroundTruth
         Over all K places of the map and all query windows.
     score : {"distance", "ratio", "margin", "trust"}, optional

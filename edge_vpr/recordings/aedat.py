@@ -167,7 +167,6 @@ class Packet(NamedTuple):
         Is added to the 31-bit times of the events.
     event_bytes : int
         Bytes of one event.
-    data : bytes
     """
 
     at: int
@@ -181,7 +180,6 @@ class Aedat3File:
 
     Attributes
     ----------
-    path : Path
     sources : dict of int to str
         Cameras by their numbers.
     position : float
@@ -358,7 +356,6 @@ class Stream(NamedTuple):
     ----------
     kind : str
         Four letters: ``EVTS`` for events, ``FRME`` for frames.
-    name : str
     sensor : Sensor or None
         None if the file does not state it.
     """
@@ -373,8 +370,8 @@ class Aedat4File:
 
     Attributes
     ----------
-    path : Path
     streams : dict of int to Stream
+        By their numbers.
     position : float
         Share of the file that has been read, 0 to 1.
 
@@ -415,7 +412,6 @@ class Aedat4File:
 
         Parameters
         ----------
-        kind : str
         what : str
             Content of such streams, for messages: ``"events"``.
         wanted : str, optional

@@ -191,6 +191,7 @@ def lzf_size(data: npt.NDArray[np.uint8]) -> int:
     Parameters
     ----------
     data : ndarray of uint8, shape (n,)
+        Compressed.
     """
     at, size = 0, 0
     while at < data.size:

@@ -95,6 +95,7 @@ def read_pages(file: IO[bytes], begin: int, end: int) -> list[Page]:
     Parameters
     ----------
     file : binary file
+        Open for reading; its position is changed.
     begin, end : int
         Begin and end of a column chunk.
 

@@ -70,7 +70,6 @@ class Drive:
         How often the vehicle halts.
     stop_s : float
         Duration of a halt in seconds.
-    light : Light
     traffic_per_km : float
         Vehicles and people that move, for each kilometre of route.
     parked_per_km : float
@@ -138,10 +137,8 @@ def drive_motion(drive: Drive, length_m: float, seed: int) -> Motion:
 
     Parameters
     ----------
-    drive : Drive
     length_m : float
         Length of the route.
-    seed : int
 
     Returns
     -------

@@ -41,9 +41,6 @@ class SimulatedRecording:
 
     Parameters
     ----------
-    world : World
-    camera : Camera
-    drive : Drive
     seed : int
         Seed of what differs from drive to drive: speed, traffic, shake, noise.
     device : int
@@ -53,10 +50,8 @@ class SimulatedRecording:
 
     Attributes
     ----------
-    sensor : Sensor
     track : Track
         Ground truth: ``time_us`` (n,) int64, and ``position`` (n, 1) in metres along the route.
-    duration_us : int
     position : float
         Share of the drive that the latest iteration has covered, 0 to 1.
     format, start_us, faults

@@ -188,7 +188,6 @@ class Noise:
 
     Parameters
     ----------
-    camera : Camera
     seed : int
         Seed of the drive.
     device : int
@@ -343,10 +342,8 @@ class View:
 
     Parameters
     ----------
-    camera : Camera
     drive : Drive
         Its mounting and its place in the lane.
-    textures : Textures
 
     Attributes
     ----------
@@ -518,7 +515,9 @@ def cut(
     Parameters
     ----------
     frame : ndarray of float32, shape (height + 2 * margin, width + 2 * margin)
+        Image with room for the shift on each side.
     margin : int
+        Pixels of that room.
     right, down : float
         Shift of the image in pixels, less than `margin` in size.
     fixed : ndarray of float32, shape (height, width)
@@ -573,10 +572,8 @@ def traffic(drive: Drive, motion: Motion, seed: int) -> list[Mover]:
 
     Parameters
     ----------
-    drive : Drive
     motion : Motion
         When the camera is where: each mover is placed so that it is met.
-    seed : int
     """
     rng = np.random.default_rng((seed, _TRAFFIC))
     length_m = float(motion.position_m[-1])
@@ -639,9 +636,6 @@ def paint_traffic(
 
     Parameters
     ----------
-    movers : list of Mover
-    view : View
-    time_us : int
     position_m : float
         Place of the camera.
     frame : ndarray of float32, shape of the view

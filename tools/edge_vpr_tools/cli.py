@@ -122,7 +122,6 @@ class VerbParser(argparse.ArgumentParser):
 
     Parameters
     ----------
-    verb : str
     examples : str, optional
         Example commands, one in each line, shown at the end of the help.
     """

@@ -61,6 +61,7 @@ class Finding:
     topic : str
         What was checked.
     state : {"good", "absent", "wrong"}
+        "absent": an extra or a device is missing; "wrong": something will fail or mislead.
     text : str
         What was found.
     remedy : str
@@ -176,7 +177,6 @@ def _state_of(index: Path, source: Path, processor: object, changed_s: float) ->
 
     Parameters
     ----------
-    index, source : Path
     processor : object
         As Numba describes it.
     changed_s : float

@@ -68,8 +68,6 @@ def open_source(
 
     Parameters
     ----------
-    args : argparse.Namespace
-    path : path
     default_period : Fraction, optional
         Seconds a frame, if neither the file nor the flag says; as of the map.
 

@@ -177,6 +177,7 @@ class View:
     as_json : bool
         JSON lines on standard output.
     log : text file or None
+        Open file that gets each match as a line of JSON.
     reference : ReferenceMap or None
         Where it has positions, matches have the columns of `matches_csv`.
     panel : Panel or None
@@ -225,7 +226,6 @@ class View:
 
         Parameters
         ----------
-        result : LiveResult
         at_s : float
             When the bytes came, on the clock of `time.monotonic`.
         host_us : int
@@ -502,7 +502,6 @@ def open_rerun(target: str | None, sensor: Sensor) -> Iterator[RerunView | None]
     ----------
     target : str or None
         ``viewer``, or a file ``.rrd`` to look at later; None: nothing.
-    sensor : Sensor
 
     Raises
     ------

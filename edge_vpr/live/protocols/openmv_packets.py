@@ -234,7 +234,6 @@ class PacketFinder:
 
         Parameters
         ----------
-        data : bytes
         trust : int
             An incomplete packet that begins before this byte is invalid.
         """

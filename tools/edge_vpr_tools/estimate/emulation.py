@@ -111,10 +111,8 @@ def count(target: Target, elf: Path, design: Design, seed: int = 0) -> Counted:
 
     Parameters
     ----------
-    target : Target
     elf : path
         What `firmware_model.emulation.build.build` made for it.
-    design : Design
     seed : int
         Of the places and counts.
 
@@ -161,7 +159,6 @@ def predict(design: Design, core: str) -> Counted:
 
     Parameters
     ----------
-    design : Design
     core : str
         A row of the table, for example ``cortex-m4``.
 

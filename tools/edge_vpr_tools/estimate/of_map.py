@@ -66,7 +66,6 @@ def memories_of(reference: ReferenceMap, design: Design) -> Memories:
 
     Parameters
     ----------
-    reference : ReferenceMap
     design : Design
         Of this map.
     """

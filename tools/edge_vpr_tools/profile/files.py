@@ -22,8 +22,6 @@ def write_profile(found: Profile, folder: Path, *, report: bool, name: str = PRO
 
     Parameters
     ----------
-    found : Profile
-    folder : path
     report : bool
         Also write the report with figures.
     name : str

@@ -250,7 +250,6 @@ def add_run(page: Page, record: Mapping[str, Any]) -> None:
 
     Parameters
     ----------
-    page : Page
     record : mapping
         A `RunRecord`, as read from the file. What an older file lacks is left out.
     """
@@ -311,7 +310,6 @@ def quantity(
     ----------
     value : float
         Tells the prefix, from pico to none.
-    unit : str
     low, high : float, optional
         Left out where both are equal.
     digits : int

@@ -51,7 +51,6 @@ class Replay:
 
     Attributes
     ----------
-    reference : ReferenceMap
     outcome : Outcome
         Of n matches, one a frame.
     queries : Descriptors
@@ -226,7 +225,6 @@ def write_gif(path: Path, pictures: Sequence[Image.Image], fps: float) -> None:
 
     Parameters
     ----------
-    path : path
     pictures : sequence of Image
         At least one.
     fps : float
@@ -246,7 +244,6 @@ def write_html(
 
     Parameters
     ----------
-    path : path
     pictures : sequence of Image
         At least one.
     captions : sequence of str
@@ -306,7 +303,6 @@ def load_replay(
 
     Parameters
     ----------
-    folder : path
     inputs : MatchInputs
         Of the match. The recording is read if it was matched online, or for `all_events`.
     most : int
@@ -379,7 +375,6 @@ def event_images(
 
     Parameters
     ----------
-    recording : EventSource
     start_us, end_us : ndarray of int64, shape (n,)
         Events at the start are counted, those at the end are not.
     """

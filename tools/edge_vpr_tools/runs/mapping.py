@@ -44,8 +44,6 @@ def map_recording(
 
     Parameters
     ----------
-    recording : EventSource or WindowSource
-    settings : Settings
     hot : ndarray of bool, shape (height, width), optional
         Hot pixels; by default they are found, if the settings ask for it.
     track : Track, optional
@@ -75,7 +73,6 @@ class Calibrated(NamedTuple):
 
     Attributes
     ----------
-    reference : ReferenceMap
     confidence : Confidence
         The table, as the map has it.
     settings_changed : bool
@@ -103,10 +100,8 @@ def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> 
 
     Parameters
     ----------
-    reference : ReferenceMap
     matches : Matches
         Of a drive against this map.
-    truth : GroundTruth
 
     Raises
     ------
