@@ -1,4 +1,4 @@
-"""The way in: maps of drives, and the matches of other drives with them."""
+"""The front door: maps of drives, and the matches of other drives with them."""
 
 from __future__ import annotations
 
@@ -473,14 +473,14 @@ class MatchResult:
         query_track: Track | PathName,
         tolerance_m: float,
     ) -> GroundTruth:
-        """Return the right places of each query, from the tracks of both drives.
+        """Return the correct places of each query, from the tracks of both drives.
 
         Parameters
         ----------
         reference_track, query_track : Track or path
             Time 0 of each is the start of its recording.
         tolerance_m : float
-            A place is right if it lies within so many metres of the query.
+            A place is correct if it lies within so many metres of the query.
 
         Raises
         ------
@@ -534,7 +534,7 @@ class MatchResult:
                 )
             if tolerance_m is None:
                 raise UsageError(
-                    "the truth is two tracks, without the distance up to which a match is right: "
+                    "the truth is two tracks, without the distance up to which a match is correct: "
                     "give for example tolerance_m=70"
                 )
             truth = self.truth(truth[0], truth[1], tolerance_m)

@@ -755,7 +755,8 @@ def load_odometry(path: str | Path) -> Odometry:
         )
     if not (np.abs(values) * 1e3 <= MOST_MM).all():
         raise GroundTruthError(
-            f"{path} has ways up to {np.abs(values).max():g} m: expected at most {MOST_MM // 1000}"
+            f"{path} has distances up to {np.abs(values).max():g} m: expected at most "
+            f"{MOST_MM // 1000}"
         )
     try:
         return Odometry(

@@ -166,7 +166,7 @@ def drive_motion(drive: Drive, length_m: float, seed: int) -> Motion:
 
 
 def looks(motion: Motion, step_m: float, step_us: int) -> Motion:
-    """Return the times of frames: at least one in each `step_m` of the way and each `step_us`."""
+    """Return the times of frames: at least one in each `step_m` of the path and each `step_us`."""
     effort = np.maximum(np.diff(motion.position_m) / step_m, np.diff(motion.time_us) / step_us)
     done = np.concatenate(([0.0], np.cumsum(effort)))
     at = np.linspace(0.0, done[-1], int(np.ceil(done[-1])) + 1)

@@ -25,7 +25,7 @@ from edge_vpr.simulation.view import (
 )
 from edge_vpr.simulation.world import COLUMN_M, Scene, World, paint, park_cars
 
-STEP_M = 0.8 * COLUMN_M  # way between two looks: no texel of the street is passed over
+STEP_M = 0.8 * COLUMN_M  # distance between two looks: no texel of the street is passed over
 STEP_US = 20_000  # time between two looks while the camera stands
 BLOCK = 64  # looks that are simulated together
 CHUNK = 1 << 16  # events in one array that is handed out

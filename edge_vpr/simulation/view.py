@@ -377,7 +377,7 @@ class View:
         bonnet = self.down - 0.1 * self.across**2 - tan(radians(BONNET_DEG))
         inner = np.s_[self.margin : -self.margin, self.margin : -self.margin]
         self.fixed = np.where(bonnet > 0, 0.12 + 0.05 * self.down, 0).astype(np.float32)[inner]
-        # the street is drawn some way under the bonnet, which does not shake with it
+        # the street is drawn some distance under the bonnet, which does not shake with it
         self._hidden = bonnet > self.margin / self.focal
         self._texels = textures.texels
         self._texel_m = COLUMN_M * 2.0 ** np.arange(LEVELS)

@@ -242,8 +242,8 @@ def add_truth_flags(group: argparse._ActionsContainer) -> None:
         "--tolerance",
         type=float,
         metavar="T",
-        help="largest error of a right match: in metres for tracks, in the unit of the file for an "
-        "alignment; needed for both",
+        help="largest error of a correct match: in metres for tracks, in the unit of the file for "
+        "an alignment; needed for both",
     )
     group.add_argument(
         "--rows", choices=("reference", "query"),

@@ -81,7 +81,7 @@ FITTED_ON = tuple(
 )
 
 
-#: the same for the filter: sizes, and prices of steps forward and back
+#: the same for the filter: sizes, and costs of steps forward and back
 _FILTERS = tuple(
     Design(
         width=64, height=64, pixels=pixels, places=places, code="own-mean", code_bits=4,

@@ -37,7 +37,7 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         )
     code, bits, full_scales = _code_of(reference)
     filters = settings.matching == "filter"
-    prices = TransitionCosts.of(settings) if filters else TransitionCosts()
+    costs = TransitionCosts.of(settings) if filters else TransitionCosts()
     return Design(
         width=reference.pixel_map.sensor.width,
         height=reference.pixel_map.sensor.height,
@@ -52,9 +52,9 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         places=len(reference),
         matching=settings.matching,
         length=0 if filters else settings.sequence_length,
-        steps=prices.forward,
-        back=prices.back,
-        restart=prices.restart,
+        steps=costs.forward,
+        back=costs.back,
+        restart=costs.restart,
         lanes=lanes,
         accept="margin" if filters else "ratio",
         exclusion=settings.exclusion,

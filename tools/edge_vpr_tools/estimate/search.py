@@ -465,13 +465,13 @@ def evaluation_of(metrics: Path) -> tuple[float, int] | None:
     remedy = "match and evaluate again"
     values = read_json(metrics, "metrics", remedy)
     with damaged(metrics, remedy):
-        told = from_json(Metrics, values).evaluation
-        if told is None:
+        evaluation = from_json(Metrics, values).evaluation
+        if evaluation is None:
             return None
-        right, queries = told.precision_at_100_recall, told.queries
-        if not 0 <= right <= 1 or queries < 1:
-            raise MapError(f"P@100R is {right} of {queries} queries")
-    return right, queries
+        precision, queries = evaluation.precision_at_100_recall, evaluation.queries
+        if not 0 <= precision <= 1 or queries < 1:
+            raise MapError(f"P@100R is {precision} of {queries} queries")
+    return precision, queries
 
 
 def evaluated_runs(folder: Path) -> list[Evaluated]:

@@ -133,13 +133,13 @@ def seen_from_above(outcome: Outcome, place: Floats, at: Floats, kind: Kind) -> 
     return drawing
 
 
-def along_the_way(outcome: Outcome, at: Floats, label: str) -> Figure:
-    """Draw where on the way each match was made, a row for each of correct, wrong and so on.
+def outcomes_along(outcome: Outcome, at: Floats, label: str) -> Figure:
+    """Draw where along the route each match was made, a row for each of correct, wrong and so on.
 
     Parameters
     ----------
     at : ndarray of float64, shape (n,)
-        Position of each match along the way.
+        Position of each match along the route.
     label : str
         Of the axis, with the unit.
     """

@@ -133,7 +133,7 @@ class _Film:
         every = np.concatenate([self._seen.ravel(), self._mapped.ravel()])
         self._most = max(float(np.percentile(every, 99.5)), 1.0)
         self._title = drawing.suptitle(self._texts[0], fontsize=11)
-        (query, place, where), (left, right, sure) = axes
+        (query, place, where), (left, right, confidence) = axes
         grid = left.get_gridspec()
         left.remove()
         right.remove()
@@ -149,14 +149,14 @@ class _Film:
         self._place = self._sensor(place, "the matched place", self._mapped[0])
         scale = along_route(reference, reference.route)
         self._x = scale.values
-        label = "way (m)" if reference.route is not None else "reference (s)"
+        label = "distance (m)" if reference.route is not None else "reference (s)"
         self._draw_cost(cost, label)
         self._draw_position(where, label)
-        sure.set(title="probability", xlabel="time (s)", ylim=(-0.05, 1.05))
-        sure.set_xlim(*self._span())
-        (self._sure,) = sure.plot([], [], color=BLUE, lw=1.5)
-        self._sure_now = sure.scatter([], [], s=30, color=ORANGE, zorder=3)
-        for each in (query, place, cost, where, sure):
+        confidence.set(title="probability", xlabel="time (s)", ylim=(-0.05, 1.05))
+        confidence.set_xlim(*self._span())
+        (self._probability,) = confidence.plot([], [], color=BLUE, lw=1.5)
+        self._probability_now = confidence.scatter([], [], s=30, color=ORANGE, zorder=3)
+        for each in (query, place, cost, where, confidence):
             each.title.set_fontsize(10)
             each.tick_params(labelsize=8)
             each.xaxis.label.set_fontsize(9)
@@ -178,7 +178,7 @@ class _Film:
         axes.set_ylim(low - 0.06 * (high - low), max(high, low + 1e-9))
 
     def _draw_position(self, axes: Axes, label: str) -> None:
-        """Draw the route from above where it has two dimensions, and else the way over time."""
+        """Draw the route from above if it has two dimensions, else the distance over time."""
         route, places = self._replay.reference.route, self._replay.outcome.matches.place
         axes.set_title("position")
         self._path: Floats
@@ -210,8 +210,8 @@ class _Film:
         self._trail.set_offsets(self._path[: i + 1])
         self._now.set_offsets(self._path[i : i + 1])
         probability = outcome.matches.probability[: i + 1]
-        self._sure.set_data(outcome.time_s[: i + 1], probability)
-        self._sure_now.set_offsets([(outcome.time_s[i], probability[-1])])
+        self._probability.set_data(outcome.time_s[: i + 1], probability)
+        self._probability_now.set_offsets([(outcome.time_s[i], probability[-1])])
         self._title.set_text(self._texts[i])
         self._drawing.set_dpi(_DPI)
         self._canvas.draw()  # type: ignore[no-untyped-call]

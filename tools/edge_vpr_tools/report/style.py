@@ -324,7 +324,7 @@ def along_route(reference: ReferenceMap, route: Route | None) -> Scale:
     """
     if route is None:
         return seconds(reference.places.centre_us, "reference")
-    return Scale(route.along_m, "way along the route (m)")
+    return Scale(route.along_m, "distance along the route (m)")
 
 
 def add_scale(axes: Axes, side: str, scale: Scale) -> None:

@@ -78,7 +78,7 @@ class Calibrated(NamedTuple):
     settings_changed : bool
         Whether the map took over the settings that the drive was matched with.
     matches, right, off_map : int
-        That were learnt from, those of them that are right, and queries off the map.
+        That were learnt from, those of them that are correct, and queries off the map.
     error_before : float or None
         Expected calibration error of the table used before.
     error : float
@@ -96,7 +96,7 @@ class Calibrated(NamedTuple):
 
 
 def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> Calibrated:
-    """Learn the probability that a match is right.
+    """Learn the probability that a match is correct.
 
     Parameters
     ----------
