@@ -130,7 +130,6 @@ def expect(value: object, kinds: type | tuple[type, ...], name: str, give: str) 
 
     Parameters
     ----------
-    value : object
     kinds : type or tuple of type
         A truth value is not taken for a whole number.
     name : str
@@ -164,7 +163,6 @@ def as_path(path: object, what: str) -> Path:
 
     Parameters
     ----------
-    path : object
     what : str
         What is expected at the path, for the message.
 

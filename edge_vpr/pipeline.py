@@ -164,8 +164,6 @@ def cleaned(
 
     Parameters
     ----------
-    recording : EventSource
-    settings : Settings
     removed : Removed, optional
         Is filled with what was left out.
     """
@@ -191,9 +189,6 @@ def event_windows(
 
     Parameters
     ----------
-    recording : EventSource
-    stream : DescriptorStream
-    settings : Settings
     removed : Removed, optional
         Is filled with what was left out.
     """
@@ -225,8 +220,6 @@ def describe_query(
 
     Parameters
     ----------
-    reference : MapRecord
-    recording : EventSource or WindowSource
     removed : Removed, optional
         Filled with how much the cleaning took.
 
@@ -256,8 +249,6 @@ def describe(
 
     Parameters
     ----------
-    recording : EventSource or WindowSource
-    pixel_map : PixelMap
     settings : Settings
         Of the map.
     full_scale : ndarray of uint16, shape (J,), optional
@@ -336,7 +327,6 @@ def map_traverse(
     ----------
     recording : EventSource or WindowSource
         For example from `open_recording`.
-    settings : Settings
     pixel_map : PixelMap, optional
         Pixels to use; by default they are selected as the settings say.
     hot : ndarray of bool, shape (height, width), optional
@@ -503,8 +493,6 @@ def match_query(
 
     Parameters
     ----------
-    reference : MapRecord
-    queries : Descriptors
     odometry : Odometry, optional
         Of the query drive.
     """

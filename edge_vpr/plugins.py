@@ -13,6 +13,7 @@ def names_with_plugins(own: Iterable[str], group: str) -> list[str]:
     Parameters
     ----------
     own : iterable of str
+        Names that need no plug-in.
     group : str
         Group of the entry points. A name of the package itself cannot be replaced.
     """

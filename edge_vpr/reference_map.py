@@ -1,4 +1,4 @@
-"""The way in: maps of drives, and the matches of other drives with them."""
+"""The front door: maps of drives, and the matches of other drives with them."""
 
 from __future__ import annotations
 
@@ -86,7 +86,6 @@ class ReferenceMap(MapRecord):
     ----------
     settings : Settings
         With which it was made; a query is described with the same.
-    pixel_map : PixelMap
     places : Descriptors
         One a place, K in all.
     saliency : ndarray of float32, shape (height, width)
@@ -364,8 +363,6 @@ class ReferenceMap(MapRecord):
 
         Parameters
         ----------
-        settings : Settings or None
-        changes : dict
         by : str
             Name of the method, for error messages.
         """
@@ -430,9 +427,14 @@ class MatchMetrics:
     Attributes
     ----------
     queries, places, pixels, bytes_per_place, packed_bytes_per_place, events : int
+        Numbers of windows, places and pixels, bytes of a place as stored and packed, and
+        events counted.
     counting_s, matching_s : float
+        Seconds that counting and matching took.
     tied_queries : int
+        Queries with other places at the same smallest distance.
     faults_dropped : Faults
+        Faulty entries of the recording that were left out.
     mount_shift : MountShift or None
         None where the query was not registered.
     """
@@ -457,10 +459,13 @@ class OnlineMetrics:
     Attributes
     ----------
     matches, events : int
+        Numbers of matches given and events read.
     every : str
         When a match was given, as the user wrote it.
     localising_s, times_real_time : float
+        Seconds that the run took, and the length of the recording divided by them.
     faults_dropped : Faults
+        Faulty entries of the recording that were left out.
     mount_shift : MountShift or None
         None where the query was not registered.
     """
@@ -490,7 +495,6 @@ class MatchResult:
     reference : ReferenceMap
         The map, with its own settings (those of the run are in `matches`); with its pixels moved
         where the query was registered.
-    matches : Matches
     queries : Descriptors or None
         The windows of the query; None where it was matched event by event.
     metrics : MatchMetrics or OnlineMetrics or None
@@ -530,14 +534,14 @@ class MatchResult:
         query_track: Track | PathName,
         tolerance_m: float,
     ) -> GroundTruth:
-        """Return the right places of each query, from the tracks of both drives.
+        """Return the correct places of each query, from the tracks of both drives.
 
         Parameters
         ----------
         reference_track, query_track : Track or path
             Time 0 of each is the start of its recording.
         tolerance_m : float
-            A place is right if it lies within so many metres of the query.
+            A place is correct if it lies within so many metres of the query.
 
         Raises
         ------
@@ -591,7 +595,7 @@ class MatchResult:
                 )
             if tolerance_m is None:
                 raise UsageError(
-                    "the truth is two tracks, without the distance up to which a match is right: "
+                    "the truth is two tracks, without the distance up to which a match is correct: "
                     "give for example tolerance_m=70"
                 )
             truth = self.truth(truth[0], truth[1], tolerance_m)
@@ -638,7 +642,6 @@ class MatchResult:
 
         Parameters
         ----------
-        folder : path
         inputs : sequence of path
             Files that were read, for `run.json`.
         """
@@ -694,7 +697,6 @@ def opened(
 
     Parameters
     ----------
-    recording : EventSource or WindowSource or path
     frame_period : Fraction, optional
         Seconds a frame of counts, where the file does not say.
 

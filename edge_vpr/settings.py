@@ -136,6 +136,7 @@ class SettingField:
     metavar : str, optional
         Placeholder of the value in ``--help``.
     default : object
+        Value where none is given.
     choices : tuple of str
         All allowed values, for a setting that is chosen from a few.
     words : mapping of str to object
@@ -842,6 +843,7 @@ def resolve_settings(
     Parameters
     ----------
     preset : {"default", "paper", "seed-code", "tiny"}
+        Values of all settings that neither the file nor a flag gives.
     config : path, optional
         TOML file with settings as `values_by_name` reads them. It may have a key ``preset``, which
         overrides the parameter.

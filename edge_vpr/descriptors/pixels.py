@@ -39,7 +39,6 @@ class PixelMap:
 
     Parameters
     ----------
-    sensor : Sensor
     x, y : ndarray of uint16, shape (J,)
         Columns and rows, all pixels distinct and on the sensor.
 
@@ -229,7 +228,6 @@ def too_few_pixels(drawable: int, excluded: int, pixels: int, sensor: Sensor) ->
         Pixels that vary and are excluded, as hot.
     pixels : int
         Asked for.
-    sensor : Sensor
     """
     begin = f"only {drawable} of {sensor.pixels} pixels can be drawn and {pixels} were asked for"
     if excluded and drawable + excluded >= pixels:
@@ -301,7 +299,6 @@ class PixelStatistics:
 
     Parameters
     ----------
-    sensor : Sensor
     clip : int, optional
         Largest count that mean and variance see (the released code: 10).
     spool_bytes : int
@@ -431,6 +428,7 @@ def shortlist(saliency: npt.NDArray[np.float64], exclude: npt.NDArray[np.bool_])
     saliency : ndarray of float64, shape (height, width)
         Not negative.
     exclude : ndarray of bool, shape (height, width)
+        Pixels that are not chosen.
 
     Returns
     -------

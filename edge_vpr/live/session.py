@@ -57,6 +57,7 @@ class LiveResult(NamedTuple):
     events : ndarray of EVENT_DTYPE, shape (n,)
         As decoded.
     matches : ndarray of MATCH_DTYPE, shape (m,)
+        In the order of their windows.
     incomplete : bool
         Whether events are known to be missing from the windows of these matches.
     reached_us : int
@@ -74,7 +75,6 @@ class LiveLocaliser:
 
     Parameters
     ----------
-    decoder : Decoder
     reference : ReferenceMap, optional
         Without one, events are decoded and nothing is matched.
     every : MatchSchedule, optional
@@ -144,7 +144,6 @@ class LiveLocaliser:
 
         Parameters
         ----------
-        data : bytes
         host_us : int
             When they came.
         lost : int
@@ -442,7 +441,6 @@ class LiveStatus(NamedTuple):
 
     Attributes
     ----------
-    health : Health
     filled : float
         Share of the first sequence that is complete; there are matches from 1 on.
     lost_link : str
@@ -1006,8 +1004,6 @@ class _LineWatch:
 
     Parameters
     ----------
-    reader : LinkReader
-    decoder : Decoder
     say : callable
         Takes the kind and the text of a message, and `over`.
     """

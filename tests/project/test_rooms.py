@@ -117,6 +117,19 @@ def test_help_loads_neither_numpy_nor_numba_nor_matplotlib_nor_readers():
     assert run.stdout.splitlines()[-1] == "[]"
 
 
+def test_what_a_robot_runs_loads_no_pictures_and_no_tables():
+    """A session, the map behind it, and `stream` without a terminal: quick to start, and small."""
+    unneeded = {"matplotlib", "PIL", "pandas", "pyarrow", "h5py", "rosbags"}
+    code = (
+        "import sys, edge_vpr\n"
+        "from edge_vpr import LiveSession, Localiser, ReferenceMap\n"
+        "import edge_vpr_tools.runs.live, edge_vpr_tools.commands.stream\n"
+        f"print(sorted({unneeded} & set(sys.modules)))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.splitlines()[-1] == "[]"
+
+
 #: our modules that need an optional extra, and are imported where they are used
 EXTRAS = ("firmware_model.emulation.emulator", "firmware_model.emulation.instructions")
 

@@ -39,7 +39,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "replay": "show a match as a film: events, cost of each place, position, probability",
         "sweep": "run many settings on many drives, on this machine or on a cluster",
         "compare": "show the results of several runs and sweeps in one table and one figure",
-        "calibrate": "learn how probable right matches are, from a drive with ground truth",
+        "calibrate": "learn how probable correct matches are, from a drive with ground truth",
     },
     "recordings": {
         "info": "show what a recording holds: sensor, events, duration, rate, polarity, faults",
@@ -122,7 +122,6 @@ class VerbParser(argparse.ArgumentParser):
 
     Parameters
     ----------
-    verb : str
     examples : str, optional
         Example commands, one in each line, shown at the end of the help.
     """

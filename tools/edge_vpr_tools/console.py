@@ -39,7 +39,6 @@ def verbosity(level: Verbosity, command: Sequence[str] = ()) -> Iterator[None]:
 
     Parameters
     ----------
-    level : Verbosity
     command : sequence of str, optional
         Words of the command that runs in the block; by default those of the process.
     """
@@ -183,9 +182,8 @@ def table(
 
     Parameters
     ----------
-    header : sequence of str
     rows : iterable of sequence of str
-    title : str, optional
+        Cells of each row, one a column.
     width : int
         In columns, where the output is no terminal.
     quiet : bool

@@ -26,6 +26,7 @@ from numba import njit
 from numba.core import caching
 from numba.core.registry import cpu_target
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 from serial.tools import list_ports
 
 import edge_vpr
@@ -60,6 +61,7 @@ class Finding:
     topic : str
         What was checked.
     state : {"good", "absent", "wrong"}
+        "absent": an extra or a device is missing; "wrong": something will fail or mislead.
     text : str
         What was found.
     remedy : str
@@ -175,7 +177,6 @@ def _state_of(index: Path, source: Path, processor: object, changed_s: float) ->
 
     Parameters
     ----------
-    index, source : Path
     processor : object
         As Numba describes it.
     changed_s : float
@@ -393,6 +394,37 @@ def check_versions() -> Iterator[Finding]:
     yield Finding("versions", "good", ", ".join(found))
 
 
+def check_packages() -> Iterator[Finding]:
+    """Tell the number and the sizes of the packages that edge-vpr needs, the largest first."""
+    sizes = package_sizes(distribution("edge-vpr").requires or ())
+    largest_first = sorted(sizes.items(), key=lambda item: -item[1])
+    listed = ", ".join(f"{name} {size / 1e6:.1f}" for name, size in largest_first)
+    text = f"{len(sizes)} besides edge-vpr, {sum(sizes.values()) / 1e6:.0f} MB: {listed}"
+    yield Finding("packages", "good", text)
+
+
+def package_sizes(requirements: Iterable[str]) -> dict[str, int]:
+    """Return the sizes in bytes of the installed packages that requirements lead to, by name.
+
+    Parameters
+    ----------
+    requirements : iterable of str
+        Those of an extra are left out, and so are packages that are missing.
+    """
+    sizes: dict[str, int] = {}
+    pending = [Requirement(text) for text in requirements]
+    while pending:
+        requirement = pending.pop()
+        name = canonicalize_name(requirement.name)
+        needed = requirement.marker is None or requirement.marker.evaluate({"extra": ""})
+        if name in sizes or not needed or _installed(requirement) is None:
+            continue
+        found = distribution(name)
+        sizes[name] = sum(file.size or 0 for file in found.files or ())
+        pending += [Requirement(text) for text in found.requires or ()]
+    return sizes
+
+
 def check_extras() -> Iterator[Finding]:
     """Check for the libraries of each extra for users."""
     needed = [Requirement(text) for text in distribution("edge-vpr").requires or ()]
@@ -443,6 +475,7 @@ _MARKS = {"good": "ok", "absent": "--", "wrong": "!!"}
 #: checks by their topic
 CHECKS: Mapping[str, Callable[[], Iterable[Finding]]] = {
     "versions": check_versions,
+    "packages": check_packages,
     "extras": check_extras,
     "compiled kernels": check_kernels,
     "processor": check_processor,

@@ -103,6 +103,7 @@ def add_match_flags(parser: argparse._ActionsContainer, default: str = "") -> No
     Parameters
     ----------
     parser : parser or group
+        Parser, or group of one, that gets the flags.
     default : str, optional
         Text that the help shows as the default; empty for the value of the preset.
     """
@@ -145,8 +146,6 @@ def with_match_flags(
 
     Parameters
     ----------
-    args : argparse.Namespace
-    settings : Settings
     online : bool
         Match while the events come, so that nothing is smoothed.
 
@@ -243,8 +242,8 @@ def add_truth_flags(group: argparse._ActionsContainer) -> None:
         "--tolerance",
         type=float,
         metavar="T",
-        help="largest error of a right match: in metres for tracks, in the unit of the file for an "
-        "alignment; needed for both",
+        help="largest error of a correct match: in metres for tracks, in the unit of the file for "
+        "an alignment; needed for both",
     )
     group.add_argument(
         "--rows", choices=("reference", "query"),

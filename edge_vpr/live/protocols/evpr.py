@@ -126,6 +126,7 @@ def crc32(data: Any, start: Any, stop: Any) -> Any:
     Parameters
     ----------
     data : ndarray of uint8, shape (n,)
+        Bytes, of which a part is checked.
     start, stop : int
         From 0 to n.
     """
@@ -193,7 +194,9 @@ class FrameRoom(NamedTuple):
     columns : Columns
         Events of all frames.
     memory : ndarray of MEMORY, shape (1,)
+        State that is kept between chunks.
     brought : ndarray of BROUGHT, shape (1,)
+        Counts of what the chunk held.
     """
 
     plain: Bytes
@@ -376,7 +379,6 @@ class EvprEncoder(Encoder):
 
     Parameters
     ----------
-    sensor : Sensor
     width : {3, 4}
         Bytes an event.
     boot : int

@@ -31,14 +31,11 @@ class Decoder:
 
     Parameters
     ----------
-    sensor : Sensor
-    clock : Clock
     accounting : {"exact", "bound", "unknown"}
         How well the number of events that never arrived is known.
 
     Attributes
     ----------
-    health : Health
     resync_bytes : int
         Number of undamaged bytes after a fault that suffice to find the next event.
     baud : int
@@ -138,7 +135,6 @@ class Decoder:
         ----------
         data, host_us
             See `feed`.
-        follower : Follower
 
         Returns
         -------
@@ -365,7 +361,6 @@ def open_decoder(protocol: str, sensor: Sensor) -> Decoder:
     ----------
     protocol : str
         Name, with options after a colon: ``edvs:format=E3,sync=1``.
-    sensor : Sensor
 
     Raises
     ------

@@ -37,7 +37,6 @@ class Drives:
     ----------
     name : str
         For the answer.
-    reference, query : EventSource
     truth_of : callable
         Ground truth of places and queries at such times.
     """
@@ -62,11 +61,10 @@ class _Run:
 
     Attributes
     ----------
-    name : str
-    reference : ReferenceMap
     start_us, end_us : ndarray of int64, shape (n,)
         Of the query windows, in order.
     correct : ndarray of bool, shape (n,)
+        Whether each match is correct.
     """
 
     name: str
@@ -94,7 +92,6 @@ def try_designs(
 
     Parameters
     ----------
-    drives : Drives
     designs : sequence of Design
         All but their pixels, bits and places is their own.
     on_start : callable

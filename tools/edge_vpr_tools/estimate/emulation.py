@@ -81,7 +81,7 @@ FITTED_ON = tuple(
 )
 
 
-#: the same for the filter: sizes, and prices of steps forward and back
+#: the same for the filter: sizes, and costs of steps forward and back
 _FILTERS = tuple(
     Design(
         width=64, height=64, pixels=pixels, places=places, code="own-mean", code_bits=4,
@@ -111,10 +111,8 @@ def count(target: Target, elf: Path, design: Design, seed: int = 0) -> Counted:
 
     Parameters
     ----------
-    target : Target
     elf : path
         What `firmware_model.emulation.build.build` made for it.
-    design : Design
     seed : int
         Of the places and counts.
 
@@ -161,7 +159,6 @@ def predict(design: Design, core: str) -> Counted:
 
     Parameters
     ----------
-    design : Design
     core : str
         A row of the table, for example ``cortex-m4``.
 

@@ -120,7 +120,6 @@ def event_work(design: Design, selected: bool) -> Work:
 
     Parameters
     ----------
-    design : Design
     selected : bool
         Whether it is at a selected pixel.
     """
@@ -244,7 +243,6 @@ def block_memories(design: Design, shapes: Shapes) -> int:
 
     Parameters
     ----------
-    design : Design
     shapes : sequence of (depth, width)
         In which a block can be used.
     """
@@ -285,7 +283,6 @@ class Mission:
         Of the whole sensor.
     selected_share : float
         Of those, at selected pixels.
-    matches_per_s : float
     events_per_call : int
         How many events the program takes in one call.
     """
@@ -368,7 +365,9 @@ class Cost:
     logic_cells : int, optional
         Of the core, predicted from measured netlists; FPGAs that there are such of.
     cycles : dict of str to Spread
+        By the unit of work.
     seconds : dict of str to Spread
+        By the unit of work.
     load : Spread
         Share of the time that it is busy at the mission's rates; it must stay below 1.
     energy_j : dict of str to Spread, optional
@@ -407,9 +406,6 @@ def cost(
 
     Parameters
     ----------
-    design : Design
-    target : Target
-    mission : Mission
     cycle_energy : Constant, optional
         Measured on the user's own board, instead of the target's; pJ/cycle.
     """

@@ -37,7 +37,7 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         )
     code, bits, full_scales = _code_of(reference)
     filters = settings.matching == "filter"
-    prices = TransitionCosts.of(settings)
+    costs = TransitionCosts.of(settings)
     return Design(
         width=reference.pixel_map.sensor.width,
         height=reference.pixel_map.sensor.height,
@@ -52,10 +52,10 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         places=len(reference),
         matching=settings.matching,
         length=0 if filters else settings.sequence_length,
-        activity_costs=filters and prices.forward is None,
-        steps=prices.forward or (),
-        back=prices.back,
-        restart=prices.restart,
+        activity_costs=filters and costs.forward is None,
+        steps=costs.forward or (),
+        back=costs.back,
+        restart=costs.restart,
         lanes=lanes,
         accept="margin" if filters else "ratio",
         exclusion=settings.exclusion,
@@ -67,7 +67,6 @@ def memories_of(reference: ReferenceMap, design: Design) -> Memories:
 
     Parameters
     ----------
-    reference : ReferenceMap
     design : Design
         Of this map.
     """

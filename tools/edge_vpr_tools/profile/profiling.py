@@ -315,8 +315,8 @@ def align(windows: Sequence[Window], time_s: Floats, watts: Floats) -> float:
 
     Parameters
     ----------
-    windows : sequence of Window
     time_s, watts : ndarray of float64, shape (n,)
+        Trace of the meter, on its own clock.
 
     Returns
     -------
@@ -430,9 +430,6 @@ def profile(
 
     Parameters
     ----------
-    load : Load
-    request : Request
-    plan : Plan
     sensor : Sensor, optional
         Sensor of power or energy; it is not closed.
     missing : sequence of Missing

@@ -40,7 +40,6 @@ class ExperimentPage:
 
         Parameters
         ----------
-        name : str
         summary : str
             What it shows, in a line.
         markdown : str

@@ -20,9 +20,9 @@ from edge_vpr.reference_map import ReferenceMap, read_queries
 from edge_vpr.route import Route
 from edge_vpr_tools.report.figures import (
     Window,
-    along_the_way,
     distance_matrix,
     event_rate,
+    outcomes_along,
     over_time,
     precision_recall,
     reliability_diagram,
@@ -147,11 +147,12 @@ def _add_outcome(
                 " according to a match.") + accepted)  # fmt: skip
     elif positions is not None and positions.query.shape[1] == 1:
         unit = positions.unit
-        label = "way along the route (m)" if unit == "m" else f"true reference place ({unit})"
-        add("route", along_the_way(outcome, positions.query[query, 0], label),
+        label = "distance along the route (m)" if unit == "m" else f"true reference place ({unit})"
+        add("route", outcomes_along(outcome, positions.query[query, 0], label),
              f"Where on the route each match was made.{accepted}")  # fmt: skip
     elif along_mm is not None:
-        add("route", along_the_way(outcome, along_mm[places] / 1e3, "way along the route (m)"),
+        along_m = along_mm[places] / 1e3
+        add("route", outcomes_along(outcome, along_m, "distance along the route (m)"),
              f"The place of each match along the route.{accepted}")  # fmt: skip
     scale = along_route(reference, route)
     upper = "How far each match is from the true place" if outcome.truth else "The place"

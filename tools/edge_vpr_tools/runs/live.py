@@ -41,11 +41,6 @@ class LiveOutput:
 def show_session(session: LiveSession, output: LiveOutput) -> None:
     """Open a session, show it to its end, and close everything in any case, the session last.
 
-    Parameters
-    ----------
-    session : LiveSession
-    output : LiveOutput
-
     Raises
     ------
     EdgeVprError

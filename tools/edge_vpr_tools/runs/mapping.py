@@ -44,8 +44,6 @@ def map_recording(
 
     Parameters
     ----------
-    recording : EventSource or WindowSource
-    settings : Settings
     hot : ndarray of bool, shape (height, width), optional
         Hot pixels; by default they are found, if the settings ask for it.
     track : Track, optional
@@ -75,13 +73,12 @@ class Calibrated(NamedTuple):
 
     Attributes
     ----------
-    reference : ReferenceMap
     confidence : Confidence
         The table, as the map has it.
     settings_changed : bool
         Whether the map took over the settings that the drive was matched with.
     matches, right, off_map : int
-        That were learnt from, those of them that are right, and queries off the map.
+        That were learnt from, those of them that are correct, and queries off the map.
     error_before : float or None
         Expected calibration error of the table used before.
     error : float
@@ -99,14 +96,12 @@ class Calibrated(NamedTuple):
 
 
 def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> Calibrated:
-    """Learn the probability that a match is right.
+    """Learn the probability that a match is correct.
 
     Parameters
     ----------
-    reference : ReferenceMap
     matches : Matches
         Of a drive against this map.
-    truth : GroundTruth
 
     Raises
     ------
