@@ -190,7 +190,7 @@ class ReferenceMap(MapRecord):
         made = replace(cls.of(found), frame_period=getattr(drive, "frame_period", None))
         check_matchable(made)
         if track is not None:
-            made = with_positions(made, track)
+            made = with_positions(made, track, getattr(drive, "start_us", None))
         if odometry is not None:
             made = replace(made, odometer_mm=odometry.along(made.places.centre_us))
         if isinstance(jumps, str | Path):
