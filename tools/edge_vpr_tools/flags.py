@@ -234,10 +234,10 @@ def add_truth_flags(group: argparse._ActionsContainer) -> None:
         nargs="+",
         required=True,
         metavar="FILE",
-        help="two tracks, first that of the reference (NMEA, GPX, or CSV with the columns time_s "
-        "and position_m, x_m[,y_m[,z_m]] or latitude,longitude); or one alignment "
-        "(CSV with the columns query_s,reference_s or query_frame,reference_frame); or one matrix "
-        "of 0 and 1 (.npz, .npy)",
+        help="two tracks, first that of the reference (NMEA, GPX, poses of TUM, KITTI or EuRoC, or "
+        "CSV with time_s or timestamp and position_m, x_m[,y_m[,z_m]] or latitude,longitude); or "
+        "one alignment (CSV with query_s,reference_s or query_frame,reference_frame); or one "
+        "matrix of 0 and 1 (.npz, .npy)",
     )
     group.add_argument(
         "--tolerance",
