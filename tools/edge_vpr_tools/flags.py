@@ -201,6 +201,9 @@ def _form(field: SettingField) -> dict[str, Any]:
     """Return the arguments by which argparse reads a flag: a switch, a choice, or a value."""
     if field.kind is bool and not field.words:
         return {"action": argparse.BooleanOptionalAction}
+    if field.choices and field.plugins:
+        shown = f"{{{','.join(field.choices)},plugin:NAME}}"
+        return {"metavar": shown, "type": _checked(field)}
     if field.choices:
         return {"choices": (*field.choices, *field.words)}
     if field.kind is bool and field.metavar is None:
@@ -216,9 +219,12 @@ def _checked(field: SettingField) -> Callable[[str], str]:
 
     def word(given: str) -> str:
         try:
-            field.value_of(given)
+            value = field.value_of(given)
+            if field.choices:
+                field.check(value)
         except UsageError:
-            raise argparse.ArgumentTypeError(f"{given!r}: expected {field.accepted}") from None
+            expected = ", ".join(field.choices) or field.accepted
+            raise argparse.ArgumentTypeError(f"{given!r}: expected {expected}") from None
         return given
 
     return word
