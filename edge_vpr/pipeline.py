@@ -16,6 +16,7 @@ from edge_vpr.descriptors.pixels import (
     PixelMap,
     PixelStatistics,
     informative_pixels,
+    plugin_pixels,
     select_pixels,
     shortlist,
     too_few_pixels,
@@ -37,7 +38,7 @@ from edge_vpr.map_record import AnyMap, MapRecord
 from edge_vpr.matching.drive import drive_distances, match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.route import Odometry
-from edge_vpr.settings import Settings
+from edge_vpr.settings import PLUGIN, Settings
 from fixedpoint.codes import learn_full_scale
 
 # Inputs of mapping and matching: a recording of events, or counts of finished windows.
@@ -402,6 +403,8 @@ def map_traverse(
                 varying = int(np.count_nonzero(saliency[hot]))
                 raise too_few_pixels(len(listed), varying, settings.pixels, sensor)
             pixel_map = _most_informative(first, recording, settings, listed)
+        elif settings.strategy.startswith(PLUGIN):
+            pixel_map = plugin_pixels(first, settings, hot | ~counted)
         else:
             pixel_map = select_pixels(
                 saliency,

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.archive import kind_of as archive_kind
 from edge_vpr.archive import read_archive, write_archive
 from edge_vpr.descriptors.cleaning import load_hot_pixels
-from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.pixels import PixelMap, load_pixel_map
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError, UsageError, as_path, expect, kind_of
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
@@ -23,7 +24,7 @@ from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
 from edge_vpr.evaluation.tracks import Track, load_jumps, load_odometry, load_track, with_positions
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.learning import MapUpdate, learn_drive
-from edge_vpr.map_record import MapRecord
+from edge_vpr.map_record import KIND, MapRecord
 from edge_vpr.matching.matches import Matches, write_csv
 from edge_vpr.online.localiser import Localiser, OdometryFeed
 from edge_vpr.online.state import MatchSchedule
@@ -127,7 +128,7 @@ class ReferenceMap(MapRecord):
         recording: EventSource | WindowSource | PathName,
         settings: Settings | PathName | None = "default",
         *,
-        pixel_map: PixelMap | None = None,
+        pixel_map: PixelMap | PathName | None = None,
         hot: npt.NDArray[np.bool_] | PathName | None = None,
         track: Track | PathName | None = None,
         odometry: Odometry | PathName | None = None,
@@ -143,8 +144,9 @@ class ReferenceMap(MapRecord):
             For example from `open_recording`; a path is opened by it.
         settings : Settings or str or path or None
             Settings, the name of a preset, or a TOML file with settings; None is "default".
-        pixel_map : PixelMap, optional
-            Pixels to use; by default they are selected as the settings say.
+        pixel_map : PixelMap or path, optional
+            Pixels to use, or a file with a line ``x, y`` for each, or a map that has them; by
+            default they are selected as the settings say.
         hot : ndarray of bool, shape (height, width), or path, optional
             Hot pixels, or a file that lists them. By default they are found, if the settings ask
             for it and at least half of the pixels fire.
@@ -176,6 +178,11 @@ class ReferenceMap(MapRecord):
         drive = opened(recording)
         if isinstance(hot, str | Path):
             hot = load_hot_pixels(hot, drive.sensor)
+        if isinstance(pixel_map, str | Path):
+            is_map = archive_kind(pixel_map) == KIND
+            pixel_map = (
+                cls.load(pixel_map).pixel_map if is_map else load_pixel_map(pixel_map, drive.sensor)
+            )
         if jumps is not None and chosen.matching != "filter":
             raise UsageError(
                 "jumps (--jumps) are for the place filter: add --matching filter "
@@ -189,7 +196,7 @@ class ReferenceMap(MapRecord):
         made = replace(cls.of(found), frame_period=getattr(drive, "frame_period", None))
         check_matchable(made)
         if track is not None:
-            made = with_positions(made, track)
+            made = with_positions(made, track, getattr(drive, "start_us", None))
         if odometry is not None:
             made = replace(made, odometer_mm=odometry.along(made.places.centre_us))
         if isinstance(jumps, str | Path):

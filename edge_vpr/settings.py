@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 Strategy = Literal["variance", "seed-code", "random", "random-upper", "top", "information"]
 STRATEGIES: tuple[str, ...] = get_args(Strategy)
+#: before the name of a strategy that another package registers; see docs/plugins.md
+PLUGIN = "plugin:"
 WindowKind = Literal["time", "count"]
 CounterCodeName = Literal["none", "linear", "sqrt", "log"]
 CounterScaling = Literal["shared", "per-pixel", "own-mean", "contrast"]
@@ -139,6 +141,9 @@ class SettingField:
         Value where none is given.
     choices : tuple of str
         All allowed values, for a setting that is chosen from a few.
+    plugins : bool
+        Whether other packages can register more of them, written ``plugin:NAME``. A map with such a
+        value is read without the package.
     words : mapping of str to object
         Words that stand for values, such as ``none`` for None.
     read, show : callable, optional
@@ -168,6 +173,7 @@ class SettingField:
     metavar: str | None = None
     default: Any = None
     choices: tuple[str, ...] = ()
+    plugins: bool = False
     words: Mapping[str, Any] = field(default_factory=dict)
     read: Callable[[str], Any] | None = None
     show: Callable[[Any], str] | None = None
@@ -277,9 +283,11 @@ class SettingField:
                 f"setting {self.name} = {shown(value)} is of type {type(value).__name__}: "
                 f"expected {self.kind.__name__}{f', or {self.accepted}' if self.read else ''}"
             )
-        if self.choices and value not in self.choices:
+        known = value in self.choices or (self.plugins and re.fullmatch(PLUGIN + r"\S+", value))
+        if self.choices and not known:
             raise UsageError(
                 f"setting {self.name} = {value!r}: choose from {', '.join(self.choices)}"
+                + f", {PLUGIN}NAME" * self.plugins
             )
         if self.is_number and not self._in_range(value):
             limit = f", up to {self.most:g}" if self.range.endswith("more") else ""
@@ -339,12 +347,14 @@ _PIXELS = _group(
     strategy=SettingField(
         help="how pixels are selected",
         choices=STRATEGIES,
+        plugins=True,
         more="variance: drawn with a probability that grows with the variance of their counts (the "
         "paper). seed-code: drawn by the mean of their counts (the code that the authors "
         "released). random: every pixel is equally likely. random-upper: random, from the upper "
         "two thirds of the image. top: the pixels of the highest variance. information: one after "
         "another, each time the pixel that adds most information about the place to the pixels "
-        "selected before it.",
+        "selected before it. plugin:NAME: a strategy that another package registers, see "
+        "docs/plugins.md.",
     ),
     sigma=SettingField(
         kind=float,
@@ -572,7 +582,7 @@ class Settings:
     """
 
     pixels: int = 150
-    strategy: Strategy = "variance"
+    strategy: Strategy | str = "variance"
     sigma: float = 7.0
     seed: int = 0
     window: WindowKind = "time"

@@ -417,21 +417,49 @@ def load_hot_pixels(path: str | Path, sensor: Sensor) -> npt.NDArray[np.bool_]:
     RecordingError
         If the file cannot be read or is larger than 64 MiB, or a line is not a pixel of the sensor.
     """
-    sensor, path = Sensor.of(sensor), as_path(path, "a list of hot pixels")
+    x, y = load_pixels(path, sensor, "list of hot pixels").T
+    width, height = Sensor.of(sensor)
+    hot = np.zeros((height, width), dtype=np.bool_)
+    hot[y, x] = True
+    return hot
+
+
+def load_pixels(path: str | Path, sensor: Sensor, what: str) -> npt.NDArray[np.int64]:
+    """Read a list of pixels, ``x, y`` in each line.
+
+    Parameters
+    ----------
+    path : path
+        Text file; empty lines, lines that start with ``#``, and a header are skipped.
+    sensor : Sensor
+    what : str
+        What the file is, for messages.
+
+    Returns
+    -------
+    ndarray of int64, shape (n, 2)
+        Column and row of each, in the order of the file.
+
+    Raises
+    ------
+    RecordingError
+        As `load_hot_pixels` does.
+    """
+    sensor, path = Sensor.of(sensor), as_path(path, f"a {what}")
     try:
         with path.open("rb") as file:  # a device has no size
             raw = file.read(_LONGEST_LIST + 1)
         if len(raw) > _LONGEST_LIST:
             raise RecordingError(
                 f"{path} has more than {_LONGEST_LIST:,} bytes: name a file with a line x, y for "
-                "each hot pixel"
+                "each pixel"
             )
         lines = raw.decode().splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(
-            f"cannot read hot pixels from {path}: {error}: name a file with a line x, y for each"
+            f"cannot read the {what} {path}: {error}: name a file with a line x, y for each"
         ) from error
-    hot = np.zeros((sensor.height, sensor.width), dtype=np.bool_)
+    pixels = []
     for number, line in enumerate(lines, 1):
         fields = line.replace(",", " ").split()
         if not fields or fields[0].startswith("#") or (number == 1 and fields[0].isalpha()):
@@ -440,15 +468,15 @@ def load_hot_pixels(path: str | Path, sensor: Sensor) -> npt.NDArray[np.bool_]:
             x, y = (_whole(field) for field in fields)
         except (ValueError, OverflowError) as error:
             raise RecordingError(
-                f"line {number} of {path} is {line!r}: expected the column and row of a hot pixel"
+                f"line {number} of {path} is {line!r}: expected the column and row of a pixel"
             ) from error
         if not (0 <= x < sensor.width and 0 <= y < sensor.height):
             raise RecordingError(
                 f"line {number} of {path} names the pixel ({x}, {y}), off the {sensor} sensor: "
                 "give the list that belongs to this camera"
             )
-        hot[y, x] = True
-    return hot
+        pixels.append((x, y))
+    return np.array(pixels, dtype=np.int64).reshape(-1, 2)
 
 
 def _whole(text: str) -> int:

@@ -6,15 +6,18 @@ import math
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
+from edge_vpr.descriptors.cleaning import load_pixels
 from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect, narrow
 from edge_vpr.errors import UsageError, expect, kind_of
 from edge_vpr.events import Sensor
-from edge_vpr.settings import STRATEGIES, Strategy
+from edge_vpr.plugins import load_plugin, names_with_plugins
+from edge_vpr.settings import PLUGIN, STRATEGIES, Settings
 from fixedpoint.own_mean import LEVEL_BITS, OwnMeanCode
 
 # Selection of a few pixels by their saliency.
@@ -128,7 +131,7 @@ def select_pixels(
     saliency: npt.NDArray[np.float64],
     pixels: int,
     *,
-    strategy: Strategy = "variance",
+    strategy: str = "variance",
     sigma: float = 7.0,
     rng: np.random.Generator,
     exclude: npt.NDArray[np.bool_] | None = None,
@@ -402,6 +405,80 @@ class PixelStatistics:
                 "the traverse is shorter than one window: take a shorter window or a longer drive"
             )
         return self.windows
+
+
+# Selection by a function of another package.
+
+
+#: An entry point of this group names a function of a `PixelStatistics`, the `Settings`, and a mask
+#: of the pixels that must not be selected, which returns a `PixelMap` of ``settings.pixels``.
+GROUP = "edge_vpr.strategies"
+
+
+def plugin_pixels(
+    statistics: PixelStatistics, settings: Settings, exclude: npt.NDArray[np.bool_]
+) -> PixelMap:
+    """Select pixels by the strategy of another package.
+
+    Parameters
+    ----------
+    statistics : PixelStatistics
+        Of the reference.
+    settings : Settings
+        `strategy` is ``plugin:NAME``.
+    exclude : ndarray of bool, shape (height, width)
+
+    Raises
+    ------
+    UsageError
+        If no package registers it, its import fails, or it does not select as many pixels as the
+        settings say, on the sensor and not excluded.
+    """
+    name = settings.strategy.removeprefix(PLUGIN)
+    select = load_plugin(name, GROUP)
+    if select is None:
+        known = [PLUGIN + each for each in names_with_plugins((), GROUP)]
+        raise UsageError(
+            f"strategy {settings.strategy} is registered by no installed package: choose from "
+            f"{', '.join([*STRATEGIES, *known])}"
+        )
+    chosen = select(statistics, settings, exclude)
+    expect(chosen, PixelMap, f"what strategy {name} selects", "a PixelMap(sensor, x, y)")
+    height, width = exclude.shape
+    if chosen.sensor != (width, height) or len(chosen) != settings.pixels:
+        raise UsageError(
+            f"strategy {name} selects {chosen!r}: expected {settings.pixels} pixels of "
+            f"{width}x{height}, so correct it"
+        )
+    if taken := int(np.count_nonzero(exclude[chosen.y, chosen.x])):
+        raise UsageError(
+            f"strategy {name} selects {taken} pixels that are hot or were not counted: let it "
+            "leave out those of its argument exclude"
+        )
+    return chosen
+
+
+def load_pixel_map(path: str | Path, sensor: Sensor) -> PixelMap:
+    """Read a list of pixels, ``x, y`` in each line, in the order of their slots.
+
+    Parameters
+    ----------
+    path : str or Path
+        Text as `edge_vpr.descriptors.cleaning.load_pixels` reads it.
+    sensor : Sensor
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be read, or a line is not a pixel of the sensor.
+    UsageError
+        If it names no pixel, or one twice.
+    """
+    listed = load_pixels(path, sensor, "pixel map")
+    if not len(listed):
+        raise UsageError(f"{path} names no pixel: give a line x, y for each")
+    x, y = listed.T
+    return PixelMap(Sensor.of(sensor), x, y)
 
 
 # Selection of pixels one after another, each by the information that it adds about the place.

@@ -15,7 +15,15 @@ import numpy.typing as npt
 
 from edge_vpr.archive import EqualByValue, read_members, read_npy
 from edge_vpr.errors import GroundTruthError, expect, printable
-from edge_vpr.evaluation.tracks import Floats, Kind, Track, distances, interpolate, read_table
+from edge_vpr.evaluation.tracks import (
+    Floats,
+    Kind,
+    Track,
+    distances,
+    interpolate,
+    read_table,
+    unix_remedy,
+)
 
 # Ground truth: which places are correct for which query.
 
@@ -364,8 +372,9 @@ def from_tracks(
             f"the reference track is {_form(reference)} and the query track is {_form(query)}: "
             "give two tracks of one kind"
         )
-    places = _positions(reference, reference_times_us, "reference")
-    queries = _positions(query, query_times_us, "query")
+    remedy = unix_remedy("--offset", reference, query)
+    places = _positions(reference, reference_times_us, "reference", remedy)
+    queries = _positions(query, query_times_us, "query", remedy)
     correct = within(places, queries, partial(distances, reference.kind), tolerance_m)
     known = ~np.isnan(queries[:, 0])
     placed = int((~np.isnan(places[:, 0])).sum())
@@ -400,14 +409,15 @@ def from_tracks(
     return truth
 
 
-def _positions(track: Track, times_us: npt.ArrayLike, which: str) -> Floats:
+def _positions(track: Track, times_us: npt.ArrayLike, which: str, remedy: str) -> Floats:
     times = window_coordinates(times_us, which)
     positions = track.at(times)
     if np.isnan(positions[:, 0]).all():
         raise GroundTruthError(
             f"the {which} track covers {track.time_us[0] / 1e6:g} to {track.time_us[-1] / 1e6:g} s "
             f"in {track.time_us.size} points and no window of {times.min() / 1e6:g} to "
-            f"{times.max() / 1e6:g} s: check its clock, and allow longer gaps if the points are few"
+            f"{times.max() / 1e6:g} s: "
+            + (remedy or "check its clock, and allow longer gaps if the points are few")
         )
     return positions
 

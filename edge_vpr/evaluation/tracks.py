@@ -1,13 +1,15 @@
-"""Tracks: positions of the camera over time, and the files that hold them (NMEA, GPX, CSV)."""
+"""Tracks: positions of the camera over time, and the files that hold them (GPS logs, poses)."""
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import datetime as dt
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
@@ -437,15 +439,24 @@ MAX_GAP_S = 5.0
 
 
 def load_track(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Track:
-    """Read a track from a GPS log (``.nmea``, ``.gpx``) or a table (``.csv``).
+    """Read a track from a GPS log, a table with names, or poses as TUM and KITTI write them.
 
     Parameters
     ----------
     path : str or Path
-        A table has the header ``time_s,x_m[,y_m[,z_m]]``, ``time_s,position_m`` or
-        ``time_s,latitude,longitude``; times in seconds from the recording's start.
+        ``.nmea``, ``.gpx``: a GPS log. ``.csv``: a table with a header, which can be a comment, as
+        in EuRoC. Its columns are the time (``time_s``, ``timestamp``, ``timestamp [ns]``; seconds
+        if the name has no unit), and ``latitude,longitude``, ``x_m[,y_m[,z_m]]``, ``tx,ty,tz``,
+        EuRoC's ``p_RS_R_x [m],...`` or ``position_m``; others are ignored. ``.txt``, ``.tum``:
+        eight numbers a line (TUM: seconds, position, rotation), or twelve (KITTI: the first three
+        rows of a pose; the seconds are in ``times.txt`` beside it, or in KITTI's own folder).
     max_gap_s : float, optional
         Positions between points further apart are unknown; None for points set by hand.
+
+    Returns
+    -------
+    Track
+        Times are those of the file, also where they count from 1970: see `Track.shifted`.
 
     Raises
     ------
@@ -453,37 +464,138 @@ def load_track(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Trac
         If the file cannot be read or is not of this form.
     """
     path = as_path(path, "a track")
-    if path.suffix.lower() == ".nmea":
+    suffix = path.suffix.lower()
+    if suffix == ".nmea":
         return load_nmea(path, max_gap_s=max_gap_s)
-    if path.suffix.lower() == ".gpx":
+    if suffix == ".gpx":
         return load_gpx(path, max_gap_us=_microseconds(max_gap_s))
-    if path.suffix.lower() != ".csv":
-        raise GroundTruthError(f"{path} is not a track: give a .nmea or .gpx log or a .csv table")
-    header, table = read_table(path)
-    position = header[1:]
-    if header[0] != "time_s" or position not in (
-        ("position_m",),
-        ("latitude", "longitude"),
-        *(("x_m", "y_m", "z_m")[:d] for d in (1, 2, 3)),
-    ):
+    if suffix == ".csv":
+        time_us, position, kind = _named_columns(path)
+    elif suffix in (".txt", ".tum"):
+        time_us, position, kind = *_poses(path), "metric"
+    else:
         raise GroundTruthError(
-            f"{path} has the header {','.join(header)!r}: expected time_s,x_m[,y_m[,z_m]], "
-            "time_s,position_m or time_s,latitude,longitude"
-        )
-    if np.abs(table[:, 0]).max() * 1e6 > TIME_LIMIT_US:
-        raise GroundTruthError(
-            f"{path} has times up to {np.abs(table[:, 0]).max():g} s: give seconds from the "
-            "recording's start"
+            f"{path} is not a track: give a .nmea or .gpx log, a .csv table, or poses of TUM or "
+            "KITTI (.tum, .txt)"
         )
     try:
-        return Track(
-            np.round(table[:, 0] * 1e6).astype(np.int64),
-            table[:, 1:],
-            "geographic" if position == ("latitude", "longitude") else "metric",
-            _microseconds(max_gap_s),
-        )
+        return Track(time_us, position, kind, _microseconds(max_gap_s))
     except GroundTruthError as error:
         raise GroundTruthError(f"{path}: {error}") from None
+
+
+_TIME_COLUMN = re.compile(r"(?:time|timestamp)(?:[ _]?\[?(s|ms|us|ns)\]?)?")
+_IN_A_SECOND = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}
+#: Names of the columns of a position, without their unit of metres.
+_POSITION_COLUMNS: tuple[tuple[Kind, tuple[str, ...]], ...] = (
+    ("geographic", ("latitude", "longitude")),
+    ("geographic", ("lat", "lon")),
+    ("metric", ("position",)),
+    ("metric", ("x", "y", "z")),
+    ("metric", ("tx", "ty", "tz")),
+    ("metric", ("p_rs_r_x", "p_rs_r_y", "p_rs_r_z")),
+)
+
+
+def _named_columns(path: Path) -> tuple[npt.NDArray[np.int64], Floats, Kind]:
+    """Return times and positions of a table, found by the names of its columns."""
+    header, rows = _records(path)
+    times = [i for i, name in enumerate(header) if _TIME_COLUMN.fullmatch(name)]
+    names = [re.sub(r" ?\[m\]$|_m$", "", name) for name in header]
+    found = []
+    for kind, wanted in _POSITION_COLUMNS:
+        columns = [names.index(name) for name in takewhile(names.__contains__, wanted)]
+        if len(columns) == len(wanted) or (columns and kind == "metric"):
+            found.append((kind, columns))
+    if len(times) != 1 or len(found) != 1:
+        raise GroundTruthError(
+            f"{path} has the header {','.join(header)!r}: expected time_s,x_m[,y_m[,z_m]], "
+            "time_s,position_m or time_s,latitude,longitude; times can be timestamp_ns too"
+        )
+    ((kind, columns),) = found
+    table = _numbers(path, header, rows, [times[0], *columns])
+    match = _TIME_COLUMN.fullmatch(header[times[0]])
+    assert match is not None
+    return _times_us(path, table[:, 0], match[1] or "s"), table[:, 1:], kind
+
+
+def _poses(path: Path) -> tuple[npt.NDArray[np.int64], Floats]:
+    """Return times and positions of poses: eight numbers a line (TUM), or twelve (KITTI)."""
+    poses = _number_lines(path)
+    if poses.shape[1] == 8:
+        return _times_us(path, poses[:, 0], "s"), poses[:, 1:4]
+    if poses.shape[1] != 12:
+        raise GroundTruthError(
+            f"{path} has {poses.shape[1]} numbers in its first line: poses have 8 (TUM: seconds, "
+            "position, rotation) or 12 (KITTI)"
+        )
+    of_sequence = path.parent.parent / "sequences" / path.stem / "times.txt"
+    places = (path.with_name("times.txt"), path.with_name(f"{path.stem}_times.txt"), of_sequence)
+    times = next((place for place in places if place.is_file()), None)
+    if times is None:
+        raise GroundTruthError(
+            f"{path} holds poses of KITTI, which have no times: put the sequence's times.txt "
+            f"beside it ({', '.join(str(place) for place in places)} are looked for)"
+        )
+    seconds = _number_lines(times)
+    if seconds.shape != (len(poses), 1):
+        raise GroundTruthError(
+            f"{times} has {seconds.size} times, and {path} {len(poses)} poses: give one a pose"
+        )
+    return _times_us(times, seconds[:, 0], "s"), poses[:, [3, 7, 11]]
+
+
+def _number_lines(path: Path) -> Floats:
+    """Read lines of numbers between blanks or commas, all as long as the first."""
+    lines = [line.replace(",", " ").split() for line in read_text(path).splitlines()]
+    rows = [line for line in lines if line and not line[0].startswith("#")]
+    if not rows:
+        raise GroundTruthError(f"{path} has no rows: give one pose a line")
+    header = tuple(f"number {i + 1}" for i in range(len(rows[0])))
+    return _numbers(path, header, rows, list(range(len(header))))
+
+
+def _times_us(path: Path, times: Floats, unit: str) -> npt.NDArray[np.int64]:
+    times = times * (1_000_000 / _IN_A_SECOND[unit])
+    if np.abs(times).max() > TIME_LIMIT_US:
+        raise GroundTruthError(
+            f"{path} has times up to {np.abs(times).max() / 1e6:g} s: name their unit in the "
+            "header, as in time_ns, or give seconds from the recording's start"
+        )
+    return np.round(times).astype(np.int64)
+
+
+#: Times after this one, in 1973, count from 1970 and not from a recording's start.
+_UNIX_US = 10**14
+_HOUR_US = 3_600_000_000
+
+
+def unix_remedy(flag: str, *tracks: Track, start_us: int | None = None) -> str:
+    """Return the offsets of tracks whose times count from 1970, for messages; "" if none does.
+
+    Parameters
+    ----------
+    flag : str
+        Takes the offsets.
+    *tracks : Track
+    start_us : int, optional
+        The recording's start on its own clock, which is taken if it is near the track.
+
+    Examples
+    --------
+    >>> unix_remedy("--track-offset", Track([1_587_452_582_350_000], [[0.0]]))
+    'Unix times: pass --track-offset -1587452582.35, if the track begins with its recording'
+    """
+    first = [int(track.time_us[0]) for track in tracks]
+    if max(first) < _UNIX_US:
+        return ""
+    offsets = [-time if time >= _UNIX_US else 0 for time in first]
+    near = start_us is not None and abs(start_us - first[0]) < _HOUR_US
+    if near and start_us is not None:
+        offsets = [-start_us]
+    shown = " ".join(f"{time / 1e6:.6f}".rstrip("0").rstrip(".") for time in offsets)
+    one = "the track begins" if len(tracks) == 1 else "each track begins"
+    return f"Unix times: pass {flag} {shown}" + ("" if near else f", if {one} with its recording")
 
 
 def load_nmea(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Track:
@@ -655,20 +767,40 @@ def read_table(path: str | Path) -> tuple[tuple[str, ...], Floats]:
     GroundTruthError
         If the file cannot be read, a row has another length or a value is not a finite number.
     """
-    path = Path(path)
+    header, rows = _records(Path(path))
+    return header, _numbers(path, header, rows, list(range(len(header))))
+
+
+def _records(path: Path) -> tuple[tuple[str, ...], list[list[str]]]:
+    """Return the header of a CSV file, in lower case, and its rows.
+
+    A comment that is as long as the row of numbers below it is the header, as in EuRoC.
+    """
     try:
-        rows = csv.reader(read_text(path).splitlines(keepends=True))
-        lines = [row for row in rows if row and not row[0].startswith("#")]
+        lines = [row for row in csv.reader(read_text(path).splitlines(keepends=True)) if row]
     except csv.Error:
         raise GroundTruthError(f"{path} is not a text table: give a .csv file") from None
-    if len(lines) < 2:
+    begin = next((i for i, row in enumerate(lines) if not row[0].startswith("#")), len(lines))
+    if 0 < begin < len(lines) and len(lines[begin - 1]) == len(lines[begin]) > 1:
+        with contextlib.suppress(ValueError):
+            float(lines[begin][0])
+            begin -= 1
+    rows = [row for row in lines[begin + 1 :] if not row[0].startswith("#")]
+    if not rows:
         raise GroundTruthError(f"{path} has no rows: give a header line and at least one row")
-    header = tuple(name.strip().lower() for name in lines[0])
-    table = np.empty((len(lines) - 1, len(header)))
-    for number, row in enumerate(lines[1:]):
+    return tuple(name.strip(" #").lower() for name in lines[begin]), rows
+
+
+def _numbers(
+    path: str | Path, header: tuple[str, ...], rows: list[list[str]], columns: list[int]
+) -> Floats:
+    """Return some columns of a table, shape (n, columns), whose rows are as long as its header."""
+    table = np.empty((len(rows), len(columns)))
+    for number, row in enumerate(rows):
         try:
-            table[number] = [float(row[column]) for column in range(max(len(row), len(header)))]
-        except (ValueError, IndexError):
+            cells = dict(zip(range(len(header)), row, strict=True))
+            table[number] = [float(cells[column]) for column in columns]
+        except ValueError:
             raise GroundTruthError(
                 f"{path}: row {number + 1} is {','.join(row)!r}, not {len(header)} numbers for "
                 f"{','.join(header)}: correct it"
@@ -676,7 +808,7 @@ def read_table(path: str | Path) -> tuple[tuple[str, ...], Floats]:
     if not np.isfinite(table).all():
         row_number = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0]) + 1
         raise GroundTruthError(f"{path}: row {row_number} is not finite: leave the row out")
-    return header, table
+    return table
 
 
 def _microseconds(seconds: float | None) -> int | None:
@@ -686,13 +818,15 @@ def _microseconds(seconds: float | None) -> int | None:
 # The positions of a map's places, from the track of the reference drive.
 
 
-def with_positions(reference: AnyMap, track: Track) -> AnyMap:
+def with_positions(reference: AnyMap, track: Track, start_us: int | None = None) -> AnyMap:
     """Give each place the position that the reference drive had in the middle of its window.
 
     Parameters
     ----------
     track : Track
         Of the reference drive; time 0 is the recording's start.
+    start_us : int, optional
+        That start on the recording's own clock, for the message about a track of Unix times.
 
     Raises
     ------
@@ -705,7 +839,10 @@ def with_positions(reference: AnyMap, track: Track) -> AnyMap:
         first, last = (float(t) / 1e6 for t in (track.time_us[0], track.time_us[-1]))
         raise GroundTruthError(
             f"the track runs from {first:.1f} to {last:.1f} s and covers no place of the map: "
-            "give the reference drive's own track, and set its clock right"
+            + (
+                unix_remedy("--track-offset", track, start_us=start_us)
+                or "give the reference drive's own track, and set its clock right"
+            )
         )
     position[~np.isfinite(position).all(axis=1)] = np.nan
     along = np.full(len(position), np.nan)

@@ -41,6 +41,10 @@ _PLUGINS = 256
 _OVERHEAD = 1 << 16
 
 
+def _is_plugin(number: int) -> bool:
+    return number >= _PLUGINS and number != _LZF
+
+
 class CheckedDataset:
     """Rows of one data set, read in consecutive slices.
 
@@ -64,7 +68,7 @@ class CheckedDataset:
         self._dataset, self._name = dataset, name
         pipeline = dataset.id.get_create_plist()
         self._filters = [pipeline.get_filter(i)[0] for i in range(pipeline.get_nfilters())]
-        known = {number for number in self._filters if number < _PLUGINS or number == _LZF}
+        known = {number for number in self._filters if not _is_plugin(number)}
         if known - {_DEFLATE, _SHUFFLE, _FLETCHER32, _LZF} or {_DEFLATE, _LZF} <= known:
             raise RecordingError(
                 f"{name} is stored through the HDF5 filters {self._filters}, whose sizes cannot be "
@@ -161,7 +165,7 @@ class CheckedDataset:
                 if measured < 0:
                     return -1, data
                 more = measured - len(data)
-            elif number >= _PLUGINS:
+            elif _is_plugin(number):
                 return None, data
         return len(data) + more, data
 
@@ -217,10 +221,29 @@ def lzf_size(data: npt.NDArray[np.uint8]) -> int:
 # Open HDF5 files, and check what each data set claims before it is read.
 
 
-#: Most bytes of one expanded chunk; several are kept, so that no chunk is read twice.
-_LARGEST_CHUNK = 1 << 25
+#: Bytes of expanded chunks that libhdf5 keeps, unless one chunk is larger.
+_CACHE = 1 << 25
+#: Most bytes of one expanded chunk, which is kept whole, so that none is read twice: chunks of any
+#: data set, and of one that is stored in at least a hundredth of that.
+_CHUNK, _LARGEST_CHUNK = _CACHE, 1 << 30
 #: Largest ratio of a data set's stated size to its size in the file: Deflate reaches 1,032.
 _MOST_EXPANSION = 1_100
+
+
+#: Registered filters of published files: https://github.com/HDFGroup/hdf5_plugins
+_FILTER_NAMES = {
+    305: "LZO",
+    307: "bzip2",
+    32_001: "Blosc",
+    32_004: "LZ4",
+    32_008: "bitshuffle",
+    32_013: "ZFP",
+    32_015: "Zstandard",
+    32_026: "Blosc2",
+    36_559: "ECF, of Metavision",
+}
+#: Those that hdf5plugin has.
+_IN_HDF5PLUGIN = {307, 32_001, 32_004, 32_008, 32_013, 32_015, 32_026}
 
 
 def load_h5py() -> Any:
@@ -232,8 +255,44 @@ def load_h5py() -> Any:
     return h5py
 
 
-def open_hdf5(path: Path) -> Any:
+def _check_filters(name: str, filters: list[int]) -> None:
+    """Refuse a data set whose filter libhdf5 does not find; hdf5plugin registers what it has.
+
+    Raises
+    ------
+    MissingExtraError
+        If hdf5plugin would expand it.
+    RecordingError
+        If another plug-in is needed.
+    """
+    from h5py import h5z
+
+    if all(h5z.filter_avail(number) for number in filters):
+        return
+    with contextlib.suppress(ImportError):
+        import hdf5plugin  # noqa: F401  # its import registers the filters
+    for number in filters:
+        if h5z.filter_avail(number):
+            continue
+        called = _FILTER_NAMES.get(number, "not in our list")
+        if number in _IN_HDF5PLUGIN:
+            what = f"{name}, stored through the HDF5 filter {number} ({called}),"
+            raise MissingExtraError(what, "hdf5plugin", "hdf5-filters")
+        raise RecordingError(
+            f"{name} is stored through the HDF5 filter {number} ({called}), which is not "
+            "installed: install its plug-in and name its folder in HDF5_PLUGIN_PATH, or write the "
+            "file again with h5repack -f GZIP=4 where it is installed"
+        )
+
+
+def open_hdf5(path: Path, largest_chunk: int = 0) -> Any:
     """Open a file for reading.
+
+    Parameters
+    ----------
+    path : Path
+    largest_chunk : int
+        Bytes of the largest chunk that is read, for which there must be space.
 
     Raises
     ------
@@ -241,11 +300,15 @@ def open_hdf5(path: Path) -> Any:
         If it is damaged.
     """
     try:
-        return load_h5py().File(path, "r", rdcc_nbytes=_LARGEST_CHUNK, locking=False)
+        return load_h5py().File(path, "r", rdcc_nbytes=max(_CACHE, largest_chunk), locking=False)
     except OSError as error:
         raise RecordingError(
             f"{path} is damaged, cut off or no HDF5 file ({error}): copy it again"
         ) from error
+
+
+def _chunk_bytes(dataset: Any) -> int:
+    return math.prod(dataset.chunks or (1,)) * int(dataset.dtype.itemsize)
 
 
 def checked_dataset(path: Path, dataset: Any) -> CheckedDataset:
@@ -267,15 +330,22 @@ def checked_dataset(path: Path, dataset: Any) -> CheckedDataset:
         )
     pipeline = dataset.id.get_create_plist()
     filters = [pipeline.get_filter(i)[0] for i in range(pipeline.get_nfilters())]
-    chunk = math.prod(dataset.chunks or (1,)) * dataset.dtype.itemsize
-    if chunk > _LARGEST_CHUNK or len(set(filters)) < len(filters):
+    chunk = _chunk_bytes(dataset)
+    held = min(dataset.id.get_storage_size(), path.stat().st_size)
+    most = max(_CHUNK, min(100 * held, _LARGEST_CHUNK))
+    if chunk > most or len(set(filters)) < len(filters):
         raise RecordingError(
             f"{name} is stored in chunks of {chunk:,} bytes through {len(filters)} filters: "
-            f"the most is {_LARGEST_CHUNK:,} bytes, and each filter once; write it again"
+            f"the most of {held:,} stored bytes is {most:,}, and each filter once; write it with "
+            "h5repack -l CHUNK=65536"
         )
+    _check_filters(name, filters)
     claimed = dataset.size * dataset.dtype.itemsize
-    held = min(dataset.id.get_storage_size(), path.stat().st_size)
-    if claimed > (held * _MOST_EXPANSION if dataset.chunks and filters else held):
+    if any(_is_plugin(number) for number in filters):  # Zstandard expands without a limit
+        most = dataset.id.get_num_chunks() * chunk
+    else:
+        most = held * _MOST_EXPANSION if dataset.chunks and filters else held
+    if claimed > most:
         raise RecordingError(
             f"{name} claims {claimed:,} bytes, and the file holds {held:,} of them: it was "
             "not closed when it was written, or is damaged; copy or record it again"
@@ -470,6 +540,9 @@ class Hdf5Source(Source):
                     f"{path} has a t_offset of {self._offset_us}, beyond 2**60 us: record it again"
                 )
             start = file.attrs.get(START)
+            self._largest_chunk = max(
+                _chunk_bytes(item) for item in self._datasets(file[self._place]).values()
+            )
         super().__init__(path, options, sensor)
         if start is not None:
             self.start_us, self.relative = int(start), True
@@ -506,7 +579,7 @@ class Hdf5Source(Source):
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
-        with open_hdf5(self.path) as file:
+        with open_hdf5(self.path, min(self._largest_chunk, _LARGEST_CHUNK)) as file:
             place = file[self._place]
             checked = {
                 name: checked_dataset(self.path, item)
@@ -520,8 +593,8 @@ class Hdf5Source(Source):
                     columns = self._slice(checked, rows)
                 except OSError as error:
                     raise RecordingError(
-                        f"{self.path} cannot be read at event {begin:,} ({error}): it is damaged, "
-                        "or compressed by a filter (Metavision's ECF) that is not installed"
+                        f"{self.path} cannot be read at event {begin:,} ({error}): it is damaged; "
+                        "copy or record it again"
                     ) from error
                 t, x, y, p = tidy(columns, self.options.time_unit, log, begin)
                 # both are below 2**60, so that the sum does not overflow

@@ -111,6 +111,7 @@ class FaultLog:
         self.origin_us = origin_us
         self.faults = Faults()
         self.entries = 0  #: events of the file seen so far, good or bad
+        self.first_unreadable = ""  #: the first entry that is no event, and why
         self._last_us: int | None = None
 
     def admit(self, columns: Columns) -> Events:
@@ -156,6 +157,7 @@ class FaultLog:
         """Report `n` entries that are not events, the first of them at `where`."""
         if not self.drop:
             raise RecordingError(f"{self.path}: {where}: " + _REMEDY.format(them="such entries"))
+        self.first_unreadable = self.first_unreadable or where
         self.faults.unreadable += n
 
     def undated(self, n: int) -> None:
@@ -189,14 +191,15 @@ class FaultLog:
         latest[1:] = np.maximum(np.maximum.accumulate(times)[:-1], latest[0])
         late = on & (times < latest)
         good = on & ~late
+        i = int(np.flatnonzero(~good)[0])
+        if on[i]:
+            what = f"time runs backwards, from {latest[i]} to {t[i]} us"
+        elif known[i]:
+            what = f"pixel ({x[i]}, {y[i]}) at {t[i]} us lies off the {self.sensor} sensor"
+        else:
+            what = f"time {t[i]} us lies beyond 2**60 us{unit_remedy(int(t[i]))}"
+            self.first_unreadable = self.first_unreadable or what
         if not self.drop:
-            i = int(np.flatnonzero(~good)[0])
-            if on[i]:
-                what = f"time runs backwards, from {latest[i]} to {t[i]} us"
-            elif known[i]:
-                what = f"pixel ({x[i]}, {y[i]}) at {t[i]} us lies off the {self.sensor} sensor"
-            else:
-                what = f"time {t[i]} us lies beyond 2**60 us; if it is in ns, pass --time-unit ns"
             raise RecordingError(
                 f"{self.path}: event {self.entries + i:,}: {what}: "
                 + _REMEDY.format(them="such events")
@@ -205,6 +208,30 @@ class FaultLog:
         self.faults.off_sensor += int(np.count_nonzero(~on & known))
         self.faults.backwards += int(np.count_nonzero(late))
         return Columns(*(column[good] for column in columns))
+
+
+def unit_remedy(time: float) -> str:
+    """Return which unit to pass if a time is too large in the one that was assumed.
+
+    Parameters
+    ----------
+    time : int or float
+        As in the file.
+
+    Returns
+    -------
+    str
+        With the coarsest unit in which the time is before the year 2242; "" if there is none.
+
+    Examples
+    --------
+    >>> unit_remedy(1_587_452_582_350_000_000)
+    '; if times are in ns, pass --time-unit ns'
+    """
+    for unit, in_a_second in (("s", 1), ("ms", 10**3), ("us", 10**6), ("ns", 10**9)):
+        if abs(time) < in_a_second << 33:
+            return f"; if times are in {unit}, pass --time-unit {unit}"
+    return ""
 
 
 def check_policy(on_fault: str) -> None:
@@ -602,7 +629,7 @@ class Recording:
             lost = f" (dropped: {log.faults})" if log.faults.total else ""
             raise RecordingError(
                 f"{self.path} holds no events of a {self.sensor} sensor{lost}: "
-                "check the file, its format and its sensor"
+                + (log.first_unreadable or "check the file, its format and its sensor")
             )
         self._source.position = 0.0 if self._source.position is not None else None
         assert log.origin_us is not None

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -18,6 +19,7 @@ import numpy as np
 from edge_vpr.errors import EdgeVprError, RecordingError, UsageError, as_path, expect
 from edge_vpr.events import Events, Sensor, check_events
 from edge_vpr.files import replacing
+from edge_vpr.plugins import load_plugin, names_with_plugins
 from edge_vpr.recordings.frames import as_period
 from edge_vpr.recordings.numpy_files import Archive
 from edge_vpr.recordings.prophesee import encoding_of
@@ -40,7 +42,8 @@ class Format:
 
     The module is imported when the first such file is opened. It has ``open_source(path, options)``
     and, if `writable`, ``open_sink(path, sensor, start_us)``. In a module of several formats, these
-    functions have the name of the `family` in theirs, for example ``open_npz_source``.
+    functions have the name of the `family` in theirs, for example ``open_npz_source``. The format
+    of another package has its `plugin` in place of a module of this package.
     """
 
     name: str
@@ -49,10 +52,11 @@ class Format:
     suffixes: tuple[str, ...] = ()
     writable: bool = False
     family: str = ""
+    plugin: ModuleType | None = None
 
     def function(self, end: Literal["source", "sink"]) -> Any:
         """Return the function that opens a file to read from, or to write to."""
-        module = import_module(f"edge_vpr.recordings.{self.module}")
+        module = self.plugin or import_module(f"edge_vpr.recordings.{self.module}")
         return getattr(module, f"open_{self.family}_{end}" if self.family else f"open_{end}")
 
 
@@ -79,6 +83,56 @@ FORMATS: dict[str, Format] = {
     )
 }
 
+#: An entry point of this group names a module with ``SUFFIXES``, ``open_source(path, options)``
+#: and perhaps ``open_sink(path, sensor, start_us)`` and ``TITLE``.
+GROUP = "edge_vpr.formats"
+
+
+def format_of(name: str) -> Format:
+    """Return the format of a name, of this package or of another.
+
+    Raises
+    ------
+    UsageError
+        If there is none, or the import of the other package fails.
+    """
+    if name in FORMATS:
+        return FORMATS[name]
+    plugin = load_plugin(name, GROUP)
+    if plugin is None:
+        known = ", ".join(names_with_plugins(FORMATS, GROUP))
+        raise UsageError(f"format {name!r} is unknown: choose one of {known}")
+    return Format(
+        name,
+        getattr(plugin, "TITLE", name),
+        plugin.__name__,
+        tuple(plugin.SUFFIXES),
+        hasattr(plugin, "open_sink"),
+        plugin=plugin,
+    )
+
+
+def _plugin_of(suffix: str) -> Format | None:
+    """Return the format of another package for a suffix.
+
+    Raises
+    ------
+    UsageError
+        If none has it, and a package cannot be imported, which might have.
+    """
+    failed = None
+    for name in names_with_plugins((), GROUP):
+        try:
+            entry = format_of(name)
+        except UsageError as error:
+            failed = error
+            continue
+        if suffix in entry.suffixes:
+            return entry
+    if failed is not None:
+        raise failed
+    return None
+
 
 def open_recording(
     path: str | Path,
@@ -102,7 +156,7 @@ def open_recording(
     path : str or Path
         A file; a folder for a ROS 2 bag or for count frames.
     format : str, optional
-        A name from :data:`FORMATS`; found from content and suffix if absent.
+        A name from :data:`FORMATS`, or of another package; found from content and suffix if absent.
     sensor : Sensor or (int, int) or str, optional
         Width and height, or ``"346x260"``, for files that do not state the size of their sensor.
         It is never guessed.
@@ -157,15 +211,20 @@ def open_recording(
     if columns is not None and not {"t", "x", "y"} <= set(columns) <= set("txyp-"):
         raise UsageError(f"columns {columns!r} do not name t, x and y: write for example xytp")
     period = None if frame_period is None else as_period(frame_period)
-    if format is not None and format not in FORMATS:
-        raise UsageError(f"format {format!r} is unknown: choose one of {', '.join(FORMATS)}")
+    chosen = None if format is None else format_of(format)
     crop = crop_of(start, end)
     size = None if sensor is None else Sensor.of(sensor)
     check_file_or_folder(path)
     with foreign_errors(path):
-        name = format or sniff(path)
+        if chosen is None:
+            try:
+                chosen = FORMATS[sniff(path)]
+            except RecordingError:
+                chosen = _plugin_of(path.suffix.lower())
+                if chosen is None:
+                    raise
         options = ReadOptions(
-            name,
+            chosen.name,
             size,
             period,
             default_frame_period,
@@ -174,7 +233,7 @@ def open_recording(
             time_unit,
             columns,
         )
-        recording = Recording(FORMATS[name].function("source")(path, options), on_fault)
+        recording = Recording(chosen.function("source")(path, options), on_fault)
     return recording if crop is None else recording.cropped(crop)
 
 
@@ -399,10 +458,14 @@ def _fill(sink: Sink, chunks: Iterable[Events], sensor: Sensor) -> int:
 
 
 def _writable(path: Path, name: str | None) -> Format:
-    if name is not None and name not in FORMATS:
-        raise UsageError(f"format {name!r} is unknown: choose one of {', '.join(FORMATS)}")
-    for entry in FORMATS.values():
-        if entry.writable and (entry.name == name or (not name and path.suffix in entry.suffixes)):
+    if name is not None:
+        entries = [format_of(name)]
+    else:
+        entries = [entry for entry in FORMATS.values() if path.suffix in entry.suffixes]
+        if not entries and (of_others := _plugin_of(path.suffix)) is not None:
+            entries = [of_others]
+    for entry in entries:
+        if entry.writable:
             return entry
     known = ", ".join(s for entry in FORMATS.values() if entry.writable for s in entry.suffixes)
     raise UsageError(f"{name or path.suffix or path} cannot be written: choose one of {known}")

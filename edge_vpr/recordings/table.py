@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import TIME_LIMIT_US
-from edge_vpr.recordings.recording import Columns, FaultLog
+from edge_vpr.recordings.recording import Columns, FaultLog, unit_remedy
 
 #: Other names of the columns in published files.
 ALIASES = {
@@ -134,9 +134,10 @@ def tidy(
                 "dimensions: events need one whole number or fraction each"
             )
     try:
-        t, good = microseconds(columns["t"], unit)
+        t, known = microseconds(columns["t"], unit)
     except ValueError as error:
         raise RecordingError(f"{log.path}: {error}: save microseconds") from error
+    good = known.copy()
     for name in "xyp":
         column = columns[name]
         if column.dtype.kind == "f":
@@ -148,6 +149,8 @@ def tidy(
         first = int(np.flatnonzero(~good)[0])
         values = ", ".join(f"{name} = {column[first]}" for name, column in columns.items())
         what = f"entry {entry + first:,} is no event ({values})"
+        if not known[first] and columns["t"].dtype.kind in "iuf":
+            what += unit_remedy(columns["t"][first].item())
         log.unreadable(int(np.count_nonzero(~good)), what)
         columns = {name: column[good] for name, column in columns.items()}
         t = t[good]

@@ -144,7 +144,7 @@ def test_a_wrong_list_of_hot_pixels_names_its_line(tmp_path, text, message):
 
 
 def test_a_missing_list_of_hot_pixels_is_an_error(tmp_path):
-    with pytest.raises(RecordingError, match="cannot read hot pixels"):
+    with pytest.raises(RecordingError, match="cannot read the list of hot pixels"):
         load_hot_pixels(tmp_path / "none.csv", SENSOR)
 
 

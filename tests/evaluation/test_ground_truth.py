@@ -288,7 +288,7 @@ def test_points_set_by_hand_may_lie_far_apart_if_asked_for(tmp_path):
         ("a.csv", "time_s,x_m\n0,0\n1\n", "row 2 is '1', not 2 numbers"),
         ("a.csv", "time_s,x_m\n0,inf\n", "row 1 is not finite"),
         ("a.csv", "time_s,x_m\n1,0\n0,0\n", "a.csv: track time does not increase"),
-        ("a.txt", "", "give a .nmea or .gpx log or a .csv table"),
+        ("a.xlsx", "", r"give a \.nmea or \.gpx log, a \.csv table, or poses of TUM or KITTI"),
     ],
 )
 def test_a_table_that_is_no_track_says_why(tmp_path, name, text, message):

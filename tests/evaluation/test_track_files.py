@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import re
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from archive_mutants import checksum
 from edge_vpr.errors import GroundTruthError
 from edge_vpr.evaluation.ground_truth import from_tracks, load_matrix, overlap
 from edge_vpr.evaluation.tracks import Track, load_track, read_text
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.simulation import simulate_pair
 
 S = 1_000_000
 GPX = """<?xml version="1.0" encoding="{encoding}"?>
@@ -198,3 +201,116 @@ def test_a_matrix_that_announces_more_than_its_file_holds_is_refused(tmp_path):
     for name in ("a.npy", "b.npy"):
         with pytest.raises(GroundTruthError, match=name):
             load_matrix(tmp_path / name)
+
+
+# --- tables as the field writes them ---------------------------------------------------------
+
+EUROC = "p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m]"
+UNIX_S = 1_587_452_582
+POSES = [(0.0, 1.0, 2.0, 3.0), (0.5, 1.5, 2.0, 3.0), (1.25, 2.5, 2.0, 3.5)]
+
+
+def tum(seconds, x, y, z):
+    return f"{UNIX_S + seconds:.6f} {x} {y} {z} 0 0 0 1"
+
+
+def euroc(seconds, x, y, z):
+    return f"{round((UNIX_S + seconds) * 10**9)},{x},{y},{z},1,0,0,0"
+
+
+def named_frame(*pose):
+    return "map," + ",".join(tum(*pose).split()[:4])
+
+
+@pytest.mark.parametrize(
+    ("name", "head", "line"),
+    [
+        ("groundtruth.txt", "# timestamp tx ty tz qx qy qz qw\n", tum),
+        ("poses.tum", "", tum),
+        ("data.csv", f"#timestamp [ns], {EUROC}, q_RS_w [], a, b, c\n", euroc),
+        ("odom.csv", "timestamp_ns,x,y,z,qw,qx,qy,qz\n", euroc),
+        ("odom.csv", "frame,timestamp,tx,ty,tz\n", named_frame),
+    ],
+)  # fmt: skip
+def test_poses_of_tum_and_euroc_and_tables_with_timestamps_are_read(name, head, line, tmp_path):
+    text = head + "\n".join(line(*pose) for pose in POSES) + "\n"
+    (tmp_path / name).write_text(text)
+    track = load_track(tmp_path / name)
+    assert track.kind == "metric"
+    assert track.time_us.tolist() == [round((UNIX_S + pose[0]) * S) for pose in POSES]
+    assert track.position.tolist() == [list(pose[1:]) for pose in POSES]
+
+
+def test_a_gps_table_with_timestamps_and_more_columns_is_geographic(tmp_path):
+    text = "timestamp,status,lat,lon,altitude\n0.5,fix,-27.5,152.9,30\n1.5,fix,-27.6,152.8,31\n"
+    (tmp_path / "fix.csv").write_text(text)
+    track = load_track(tmp_path / "fix.csv")
+    assert track.kind == "geographic"
+    assert track.position.tolist() == [[-27.5, 152.9], [-27.6, 152.8]]
+    assert track.time_us.tolist() == [500_000, 1_500_000]
+
+
+@pytest.mark.parametrize(
+    "times", ["poses/times.txt", "poses/07_times.txt", "sequences/07/times.txt"]
+)
+def test_poses_of_kitti_take_their_times_from_the_sequence(times, tmp_path):
+    poses = tmp_path / "poses" / "07.txt"
+    poses.parent.mkdir()
+    rows = [f"1 0 0 {x} 0 1 0 {y} 0 0 1 {z}" for _, x, y, z in POSES]
+    poses.write_text("\n".join(rows) + "\n")
+    with pytest.raises(GroundTruthError, match=r"have no times: put the sequence's times\.txt"):
+        load_track(poses)
+    (tmp_path / times).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / times).write_text("".join(f"{pose[0]:e}\n" for pose in POSES))
+    track = load_track(poses)
+    assert track.time_us.tolist() == [0, 500_000, 1_250_000]
+    assert track.position.tolist() == [list(pose[1:]) for pose in POSES]
+    (tmp_path / times).write_text("0\n1\n")
+    with pytest.raises(GroundTruthError, match=r"has 2 times, and .* 3 poses"):
+        load_track(poses)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "expected"),
+    [
+        ("a.csv", "time_s,lat,lon,x\n0,1,1,1\n", "expected time_s,x_m"),
+        ("a.csv", "time_s,timestamp,x\n0,1,1\n", "expected time_s,x_m"),
+        ("a.csv", "time_s,lat\n0,1\n", "expected time_s,x_m"),
+        ("a.csv", "timestamp,x\n1587452582350000000,1\n", "name their unit .* as in time_ns"),
+        ("a.txt", "0 1 2 3\n", "has 4 numbers in its first line: poses have 8"),
+        ("a.txt", "0 1 2 3 4 5 6 7\n0 1\n", "row 2 is '0,1', not 8 numbers"),
+        ("a.txt", "# nothing\n", "has no rows"),
+        ("a.json", "{}", "is not a track: give"),
+    ],
+)  # fmt: skip
+def test_tables_that_are_no_tracks_are_refused_with_what_is_expected(
+    name, text, expected, tmp_path
+):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(GroundTruthError, match=expected):
+        load_track(tmp_path / name)
+
+
+def test_unix_times_suggest_the_offsets_with_which_the_tracks_cover_the_drives():
+    first = straight(10, 100, start_us=UNIX_S * S + 250_000)
+    second = straight(10, 100, start_us=(UNIX_S + 900) * S)
+    with pytest.raises(GroundTruthError) as raised:
+        from_tracks(first, second, centres(10), centres(10), 5.0)
+    offsets = re.search(r"pass --offset (\S+) (\S+), if each track", str(raised.value))
+    assert offsets
+    shifted = [
+        track.shifted(float(at))
+        for track, at in zip((first, second), offsets.groups(), strict=True)
+    ]
+    assert from_tracks(*shifted, centres(10), centres(10), 5.0).has_place.all()
+    with pytest.raises(GroundTruthError, match=rf"pass --offset 0 -{UNIX_S + 900}, if"):
+        from_tracks(shifted[0], second, centres(10), centres(10), 5.0)
+
+
+def test_unix_times_of_a_recording_of_such_times_name_its_own_start():
+    drive, _ = simulate_pair(0, "tiny", length_m=20)
+    drive.start_us = UNIX_S * S + 750_000
+    track = straight(60, 100, start_us=UNIX_S * S)
+    with pytest.raises(GroundTruthError, match=rf"pass --track-offset -{UNIX_S}\.75$"):
+        ReferenceMap.build(drive, pixels=20, track=track)
+    ReferenceMap.build(drive, pixels=20, track=track.shifted(-UNIX_S - 0.75))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import zlib
 
 import numpy as np
 import pytest
 
-from edge_vpr.errors import RecordingError
+from edge_vpr.errors import EdgeVprError, RecordingError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import open_recording
 from edge_vpr.recordings.hdf5 import lzf_size
@@ -155,3 +157,74 @@ def test_filters_whose_sizes_cannot_be_checked_are_refused_with_a_remedy(tmp_pat
         file.create_dataset("events/t", data=values["t"], chunks=(ROWS,), scaleoffset=0)
     with pytest.raises(RecordingError, match=r"filters \[6\], whose .* h5repack -f GZIP=4"):
         read(tmp_path / "a.h5")
+
+
+def stored_through(path, number):
+    """Write columns whose chunks went through a filter that need not be installed."""
+    write(path, "only-checksum")
+    with h5py.File(path, "r+") as file:
+        del file["events/t"]
+        pipeline = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        pipeline.set_chunk((ROWS,))
+        pipeline.set_filter(number, h5py.h5z.FLAG_OPTIONAL, ())
+        space = h5py.h5s.create_simple((N,))
+        column = h5py.h5d.create(file["events"].id, b"t", h5py.h5t.STD_I64LE, space, pipeline)
+        for first in range(0, N, ROWS):
+            column.write_direct_chunk((first,), b"compressed")
+
+
+@pytest.mark.parametrize(
+    ("number", "expected"),
+    [
+        (32_001, r"/events/t, .* filter 32001 \(Blosc\), needs .* hdf5plugin, .*\[hdf5-filters\]"),
+        (36_559, r"filter 36559 \(ECF, of Metavision\), which is not installed: .*PLUGIN_PATH"),
+        (40_000, r"filter 40000 \(not in our list\), which is not installed"),
+    ],
+)
+def test_a_filter_that_is_not_installed_is_named_with_what_installs_it(
+    number, expected, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(h5py.h5z, "filter_avail", lambda number: number < 256)
+    monkeypatch.setitem(sys.modules, "hdf5plugin", None)
+    stored_through(tmp_path / "a.h5", number)
+    with pytest.raises(EdgeVprError, match=expected):
+        read(tmp_path / "a.h5")
+
+
+def test_blosc_as_in_published_files_of_dsec_is_read_without_an_import_by_the_user(tmp_path):
+    """In a process of its own: once imported, the library is found in any case."""
+    pytest.importorskip("hdf5plugin")
+    program = f"""
+import h5py, hdf5plugin, numpy as np
+rng = np.random.default_rng(5)
+t = np.sort(rng.integers(0, 3_000_000, {N}))
+columns = dict(t=t.astype("<u4"), x=t.astype("<u2") % 40, y=t.astype("<u2") % 30, p=t < 0)
+with h5py.File({str(tmp_path / "dsec.h5")!r}, "w") as file:
+    for name, column in columns.items():
+        file.create_dataset(f"events/{{name}}", data=column.astype(column.dtype), chunks=({ROWS},),
+                            **hdf5plugin.Blosc(cname="zstd", clevel=5, shuffle=1))
+    file["t_offset"] = 49_599_300_523
+np.save({str(tmp_path / "t.npy")!r}, t)
+"""
+    subprocess.run([sys.executable, "-c", program], check=True)
+    program = f"""
+import numpy as np, edge_vpr
+recording = edge_vpr.open_recording({str(tmp_path / "dsec.h5")!r}, sensor="40x30")
+t = np.load({str(tmp_path / "t.npy")!r})
+assert np.array_equal(np.concatenate(list(recording))["t"], t - t[0])
+assert recording.start_us == 49_599_300_523 + t[0]
+"""
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
+@pytest.mark.parametrize("kind", ["gzip", "lzf-checksum"])
+def test_a_chunk_of_more_than_32_mib_is_read_and_expanded_once(kind, tmp_path):
+    n = (1 << 22) + 5_000
+    t = np.arange(n, dtype=np.int64)
+    values = {"t": t, "x": t.astype("u2") % 40, "y": t.astype("u2") % 30, "p": t % 2 > 0}
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.attrs["width"], file.attrs["height"] = SENSOR
+        for name, column in values.items():
+            file.create_dataset(f"events/{name}", data=column, chunks=(n,), **FILTERS[kind])
+    events = np.concatenate(list(open_recording(tmp_path / "a.h5", chunk_events=1 << 20)))
+    assert all(np.array_equal(events[name], values[name]) for name in "txyp")

@@ -486,6 +486,28 @@ def test_times_in_an_assumed_unit_that_are_implausible_are_remarked(tmp_path, ca
     assert open_recording(tmp_path / "b.npz").remark == ""
 
 
+@pytest.mark.parametrize(
+    ("times", "unit"),
+    [
+        (1_587_452_582_350_000_000 + np.arange(50) * 10**6, "ns"),
+        (1_587_452_582_350_000.0 + np.arange(50) * 10**3, "us"),  # floats are taken for seconds
+    ],
+)
+@pytest.mark.parametrize("on_fault", ["error", "drop"])
+def test_unix_times_beyond_the_range_of_the_assumed_unit_name_theirs(
+    times, unit, on_fault, tmp_path
+):
+    columns_npz(tmp_path / "a.npz", times, x=np.arange(50) % 40, y=np.arange(50) % 30)
+    with pytest.raises(RecordingError, match=f"if times are in {unit}, pass --time-unit {unit}"):
+        open_recording(tmp_path / "a.npz", on_fault=on_fault)
+    assert open_recording(tmp_path / "a.npz", time_unit=unit).remark == ""
+    if unit == "ns":
+        lines = [f"{t},1,1,1\n" for t in times.tolist()]
+        (tmp_path / "a.csv").write_text("t,x,y,p\n" + "".join(lines))
+        with pytest.raises(RecordingError, match="if times are in ns, pass --time-unit ns"):
+            open_recording(tmp_path / "a.csv", sensor=SENSOR, on_fault=on_fault)
+
+
 # --- full disks -----------------------------------------------------------------------------
 
 FULL_DISK = """

@@ -351,6 +351,7 @@ EXTRAS = {
     "aedat4": "AEDAT 4 recordings",
     "parquet": "Parquet recordings",
     "hdf5": "HDF5 recordings",
+    "hdf5-filters": "HDF5 recordings compressed by Blosc (DSEC)",
     "ros": "ROS bags",
     "es": "event-stream recordings",
     "tonic": "data sets by tonic",

@@ -200,6 +200,9 @@ def _form(field: SettingField) -> dict[str, Any]:
     """Return the arguments by which argparse reads a flag: a switch, a choice, or a value."""
     if field.kind is bool and not field.words:
         return {"action": argparse.BooleanOptionalAction}
+    if field.choices and field.plugins:
+        shown = f"{{{','.join(field.choices)},plugin:NAME}}"
+        return {"metavar": shown, "type": _checked(field)}
     if field.choices:
         return {"choices": (*field.choices, *field.words)}
     if field.kind is bool and field.metavar is None:
@@ -215,9 +218,12 @@ def _checked(field: SettingField) -> Callable[[str], str]:
 
     def word(given: str) -> str:
         try:
-            field.value_of(given)
+            value = field.value_of(given)
+            if field.choices:
+                field.check(value)
         except UsageError:
-            raise argparse.ArgumentTypeError(f"{given!r}: expected {field.accepted}") from None
+            expected = ", ".join(field.choices) or field.accepted
+            raise argparse.ArgumentTypeError(f"{given!r}: expected {expected}") from None
         return given
 
     return word
@@ -233,10 +239,10 @@ def add_truth_flags(group: argparse._ActionsContainer) -> None:
         nargs="+",
         required=True,
         metavar="FILE",
-        help="two tracks, first that of the reference (NMEA, GPX, or CSV with the columns time_s "
-        "and position_m, x_m[,y_m[,z_m]] or latitude,longitude); or one alignment "
-        "(CSV with the columns query_s,reference_s or query_frame,reference_frame); or one matrix "
-        "of 0 and 1 (.npz, .npy)",
+        help="two tracks, first that of the reference (NMEA, GPX, poses of TUM, KITTI or EuRoC, or "
+        "CSV with time_s or timestamp and position_m, x_m[,y_m[,z_m]] or latitude,longitude); or "
+        "one alignment (CSV with query_s,reference_s or query_frame,reference_frame); or one "
+        "matrix of 0 and 1 (.npz, .npy)",
     )
     group.add_argument(
         "--tolerance",

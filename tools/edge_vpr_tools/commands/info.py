@@ -98,7 +98,7 @@ def summarise(recording: Recording) -> RecordingSummary:
 
 def run(args: argparse.Namespace) -> None:
     """Read the whole recording once and print what it holds."""
-    from edge_vpr.recordings import FORMATS
+    from edge_vpr.recordings.registry import format_of
     from edge_vpr.results import json_text
     from edge_vpr_tools.inputs import open_from
     from edge_vpr_tools.progress import tracked
@@ -110,7 +110,7 @@ def run(args: argparse.Namespace) -> None:
         return
     rate = facts.events_per_s
     lines = {
-        "format": f"{facts.format} ({FORMATS[facts.format].title})",
+        "format": f"{facts.format} ({format_of(facts.format).title})",
         "sensor": facts.sensor,
         "events": f"{facts.events:,}",
         "duration": f"{facts.duration_us / 1e6:.6f} s",

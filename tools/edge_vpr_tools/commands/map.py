@@ -78,6 +78,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="pairs of places (CSV with from,to) between which a vehicle can go in one step, for "
         "example where a loop closes",
     )
+    parser.add_argument(
+        "--pixel-map",
+        metavar="FILE",
+        help="pixels to use instead of selecting them: a line x, y for each, or a map that has "
+        "them",
+    )
     add_window_argument(add_reading_arguments(parser))
     add_map_flags(parser)
 
@@ -100,7 +106,8 @@ def run(args: argparse.Namespace) -> None:
     # a map is read whole before it is written
     learns = kind_of(args.recording) == KIND
     tracks = args.track or []
-    named = (*args.more, *tracks, args.odometry, args.jumps, args.config, _hot_pixel_file(args))
+    files = (args.odometry, args.jumps, args.pixel_map, args.config, _hot_pixel_file(args))
+    named = (*args.more, *tracks, *files)
     inputs = [file for file in (args.recording, *named) if file is not None]
     check_output(output, inputs[learns:])
     if output.suffix != ".npz":
@@ -174,6 +181,7 @@ def _mapped(
     return map_recording(
         tracked(recording, "mapping"),
         settings,
+        pixel_map=args.pixel_map,
         hot=None if listed is None else load_hot_pixels(listed, recording.sensor),
         track=track,
         odometry=None if args.odometry is None else load_odometry(args.odometry),
@@ -189,7 +197,8 @@ def _hot_pixel_file(args: argparse.Namespace) -> str | None:
 def _check_flags_of_a_map(args: argparse.Namespace) -> None:
     """Raise UsageError where a map learns, and a flag is given that only making one takes."""
     given = given_map_flags(args) + list(match_flags(args))
-    given += [f"--{name}" for name in ("odometry", "jumps") if getattr(args, name) is not None]
+    files = {"odometry": args.odometry, "jumps": args.jumps, "pixel-map": args.pixel_map}
+    given += [f"--{name}" for name, file in files.items() if file is not None]
     if given:
         raise UsageError(
             f"{given[0]} is for making a map, and {args.recording} is one, which keeps its "

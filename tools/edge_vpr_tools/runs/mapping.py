@@ -35,6 +35,7 @@ def map_recording(
     recording: EventSource | WindowSource,
     settings: Settings,
     *,
+    pixel_map: str | None = None,
     hot: npt.NDArray[np.bool_] | None = None,
     track: Track | None = None,
     odometry: Odometry | None = None,
@@ -44,6 +45,8 @@ def map_recording(
 
     Parameters
     ----------
+    pixel_map : str, optional
+        File of the pixels, or a map that has them; by default they are selected.
     hot : ndarray of bool, shape (height, width), optional
         Hot pixels; by default they are found, if the settings ask for it.
     track : Track, optional
@@ -60,8 +63,9 @@ def map_recording(
     """
     start, removed = time.perf_counter(), Removed()
     reference = ReferenceMap.build(
-        recording, settings, hot=hot, track=track, odometry=odometry, jumps=jumps, removed=removed
-    )
+        recording, settings, pixel_map=pixel_map, hot=hot, track=track, odometry=odometry,
+        jumps=jumps, removed=removed,
+    )  # fmt: skip
     return MapRun(reference, removed, time.perf_counter() - start)
 
 

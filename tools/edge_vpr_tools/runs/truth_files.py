@@ -21,7 +21,7 @@ from edge_vpr.evaluation.tracks import Track, load_track
 from edge_vpr.recordings import parse_period
 
 #: Suffixes of files that hold a track and not an alignment.
-_TRACKS = (".nmea", ".gpx")
+_TRACKS = (".nmea", ".gpx", ".tum")
 
 Times = npt.NDArray[np.int64]
 

@@ -1,6 +1,7 @@
 """Baselines by name.
 
-A name is one of `baseline_names`, or ``lens:FILE`` or ``model:FILE`` with weights of the user.
+A name is one of `baseline_names`, ``strategy:NAME`` for the paper's method with pixels of another
+strategy, or ``lens:FILE`` or ``model:FILE`` with weights of the user.
 ``NAME@1,2,4`` is the ensemble of a baseline over windows of these lengths, and ``NAME+NAME`` is the
 ensemble of two baselines.
 """
@@ -10,11 +11,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
 from edge_vpr.errors import UsageError, did_you_mean
 from edge_vpr.plugins import load_plugin, names_with_plugins
+from edge_vpr_tools.console import warning
 from edge_vpr_tools.research.baselines.baseline import Baseline
 from edge_vpr_tools.research.baselines.dense import Ensemble, Member
 
@@ -50,11 +53,26 @@ WITH_FILE: dict[str, Entry] = {
     entry.name: entry
     for entry in (Entry("lens", "networks", "lens"), Entry("model", "networks", "model"))
 }
+_STRATEGY = Entry("strategy", "selected_pixels", "by_strategy")
 
 
 def baseline_names() -> list[str]:
-    """Return the names of all baselines that need no file, those of other packages last."""
-    return names_with_plugins(BASELINES, GROUP)
+    """Return the names of all baselines that need no file, those of other packages last.
+
+    Those whose import fails are left out with a warning.
+    """
+    names = names_with_plugins(BASELINES, GROUP)
+    return [name for name in names if name in BASELINES or _can_be_imported(name)]
+
+
+@cache  # warns once
+def _can_be_imported(name: str) -> bool:
+    try:
+        load_plugin(name, GROUP)
+    except UsageError as error:
+        warning(f"baseline left out: {error}")
+        return False
+    return True
 
 
 def open_baseline(name: str, seed: int = 0) -> Baseline:
@@ -63,7 +81,8 @@ def open_baseline(name: str, seed: int = 0) -> Baseline:
     Parameters
     ----------
     name : str
-        See `baseline_names`; or ``lens:FILE``, ``model:FILE``, ``NAME@1,2,4``, ``NAME+NAME``.
+        See `baseline_names`; or ``strategy:NAME``, ``lens:FILE``, ``model:FILE``, ``NAME@1,2,4``,
+        ``NAME+NAME``.
     seed : int
         Seed of its random numbers.
 
@@ -103,13 +122,16 @@ def _open(name: str, seed: int) -> Baseline:
         entry = WITH_FILE[kind]
         with_file: Callable[[int, Path], Baseline] = _factory(entry)
         return with_file(seed, Path(file))
+    if kind == _STRATEGY.name and file:
+        with_strategy: Callable[[int, str], Baseline] = _factory(_STRATEGY)
+        return with_strategy(seed, file)
     factory: Callable[[int], Baseline] | None = (
         _factory(BASELINES[name]) if name in BASELINES else load_plugin(name, GROUP)
     )
     if factory is None:
         raise UsageError(
             f"baseline {name!r} is unknown{did_you_mean(name, baseline_names())}: choose one of "
-            f"{', '.join(baseline_names())}, lens:FILE, model:FILE"
+            f"{', '.join(baseline_names())}, strategy:NAME, lens:FILE, model:FILE"
         )
     return factory(seed)
 

@@ -1,0 +1,179 @@
+"""Parts of other packages: the examples of docs/plugins.md, and packages that fail."""
+
+from __future__ import annotations
+
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from edge_vpr_tools.cli import main
+from edge_vpr_tools.research.baselines import baseline_names, compare, open_baseline
+from streams import Drive, random_events
+
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.errors import RecordingError, UsageError
+from edge_vpr.events import Sensor
+from edge_vpr.live.protocols.protocol import open_decoder
+from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import Settings
+
+PAGE = (Path(__file__).parents[2] / "docs" / "plugins.md").read_text()
+SENSOR = Sensor(24, 20)
+GROUPS = {
+    "edge_vpr.formats": "broken = my_broken",
+    "edge_vpr.strategies": "broken = my_broken:select",
+    "edge_vpr.baselines": "broken = my_broken:Baseline",
+    "edge_vpr.protocols": "broken = my_broken",
+}
+
+
+def install(folder, monkeypatch, entries, **modules):
+    """Install a package of modules for this test, without pip."""
+    info = folder / "mine-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        "\n".join(f"[{group}]\n{names}" for group, names in entries.items())
+    )
+    for name, text in modules.items():
+        (folder / f"{name}.py").write_text(text)
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.syspath_prepend(folder)
+
+
+@pytest.fixture
+def as_the_page_says(tmp_path_factory, monkeypatch):
+    """The package of docs/plugins.md, word for word."""
+    (toml,) = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
+    strategy, baseline, pairs = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    declared = tomllib.loads(toml)["project"]["entry-points"]
+    entries = {
+        group: "\n".join(f"{name} = {value}" for name, value in names.items())
+        for group, names in declared.items()
+    }
+    folder = tmp_path_factory.mktemp("package")
+    install(folder, monkeypatch, entries, my_parts=strategy + baseline, my_pairs=pairs)
+
+
+@pytest.fixture
+def drive():
+    rng = np.random.default_rng(1)
+    return Drive(random_events(rng, 20_000, SENSOR, 9_000_000), SENSOR)
+
+
+@pytest.mark.usefixtures("as_the_page_says")
+def test_a_strategy_of_another_package_selects_the_pixels_of_a_map(drive, tmp_path, capsys):
+    reference = ReferenceMap.build(drive, pixels=30, strategy="plugin:grid")
+    assert (
+        len(reference.pixel_map) == 30
+        and not reference.hot[reference.pixel_map.y, reference.pixel_map.x].any()
+    )
+    write_recording(tmp_path / "a.npz", iter(drive), sensor=SENSOR)
+    flags = ["--strategy", "plugin:grid", "--pixels", "30"]
+    main(["map", str(tmp_path / "a.npz"), "-o", str(tmp_path / "map.npz"), *flags])
+    assert ReferenceMap.load(tmp_path / "map.npz").pixel_map == reference.pixel_map
+    with pytest.raises(UsageError, match=r"plugin:gird is registered by no installed .*:grid"):
+        ReferenceMap.build(drive, pixels=30, strategy="plugin:gird")
+    with pytest.raises(UsageError, match=r"choose from variance, .*, plugin:NAME"):
+        Settings(strategy="plugin")
+    assert main(["map", "a.npz", "-o", "b.npz", "--strategy", "gird"]) == 2
+    assert "'gird': expected variance" in capsys.readouterr().err
+
+
+def test_a_map_with_a_strategy_of_another_package_is_read_without_it(drive, tmp_path, monkeypatch):
+    with monkeypatch.context() as installed:
+        select = "def chosen(s, settings, exclude):\n    from edge_vpr.descriptors.pixels import "
+        select += "PixelMap\n    return PixelMap.all_of(s._sensor)\n"
+        entries = {"edge_vpr.strategies": "mine = my_pixels:chosen"}
+        install(tmp_path, installed, entries, my_pixels=select)
+        made = ReferenceMap.build(
+            drive, pixels=SENSOR.pixels, strategy="plugin:mine", hot_pixels="keep"
+        )
+        with pytest.raises(UsageError, match=r"selects PixelMap.* expected 30 pixels of 24x20"):
+            ReferenceMap.build(drive, pixels=30, strategy="plugin:mine")
+        hot = np.ones((20, 24), np.bool_)
+        with pytest.raises(UsageError, match="selects 480 pixels that are hot"):
+            ReferenceMap.build(drive, pixels=480, strategy="plugin:mine", hot=hot)
+    made.save(tmp_path / "map.npz")
+    found = ReferenceMap.load(tmp_path / "map.npz").match(drive)
+    assert len(found.matches)
+
+
+@pytest.mark.usefixtures("as_the_page_says")
+def test_a_descriptor_of_another_package_and_a_strategy_are_compared_as_baselines():
+    rng = np.random.default_rng(1)
+    images = rng.poisson(rng.gamma(0.6, 6.0, (12, 30, 40))).astype(np.uint16)
+    assert baseline_names()[-1] == "columns"
+    for name in ("columns", "columns@1,2", "strategy:grid", "strategy:random"):
+        settings = Settings(matching="sequence", sequence_length=3)
+        found = compare(open_baseline(name, 3), images, images, np.arange(12), settings)
+        assert np.array_equal(found.matches.place, found.matches.query)
+    with pytest.raises(UsageError, match="plugin:netvlad is registered by no installed"):
+        open_baseline("strategy:netvlad").prepare(images)
+
+
+@pytest.mark.usefixtures("as_the_page_says")
+def test_a_format_of_another_package_is_read_by_its_suffix_or_name(tmp_path, capsys):
+    rows = np.array([(5, 1, 2), (9, 3, 4)], [("t", "<i8"), ("x", "<u2"), ("y", "<u2")])
+    for name in ("a.pairs", "a.bin"):
+        rows.tofile(tmp_path / name)
+    events = np.concatenate(list(open_recording(tmp_path / "a.pairs", sensor=SENSOR)))
+    assert events["t"].tolist() == [0, 4] and events["x"].tolist() == [1, 3]
+    named = open_recording(tmp_path / "a.bin", sensor=SENSOR, format="pairs")
+    assert np.array_equal(np.concatenate(list(named)), events)
+    main(["info", str(tmp_path / "a.pairs"), "--sensor", "24x20"])
+    assert "pairs (pairs of time and pixel)" in capsys.readouterr().out
+    with pytest.raises(UsageError, match="cannot be written"):
+        write_recording(tmp_path / "b.pairs", events, sensor=SENSOR)
+    with pytest.raises(UsageError, match=r"format 'pears' is unknown: .*, pairs"):
+        open_recording(tmp_path / "a.bin", sensor=SENSOR, format="pears")
+    with pytest.raises(RecordingError, match="no known format"):
+        open_recording(tmp_path / "a.bin", sensor=SENSOR)
+
+
+def test_a_part_that_cannot_be_imported_is_named_and_breaks_nothing_else(
+    tmp_path, monkeypatch, capsys, drive
+):
+    install(tmp_path, monkeypatch, GROUPS, my_broken="import no_such_library")
+    assert "broken" not in baseline_names()
+    assert "baseline left out: 'broken' of mine" in capsys.readouterr().err
+    assert baseline_names() and not capsys.readouterr().err  # said once
+    write_recording(tmp_path / "a.npz", iter(drive), sensor=SENSOR)
+    assert open_recording(tmp_path / "a.npz").sensor == SENSOR
+    (tmp_path / "a.own").write_bytes(bytes(30))
+    for use in (
+        lambda: open_baseline("broken"),
+        lambda: open_recording(tmp_path / "a.own", sensor=SENSOR),
+        lambda: open_recording(tmp_path / "a.npz", format="broken"),
+        lambda: open_decoder("broken", SENSOR),
+        lambda: ReferenceMap.build(drive, pixels=30, strategy="plugin:broken"),
+    ):
+        expected = r"'broken' of mine \(edge_vpr.* cannot be imported .*no_such_library"
+        with pytest.raises((UsageError, RecordingError), match=expected):
+            use()
+
+
+def test_a_map_is_made_with_given_pixels_of_a_list_or_of_another_map(drive, tmp_path):
+    write_recording(tmp_path / "a.npz", iter(drive), sensor=SENSOR)
+    (tmp_path / "pixels.txt").write_text("x, y\n3, 4\n0, 0\n23, 19\n")
+    made = []
+    for pixels, name in (("pixels.txt", "one.npz"), ("one.npz", "two.npz")):
+        main(
+            ["map", str(tmp_path / "a.npz"), "-o", str(tmp_path / name),
+             "--pixel-map", str(tmp_path / pixels)]
+        )  # fmt: skip
+        made.append(ReferenceMap.load(tmp_path / name))
+    expected = PixelMap(SENSOR, np.array([3, 0, 23]), np.array([4, 0, 19]))
+    assert [each.pixel_map for each in made] == [expected, expected]
+    assert made[0].settings.pixels == 3
+    assert ReferenceMap.build(drive, pixel_map=tmp_path / "pixels.txt").pixel_map == expected
+    (tmp_path / "pixels.txt").write_text("# none\n")
+    with pytest.raises(UsageError, match="names no pixel"):
+        ReferenceMap.build(drive, pixel_map=tmp_path / "pixels.txt")
+    (tmp_path / "pixels.txt").write_text("24, 1\n")
+    with pytest.raises(RecordingError, match="off the 24x20 sensor"):
+        ReferenceMap.build(drive, pixel_map=tmp_path / "pixels.txt")
