@@ -26,21 +26,22 @@ from edge_vpr.compile_report import COMPILE_ALL, compiling_reported
 from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
 from edge_vpr.errors import MapError, RecordingError, UsageError, printable
 from edge_vpr.evaluation.tracks import save_odometry
-from edge_vpr.events import Events, Sensor, join_events, make_events
+from edge_vpr.events import Events, Sensor, join_events
 from edge_vpr.files import work_folder
 from edge_vpr.live.health import Health
 from edge_vpr.live.links import DescriptorLink, Link, LinkReader, SocketLink, UrlLink, open_link
 from edge_vpr.live.odometer import OdometerReader
 from edge_vpr.live.protocols import open_decoder
-from edge_vpr.live.protocols.protocol import Decoder, synthetic_events
+from edge_vpr.live.protocols.protocol import Decoder
 from edge_vpr.online.localiser import JUMP_US, MOST_TICKS, Follower, Localiser, Step
-from edge_vpr.online.state import CHUNK_EVENTS, MATCH_DTYPE, MatchSchedule
+from edge_vpr.online.state import MATCH_DTYPE, MatchSchedule
 from edge_vpr.pipeline import Removed
 from edge_vpr.recordings import write_recording
 from edge_vpr.recordings.registry import FORMATS
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings, duration_us, resolve_settings
+from edge_vpr.warm_up import WarmUpStep, localising_steps, synthetic_events, warm_up
 
 # Live matching: decoder, burst filter and localiser in one, from bytes to matches.
 
@@ -84,6 +85,8 @@ class LiveLocaliser:
         comes 2 ms earlier, and is no longer to the bit that of the recording.
     odometry : bool
         Whether readings of an odometer are to come.
+    show : callable
+        Takes what is compiled now, see `warm_up`: all kernels are, before the first bytes.
 
     Raises
     ------
@@ -101,6 +104,7 @@ class LiveLocaliser:
         *,
         causal_bursts: bool = False,
         odometry: bool = False,
+        show: Callable[[str], object] = lambda text: None,
     ) -> None:
         self.decoder = decoder
         self._localiser: Localiser | None = None
@@ -119,18 +123,36 @@ class LiveLocaliser:
                     f"the stream is of a {decoder.sensor} sensor and the map of a {sensor} one: "
                     "use the map of this camera"
                 )
-            burst_filter = CausalBurstFilter if causal_bursts else BurstFilter
-            _warm_up(decoder, reference, every, burst_filter(sensor), odometry)
+            warm_up(self._warm_up_steps(reference, every, causal_bursts, odometry), show)
             self._localiser = Localiser(reference, every=every)
             self._settings = self._localiser.settings
             # longest time that is matched in one step
             self._most_us = MOST_TICKS * self._localiser.every.interval_us or _NEVER_US
-            if not reference.settings.remove_bursts:
-                self._bursts = CausalBurstFilter(Sensor(0, 0))
-            else:
-                self._bursts = burst_filter(sensor)
+            self._bursts = _burst_filter(reference, causal_bursts)
             if isinstance(self._bursts, CausalBurstFilter):
                 self._follower = Follower(self._bursts, self._localiser)
+        else:
+            warm_up([WarmUpStep("decoder", decoder.warm_up)], show)
+
+    def _warm_up_steps(
+        self,
+        reference: ReferenceMap,
+        every: MatchSchedule | None,
+        causal_bursts: bool,
+        odometry: bool,
+    ) -> list[WarmUpStep]:
+        decoder, bursts = self.decoder, _burst_filter(reference, causal_bursts)
+        steps = localising_steps(reference, every, bursts, odometry=odometry)
+        steps.append(WarmUpStep("decoder", decoder.warm_up))
+        if isinstance(bursts, CausalBurstFilter):
+
+            def follow() -> None:
+                follower = Follower(copy.deepcopy(bursts), Localiser(reference, every=every))
+                follower.follow(synthetic_events(1), 0)
+                copy.deepcopy(decoder).decode_and_follow(b"", 0, follower)
+
+            steps.append(WarmUpStep("decoder with localiser", follow))
+        return steps
 
     @property
     def bursts_removed(self) -> int:
@@ -283,39 +305,12 @@ class LiveLocaliser:
         return since < windows * settings.events_per_window
 
 
-def _warm_up(
-    decoder: Decoder,
-    reference: ReferenceMap,
-    every: MatchSchedule | None,
-    bursts: BurstFilter | CausalBurstFilter,
-    odometry: bool,
-) -> None:
-    """Compile the kernels of matching before the first bytes arrive; this takes up to seconds."""
-    # if there are more than a few, the last part is processed by columns
-    events = synthetic_events(2 * CHUNK_EVENTS)
-    localiser = Localiser(reference, every=every)
-    if isinstance(bursts, CausalBurstFilter):
-        follower = Follower(bursts, localiser)
-        follower.follow(events[:1], 0)
-        copy.deepcopy(decoder).decode_and_follow(b"", 0, follower)
-    # for Numba an array of one event has another layout: contiguous, and aligned or not
-    for some in (events[:1], events[1:2], events[2:]):
-        bursts.update(some)
-        localiser.update(some)
-    # the end of a window that is no pause runs code of its own, and the second needs the first
-    settings, last_us = reference.settings, int(events["t"][-1])
-    n = int(reference.places.activity.max())
-    if settings.window == "count":
-        n = max(n, settings.events_per_window)
-    pixel = reference.pixel_map
-    x, y = np.repeat(pixel.x[:1], n), np.repeat(pixel.y[:1], n)
-    for _ in range(3 if odometry else 2):  # a distance is known after two readings
-        localiser.update(make_events(np.full(n, last_us), x, y))
-        if odometry:
-            localiser.read_odometer(last_us, 0.0)
-        last_us += settings.tau_us
-        localiser.advance(last_us)
-    localiser.finish()
+def _burst_filter(reference: ReferenceMap, causal: bool) -> BurstFilter | CausalBurstFilter:
+    """Return what removes bursts live; without pixels, it removes nothing."""
+    if not reference.settings.remove_bursts:
+        return CausalBurstFilter(Sensor(0, 0))
+    sensor = reference.pixel_map.sensor
+    return CausalBurstFilter(sensor) if causal else BurstFilter(sensor)
 
 
 # A live session with a camera: from a port, a file or a socket to matches with names.
@@ -625,16 +620,21 @@ class LiveSession:
     ) -> None:
         self.close()
 
-    def warm_up(self) -> None:
-        """Compile all kernels of this session; `open` does it before it opens the link."""
+    def warm_up(self, show: Callable[[str], object] = lambda text: None) -> None:
+        """Compile all kernels of this session; `open` does it before it opens the link.
+
+        Parameters
+        ----------
+        show : callable
+            Takes what is compiled now, as a short text.
+        """
         if self._live is not None:
             return
         with compiling_reported(lambda text: self._say("compiling", text + COMPILE_ALL)):
             self._live = LiveLocaliser(
                 self.decoder, self.reference, self._every,
-                causal_bursts=self._causal, odometry=self._odometry is not None,
+                causal_bursts=self._causal, odometry=self._odometry is not None, show=show,
             )  # fmt: skip
-            self.decoder.warm_up()
 
     def open(self) -> None:
         """Compile the kernels, open the link, then the files; again is harmless.

@@ -46,7 +46,8 @@ STAGES = [
     *("errors", "run_log", "files", "plugins", "compile_report", "compiling", "archive"),
     *("settings", "events", "results"),
     *("confidence", "route", "recordings", "descriptors", "map_record", "matching"),
-    *("pipeline", "registration", "evaluation", "simulation", "online", "reference_map", "live"),
+    *("pipeline", "registration", "evaluation", "simulation", "online", "reference_map"),
+    *("warm_up", "live"),
 ]
 
 

@@ -9,15 +9,14 @@ from dataclasses import dataclass
 from importlib import import_module
 from types import ModuleType
 
-import numpy as np
-
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Events, Sensor, join_events, make_events
+from edge_vpr.events import Events, Sensor, join_events
 from edge_vpr.live.clock import Clock, TimestampFilter
 from edge_vpr.live.health import UNKNOWN, Health
 from edge_vpr.online.localiser import Follower, Step
 from edge_vpr.plugins import load_plugin, names_with_plugins
 from edge_vpr.recordings.recording import Columns
+from edge_vpr.warm_up import synthetic_events
 
 # Interface of protocols: decoders from pieces of bytes of any size to events, and encoders.
 
@@ -240,11 +239,6 @@ class Encoder(ABC):
     #: Number of events that wait for the host, and its limit; a device drops further events.
     held: int = 0
     capacity: int = 0
-
-
-def synthetic_events(n: int = 1_000) -> Events:
-    """Make events that fit any sensor, to encode as a sample."""
-    return make_events(np.arange(n) * 10, np.zeros(n), np.zeros(n), np.arange(n) % 2)
 
 
 def damaged_sample(encoder: Encoder) -> bytes:

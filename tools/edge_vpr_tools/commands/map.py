@@ -64,10 +64,12 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.descriptors.cleaning import load_hot_pixels
     from edge_vpr.evaluation.tracks import load_odometry, load_track
     from edge_vpr.files import check_output
+    from edge_vpr.pipeline import WindowSource
     from edge_vpr.reference_map import removed_record
     from edge_vpr.results import check_parent, run_record, write_json
+    from edge_vpr.warm_up import mapping_steps
     from edge_vpr_tools.inputs import describe_faults, open_source
-    from edge_vpr_tools.progress import describe_removed, tracked, warn_if_much
+    from edge_vpr_tools.progress import describe_removed, tracked, warmed_up, warn_if_much
     from edge_vpr_tools.runs.mapping import map_recording
 
     output = Path(args.output)
@@ -92,6 +94,8 @@ def run(args: argparse.Namespace) -> None:
 
     odometry = None if args.odometry is None else load_odometry(args.odometry)
     detail_settings(settings.to_dict())
+    if not isinstance(recording, WindowSource):
+        warmed_up(mapping_steps(settings))
     reference, removed, elapsed = map_recording(
         tracked(recording, "mapping"),
         settings,
