@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import detail_settings, summary
+from edge_vpr_tools.console import detail_settings, summary, warning
 from edge_vpr_tools.flags import (
     add_map_flags,
     add_reading_arguments,
@@ -127,4 +127,9 @@ def run(args: argparse.Namespace) -> None:
         summary(f"{known.size} of {len(reference)} places have positions, along {known[-1]:,.0f} m")
     if reference.odometer_mm is not None:
         summary(f"odometry: {reference.odometer_mm[-1] / 1e3:,.1f} m from first to last place")
+    if len(reference.pixel_map) < settings.pixels:
+        warning(
+            f"{args.recording} has events at {len(reference.pixel_map)} pixels alone, of "
+            f"{settings.pixels} that were asked for: all of them are taken"
+        )
     warn_if_much(removed, args.recording, "keep them with --bursts keep")
