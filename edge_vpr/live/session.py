@@ -22,6 +22,7 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.archive import kind_of
 from edge_vpr.compile_report import COMPILE_ALL, compiling_reported
 from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
 from edge_vpr.errors import MapError, RecordingError, UsageError, printable
@@ -33,6 +34,7 @@ from edge_vpr.live.links import DescriptorLink, Link, LinkReader, SocketLink, Ur
 from edge_vpr.live.odometer import OdometerReader
 from edge_vpr.live.protocols import open_decoder
 from edge_vpr.live.protocols.protocol import Decoder
+from edge_vpr.map_record import KIND as MAP_KIND
 from edge_vpr.online.localiser import JUMP_US, MOST_TICKS, Follower, Localiser, Step
 from edge_vpr.online.state import MATCH_DTYPE, MatchSchedule
 from edge_vpr.pipeline import Removed
@@ -505,9 +507,10 @@ class LiveSession:
     record : path or sequence of paths
         Files of the bytes (``.bin``) or of the events (``.npz``, ``.raw``, ...).
     learn : path, optional
-        Without `reference`: make a map of this drive when the session is closed, and write it here.
+        Make a map of this drive when the session is closed, and write it here. With `reference`,
+        the drive is matched with that map all the while; no place is added to it.
     settings : Settings or str, optional
-        Of that map, or the name of a preset.
+        Of the new map, or the name of a preset; by default those of `reference`.
     overwrite : bool
         Whether files that exist may be replaced.
     on_overload : {"drop", "wait"}, optional
@@ -560,8 +563,6 @@ class LiveSession:
         max_lag: str = "500ms",
         on_message: Callable[[Message], object] | None = None,
     ) -> None:
-        if learn is not None and reference is not None:
-            raise UsageError("learn= makes a map and reference= uses one: give one of them")
         if isinstance(reference, str | Path):
             reference = ReferenceMap.load(reference)
         self.reference = reference
@@ -588,6 +589,8 @@ class LiveSession:
             if path.exists() and not overwrite:
                 raise UsageError(f"{path} exists: name another file, or pass overwrite=True")
         self._learn = None if learn is None else Path(learn)
+        if settings is None and reference is not None:
+            settings = reference.settings
         if not isinstance(settings, Settings):
             settings = resolve_settings("default" if settings is None else settings)
         self._settings = settings
@@ -1168,6 +1171,11 @@ def _opener(link: Any, baud: int, flow_control: bool) -> tuple[Callable[[], Link
         address = os.fspath(link)
         if not isinstance(address, str):
             raise UsageError(f"link {address!r}: expected text, not bytes")
+        if Path(address).is_file() and kind_of(address) == MAP_KIND:
+            raise UsageError(
+                f"{address} is a map, and a live session reads the bytes of a camera: give the map "
+                "as reference= (--map), and the camera's port here"
+            )
         if Path(address).is_file() and Path(address).suffix in _OF_RECORDINGS:
             raise UsageError(
                 f"{address} is a recording, and a live session reads the bytes of a camera: match "
