@@ -7,9 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError, printable
-from edge_vpr.settings import DEFAULT_PRESET, duration_us
+from edge_vpr.settings import duration_us
 from edge_vpr_tools.console import summary
-from edge_vpr_tools.flags import add_map_flags, given_map_flags, map_settings, with_match_flags
+from edge_vpr_tools.flags import (
+    DEFAULT_PRESET,
+    add_map_flags,
+    given_map_flags,
+    map_settings,
+    with_match_flags,
+)
 
 if TYPE_CHECKING:
     from edge_vpr.reference_map import ReferenceMap
