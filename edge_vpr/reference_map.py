@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +21,6 @@ from edge_vpr.errors import MapError, UsageError, as_path, expect, kind_of
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
 from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
 from edge_vpr.evaluation.tracks import Track, load_jumps, load_odometry, load_track, with_positions
-from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.learning import MapUpdate, learn_drive
 from edge_vpr.map_record import KIND, MapRecord
 from edge_vpr.matching.matches import Matches, write_csv
@@ -431,6 +429,8 @@ class MountShift:
 class MatchMetrics:
     """Sizes and times of a run, the first part of `metrics.json`.
 
+    The times of a first call hold those of compiling; after `edge_vpr.warm_up` they do not.
+
     Attributes
     ----------
     queries, places, pixels, bytes_per_place, packed_bytes_per_place, events : int
@@ -737,33 +737,6 @@ def _settings_of(settings: Settings | PathName | None, changes: dict[str, Any]) 
     return resolve_settings(str(settings), flags=changes, source="build")
 
 
-class _FewEvents(NamedTuple):
-    """A recording of few events, which is long enough for two windows."""
-
-    sensor: Sensor
-    events: Events
-
-    def __iter__(self) -> Iterator[Events]:
-        return iter([self.events])
-
-
-def _load_counting_kernels(reference: ReferenceMap) -> None:
-    """Compile or load the kernels that count the events of a drive, so that no timing has it."""
-    settings, pixels = reference.settings, reference.pixel_map
-    number = 2 * settings.events_per_window if settings.window == "count" else 64
-    events = np.zeros(number, dtype=EVENT_DTYPE)
-    events["t"] = np.linspace(0, 3 * settings.tau_us, number).astype(np.int64)
-    events["x"], events["y"] = pixels.x[0], pixels.y[0]
-    with suppress(UsageError):
-        describe_query(reference, _FewEvents(pixels.sensor, events))
-
-
-#: windows that are matched before a drive is timed
-_WARM_UP_WINDOWS = 32
-#: a drive that is matched faster is matched twice, for its time
-_REPEATED_S = 1.0
-
-
 def _match_windows(
     asked: ReferenceMap,
     drive: EventSource | WindowSource,
@@ -771,23 +744,13 @@ def _match_windows(
     shift: MountShift | None,
 ) -> MatchResult:
     """Count the windows of a drive and match all of them."""
-    if not isinstance(drive, WindowSource):
-        _load_counting_kernels(asked)
     removed = Removed()
     start = time.perf_counter()
     queries = describe_query(asked, drive, removed=removed)
     counting_s = time.perf_counter() - start
-    # kernels are compiled, or loaded, before timing
-    few = max(_WARM_UP_WINDOWS, asked.settings.windows_per_match)
-    match_query(asked, queries.take(slice(few)), odometry)
     start = time.perf_counter()
     matches = match_query(asked, queries, odometry)
     matching_s = time.perf_counter() - start
-    if matching_s < _REPEATED_S:
-        # what only a whole drive needs is loaded now too
-        start = time.perf_counter()
-        match_query(asked, queries, odometry)
-        matching_s = min(matching_s, time.perf_counter() - start)
     metrics = MatchMetrics(
         queries=len(matches),
         places=len(asked),
@@ -817,8 +780,6 @@ def _match_events(
     events_fed, busy_s = 0, 0.0
     removed, fed = Removed(), OdometryFeed(localiser, odometry)
     for events in cleaned(drive, asked.settings, removed):
-        if not found:  # compiled before the clock runs
-            Localiser(asked, every=localiser.every).update(events[:1])
         start = time.perf_counter()
         found += fed.update(events)
         busy_s += time.perf_counter() - start

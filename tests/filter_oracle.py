@@ -125,21 +125,34 @@ def filtered(
 def smoothed(
     reference: ReferenceMap, coded: Rows, events: list[int]
 ) -> list[tuple[int, int, int, int, int]]:
-    """Place, metric, second, its metric and trust of each window, by those before and after it."""
+    """Place, metric, second, its metric and trust of each window, by those before and after it.
+
+    By all after it, or with a delay by so many.
+    """
     settings, places = reference.settings, reference.places.counts.tolist()
     forward = forward_costs(settings)
-    told, follow, evidence = naive.smoothed_filter(
-        [[naive.sad(place, code) for place in places] for code in coded],
-        events, forward, settings.filter_back, settings.filter_restart,
-        begin_of(reference).mean_activity,
-        [] if reference.jumps is None else reference.jumps.tolist(), [], [None] * len(coded),
-        place_activities(reference),
-    )  # fmt: skip
+    distances = [[naive.sad(place, code) for place in places] for code in coded]
+    late = settings.late
+
+    def decided(known: int) -> tuple[Rows, list[set[tuple[int, int]]], Rows]:
+        """Smooth the drive as far as it is known."""
+        return naive.smoothed_filter(
+            distances[:known], events[:known], forward, settings.filter_back,
+            settings.filter_restart, begin_of(reference).mean_activity,
+            [] if reference.jumps is None else reference.jumps.tolist(), [], [None] * known,
+            place_activities(reference),
+        )  # fmt: skip
+
+    told, follow, evidence = decided(len(coded))
+    if late:
+        whole = len(coded)
+        told = [decided(min(j + late + 1, whole))[0][j] for j in range(whole)]
     rows, margins = [], []
     for metric in told:
         best, second, _ = naive.best_and_second(metric, settings.exclusion)
         least = metric[second] if second >= 0 else -1
         margins.append(least - metric[best] if second >= 0 else METRIC_TOP)
         rows.append((best, metric[best], second, least))
-    trusts = naive.smoothed_trust([row[0] for row in rows], margins, follow, evidence)
+    trust = naive.delayed_trust if late else naive.smoothed_trust
+    trusts = trust([row[0] for row in rows], margins, follow, evidence)
     return [(*row, trust) for row, trust in zip(rows, trusts, strict=True)]

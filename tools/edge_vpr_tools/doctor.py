@@ -15,6 +15,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import PackageNotFoundError, distribution, version
 from itertools import product
 from pathlib import Path
@@ -40,7 +41,8 @@ from edge_vpr.online.state import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import processor_name
 from edge_vpr.settings import PRESETS, resolve_settings
-from edge_vpr.simulation import simulate_pair
+from edge_vpr.simulation import SimulatedRecording, simulate_pair
+from edge_vpr.warm_up import WarmUpStep, warm_up
 from edge_vpr_tools.profile.conditions import Conditions
 from edge_vpr_tools.profile.sensors.search import find_sensors
 from edge_vpr_tools.profile.sensors.sensor import ROOT
@@ -117,7 +119,7 @@ def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
     Parameters
     ----------
     show : callable
-        Called with a description of each step before it begins.
+        See `warm_up`.
     """
     try:
         kept = list(_indexes(_cache_folder()))
@@ -130,28 +132,35 @@ def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
         if state in ("older", "damaged"):
             for file in (*_compiled(index), index):
                 file.unlink(missing_ok=True)
-    first, second = simulate_pair(0, length_m=20.0)
+    drives = simulate_pair(0, length_m=20.0)
     # sums of few pixels have narrower integers, and therefore kernels of their own
-    for preset, pixels in product(PRESETS, (25, None)):
-        show(f"mapping and matching with preset {preset}")
-        # 20 m have only a few of the default windows
-        settings = resolve_settings(preset, flags={"tau_us": 200_000, "pixels": pixels})
-        reference = ReferenceMap.build(first, settings)
-        reference.match(second)
-        for causal_bursts in (False, True):
-            live = LiveLocaliser(
-                open_decoder("evpr", first.sensor),
-                reference,
-                MatchSchedule(interval_us=50_000),
-                causal_bursts=causal_bursts,
-            )
-            live.finish()
-        if settings.matching == "filter":
-            late = replace(reference.settings, smooth=False, delay=1)
-            LiveLocaliser(live.decoder, reference.matched_with(late)).finish()
+    steps = [
+        WarmUpStep(
+            f"preset {preset}, {pixels or 'its'} pixels", partial(_run, *drives, preset, pixels)
+        )
+        for preset, pixels in product(PRESETS, (25, None))
+    ]
     for protocol in PROTOCOLS:
-        show(f"decoding protocol {protocol}")
-        open_decoder(protocol, first.sensor).warm_up()
+        decoder = open_decoder(protocol, drives[0].sensor)
+        steps.append(WarmUpStep(f"protocol {protocol}", decoder.warm_up))
+    warm_up(steps, show)
+
+
+def _run(
+    first: SimulatedRecording, second: SimulatedRecording, preset: str, pixels: int | None
+) -> None:
+    """Map one drive and match another with a preset, recorded and live."""
+    # 20 m have only a few of the default windows
+    settings = resolve_settings(preset, flags={"tau_us": 200_000, "pixels": pixels})
+    reference = ReferenceMap.build(first, settings)
+    reference.match(second)
+    decoder = open_decoder("evpr", first.sensor)
+    schedule = MatchSchedule(interval_us=50_000)
+    for causal_bursts in (False, True):
+        LiveLocaliser(decoder, reference, schedule, causal_bursts=causal_bursts).finish()
+    if settings.matching == "filter":
+        late = replace(reference.settings, smooth=False, delay=1)
+        LiveLocaliser(decoder, reference.matched_with(late)).finish()
 
 
 def _indexes(folder: Path) -> Iterator[tuple[Path, _State]]:

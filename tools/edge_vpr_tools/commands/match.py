@@ -99,9 +99,11 @@ def match_online(
         If an argument is wrong or the recording cannot be matched.
     """
     from edge_vpr import results
+    from edge_vpr.descriptors.cleaning import BurstFilter
     from edge_vpr.reference_map import OnlineMetrics
+    from edge_vpr.warm_up import localising_steps
     from edge_vpr_tools.inputs import describe_faults, open_from
-    from edge_vpr_tools.progress import describe_removed, tracked, warn_if_much
+    from edge_vpr_tools.progress import describe_removed, tracked, warmed_up, warn_if_much
     from edge_vpr_tools.report.formats import read_formats
     from edge_vpr_tools.runs.matching import export_tracks, report_shift
 
@@ -112,6 +114,9 @@ def match_online(
     output, settings = Path(args.output), reference.causal().settings
     every = args.every or ("window" if settings.late else "event")
     recording = open_from(args, args.recording, default_period=reference.frame_period)
+    bursts = BurstFilter(reference.pixel_map.sensor)
+    odometer = odometry is not None
+    warmed_up(localising_steps(reference.causal(), every, bursts, odometry=odometer))
     found = reference.match(
         tracked(recording, "localising"), every=every, odometry=odometry, registered=args.register
     )
@@ -147,8 +152,9 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.map_record import KIND as MAP_KIND
     from edge_vpr.pipeline import query_distances
     from edge_vpr.reference_map import MatchMetrics, ReferenceMap
+    from edge_vpr.warm_up import matching_steps
     from edge_vpr_tools.inputs import describe_faults, open_source
-    from edge_vpr_tools.progress import describe_removed, tracked, warn_if_much
+    from edge_vpr_tools.progress import describe_removed, tracked, warmed_up, warn_if_much
     from edge_vpr_tools.report.formats import read_formats
     from edge_vpr_tools.runs.matching import export_tracks, report_shift
 
@@ -179,6 +185,7 @@ def run(args: argparse.Namespace) -> None:
         match_online(args, asked, odometry)
         return
     recording = open_source(args, args.recording, reference.frame_period)
+    warmed_up(matching_steps(asked, odometry=odometry is not None))
     found = reference.match(
         tracked(recording, "counting"),
         odometry=odometry,
