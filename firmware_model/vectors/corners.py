@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from firmware_model.model.descriptor import PAUSE_SHIFT, QUIET_SHIFT, ActivityModel
+from firmware_model.model.descriptor import PAUSE_SHIFT, ActivityModel
 from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, LENGTH, TRUST_TOP, Design
 from firmware_model.model.memories import Codes, Memories
 from firmware_model.vectors.case import Case, Stream, choose_pixels, shown_codes, unselected_pixel
@@ -334,8 +334,8 @@ def corner_cases(design: Design) -> list[Case]:
     Parameters
     ----------
     design : Design
-        If it has the place filter or own-mean codes, these are replaced by sequences and
-        logarithms; the cases of the filter and of own-mean codes are in `filter_cases`.
+        If it has the place filter, or own-mean or contrast codes, these are replaced by sequences
+        and logarithms; the cases of the filter and of own-mean codes are in `filter_cases`.
 
     Returns
     -------
@@ -345,7 +345,9 @@ def corner_cases(design: Design) -> list[Case]:
     if design.filters:
         # places with room for a sequence; their number is replaced below
         places = design.places + LENGTH
-        design = replace(design, matching="sequence", length=0, trust=0, places=places)
+        design = replace(
+            design, matching="sequence", length=0, trust=0, places=places, activity_costs=False
+        )
     if design.own_mean:
         design = replace(design, code="log", full_scales=(0,))
     design = replace(design, places=_roomy(design))
@@ -391,7 +393,7 @@ def _wide_evidence(design: Design) -> list[Case]:
     pixels, rest = choose_pixels(wide), wide.slots - 65
     near, far = [0] * wide.slots, [255] * 64 + [74] + [0] * rest
     between = [127] * 32 + [128] * 32 + [37] + [0] * rest
-    # few events, but enough for a window that is not quiet
+    # few events, but enough for evidence of full weight
     nothing = [0] * (wide.slots - 1) + [20]
     if wide.window == "count":
         nothing[-1] = wide.window_events
@@ -586,9 +588,10 @@ def filter_cases(design: Design) -> list[Case]:
     design : Design
         The cases change it to have the filter, own-mean codes, or both.
     """
-    adaptive = replace(design, matching="filter", length=1, places=12)
+    adaptive = replace(design, matching="filter", length=1, places=12, activity_costs=False)
     plain = adaptive
     if design.own_mean:
+        adaptive = replace(adaptive, code="own-mean")
         plain = replace(adaptive, code="log", full_scales=(0,))
     else:
         bits = min(design.code_bits, 8)
@@ -653,7 +656,7 @@ def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
             replace(forward, steps=(9, 9, 9, 0)),
             [0, 3, 6, 0, 3, 6, 11, 2, 5, 8],
         ),
-        # a quiet window may move by two places, so that two do not break the trust
+        # two places do not break the trust, even of fewer steps
         "by_two_of_one_step": (
             replace(forward, steps=(1,), back=(1,)),
             [0, 0, 0, 2, 2, 2, 5, 5, 4, 4, 2, 2],
@@ -696,18 +699,6 @@ def _pauses(design: Design) -> list[Case]:
     # metrics of eight places fill their room in the RAM
     eight = replace(forward, places=8)
     cases.append(drive("pauses_of_eight_places", eight, list(range(8)), None, busy))
-    # quiet windows of a map with all kinds of steps, which they do not make
-    every_way = replace(forward, steps=(1, 0, 2, 1, 1, 1), back=(1, 1))
-    usual = 3 * (total << (ACTIVITY_BITS + QUIET_SHIFT)) // 2
-    for name, keeps in {"quiet": False, "quiet_of_kept_distances": True}.items():
-        of_map = replace(every_way, keep_distances=keeps)
-        cases.append(drive(name, of_map, [6, 6, 4, 4, 8, 8, 8, 7, 11, 0], None, usual))
-    # the cost of a restart stays in quiet windows, so that the next match may be anywhere
-    near = replace(forward, restart=1)
-    cases.append(drive("quiet_restart", near, [6, 6, 0, 0, 9, 9, 2, 2, 11, 5], None, usual))
-    # a quiet window moves by two places for less than the steps of the map would
-    few = replace(forward, steps=(1, 0))
-    cases.append(drive("quiet_of_two_steps", few, [2, 4, 6, 6, 8, 10], None, usual))
     if design.window == "time":
         cases.append(drive("pauses", forward, route))
         kept = replace(forward, keep_distances=True, back=(1, 2))
@@ -720,50 +711,43 @@ def _pauses(design: Design) -> list[Case]:
 
 def _limits(design: Design) -> list[Case]:
     """Make the cases with windows that have just enough events, and just too few."""
-    cases, every = [], list(range(design.places))
-    for shift, too_few, enough in (
-        (PAUSE_SHIFT, "pause", "busy"),
-        (QUIET_SHIFT, "quiet", "lively"),
-    ):
-        at = _activity_at_limit(design, 6, shift)
+    every = list(range(design.places))
+    at = _activity_at_limit(design, 6)
+    # the first window, whose usual number is the initial one
+    first = counts_at(design, 0)[1]
+    if design.window == "count":
+        first = max(counts_at(design, place)[1] for place in every)
+    at_first = min(first << (ACTIVITY_BITS + PAUSE_SHIFT), 0x7FFF_FEFF)
+    return [
+        drive("pause_at_threshold", design, every, None, at),
+        drive("busy_at_threshold", design, every, None, at - 1),
         # usual events whose lowest bits are not 0, but whose lowest bit is
-        by_two = _activity_at_limit(design, 6, shift, above=2)
-        cases += [
-            drive(f"{too_few}_at_threshold", design, every, None, at),
-            drive(f"{enough}_at_threshold", design, every, None, at - 1),
-            drive(f"{too_few}_by_two", design, every, None, by_two),
-        ]
-        # the first window, whose usual number is the initial one
-        first = counts_at(design, 0)[1]
-        if design.window == "count":
-            first = max(counts_at(design, place)[1] for place in every)
-        at = min(first << (ACTIVITY_BITS + shift), 0x7FFF_FEFF)
-        named = "pauses" if too_few == "pause" else too_few
-        cases += [
-            drive(f"first_{enough}", design, every[:3], None, at),
-            drive(f"first_{named}", design, every[:3], None, at + 1),
-        ]
-    by_eight = _activity_at_limit(design, 6, PAUSE_SHIFT, above=8 << ACTIVITY_BITS)
-    return [*cases, drive("pause_by_eight_events", design, every, None, by_eight)]
+        drive("pause_by_two", design, every, None, _activity_at_limit(design, 6, above=2)),
+        drive("first_busy", design, every[:3], None, at_first),
+        drive("first_pauses", design, every[:3], None, at_first + 1),
+        drive(
+            "pause_by_eight_events", design, every, None,
+            _activity_at_limit(design, 6, above=8 << ACTIVITY_BITS),
+        ),
+    ]  # fmt: skip
 
 
-def _activity_at_limit(design: Design, window: int, shift: int, above: int = 1) -> int:
-    """Find the lowest initial activity with which a window of a drive by all places has too few.
+def _activity_at_limit(design: Design, window: int, above: int = 1) -> int:
+    """Find the lowest initial activity with which a window of a drive by all places pauses.
 
-    Too few is less than ``1 / 2**shift`` of the usual number of events. That number is then `above`
-    the one with which the window has enough, in 1/256 event.
+    The usual number of events is then `above` the largest with which it does not, in 1/256 event.
     """
     events = [counts_at(design, place)[1] for place in range(design.places)]
     if design.window == "count":
         events = [max(events)] * len(events)
 
-    def has_too_few(start: int) -> bool:
+    def pauses(start: int) -> bool:
         activity = ActivityModel(start)
         for number in events[:window]:
             activity.update(number)
-        return activity.usual >= (events[window] << (ACTIVITY_BITS + shift)) + above
+        return activity.usual >= (events[window] << (ACTIVITY_BITS + PAUSE_SHIFT)) + above
 
-    return bisect_left(range(EVENTS_TOP << ACTIVITY_BITS), True, key=has_too_few)
+    return bisect_left(range(EVENTS_TOP << ACTIVITY_BITS), True, key=pauses)
 
 
 def _thresholds(design: Design) -> list[Case]:

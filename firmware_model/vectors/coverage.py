@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
-from itertools import product
 
 from firmware_model.model.comparator import (
-    STATIONARY_COSTS,
     MatchResult,
     accepts,
     evidence,
     reciprocal_of_spread,
+    weight_of,
 )
 from firmware_model.model.descriptor import (
     PAUSE_SHIFT,
-    QUIET_SHIFT,
     DescriptorModel,
     Event,
     WindowResult,
@@ -49,22 +46,12 @@ FILTER_CORNERS = {
     "pause_by_two": "a window that pauses, and would not if 2/256 event less were usual",
     "pause_by_eight_events": "a window that pauses, and would not if 8 events less were usual",
     "busy_at_threshold": "a window that does not pause, and would if 1/256 event more were usual",
-    "quiet": "a window that is quiet but no pause, and not the first",
-    "first_window_quiet": "a first window that is quiet but no pause",
-    "quiet_of_steps_back": "a window that is quiet but no pause, with a place that a step back "
-    "would lead to for less",
-    "quiet_of_long_steps": "a window that is quiet but no pause, with a place that a step of more "
-    "than two places would lead to for less",
-    "quiet_at_threshold": "a window that is quiet, and would not be if 1/256 event less were usual",
-    "quiet_by_two": "a window that is quiet, and would not be if 2/256 event less were usual",
-    "lively_at_threshold": "a window that is not quiet, and would if 1/256 event more were usual",
     "spread_of_nothing": "a window with the same distance to all places",
     "spread_of_one": "a window behind the first that is scaled by a spread of 1, of distances "
     "that differ to places of two words",
     "evidence_saturated": "a place whose evidence is at its largest, and would be above it",
     "metric_saturated": "a place whose metric is at its largest, and would be above it",
     "restarted": "a place that nothing leads to for less than a restart",
-    "quiet_restarted": "a match in a quiet window that only a restart leads to",
     "stood": "a match at the place of the one before",
     "stepped": "a match one place further",
     "largest_step": "a match that follows by the largest step that there is",
@@ -103,7 +90,6 @@ class FilterCoverage:
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
         self.found: Counter[str] = Counter(dict.fromkeys(FILTER_CORNERS, 0))
-        self._far: set[int] = set()  # places that only a restart leads to, in a quiet window
         self._misfits = (0, 0, 0)  # of the last matches, the newest first
         self._paused = False
         self._last = -1
@@ -130,67 +116,34 @@ class FilterCoverage:
             usual == threshold + (8 << ACTIVITY_BITS)
         )
         found["busy_at_threshold"] += counted > 0 and usual == threshold
-        threshold = counted << (ACTIVITY_BITS + QUIET_SHIFT)
-        found["first_window_quiet"] += first and window.quiet and not paused
-        self._far = set()
-        if window.quiet and not (first or paused):
-            self._see_quiet()
-        found["quiet_at_threshold"] += counted > 0 and usual == threshold + 1
-        found["quiet_by_two"] += counted > 0 and usual == threshold + 2
-        found["lively_at_threshold"] += counted > 0 and usual == threshold
         found["long_pause"] += paused and self._paused
         self._paused = paused
+        predictions = model.predictions(window.activity)
         if not first and design.restart:
             limit = design.restart << FRACTION_BITS
-            found["restarted"] += limit in model.predictions(window.quiet)
+            found["restarted"] += limit in predictions
         if paused:
             return
         found["several_blocks"] += design.places > 32 and not design.keep_distances
         found["kept_distances"] += design.keep_distances
         found["spread_of_nothing"] += design.places > 1 and len(set(distances)) == 1
         scale = model.reciprocal or reciprocal_of_spread(distances)
-        least = min(distances)
+        least, weight = min(distances), weight_of(window.activity)
         found["spread_of_one"] += (
             scale == 1 << RECIPROCAL_BITS
             and not first
             and max(distances) > least
             and design.words == 2
         )
-        for distance, predicted in zip(distances, model.predictions(window.quiet), strict=True):
-            against = evidence(distance - least, scale)
-            found["evidence_saturated"] += against == EVIDENCE_TOP and (
-                (distance - least) * scale >> 14 > EVIDENCE_TOP
-            )
+        for distance, predicted in zip(distances, predictions, strict=True):
+            against = evidence(distance - least, scale, weight)
+            found["evidence_saturated"] += (distance - least) * scale >> 14 > EVIDENCE_TOP
             found["metric_saturated"] += predicted + against > METRIC_TOP
-
-    def _see_quiet(self) -> None:
-        """Count the corners of a window that is quiet but no pause, and not the first."""
-        design, model = self.machine.design, self.machine.place_filter
-        least, quiet = min(model.metrics), model.predictions(True)
-        limit = design.restart << FRACTION_BITS
-        self._far = {place for place, price in enumerate(quiet) if price == limit > 0}
-
-        def cheaper(moves: Iterable[tuple[int, int]]) -> bool:
-            """Return whether a place can be reached for less by one of these steps and prices."""
-            ways = product(moves, enumerate(model.metrics))
-            return any(
-                metric - least + (price << FRACTION_BITS) < quiet[origin + step]
-                for (step, price), (origin, metric) in ways
-                if 0 <= origin + step < design.places
-            )
-
-        self.found["quiet"] += 1
-        self.found["quiet_of_steps_back"] += cheaper(
-            (-number, price) for number, price in enumerate(design.back, 1)
-        )
-        longer = tuple(enumerate(design.steps))[len(STATIONARY_COSTS) :]
-        self.found["quiet_of_long_steps"] += cheaper(longer)
 
     def see_match(self, match: MatchResult) -> None:
         """Count the corners of a match."""
         design, found, last = self.machine.design, self.found, self._last
         self._last = match.place
-        found["quiet_restarted"] += match.place in self._far
         found["filter_tie"] += match.ties > 0
         found["filter_no_second"] += match.second is None
         assert match.trust is not None, "a match of the filter has one"
@@ -200,7 +153,7 @@ class FilterCoverage:
         found["distrusted_at_threshold"] += second and match.trust == design.trust - 1
         if last < 0:
             return
-        step, largest = match.place - last, max(len(design.steps), len(STATIONARY_COSTS)) - 1
+        step, largest = match.place - last, design.largest_step
         found["stood"] += step == 0
         found["stepped"] += step == 1
         found["largest_step"] += step == largest
