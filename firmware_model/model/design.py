@@ -384,7 +384,7 @@ class Design(DesignFile):
                 )
 
     def _code(self, scale: int) -> CounterCode | OwnMeanCode:
-        if self.code in ("own-mean", "contrast"):
+        if self.code == "own-mean" or self.code == "contrast":
             return OwnMeanCode(self.code_bits, scale)
         return CounterCode(self.code, self.code_bits, scale)
 

@@ -134,6 +134,7 @@ class Machine:
 
     Attributes
     ----------
+    memories : Memories
     descriptor : DescriptorModel
     comparator : ComparatorModel
     sequence : SequenceModel
@@ -145,7 +146,7 @@ class Machine:
     """
 
     def __init__(self, memories: Memories, start: int = 0) -> None:
-        self.design = memories.design
+        self.memories, self.design = memories, memories.design
         self.descriptor = DescriptorModel(memories, start)
         self.comparator = ComparatorModel(memories)
         self.sequence = SequenceModel(self.design)

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections import Counter
 
 from firmware_model.model.comparator import (
+    SAME_ACTIVITY,
     MatchResult,
     accepts,
     evidence,
     reciprocal_of_spread,
+    row_of_costs,
     weight_of,
 )
 from firmware_model.model.descriptor import (
@@ -19,6 +21,7 @@ from firmware_model.model.descriptor import (
 )
 from firmware_model.model.design import (
     ACTIVITY_BITS,
+    ACTIVITY_COSTS,
     EVIDENCE_TOP,
     FRACTION_BITS,
     MARGIN_TOP,
@@ -46,6 +49,17 @@ FILTER_CORNERS = {
     "pause_by_two": "a window that pauses, and would not if 2/256 event less were usual",
     "pause_by_eight_events": "a window that pauses, and would not if 8 events less were usual",
     "busy_at_threshold": "a window that does not pause, and would if 1/256 event more were usual",
+    **{f"weight_{n}": f"a window whose evidence has {n}/8 of its weight" for n in range(9)},
+    **{
+        f"costs_{n}": f"a place that is reached for the costs of row {n}, not in the first window"
+        for n in range(len(ACTIVITY_COSTS))
+    },
+    "costs_below": "a place that is reached for the costs of the lowest row, and is below it",
+    "costs_above": "a place that is reached for the costs of the highest row, and is above it",
+    "least_place_activity": "a place of the least activity there is",
+    "largest_place_activity": "a place of the largest activity there is",
+    "pause_restarted": "a match in a window that pauses, of a place that only a restart leads to",
+    "events_above_16_bits": "a window with more events than 16 bits can count",
     "spread_of_nothing": "a window with the same distance to all places",
     "spread_of_one": "a window behind the first that is scaled by a spread of 1, of distances "
     "that differ to places of two words",
@@ -72,6 +86,9 @@ FILTER_CORNERS = {
     "trust_of_nothing": "a match whose misfit is above its support",
     "code_at_the_bottom": "an own-mean code of 0 that would be below it",
     "code_at_the_top": "the largest own-mean code, that would be above it",
+    "window_mean_below_nothing": "a window of contrast codes whose mean is negative",
+    "window_mean_rounded_up": "a window of contrast codes whose mean is rounded up",
+    "window_mean_rounded_down": "a window of contrast codes whose mean is rounded down",
     "mean_falls_by_part": "a running mean that falls by what the shift does not divide",
     "mean_rises_by_part": "a running mean that rises by what the shift does not divide",
     "mean_held": "a window that pauses and leaves other means as they are",
@@ -91,7 +108,7 @@ class FilterCoverage:
         self.machine = machine
         self.found: Counter[str] = Counter(dict.fromkeys(FILTER_CORNERS, 0))
         self._misfits = (0, 0, 0)  # of the last matches, the newest first
-        self._paused = False
+        self._paused = self._restarted = False
         self._last = -1
 
     def see_window(self, window: WindowResult, distances: list[int]) -> None:
@@ -118,12 +135,22 @@ class FilterCoverage:
         found["busy_at_threshold"] += counted > 0 and usual == threshold
         found["long_pause"] += paused and self._paused
         self._paused = paused
+        found["events_above_16_bits"] += counted > 0xFFFF
         predictions = model.predictions(window.activity)
+        limit = design.restart << FRACTION_BITS
+        self._restarted = (
+            paused
+            and not first
+            and predictions.index(min(predictions))
+            in {place for place, price in enumerate(predictions) if price == limit}
+        )
+        if design.activity_costs and not first:
+            self._see_costs(window.activity)
         if not first and design.restart:
-            limit = design.restart << FRACTION_BITS
             found["restarted"] += limit in predictions
         if paused:
             return
+        found[f"weight_{weight_of(window.activity)}"] += 1
         found["several_blocks"] += design.places > 32 and not design.keep_distances
         found["kept_distances"] += design.keep_distances
         found["spread_of_nothing"] += design.places > 1 and len(set(distances)) == 1
@@ -140,10 +167,23 @@ class FilterCoverage:
             found["evidence_saturated"] += (distance - least) * scale >> 14 > EVIDENCE_TOP
             found["metric_saturated"] += predicted + against > METRIC_TOP
 
+    def _see_costs(self, activity: int) -> None:
+        """Count the rows of the costs of a window's steps, and the activities of places."""
+        found, rows = self.found, len(ACTIVITY_COSTS)
+        for own in self.machine.memories.place_activity:
+            row = row_of_costs(activity - own)
+            beyond = ((activity - own + 4) >> 3) + SAME_ACTIVITY
+            found[f"costs_{row}"] += 1
+            found["costs_below"] += beyond < 0
+            found["costs_above"] += beyond >= rows
+            found["least_place_activity"] += own == -128
+            found["largest_place_activity"] += own == 127
+
     def see_match(self, match: MatchResult) -> None:
         """Count the corners of a match."""
         design, found, last = self.machine.design, self.found, self._last
         self._last = match.place
+        found["pause_restarted"] += self._restarted
         found["filter_tie"] += match.ties > 0
         found["filter_no_second"] += match.second is None
         assert match.trust is not None, "a match of the filter has one"
@@ -176,10 +216,15 @@ class FilterCoverage:
     def _see_means(self, window: WindowResult) -> None:
         descriptor, found = self.machine.descriptor, self.found
         mean, top, shift = descriptor.mean, self.machine.design.code_max, descriptor.mean.shift
-        for slot, count in enumerate(descriptor.counts):
-            level = descriptor.memories.entry(slot, count)
-            usual = (mean.total[slot] + (1 << (MEAN_BITS - 1))) >> MEAN_BITS
-            octaves = (level - usual + (1 << (LEVEL_BITS - 1))) >> LEVEL_BITS
+        levels = descriptor.entries()
+        window_mean, differences = mean.window_mean(levels), mean.differences(levels)
+        if self.machine.design.contrast:
+            exact = window_mean * len(levels)
+            found["window_mean_below_nothing"] += window_mean < 0
+            found["window_mean_rounded_up"] += exact > sum(differences)
+            found["window_mean_rounded_down"] += exact < sum(differences)
+        for slot, level in enumerate(levels):
+            octaves = (differences[slot] - window_mean + (1 << (LEVEL_BITS - 1))) >> LEVEL_BITS
             found["code_at_the_bottom"] += octaves + (top + 1) // 2 < 0
             found["code_at_the_top"] += octaves + (top + 1) // 2 > top
             difference = (level << MEAN_BITS) - mean.total[slot]
