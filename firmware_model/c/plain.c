@@ -229,7 +229,7 @@ static int64_t sixteenths(int64_t number)
 const uint8_t *plain_window_end(plain_t *p)
 {
     const int64_t events = (p->counted < 0x7FFFFFU) ? p->counted : 0x7FFFFF;
-    p->activity = sixteenths(events) - sixteenths(p->usual / 256);
+    p->activity = (events == 0) ? -368 : (sixteenths(events) - sixteenths(p->usual / 256));
     p->paused = (events == 0) || ((events * 16 * 256) < p->usual);
     const uint32_t slots = plain_word(p, SLOTS);
     uint8_t *const codes = &p->codes[(size_t)p->windows * slots];

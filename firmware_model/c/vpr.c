@@ -66,6 +66,7 @@ enum {
 #define ACTIVITY_BITS 8U
 #define ACTIVITY_SHIFT 6U
 #define PAUSE_BITS 12U /* of a number of events less than 1/16 of the usual */
+#define LEAST_ACTIVITY (-368) /* of no events, against the most */
 #define OCTAVE 16U
 #define OCTAVES_TOP 22U /* of 1 and the largest number of events, and beyond */
 #define OCTAVE_LOW 0x400000U
@@ -495,7 +496,9 @@ static void take_activity(const vpr_design_t *d, vpr_state_t *s)
     const uint32_t counted = d->budget - s->left;
     const uint32_t events = (counted < EVENTS_TOP) ? counted : EVENTS_TOP;
     const uint32_t below = (s->usual > 0U) ? (s->usual - 1U) : 0U; /* without events: it does */
-    s->activity = (int32_t)event_log(events) - (int32_t)event_log(s->usual >> ACTIVITY_BITS);
+    s->activity = (events == 0U) ? LEAST_ACTIVITY
+                                 : ((int32_t)event_log(events) -
+                                    (int32_t)event_log(s->usual >> ACTIVITY_BITS));
     s->paused = events <= (below >> PAUSE_BITS);
     s->usual = moved(s->usual, events << ACTIVITY_BITS, ACTIVITY_SHIFT);
 }

@@ -129,7 +129,10 @@ def test_the_filter_and_own_mean_codes_equal_the_pipeline():
         seen["own mean"] += design.own_mean
         seen["filter"] += design.filters
         seen["pauses"] += sum(window.paused for window in done.windows)
-        seen["quiet"] += sum(window.quiet and not window.paused for window in done.windows)
+        seen["contrast"] += design.contrast
+        seen["costs by activity"] += design.activity_costs
+        weights = [state.weight for state in done.states if not state.paused]
+        seen["less weight"] += sum(weight in range(8) for weight in weights)
         seen["moves"] += sum(not window.paused for window in done.windows)
         seen["back"] += bool(design.back)
         seen["rejected by trust"] += sum(
@@ -257,9 +260,9 @@ def test_cycles_and_results_of_the_stepped_filter():
         at_once, stepped = Machine(memories), Machine(memories)
         for number in range(4):
             codes = tuple(rng.integers(0, design.code_max + 1, design.slots).tolist())
-            quiet, paused = number in (1, 2), number == 2
-            at_once.match(WindowResult(number, 0, codes, quiet, paused))
-            states = list(stepped.filter_cycles(codes, quiet, paused))
+            activity, paused = (0, -37, -70, 5)[number], number == 2
+            at_once.match(WindowResult(number, 0, codes, activity, paused))
+            states = list(stepped.filter_cycles(codes, activity, paused))
             metrics = at_once.place_filter.metrics
             assert stepped.place_filter.metrics == metrics
             assert stepped.place_filter.support == at_once.place_filter.support
