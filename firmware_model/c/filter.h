@@ -47,7 +47,6 @@ typedef struct {
     const int8_t *place_activity; /* NULL: steps cost the same to all places */
     int32_t activity;             /* of the window, so that it gives the row of a place */
     uint32_t near[NEAR];          /* of a step of 0, 1 ... if they do */
-    uint32_t near_count;
     const uint16_t *fixed; /* in the design, of which those beyond begin at NEAR */
     uint32_t far_count;
     const uint16_t *back; /* of -1, -2 ... */
@@ -127,8 +126,7 @@ static void shift_ahead(prices_t *p, uint16_t metric)
 }
 
 /* The same for places from the fourth on, in a design without other steps than the near ones. */
-static inline void predict_near(const prices_t *p, uint16_t *metric, uint32_t from, uint32_t end,
-                                bool of_three_places)
+static inline void predict_near(const prices_t *p, uint16_t *metric, uint32_t from, uint32_t end)
 {
     const uint32_t limit = p->limit;
     const uint32_t stay = p->near[0];
@@ -141,10 +139,7 @@ static inline void predict_near(const prices_t *p, uint16_t *metric, uint32_t fr
     for (uint32_t at = end - 1U; at >= from; at--) {
         const uint32_t lowest = metric[at - 3U];
         uint32_t price = lesser(lesser(limit, here + stay), below + one);
-        price = lesser(price, lower + two);
-        if (of_three_places) {
-            price = lesser(price, lowest + three);
-        }
+        price = lesser(lesser(price, lower + two), lowest + three);
         metric[at] = (uint16_t)price;
         here = below;
         below = lower;
@@ -184,10 +179,8 @@ static void predict(prices_t *p, uint16_t *metric, const block_t *b)
         const uint32_t from = (b->from < (NEAR - 1U)) ? (NEAR - 1U) : b->from;
         if (p->place_activity != NULL) {
             predict_by_activity(p, metric, from, end);
-        } else if (p->near_count == NEAR) {
-            predict_near(p, metric, from, end, true);
         } else {
-            predict_near(p, metric, from, end, false);
+            predict_near(p, metric, from, end);
         }
         end = from;
     }
@@ -326,8 +319,7 @@ static void set_prices(const vpr_design_t *d, const vpr_state_t *s, prices_t *p)
     for (uint32_t i = 0U; (i < NEAR) && (d->place_activity == NULL); i++) {
         p->near[i] = ((i < d->steps) ? d->price[i] : FAR) - s->least;
     }
-    p->near_count = lesser(d->steps, NEAR);
-    p->far_count = d->steps - p->near_count;
+    p->far_count = (d->steps > NEAR) ? (d->steps - NEAR) : 0U;
     p->fixed = d->price;
     p->back = d->back_price;
     p->back_count = d->back;

@@ -68,9 +68,8 @@ enum {
 #define PAUSE_BITS 12U /* of a number of events less than 1/16 of the usual */
 #define LEAST_ACTIVITY (-368) /* of no events, against the most */
 #define OCTAVE 16U
-#define OCTAVES_TOP 22U /* of 1 and the largest number of events, and beyond */
-#define OCTAVE_LOW 0x400000U
-#define OCTAVE_HIGH 0x800000U
+#define OCTAVES_LOW 22U
+#define OCTAVE_LOW 0x400000U /* 2^22 */
 
 /* The search over the places of one match, in ascending order. */
 typedef struct {
@@ -470,23 +469,21 @@ static void own_mean_codes(const vpr_design_t *d, vpr_state_t *s)
 /* 16 times the logarithm of 1 and a number of events, to the base 2, rounded down. */
 static uint32_t event_log(uint32_t events)
 {
-    /* the least numbers that are 1/16, 2/16 ... octave above OCTAVE_LOW */
-    static const uint32_t sixteenth[OCTAVE - 1U] = {
-        4380002U, 4573921U, 4776426U, 4987897U, 5208730U, 5439340U, 5680160U, 5931642U,
-        6194258U, 6468502U, 6754887U, 7053951U, 7366256U, 7692388U, 8032959U};
+    /* the least numbers that are 1/16, 2/16 ... 16/16 octave above OCTAVE_LOW, and beyond all */
+    static const uint32_t sixteenth[OCTAVE + 1U] = {
+        4380002U, 4573921U, 4776426U, 4987897U, 5208730U, 5439340U, 5680160U, 5931642U, 6194258U,
+        6468502U, 6754887U, 7053951U, 7366256U, 7692388U, 8032959U, 8388608U, VPR_NONE};
     uint32_t number = events + 1U;
-    uint32_t found = OCTAVE * OCTAVES_TOP;
-    if (number == OCTAVE_HIGH) {
-        return found + OCTAVE;
-    }
+    uint32_t found = OCTAVE * OCTAVES_LOW;
+    uint32_t above = 0U;
     while (number < OCTAVE_LOW) {
         number <<= 1;
         found -= OCTAVE;
     }
-    for (uint32_t i = 0U; i < (OCTAVE - 1U); i++) {
-        found += (number >= sixteenth[i]) ? 1U : 0U;
+    while (number >= sixteenth[above]) {
+        above++;
     }
-    return found;
+    return found + above;
 }
 
 /* The activity of the open window, whether it pauses, and the usual number of events with it. It

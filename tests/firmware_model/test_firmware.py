@@ -584,8 +584,8 @@ FILTER_MUTATIONS = {
     "trust follows too far": ("filter.h", "<= (d->back + last)", "<= (d->back + last + 1U)"),
     "logarithms of whole octaves": (
         "vpr.c",
-        "(number >= sixteenth[i]) ?",
-        "(number == sixteenth[i]) ?",
+        "number >= sixteenth[above]",
+        "number == sixteenth[above]",
     ),
     "activity of all events so far": (
         "vpr.c",
