@@ -537,11 +537,15 @@ FILTER_MUTATIONS = {
     ),
     "activities are not rounded": ("filter.h", "#define ROW_ORIGIN 100 ", "#define ROW_ORIGIN 96 "),
     "one row of costs too few": ("filter.h", "ROW_BITS, ROWS - 1U)", "ROW_BITS, ROWS - 2U)"),
-    "rows of costs wrap at the bottom": ("filter.h", "[(above > 0) ? lesser", "[true ? lesser"),
+    "rows of costs wrap at the bottom": (
+        "filter.h",
+        "return (above > 0) ? lesser((uint32_t)above >> ROW_BITS",
+        "return true ? lesser((uint32_t)above >> ROW_BITS",
+    ),
     "costs of the place that is left": (
         "filter.h",
-        "costs_of(activity, place_activity[at])",
-        "costs_of(activity, place_activity[at - 1U])",
+        "row_of(activity, place_activity[at])",
+        "row_of(activity, place_activity[at - 1U])",
     ),
     "activity without that of the place": (
         "filter.h",
