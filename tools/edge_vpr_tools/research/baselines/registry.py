@@ -40,6 +40,7 @@ BASELINES: dict[str, Entry] = {
         Entry("all-pixels", "dense", "all_pixels"),
         Entry("patch-normalised", "dense", "patch_normalised"),
         Entry("active-pixels", "selected_pixels", "active_pixels"),
+        Entry("active-overlap", "selected_pixels", "active_overlap"),
         Entry("hog", "dense", "hog"),
         Entry("ensemble-windows", "dense", "windows_ensemble"),
         Entry("ensemble-descriptors", "dense", "descriptors_ensemble"),
