@@ -352,7 +352,10 @@ def _cell(value: object) -> str:
     """Return a value of a row as text, with as many digits as can matter."""
     if value is None:
         return ""
-    return f"{value:.9g}" if isinstance(value, float) else str(value)
+    if not isinstance(value, float):
+        return str(value)
+    # a point tells a measured 1.0 from a number of things
+    return f"{value:.1f}" if value.is_integer() else f"{value:.9g}"
 
 
 def _fingerprint(files: Sequence[Path]) -> str:
