@@ -195,9 +195,13 @@ def test_the_calibration_writes_its_tables_and_draws_how_they_were_judged(
     preset = {"default": PRESETS["default"].replaced({"sigma": 1.0}, "test")}
     monkeypatch.setattr(calibration_streets, "PRESETS", preset)
     monkeypatch.setattr(calibration, "JUDGED", 1)
-    kept = drawn_by(calibration, monkeypatch)
+    kept = []
+    draw = calibration.draw
+    monkeypatch.setattr(calibration, "draw", lambda *a: kept.append(draw(*a)) or kept[-1])
     figure = tmp_path / "a.svg"
-    arguments = f"experiment calibration --seeds 2 --table {tmp_path} --figure {figure}"
+    arguments = (
+        f"experiment calibration --seeds 2 --table {tmp_path} -o {tmp_path} --figure {figure}"
+    )
     assert main(arguments.split()) == 0
     shown = capsys.readouterr().out
     assert figure.stat().st_size > 10_000

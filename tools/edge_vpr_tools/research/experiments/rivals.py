@@ -290,7 +290,7 @@ def measure(draw: Draw) -> Iterator[Row]:
     pair: Contest = draw.pair
     ways = decoders(pair.length)
     truths = {
-        tolerance: _judged(truth_of(pair.reference.centre_us, pair.query.centre_us))
+        tolerance: truth_of(pair.reference.centre_us, pair.query.centre_us)
         for tolerance, truth_of in pair.truths.items()
     }
     places, windows = (len(drive.centre_us) for drive in (pair.reference, pair.query))
@@ -308,7 +308,7 @@ def measure(draw: Draw) -> Iterator[Row]:
                     "tolerance": tolerance,
                     "parameters chosen on": system.chosen_on,
                     **_NOT_MEASURED,
-                    **judge(matches, truth),
+                    **judge(matches, _judged(truth)),
                 }
                 if starts is not None:
                     row |= first_right(starts, decoder, pair.query.centre_us, truth)
@@ -321,7 +321,7 @@ def measure(draw: Draw) -> Iterator[Row]:
                 yield row
     along = np.rint(np.arange(windows) * (places - 1) / max(windows - 1, 1)).astype(np.int64)
     for tolerance, truth in truths.items():
-        right = truth.correct[along, np.arange(windows)][truth.known]
+        right = truth.correct[along, np.arange(windows)][_judged(truth).known]
         yield {
             "system": f"null: {SPEED}",
             "matching": "none",
@@ -416,10 +416,10 @@ def compare_systems(
     for name, system in systems:
         try:
             found = compare(system, pair.reference.images, pair.query.images)
+            part = found.distances, pair.query.centre_us, pair.settings
+            matches, matching_s = fastest(partial(match_distances, *part))
         except UsageError:
             continue
-        part = found.distances, pair.query.centre_us, pair.settings
-        matches, matching_s = fastest(partial(match_distances, *part))
         judged = evaluate(matches, truth)
         yield {
             "system": name,
