@@ -18,16 +18,20 @@ from edge_vpr_tools import cli
 from edge_vpr_tools.commands import compare as compare_arguments
 from edge_vpr_tools.research.sweep import comparison
 from edge_vpr_tools.research.sweep.comparison import draw, rows_of, write_comparison
-from edge_vpr_tools.research.sweep.plan import content_hash, read_plan, run_trial
-from edge_vpr_tools.research.sweep.running import (
+from edge_vpr_tools.research.sweep.plan import (
+    content_hash,
+    read_plan,
+    run_sweep,
+    run_trial,
+    sweep_store,
+)
+from edge_vpr_tools.research.trials import (
     Workers,
     cluster,
     failures,
     processes,
     run_all,
-    run_sweep,
 )
-from edge_vpr_tools.research.sweep.store import Store
 from matplotlib.figure import Figure
 from streams import random_events
 
@@ -90,7 +94,7 @@ def plan_file(tmp_path):
 
 
 def swept(plan_file, workers, folder, **more):
-    store = Store(folder)
+    store = sweep_store(folder)
     with store.opened():
         return store, run_sweep(read_plan(plan_file), store, workers, **more)
 
@@ -224,10 +228,13 @@ def test_failures_are_kept_shown_and_computed_again_when_asked(plan_file, tmp_pa
 
 
 def test_a_folder_takes_one_sweep_at_a_time_and_is_never_somebody_elses(plan_file, tmp_path):
-    store = Store(tmp_path / "out")
+    store = sweep_store(tmp_path / "out")
     with store.opened(), pytest.raises(UsageError, match="another sweep writes"), store.opened():
         pass
-    with pytest.raises(UsageError, match="not the folder of a sweep"), Store(tmp_path).opened():
+    with (
+        pytest.raises(UsageError, match="not the folder of a sweep"),
+        sweep_store(tmp_path).opened(),
+    ):
         pass
 
 
@@ -364,7 +371,7 @@ def test_the_page_starts_no_cluster_that_listens_to_strangers():
 
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
     pytest.importorskip("distributed", reason="Dask is an extra (dask)")
-    monkeypatch.setattr("edge_vpr_tools.research.sweep.running._TIMEOUT_S", 0.5)
+    monkeypatch.setattr("edge_vpr_tools.research.trials._TIMEOUT_S", 0.5)
     with (
         pytest.raises(UsageError, match="no Dask scheduler answers"),
         cluster("tcp://127.0.0.1:9"),

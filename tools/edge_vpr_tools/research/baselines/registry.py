@@ -33,6 +33,7 @@ _BASELINES = Registry(
         "all-pixels": f"{_PACKAGE}.dense:all_pixels",
         "patch-normalised": f"{_PACKAGE}.dense:patch_normalised",
         "active-pixels": f"{_PACKAGE}.selected_pixels:active_pixels",
+        "active-overlap": f"{_PACKAGE}.selected_pixels:active_overlap",
         "hog": f"{_PACKAGE}.dense:hog",
         "ensemble-windows": f"{_PACKAGE}.dense:windows_ensemble",
         "ensemble-descriptors": f"{_PACKAGE}.dense:descriptors_ensemble",

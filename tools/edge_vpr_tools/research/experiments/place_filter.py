@@ -25,9 +25,10 @@ from edge_vpr.settings import PRESETS, Score, Settings
 from edge_vpr.simulation import QUERY, Drive, Light, SimulatedRecording, simulate_pair
 from edge_vpr.simulation.drive import wheel_odometry
 from edge_vpr_tools.report.style import CYCLE, legend_below, panels, save
+from edge_vpr_tools.report.tables import markdown_table
 from edge_vpr_tools.research.experiments.drives import check_data, pairs
 from edge_vpr_tools.research.experiments.simulated import truth_of_pair
-from edge_vpr_tools.research.experiments.trial import Summary, markdown_table
+from edge_vpr_tools.research.experiments.trial import Summary
 
 # Settings that the place filter is compared by, and drives of simulated streets.
 

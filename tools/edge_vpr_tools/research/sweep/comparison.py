@@ -16,7 +16,8 @@ from edge_vpr.errors import UsageError, printable
 from edge_vpr.files import read_json, replacing, understood
 from edge_vpr.results import RUN, run_record, write_json
 from edge_vpr_tools.report.style import CYCLE, figure, name_label, save
-from edge_vpr_tools.research.sweep.store import SWEEP, Store
+from edge_vpr_tools.research.sweep.plan import sweep_store
+from edge_vpr_tools.research.trials import SWEEP
 from edge_vpr_tools.spreadsheets import write_spreadsheet
 
 # Comparison of runs: sweeps, and folders of `edge-vpr match` that were evaluated.
@@ -159,7 +160,7 @@ def draw(rows: Sequence[Row], measure: str = "precision_at_100_recall") -> Figur
 
 
 def _of_sweep(run: Path, name: str) -> list[Row]:
-    store = Store(run)
+    store = sweep_store(run)
     found: dict[tuple[str, str], dict[str, list[float]]] = {}
     failed: dict[tuple[str, str], int] = defaultdict(int)
     for trial in store.listed():
