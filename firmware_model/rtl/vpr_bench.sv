@@ -36,7 +36,7 @@ module vpr_bench #(
     logic [MATCH_BITS-1:0]     m_match_tdata;
 
     // tables come from the files of the case
-    wire [4:0]  load         = '0;
+    wire [5:0]  load         = '0;
     wire [19:0] load_address = '0;
     wire [31:0] load_word    = '0;
 
