@@ -1,6 +1,6 @@
 // Usual number of events in a window, in units of 1/256 event, and the activity of the window that
 // ended: floor(16 log2(1 + its events)) less that of the usual number, in whole events, before it
-// (LOGARITHMS). The open window pauses (`pauses`) if it has no events, or less than 1/16 of the usual
+// (LOGARITHMS), and -368, the least that there is, of a window without events. The open window pauses (`pauses`) if it has no events, or less than 1/16 of the usual
 // number.
 //
 // With `window_end` the usual number moves by 1/64 of its difference to the window's; the events of
@@ -139,6 +139,7 @@ module vpr_activity #(
 
     generate
         if (LOGARITHMS) begin : g_logarithms
+            logic       silent;
             logic [8:0] inverse, of_usual;
 
             vpr_logarithm logarithm (
@@ -148,9 +149,13 @@ module vpr_activity #(
             );
 
             // complete behind `begins`, and changed by the first bit of the next number
-            always_ff @(posedge clk) if (step == STEP_BITS'(2)) begin
-                if (round[4]) of_usual <= ~inverse;
-                if (finishing) activity_inverse <= {1'b0, of_usual} + {1'b1, inverse};
+            always_ff @(posedge clk) begin
+                if (window_end) silent <= !any;
+                if (step == STEP_BITS'(2)) begin
+                    // that of most events, if there was none, whose logarithm is 0
+                    if (round[4]) of_usual <= silent ? 9'd368 : ~inverse;
+                    if (finishing) activity_inverse <= {1'b0, of_usual} + {1'b1, inverse};
+                end
             end
         end else begin : g_none
             assign activity_inverse = '1;

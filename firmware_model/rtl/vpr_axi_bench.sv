@@ -169,7 +169,7 @@ module vpr_axi_bench;
         end
         $fclose(file);
         idle = 0;
-        while (idle < 200 + SLOTS + 3 * PLACES * (WORDS + LENGTH)) begin
+        while (idle < 500 + 2 * SLOTS + 3 * PLACES * (WORDS + LENGTH)) begin
             if (match_waits) begin
                 read_match;
                 idle = 0;

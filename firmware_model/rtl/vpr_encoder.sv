@@ -112,11 +112,14 @@ module vpr_encoder #(
 
     generate
         if (OWN_MEAN) begin : g_own_mean
-            wire unused = load[1];
             logic                  deviates, deviating_last;
             logic [SLOT_BITS-1:0]  deviating_slot;
             logic [ENTRY_BITS+1:0] deviation;
             logic [CODE_BITS-1:0]  own_code;
+            wire                   unused = &{
+                1'b0, load[1], own_code, deviates, deviating_last, deviating_slot, deviation
+            };
+
             vpr_own_mean #(
                 .SLOTS(SLOTS), .COUNT_MAX(COUNT_MAX), .SLOT_BITS(SLOT_BITS),
                 .COUNT_BITS(COUNT_BITS), .ENTRY_BITS(ENTRY_BITS), .MEAN_BITS(MEAN_BITS),
@@ -131,7 +134,6 @@ module vpr_encoder #(
                 .deviation(deviation)
             );
             if (CONTRAST) begin : g_contrast
-                wire unused = &{1'b0, own_code};
                 vpr_contrast #(
                     .SLOTS(SLOTS), .SLOT_BITS(SLOT_BITS), .ENTRY_BITS(ENTRY_BITS),
                     .CODE_BITS(CODE_BITS)
@@ -142,7 +144,6 @@ module vpr_encoder #(
                     .code(code)
                 );
             end else begin : g_own_codes
-                wire unused = &{1'b0, deviates, deviating_last, deviating_slot, deviation};
                 assign again = 1'b0;
                 assign code  = own_code;
             end

@@ -239,11 +239,11 @@ module vpr_filter #(
     );
 
     // Evidence: how far the place's distance is above the least, by the reciprocal of the spread,
-    // in eighths of the weight. All of it counts from 2 octaves below the usual activity on, nothing
-    // below 3, nor in a pause.
+    // limited, and of that as many eighths as the window's activity says: all of them from 2 octaves
+    // below the usual one on, none 3 below it. In a pause there is none.
 
     wire [9:0] activity = ~activity_inverse;
-    wire [3:0] weight   = paused ? 4'd0 : !activity[9] || &activity[8:5] ? 4'd8
+    wire [3:0] weight   = !activity[9] || &activity[8:5] ? 4'd8
                           : activity[8:4] == 5'b11101 ? {1'b0, activity[3:1]} : 4'd0;
 
     logic [DISTANCE_BITS-1:0] above;
@@ -253,7 +253,7 @@ module vpr_filter #(
     logic [PREDICTED-1:0]     valid;
 
     // half of a reciprocal of 2^16: a shift of one bit less
-    wire [PRODUCT_BITS-SHIFT:0] scaled_product =
+    wire [PRODUCT_BITS-SHIFT:0] divided =
         whole ? product[PRODUCT_BITS-1:SHIFT-1] : {1'b0, product[PRODUCT_BITS-1:SHIFT]};
 
     wire  [EVIDENCE_BITS-1:0]     against;
@@ -276,7 +276,8 @@ module vpr_filter #(
     always_ff @(posedge clk) begin
         if (item) above <= farther[DISTANCE_BITS:1];
         product     <= PRODUCT_BITS'(above) * PRODUCT_BITS'(factor);
-        limited     <= (scaled_product >> EVIDENCE_BITS) != 0 ? '1 : EVIDENCE_BITS'(scaled_product);
+        limited     <= paused ? '0
+                       : (divided >> EVIDENCE_BITS) != 0 ? '1 : EVIDENCE_BITS'(divided);
         evidence    <= (EVIDENCE_BITS + 4)'(limited) * (EVIDENCE_BITS + 4)'(weight);
         valid <= PREDICTED'({valid, metrics});
         sum_valid <= valid[PREDICTED-1];

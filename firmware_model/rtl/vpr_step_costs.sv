@@ -50,18 +50,19 @@ module vpr_step_costs #(
     (* ram_style = "block" *)
     logic [STEPS*COST_BITS-1:0] rows[0:(1<<ROW_BITS)-1];
 
-    function automatic [COST_BITS-1:0] cost_at(input integer quarters, input integer step);
-        integer half;
-        // rounded to half octaves, from -12 to 4
-        half    = quarters < -24 ? -12 : quarters > 7 ? 4 : ((quarters + 32 + 1) / 2) - 16;
-        cost_at = TABLE[COST_BITS*(STEPS*(half+12)+step)+:COST_BITS];
+    function automatic [COST_BITS-1:0] cost_at(input integer address, input integer step);
+        integer quarters, row;
+        quarters = address < 32 ? address : address - 64;
+        // half octaves, rounded, from -12 to 4
+        row      = quarters < -24 ? 0 : quarters > 7 ? ROWS - 1 : (quarters + 25) / 2;
+        cost_at  = TABLE[COST_BITS*(STEPS*row+step)+:COST_BITS];
         if (10'(cost_at) > RESTART) cost_at = RESTART[COST_BITS-1:0];
     endfunction
 
-    integer row;
+    integer at;
     initial
-        for (row = -32; row < 32; row = row + 1)
-            rows[ROW_BITS'(row)] = {cost_at(row, 3), cost_at(row, 2), cost_at(row, 1), cost_at(row, 0)};
+        for (at = 0; at < (1 << ROW_BITS); at = at + 1)
+            rows[at] = {cost_at(at, 3), cost_at(at, 2), cost_at(at, 1), cost_at(at, 0)};
 
     logic [7:0]          of_place;
     logic [ROW_BITS-1:0] difference;
