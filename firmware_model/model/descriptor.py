@@ -40,6 +40,8 @@ class ActivityModel:
 
     def relative(self, events: int) -> int:
         """Return the logarithm of a window's events less that of the usual number, 1/16 octave."""
+        if events == 0:
+            return -ilog(EVENTS_TOP)
         return ilog(min(events, EVENTS_TOP)) - ilog(self.usual >> ACTIVITY_BITS)
 
     def pauses(self, events: int) -> bool:
