@@ -39,7 +39,10 @@ class ActivityModel:
         self.usual = usual
 
     def relative(self, events: int) -> int:
-        """Return the logarithm of a window's events less that of the usual number, 1/16 octave."""
+        """Return the logarithm of a window's events less that of the usual number, 1/16 octave.
+
+        Without events it is the least that there is, however far the usual number has fallen.
+        """
         if events == 0:
             return -ilog(EVENTS_TOP)
         return ilog(min(events, EVENTS_TOP)) - ilog(self.usual >> ACTIVITY_BITS)

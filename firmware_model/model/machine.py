@@ -34,15 +34,15 @@ class WindowState(NamedTuple):
     usual : int
         Usual number of events with which the window is compared, in units of 1/256 event.
     activity : int
-        Logarithm of `counted` less that of `usual`, in units of 1/16 octave.
+        Logarithm of `counted` less that of `usual`, in units of 1/16 octave; -368 without events.
     paused : bool
+    mean_shift : int or None
+        Of own-mean codes: the means move by 1 / 2 to this power, if the window does not pause.
     window_mean : int
         Of contrast codes: what is subtracted from all logarithms, in units of 1/256 octave; of
         others 0.
     weight : int or None
         Of the filter: how many eighths of the evidence count; 0 in a pause.
-    mean_shift : int or None
-        Of own-mean codes: the means move by 1 / 2 to this power, if the window does not pause.
     reciprocal : int or None
         Of the filter: with which the evidence is scaled; None in a pause.
     spread : int or None
@@ -60,9 +60,9 @@ class WindowState(NamedTuple):
     usual: int
     activity: int
     paused: bool
+    mean_shift: int | None
     window_mean: int
     weight: int | None = None
-    mean_shift: int | None = None
     reciprocal: int | None = None
     spread: int | None = None
     least: int | None = None
@@ -180,9 +180,9 @@ class Machine:
         weight = 0 if window.paused else weight_of(window.activity)
         return WindowState(
             window.number, descriptor.counted, descriptor.activity.usual, window.activity,
-            window.paused, descriptor.mean.window_mean(descriptor.entries()),
+            window.paused, min(descriptor.mean.shift, LAST_SHIFT) if design.own_mean else None,
+            descriptor.mean.window_mean(descriptor.entries()),
             weight=weight if design.filters else None,
-            mean_shift=min(descriptor.mean.shift, LAST_SHIFT) if design.own_mean else None,
             reciprocal=self.place_filter.reciprocal,
         )  # fmt: skip
 

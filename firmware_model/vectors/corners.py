@@ -608,6 +608,7 @@ def filter_cases(design: Design) -> list[Case]:
         *_contrasts(contrast),
         *_activities(by_activity),
         _weights(by_activity),
+        _weights_of_far_places(by_activity),
         *_tabulated_costs(by_activity),
         *evidence_cases(plain),
         *ram_cases(plain, adaptive),
@@ -703,6 +704,10 @@ def _pauses(design: Design) -> list[Case]:
     cases = [
         drive("usually_more_events", forward, list(range(12)), None, busy),
         drive("places_alike", forward, [0, 1, 2, 3], alike=True),
+        # a restart for nothing leads to the first place
+        drive(
+            "usually_more_events_and_free_restart", replace(forward, restart=0), [2, 3], None, busy
+        ),
     ]
     # metrics of eight places fill their room in the RAM
     eight = replace(forward, places=8)
@@ -810,47 +815,68 @@ def _weights(design: Design) -> Case:
     return Case("weights", memories, tuple(stream.events))
 
 
+#: count that one place of 80 has, in the only slot that counts, and the others have not: the
+#: evidence against them is the most there is; and the events that windows usually have
+_APART, _APART_COUNT, _APART_EVENTS = 40, 70, 420
+
+
+def _place_apart(design: Design, activity: int, apart: dict[int, int]) -> Memories:
+    """Make the tables of a map with one place apart, and its and some others' own activities."""
+    design = replace(
+        design, window="time", tau_us=max(design.tau_us, 4), code="linear", code_bits=7,
+        full_scales=(_APART_COUNT,), places=80, accept="margin", margin=0,
+    )  # fmt: skip
+    rest, places = [0] * (design.slots - 1), range(design.places)
+    codes = [[_APART_COUNT if place == _APART else 0, *rest] for place in places]
+    return Memories(
+        design, choose_pixels(design), codes, activity=_APART_EVENTS << ACTIVITY_BITS,
+        place_activity=[apart.get(place, activity) for place in places],
+    )  # fmt: skip
+
+
+def _numbers(name: str, memories: Memories, shown: Sequence[int]) -> Case:
+    """Show windows of so many events, all of the first slot."""
+    design, rest = memories.design, [0] * (memories.design.slots - 1)
+    stream = Stream.showing(design, memories.pixels, [[events, *rest] for events in shown])
+    return Case(name, memories, tuple(stream.events))
+
+
+def _weights_of_far_places(design: Design) -> Case:
+    """Show the place apart in windows of many weights; the others have the most evidence."""
+    usual, shown = ActivityModel(_APART_EVENTS << ACTIVITY_BITS), []
+    for weight in (8, 3, 8, 4, 5, 6, 7, 8):
+        numbers = range(_APART_COUNT, 4 * _APART_EVENTS)
+        shown.append(next(n for n in numbers if weight_of(usual.relative(n)) == weight))
+        usual.update(shown[-1])
+    memories = _place_apart(replace(design, exclusion=4), 0, {})
+    return _numbers("weights_of_far_places", memories, shown)
+
+
 def _tabulated_costs(design: Design) -> list[Case]:
     """Make cases that show every entry of the table of costs as the metric of a match.
 
-    Windows show one place, and between them have so few events that evidence has no weight. Then
-    the best place is this one, and the second best another to which a step leads from it, by as
-    many places as the exclusion zone leaves. The number of events tells the row of the table.
+    Windows show the place apart, and between them have so few events that evidence has no weight.
+    Then the best place is this one, and the second best another to which a step leads from it, by
+    as many places as the exclusion zone leaves. The number of events tells the row of the table.
     """
-    full, at = 70, 40
-    design = replace(
-        design, window="time", tau_us=max(design.tau_us, 4), code="linear", code_bits=7,
-        full_scales=(full,), places=80, accept="margin", margin=0,
-    )  # fmt: skip
-    pixels, rest = choose_pixels(design), [0] * (design.slots - 1)
-    places = [[full if place == at else 0, *rest] for place in range(design.places)]
     cases = []
-    for zone, reached in enumerate(((at, at + 1), (at + 2,), (at + 3,))):
+    for zone, reached in enumerate(((0, 1), (2,), (3,))):
         for name, rows, activity in (("low", range(9), -22), ("high", range(8, 17), -84)):
-            variant = replace(design, exclusion=zone)
-            of_places = [127] * design.places
-            of_places[at] = 0
-            for place in reached:
-                of_places[place] = activity
-            usual, shown = ActivityModel(420 << ACTIVITY_BITS), []
-            for row in rows:
-                for which in (0, -1):
-                    loud = max(full, usual.usual >> (ACTIVITY_BITS + 2))
-                    usual.update(loud)
-                    few = [
-                        events
-                        for events in range(1, full)
-                        if row_of_costs(usual.relative(events) - activity) == row
-                        and weight_of(usual.relative(events)) == 0
-                    ]
-                    shown += [loud, *few[which:][:1]]
-                    usual.update(shown[-1])
-            stream = Stream.showing(variant, pixels, [[events, *rest] for events in shown])
-            memories = Memories(
-                variant, pixels, places, activity=420 << ACTIVITY_BITS, place_activity=of_places
-            )
-            title = f"costs_of_{zone + 1}_places_{name}"
-            cases.append(Case(title, memories, tuple(stream.events)))
+            apart = {_APART: 0} | {_APART + step: activity for step in reached}
+            memories = _place_apart(replace(design, exclusion=zone), 127, apart)
+            usual, shown = ActivityModel(memories.activity), []
+            for row, which in product(rows, (0, -1)):
+                shown.append(max(_APART_COUNT, usual.usual >> (ACTIVITY_BITS + 2)))
+                usual.update(shown[-1])
+                few = [
+                    events
+                    for events in range(1, _APART_COUNT)
+                    if row_of_costs(usual.relative(events) - activity) == row
+                    and weight_of(usual.relative(events)) == 0
+                ]
+                shown.append(few[which])
+                usual.update(shown[-1])
+            cases.append(_numbers(f"costs_of_{zone + 1}_places_{name}", memories, shown))
     return cases
 
 
@@ -876,8 +902,6 @@ def _contrasts(design: Design) -> list[Case]:
 def _rounded_means(design: Design) -> list[Case]:
     """Make windows whose mean is at the edge of being rounded otherwise, which changes a code."""
     slots, level = design.slots, design.tables[0][min(20, design.count_max)]
-    if slots == 1:
-        return []  # the mean is the only difference, and the code that of no contrast
     cases = []
     for name, total, first in (
         ("up", -(-slots // 2), 128),
@@ -886,6 +910,9 @@ def _rounded_means(design: Design) -> list[Case]:
         ("down_below_nothing", -(slots // 2) - 1, 127),
     ):
         means = [level - first, level - total + first, *[level] * (slots - 2)]
+        # of one slot the mean is its difference; and a small full scale leaves no room
+        if slots == 1 or min(means) < 0 or max(means) > design.entry_max:
+            continue
         cases.append(_counted(f"contrast_rounded_{name}", design, means, [[20] * slots] * 2))
     return cases
 
