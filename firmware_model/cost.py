@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from firmware_model.model.design import Design, formats_of, widths_of
+from firmware_model.model.design import ACTIVITY_COSTS, Design, formats_of, widths_of
 
 
 class Memory(NamedTuple):
@@ -37,14 +37,19 @@ def memories(design: Design, slow_blocks: bool = False) -> dict[str, Memory]:
     -------
     dict of str to Memory
         Row displacements and look-up, with its delay line of pixels; counters; code tables, and
-        which each counter uses; running means, and those that they begin with; the descriptor that
-        is compared; the places; the distances of the last L windows, or the filter's metrics and,
-        if kept, distances; the delay line of the search.
+        which each counter uses; running means, and those that they begin with; of contrast codes,
+        the differences to them; the descriptor that is compared; the places; the distances of the
+        last L windows, or the filter's metrics, powers of two for logarithms of events and, if
+        kept, distances; activities of places, and costs by them; the delay line of the search.
     """
     bits = widths_of(design)
     lanes = design.lanes * bits["code"]
     if design.filters:
-        kept = {"metric": Memory(design.places, bits["metric"])}
+        kept = {
+            "metric": Memory(design.places, bits["metric"]),
+            # 16 powers of 24 bits, each in 32 words of a bit
+            "powers": Memory(16 * 32, 1),
+        }
         if design.keep_distances:
             kept["distance"] = Memory(design.places, bits["distance"])
     else:
@@ -52,6 +57,14 @@ def memories(design: Design, slow_blocks: bool = False) -> dict[str, Memory]:
     if design.own_mean:
         kept["mean"] = Memory(design.slots, bits["mean"])
         kept["first_mean"] = Memory(design.slots, bits["entry"])
+    if design.contrast:
+        # with sign and rounding
+        kept["deviation"] = Memory(design.slots, bits["entry"] + 2)
+    if design.activity_costs:
+        kept["place_activity"] = Memory(design.places, bits["place_activity"])
+        # a row a quarter of an octave, of 16 octaves
+        width = max(map(max, ACTIVITY_COSTS)).bit_length()
+        kept["costs"] = Memory(64, len(ACTIVITY_COSTS[0]) * width)
     return {
         "displacement": Memory(design.height, bits["address"]),
         "lookup": Memory(design.lookup_depth, bits["owner"] + bits["slot"]),
