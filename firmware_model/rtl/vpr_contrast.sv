@@ -39,8 +39,7 @@ module vpr_contrast #(
     localparam int WHOLE_BITS    = EXCESS_BITS - LEVEL_BITS;
     localparam int OCTAVE_BITS   = WHOLE_BITS > CODE_BITS + 1 ? WHOLE_BITS : CODE_BITS + 1;
 
-    localparam logic signed [OCTAVE_BITS-1:0] HIGHEST = OCTAVE_BITS'((1 << (CODE_BITS - 1)) - 1);
-    localparam logic signed [OCTAVE_BITS-1:0] LOWEST  = OCTAVE_BITS'(-(1 << (CODE_BITS - 1)));
+    localparam logic [CODE_BITS-1:0] HALF = CODE_BITS'(1 << (CODE_BITS - 1));
 
     logic                     divides;
     logic [LEFT_BITS-1:0]     left;
@@ -56,7 +55,10 @@ module vpr_contrast #(
     // the deviation less their mean, with a carry into the lowest bit
     wire [EXCESS_BITS:0] excess = {1'b0, kept, 1'b1} + {2'b11, low, 1'b1};
     logic signed [OCTAVE_BITS-1:0] octaves;
-    assign code = octaves > HIGHEST ? '1 : octaves < LOWEST ? '0 : CODE_BITS'(octaves - LOWEST);
+    // in range if the bits from the code's highest on are all as the sign
+    wire   below  = octaves[OCTAVE_BITS-1];
+    wire   beyond = octaves[OCTAVE_BITS-1:CODE_BITS-1] != {(OCTAVE_BITS - CODE_BITS + 1){below}};
+    assign code   = beyond ? {CODE_BITS{!below}} : octaves[CODE_BITS-1:0] ^ HALF;
 
     vpr_ram #(
         .DEPTH(SLOTS), .BITS(ENTRY_BITS + 2), .ADDRESS_BITS(SLOT_BITS)

@@ -48,8 +48,7 @@ module vpr_own_mean #(
     localparam int WHOLE_BITS  = MEAN_BITS + 2 - FRACTION - LEVEL_BITS;
     localparam int OCTAVE_BITS = WHOLE_BITS > CODE_BITS + 1 ? WHOLE_BITS : CODE_BITS + 1;
 
-    localparam logic signed [OCTAVE_BITS-1:0] HIGHEST = OCTAVE_BITS'((1 << (CODE_BITS - 1)) - 1);
-    localparam logic signed [OCTAVE_BITS-1:0] LOWEST  = OCTAVE_BITS'(-(1 << (CODE_BITS - 1)));
+    localparam logic [CODE_BITS-1:0] HALF = CODE_BITS'(1 << (CODE_BITS - 1));
 
     logic [ENTRY_BITS-1:0]       level, first_mean;
     // as they are subtracted, in memory
@@ -78,7 +77,10 @@ module vpr_own_mean #(
     wire signed [MEAN_BITS+1:0] rounded =
         (MEAN_BITS + 2)'(difference) + $signed((MEAN_BITS + 2)'(ROUNDING));
     logic signed [OCTAVE_BITS-1:0] octaves;
-    assign code = octaves > HIGHEST ? '1 : octaves < LOWEST ? '0 : CODE_BITS'(octaves - LOWEST);
+    // in range if the bits from the code's highest on are all as the sign
+    wire   below  = octaves[OCTAVE_BITS-1];
+    wire   beyond = octaves[OCTAVE_BITS-1:CODE_BITS-1] != {(OCTAVE_BITS - CODE_BITS + 1){below}};
+    assign code   = beyond ? {CODE_BITS{!below}} : octaves[CODE_BITS-1:0] ^ HALF;
 
     assign deviating_slot = moved_slot;
 

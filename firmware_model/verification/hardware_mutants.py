@@ -63,8 +63,6 @@ FIRST = (
 )  # fmt: skip
 #: mutants that behave as the source does, and the reason
 EQUAL = {
-    ("vpr_own_mean.sv", "assign code = octaves >= HIGHEST ? '1 : octaves < LOWEST ? '0 : "
-     "CODE_BITS'(octaves - LOWEST);"): "HIGHEST - LOWEST is the code of all ones",
     ("vpr_activity.sv", "{wrapped, events} - {1'b0, {EVENTS_BITS{has_events}}} + "
      "(EVENTS_BITS + 1)'(counted);"): "the operand is 0 whenever the sum is taken",
     ("vpr_activity.sv", "{wrapped, events} + {1'b0, {EVENTS_BITS{has_events}}} + "

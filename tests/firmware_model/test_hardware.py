@@ -734,7 +734,7 @@ def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
     ):
         assert bench.found_by(changed(file, old, new)) == "filter/spread_of_one"
     assert bench.cases[0].name == "filter/spread_of_one"
-    lowest = changed("vpr_own_mean.sv", "octaves < LOWEST", "1'b0")
+    lowest = changed("vpr_own_mean.sv", "{CODE_BITS{!below}}", "'1")
     assert bench.found_by(lowest) == "filter/own_means"
     assert bench.found_by(None) is None
 
