@@ -99,7 +99,9 @@ class Claim:
 
 
 #: units of the core but for those of the activity, which is replaced
-_UNITS_OF_CORE = tuple(unit for unit in UNITS if unit not in ("vpr_activity.sv", "vpr_logarithm.sv"))
+_UNITS_OF_CORE = tuple(
+    unit for unit in UNITS if unit not in ("vpr_activity.sv", "vpr_logarithm.sv")
+)
 #: clocks in which a core of sequences has a second window
 FEW_CLOCKS = 80
 BOUNDED_TO_FEW = BOUNDED.replace(str(CLOCKS), str(FEW_CLOCKS))
@@ -169,7 +171,11 @@ _BY_TIME, _BY_COUNT, _FILTER, _KEPT, _CONTRAST = CORE_KINDS
 #: covers: a map of two places has one sequence of 2, and no second best
 REACHED = (
     *(cover(define, kind) for kind in (_BY_COUNT, _KEPT) for define in COVERS),
-    *(cover(define, kind) for kind in (_BY_TIME, _CONTRAST) for define in ("THREE", "RESET", "WAIT")),
+    *(
+        cover(define, kind)
+        for kind in (_BY_TIME, _CONTRAST)
+        for define in ("THREE", "RESET", "WAIT")
+    ),
 )
 #: broken versions: the claim that must refuse each, its file, the replaced text and its replacement
 BROKEN: dict[str, tuple[Claim, str, str, str]] = {

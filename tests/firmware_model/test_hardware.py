@@ -196,11 +196,9 @@ def test_the_core_returns_random_cases_of_random_adaptive_designs(tmp_path, seed
 SETTLING = 10 * 32 + 3
 
 
-def encoding_cycles(design):
-    """Clocks of encoding beyond one a slot: steps to a code, second pass, division."""
-    if design.contrast:
-        return 2 + design.slots + formats_of(design)["entry"].width + 4
-    return 2 * design.own_mean
+def steps_to_a_code(design):
+    """Clocks of encoding beyond those of the model."""
+    return 2 * design.own_mean + 3 * design.contrast
 
 
 def core_cycles(design, slow_blocks=False):
@@ -211,7 +209,7 @@ def core_cycles(design, slow_blocks=False):
     period = max(design.words, design.length, 2)
     added = (design.places - 1) * (period - max(design.words, design.length))
     levels = (design.lanes - 1).bit_length()
-    around = (9 if design.length == 1 else 10) + encoding_cycles(design)
+    around = (9 if design.length == 1 else 10) + steps_to_a_code(design)
     slow = slow_blocks * (1 + (design.length > 1))
     return model.match + added + levels - design.words + around + slow
 
@@ -227,7 +225,8 @@ def filter_cycles(design, slow_blocks=False):
     metrics = kept if design.keep_distances else distances + design.words
     around = 23 + 2 * len(design.back) + entries.bit_length()
     # the metrics wait for the activity, which takes longer than the mean of small maps
-    mean = max(design.slots + encoding_cycles(design) + distances + 7, SETTLING)
+    encoded = cost.encoding_cycles(design) + steps_to_a_code(design)
+    mean = max(encoded + distances + 7, SETTLING)
     return mean + formats_of(design)["distance_total"].width + metrics + around
 
 
