@@ -105,10 +105,27 @@ def cycles(design: Design) -> Cycles:
     """
     if design.filters:
         parts = filter_cycles(design)
-        return Cycles(1, design.slots, parts.compare + parts.mean + parts.advance, parts.scale + 1)
+        compare = parts.compare + parts.mean + parts.advance
+        return Cycles(1, encoding_cycles(design), compare, parts.scale + 1)
     period = max(design.words, design.length)
     compare = (design.places - 1) * period + design.words
-    return Cycles(event=1, encode=design.slots, compare=compare, drain=design.length + 2)
+    encode = encoding_cycles(design)
+    return Cycles(event=1, encode=encode, compare=compare, drain=design.length + 2)
+
+
+def encoding_cycles(design: Design) -> int:
+    """Count the clock cycles of encoding a window: one a slot.
+
+    Contrast codes take a second pass over the slots, behind the division for the mean of the first.
+    """
+    if not design.contrast:
+        return design.slots
+    return 2 * design.slots + window_mean_cycles(design)
+
+
+def window_mean_cycles(design: Design) -> int:
+    """Count the clock cycles of the division of contrast codes: a bit a cycle, and the sign's."""
+    return formats_of(design)["entry"].width + 1
 
 
 class FilterCycles(NamedTuple):

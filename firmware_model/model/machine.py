@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 from firmware_model.cost import filter_cycles as cycles
+from firmware_model.cost import window_mean_cycles
 from firmware_model.model.comparator import (
     ComparatorModel,
     MatchResult,
@@ -222,15 +223,15 @@ class Machine:
     ) -> Iterator[Cycle]:
         """Do what `match` does with the place filter, one clock cycle after another.
 
-        Encoding takes a cycle a slot. The distance unit takes P codes of a place in a cycle, for
-        all places: then total and least distance are known, and a restoring divider makes the mean,
+        Encoding takes a cycle a slot; contrast codes take it twice, and a division between. The
+        distance unit takes P codes of a place in a cycle, for all places: then total and least distance are known, and a restoring divider makes the mean,
         a bit a cycle. The filter takes a place in a cycle; or in as many as its distance takes, if
         that is computed again. The divider makes the spread and its reciprocal for the next window.
         The first window, whose evidence is scaled by its own spread, takes as many cycles more as
         the deviations and two divisions do. A window that pauses needs no distances.
         """
         design, cost = self.design, cycles(self.design)
-        phases: list[Cycle] = [Cycle(0, "encode", slot=slot) for slot in range(design.slots)]
+        phases = self._encoded()
         if not paused:
             first = self.place_filter.reciprocal == 0
             phases += self._compared(codes) + [Cycle(0, "divide")] * cost.mean
@@ -255,6 +256,12 @@ class Machine:
         for number, cycle in enumerate([*phases, Cycle(0, "accept")]):
             yield cycle._replace(number=number)
 
+    def _encoded(self) -> list[Cycle]:
+        one_pass = [Cycle(0, "encode", slot=slot) for slot in range(self.design.slots)]
+        if not self.design.contrast:
+            return one_pass
+        return one_pass + [Cycle(0, "divide")] * window_mean_cycles(self.design) + one_pass
+
     def _compared(self, codes: Codes) -> list[Cycle]:
         return [
             Cycle(0, "compare", None, place, word, accumulator)
@@ -273,8 +280,8 @@ class Machine:
         design, number = self.design, 0
         self.sequence.next_window()
         self.search = SearchModel(design)
-        for slot in range(design.slots):
-            yield Cycle(number, "encode", slot=slot)
+        for cycle in self._encoded():
+            yield cycle._replace(number=number)
             number += 1
         comparing = iter(
             (place, word, accumulator)
