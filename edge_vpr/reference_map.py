@@ -681,14 +681,19 @@ def write_matched(
     matches.save(folder / MATCHES)
     write_csv(folder / MATCHES_CSV, matches, reference.route)
     if queries is not None:
-        write_archive(folder / QUERIES, QUERIES_KIND, queries.to_arrays(), {})
+        write_queries(folder / QUERIES, queries)
 
 
-def read_queries(folder: Path) -> Descriptors | None:
+def write_queries(path: Path, queries: Descriptors) -> None:
+    """Write the windows of a drive."""
+    write_archive(path, QUERIES_KIND, queries.to_arrays(), {})
+
+
+def read_queries(folder: Path, name: str = QUERIES) -> Descriptors | None:
     """Read the windows of a match; None of a match event by event."""
-    if not (folder / QUERIES).is_file():
+    if not (folder / name).is_file():
         return None
-    arrays, _ = read_archive(folder / QUERIES, QUERIES_KIND)
+    arrays, _ = read_archive(folder / name, QUERIES_KIND)
     return Descriptors.from_arrays(arrays)
 
 

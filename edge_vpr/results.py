@@ -27,6 +27,8 @@ from edge_vpr.run_log import command_line, warnings_so_far
 
 MAP, MATCHES, MATCHES_CSV, QUERIES = "map.npz", "matches.npz", "matches.csv", "queries.npz"
 QUERIES_KIND = "set of query descriptors"
+#: windows of a drive that was matched event by event, for its report alone
+WINDOWS = "windows.npz"
 _SUFFIXES = (".npz", ".csv", ".json", ".md", ".png", ".pdf", ".svg", ".html")
 RUN, METRICS, REPORT = "run.json", "metrics.json", "report.html"
 

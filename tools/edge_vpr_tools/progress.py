@@ -15,7 +15,7 @@ from edge_vpr.pipeline import Removed, WindowSource
 from edge_vpr.settings import Settings
 from edge_vpr.simulation import SimulatedRecording
 from edge_vpr.warm_up import WarmUpStep, warm_up
-from edge_vpr_tools.console import is_quiet, warning
+from edge_vpr_tools.console import check_interrupted, is_quiet, warning
 
 
 class Tracked:
@@ -35,9 +35,12 @@ class Tracked:
 
     def __iter__(self) -> Iterator[Events]:
         console = Console(stderr=True)
-        if is_quiet() or not console.is_terminal:
-            return iter(self._recording)
-        return self._shown(console)
+        shown = self._recording
+        if not is_quiet() and console.is_terminal:
+            shown = self._shown(console)
+        for events in shown:
+            check_interrupted()
+            yield events
 
     def _shown(self, console: Console) -> Iterator[Events]:
         columns = (
@@ -93,6 +96,7 @@ def warmed_up(steps: Sequence[WarmUpStep]) -> None:
     """Compile kernels, or load them, before the work; show the present one on a terminal."""
     with status("kernels") as show:
         warm_up(steps, show)
+    check_interrupted()
 
 
 # Texts on what cleaning removed from a recording, with a warning if it was much.

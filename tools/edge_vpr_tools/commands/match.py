@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -100,7 +101,8 @@ def match_online(
     """
     from edge_vpr import results
     from edge_vpr.descriptors.cleaning import BurstFilter
-    from edge_vpr.reference_map import OnlineMetrics
+    from edge_vpr.pipeline import describe_query
+    from edge_vpr.reference_map import OnlineMetrics, write_queries
     from edge_vpr.warm_up import localising_steps
     from edge_vpr_tools.inputs import describe_faults, open_from
     from edge_vpr_tools.progress import describe_removed, tracked, warmed_up, warn_if_much
@@ -121,6 +123,7 @@ def match_online(
         tracked(recording, "localising"), every=every, odometry=odometry, registered=args.register
     )
     report_shift(reference, found)
+    faults = describe_faults(recording)
     matches, metrics = found.matches, found.metrics
     assert isinstance(metrics, OnlineMetrics)
     warn_if_much(found.removed, args.recording, "make the map with --bursts keep")
@@ -129,12 +132,15 @@ def match_online(
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_report
 
+            with contextlib.suppress(UsageError):  # of a drive without a whole window
+                windows = describe_query(found.reference, tracked(recording, "counting"))
+                write_queries(folder / results.WINDOWS, windows)
             write_report(folder, formats=read_formats(args.figures))
     duration_s = metrics.times_real_time * metrics.localising_s
     summary(
         f"{output}: {len(matches):,} matches of {metrics.events:,} events over "
         f"{duration_s:.1f} s{describe_removed(found.removed, settings)}"
-        f"{describe_faults(recording)}"
+        f"{faults}"
     )
     summary(
         f"localising took {metrics.localising_s:.2f} s, {metrics.times_real_time:,.0f} times real "

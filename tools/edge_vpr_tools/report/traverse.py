@@ -87,8 +87,14 @@ def write_report(
         page.text(f"Ground truth: {truth.description}.")
     page.text(_described(reference, matches))
     _add_outcome(add, reference, outcome, route)
-    if queries is not None:
-        _add_wrong_windows(page, reference, queries, outcome)
+    windows, at = queries, matches.query
+    if windows is None:  # of a drive that was matched event by event: the last before each match
+        windows = read_queries(folder, results.WINDOWS)
+        if windows is not None:
+            before = np.searchsorted(windows.end_us, matches.time_us, side="right") - 1
+            at = np.maximum(before, 0)
+    if windows is not None:
+        _add_wrong_windows(page, reference, windows, at, outcome)
     if found is not None:
         page.heading("Metrics")
         page.table(("figure", "value", "what it says"), _figures_of(found))
@@ -161,9 +167,23 @@ def _add_outcome(
 
 
 def _add_wrong_windows(
-    page: Page, reference: ReferenceMap, queries: Descriptors, outcome: Outcome
+    page: Page,
+    reference: ReferenceMap,
+    queries: Descriptors,
+    at: npt.NDArray[np.integer],
+    outcome: Outcome,
 ) -> None:
-    """Show the windows of the worst matches, first one of each part of the drive."""
+    """Show the windows of the worst matches, first one of each part of the drive.
+
+    Parameters
+    ----------
+    page : Page
+    reference : ReferenceMap
+    queries : Descriptors
+    at : ndarray of int, shape (n,)
+        Which of them belongs to each match.
+    outcome : Outcome
+    """
     errors, truth = outcome.errors, outcome.truth
     if errors is None or truth is None or not outcome.wrong.any():
         return
@@ -183,7 +203,7 @@ def _add_wrong_windows(
     every_place = np.arange(len(reference))
     for number, i in enumerate(chosen, 1):
         j, k = int(matches.query[i]), int(matches.place[i])
-        windows = [Window("query", seen[j]), Window(f"matched: place {k}", mapped[k])]
+        windows = [Window("query", seen[at[i]]), Window(f"matched: place {k}", mapped[k])]
         right = np.flatnonzero(truth.correct[:, j])
         if right.size:
             off = truth.errors(every_place[right], np.full(right.size, j))
