@@ -109,8 +109,8 @@ def run(args: argparse.Namespace) -> None:
         if written is not None:
             check_parent(Path(written))
     folder.mkdir(parents=True, exist_ok=True)
-    pages = {name: _program(name, data, args) for name in names if name in PROGRAMS}
-    pages |= _declared([name for name in names if name not in PROGRAMS], data, args)
+    pages = _declared([name for name in names if name not in PROGRAMS], data, args)
+    pages |= {name: _program(name, data, args) for name in names if name in PROGRAMS}
     for name in names:
         shown = f"{name}:\n\n{pages[name]}\n" if len(names) > 1 else pages[name]
         for line in shown.split("\n"):
