@@ -7,7 +7,6 @@ import json
 import os
 import re
 import signal
-from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,7 +25,7 @@ from edge_vpr_tools.research.sweep.plan import (
     sweep_store,
 )
 from edge_vpr_tools.research.trials import (
-    Workers,
+    Inline,
     cluster,
     failures,
     processes,
@@ -61,25 +60,15 @@ tolerance = 0.2
 """
 
 
-class Inline(Workers):
-    """Jobs in this thread."""
-
-    count, at_once = 1, 2
+class Counted(Inline):
+    """Counts the jobs."""
 
     def __init__(self):
         self.jobs = 0
 
     def submit(self, run, job):
         self.jobs += 1
-        future = Future()
-        try:
-            future.set_result(run(job))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-    def died(self, error):
-        return False
+        return super().submit(run, job)
 
 
 @pytest.fixture
@@ -186,7 +175,7 @@ def test_a_wrong_plan_is_one_clear_error(old, new, words, plan_file):
 
 
 def test_nothing_is_computed_twice_and_an_interrupted_sweep_goes_on(plan_file, tmp_path):
-    workers, seen = Inline(), []
+    workers, seen = Counted(), []
 
     def stop_after_two(trial):
         if len(seen) == 2:

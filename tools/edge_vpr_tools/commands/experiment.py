@@ -6,11 +6,12 @@ import argparse
 import os
 import time
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import detail, summary, warning
+from edge_vpr_tools.console import note, summary, warning
 from edge_vpr_tools.research.experiments import EXPERIMENTS, PROGRAMS, STREETS_ONLY
 
 EXAMPLES = """\
@@ -108,8 +109,8 @@ def run(args: argparse.Namespace) -> None:
         if written is not None:
             check_parent(Path(written))
     folder.mkdir(parents=True, exist_ok=True)
-    pages = {name: _program(name, data, args) for name in names if name in PROGRAMS}
-    pages |= _declared([name for name in names if name not in PROGRAMS], data, args)
+    pages = _declared([name for name in names if name not in PROGRAMS], data, args)
+    pages |= {name: _program(name, data, args) for name in names if name in PROGRAMS}
     for name in names:
         shown = f"{name}:\n\n{pages[name]}\n" if len(names) > 1 else pages[name]
         for line in shown.split("\n"):
@@ -146,11 +147,12 @@ def _declared(names: list[str], data: Path | None, args: argparse.Namespace) -> 
     from edge_vpr_tools.progress import status
     from edge_vpr_tools.report.style import save
     from edge_vpr_tools.research.experiments.experiment import run_experiments, store_of
-    from edge_vpr_tools.research.trials import processes
+    from edge_vpr_tools.research.trials import Inline, processes
 
     folder, count = Path(args.output), args.workers or os.cpu_count() or 1
     store = store_of(folder / _STORE)
-    with store.opened(), processes(count) as workers, status("starting") as show:
+    started = nullcontext(Inline()) if count == 1 else processes(count)
+    with store.opened(), started as workers, status("starting") as show:
         done, measured = run_experiments(
             names, data, args.seeds, tuple(args.baselines), store, workers,
             lambda n, of, failed: show(f"{n} of {of} trials"),
@@ -160,8 +162,8 @@ def _declared(names: list[str], data: Path | None, args: argparse.Namespace) -> 
         files = [] if args.figure is None else _figure_files(Path(args.figure), args.figures)
         save(each.figure(), folder / f"{each.name}.svg", *files)
     for each in measured:
-        detail(f"{each.name}: {each.elapsed_s:,.0f} s of work")
-    detail(
+        note(f"{each.name}: {each.elapsed_s:,.0f} s of work")
+    note(
         f"{done.trials} trials, {done.known} of them known; {done.computed} computed by "
         f"{done.workers} workers in {done.elapsed_s:,.0f} s"
     )
@@ -182,7 +184,7 @@ def _program(name: str, data: Path | None, args: argparse.Namespace) -> str:
     with status("starting") as show:
         found: str = module.run(data, args.seeds, show, *files, **more)
     (Path(args.output) / f"{name}.md").write_text(f"{found}\n", encoding="utf-8")
-    detail(f"{name}: {time.perf_counter() - begin:,.0f} s of work")
+    note(f"{name}: {time.perf_counter() - begin:,.0f} s of work")
     return found
 
 

@@ -86,6 +86,25 @@ class _Processes(Workers):
         self._pool.shutdown(wait=True, cancel_futures=True)
 
 
+class Inline(Workers):
+    """Runs a job in the calling process when it is submitted."""
+
+    count = at_once = 1
+
+    def submit(self, run: Callable[[Job], Result], job: Job) -> Future[Result]:
+        """Run a job."""
+        future: Future[Result] = Future()
+        try:
+            future.set_result(run(job))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+    def died(self, error: BaseException) -> bool:
+        """Return False: with this process, everything would end."""
+        return False
+
+
 class _Cluster(Workers):
     def __init__(self, client: Any) -> None:
         self._executor = client.get_executor(pure=False)

@@ -306,7 +306,7 @@ def measure(draw: Draw) -> Iterator[Row]:
                     "system": system.name,
                     "matching": way,
                     "tolerance": tolerance,
-                    "parameters chosen on": system.chosen_on,
+                    "parameters chosen on": _chosen_on(system, decoder),
                     **_NOT_MEASURED,
                     **judge(matches, _judged(truth)),
                 }
@@ -330,6 +330,13 @@ def measure(draw: Draw) -> Iterator[Row]:
             **_NOT_MEASURED,
             "P@100R": float(right.mean()),
         }
+
+
+def _chosen_on(system: System, decoder: Decoder) -> str:
+    """Return the data that chose the parameters of a system, and of the filter on top of it."""
+    if system.chosen_on == _BY_US or decoder.settings.matching == "sequence":
+        return system.chosen_on
+    return f"{system.chosen_on}; filter: {_BY_US}"
 
 
 def _judged(truth: GroundTruth) -> GroundTruth:
