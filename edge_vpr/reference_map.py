@@ -21,6 +21,7 @@ from edge_vpr.errors import MapError, UsageError, as_path, expect, kind_of
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
 from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
 from edge_vpr.evaluation.tracks import Track, load_jumps, load_odometry, load_track, with_positions
+from edge_vpr.files import link_if_same
 from edge_vpr.learning import MapUpdate, learn_drive
 from edge_vpr.map_record import KIND, MapRecord
 from edge_vpr.matching.matches import Matches, write_csv
@@ -653,6 +654,7 @@ class MatchResult:
             Files that were read, for `run.json`.
         """
         write_matched(folder, self.reference, self.matches, self.queries)
+        link_if_same(folder / MAP, inputs)
         left_out = removed_record(self.removed, int(self.reference.hot.sum()))
         settings = self.matches.settings.to_dict()
         write_json(folder / RUN, run_record(settings, inputs, left_out))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -30,6 +30,8 @@ from edge_vpr.evaluation.tracks import (
 
 #: Number of distances that are computed at a time: a few arrays of 8 MB.
 BLOCK_CELLS = 1 << 20
+#: Of a larger truth only the true cells are kept: 64 MB.
+MOST_CELLS = 1 << 26
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +60,65 @@ class TruePositions:
 
 
 @dataclass(frozen=True, eq=False)
+class TrueCells(EqualByValue):
+    """A matrix of bool that holds only its true cells, with the few operations of truth matrices.
+
+    >>> cells = TrueCells((3, 2), np.array([1, 5]))
+    >>> np.asarray(cells).astype(int).tolist(), cells[[0, 2], [0, 1]].tolist()
+    ([[0, 0], [1, 0], [0, 1]], [False, True])
+
+    Attributes
+    ----------
+    shape : (int, int)
+        K and Q.
+    flat : ndarray of int64, shape (n,)
+        ``query * K + place`` of each true cell, strictly increasing.
+    """
+
+    shape: tuple[int, int]
+    flat: npt.NDArray[np.int64]
+    dtype = np.dtype(np.bool_)
+    ndim = 2
+
+    @classmethod
+    def of_blocks(
+        cls, shape: tuple[int, int], blocks: Iterable[tuple[int, npt.NDArray[np.bool_]]]
+    ) -> TrueCells:
+        """Gather the true cells of blocks of rows, each with the index of its first row."""
+        found = []
+        for first, block in blocks:
+            query, place = np.nonzero(block.T)
+            found.append(query * shape[0] + first + place)
+        return cls(shape, np.sort(np.concatenate(found)))
+
+    def __getitem__(self, cells: Any) -> npt.NDArray[np.bool_]:
+        """Return cells ``[place, query]``, or with ``[:, query]`` those of all places."""
+        place, query = cells
+        if isinstance(place, slice):
+            place = np.arange(self.shape[0])[place]
+        wanted = np.asarray(query) * self.shape[0] + np.asarray(place) % self.shape[0]
+        at = np.searchsorted(self.flat, wanted)
+        return np.asarray(np.append(self.flat, -1)[at] == wanted)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
+        """Return the whole matrix."""
+        whole = np.zeros(self.shape, np.bool_ if dtype is None else dtype)
+        whole[self.nonzero()] = True
+        return whole
+
+    def nonzero(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Return places and queries of the true cells, in order of the queries."""
+        query, place = np.divmod(self.flat, self.shape[0])
+        return place, query
+
+    def any(self, axis: Literal[0]) -> npt.NDArray[np.bool_]:
+        """Return whether each query has a true cell, shape (Q,)."""
+        found = np.zeros(self.shape[1], dtype=np.bool_)
+        found[self.nonzero()[1]] = True
+        return found
+
+
+@dataclass(frozen=True, eq=False)
 class GroundTruth(EqualByValue):
     """The correct places of each query.
 
@@ -66,8 +127,9 @@ class GroundTruth(EqualByValue):
 
     Attributes
     ----------
-    correct : ndarray of bool, shape (K, Q)
-        ``correct[k, j]``: place k is correct for query j. Oriented as the distance matrix.
+    correct : ndarray of bool or TrueCells, shape (K, Q)
+        ``correct[k, j]``: place k is correct for query j. Oriented as the distance matrix. Of more
+        than 64 Mi cells only the true ones are kept; `numpy.asarray` gives them all.
     known : ndarray of bool, shape (Q,)
         Whether the truth of this query is known; only these queries can be evaluated.
     description : str
@@ -83,7 +145,7 @@ class GroundTruth(EqualByValue):
         If the shapes do not fit, or a query of unknown truth has a correct place.
     """
 
-    correct: npt.NDArray[np.bool_]
+    correct: npt.NDArray[np.bool_] | TrueCells
     known: npt.NDArray[np.bool_]
     description: str
     notes: tuple[str, ...] = ()
@@ -95,7 +157,9 @@ class GroundTruth(EqualByValue):
         return f"GroundTruth({known} of {queries} queries known, {places} places)"
 
     def __post_init__(self) -> None:
-        correct, known = np.asarray(self.correct), np.asarray(self.known)
+        correct, known = self.correct, np.asarray(self.known)
+        if not isinstance(correct, TrueCells):
+            correct = np.asarray(correct)
         if correct.dtype != np.bool_ or known.dtype != np.bool_ or correct.ndim != 2:
             raise GroundTruthError(
                 f"ground truth is {correct.dtype} {correct.shape} with known {known.dtype}: "
@@ -106,7 +170,7 @@ class GroundTruth(EqualByValue):
                 f"ground truth of {correct.shape[1]} queries has known of shape {known.shape}: "
                 "give one value a query"
             )
-        if correct[:, ~known].any():
+        if (correct.any(axis=0) & ~known).any():
             raise GroundTruthError(
                 "a query of unknown truth has a correct place: clear its column, or mark it known"
             )
@@ -147,7 +211,7 @@ class GroundTruth(EqualByValue):
 
 
 def described_truth(
-    correct: npt.NDArray[np.bool_],
+    correct: npt.NDArray[np.bool_] | TrueCells,
     known: npt.NDArray[np.bool_],
     source: str,
     doubts: tuple[str, ...] = (),
@@ -157,7 +221,7 @@ def described_truth(
 
     Parameters
     ----------
-    correct : ndarray of bool, shape (K, Q)
+    correct : ndarray of bool or TrueCells, shape (K, Q)
         Whether place k is a true place of query q.
     known : ndarray of bool, shape (Q,)
         Whether the truth of query q is known.
@@ -195,13 +259,19 @@ def window_coordinates(values: npt.ArrayLike, which: str) -> Floats:
 
 def within(
     places: Floats, queries: Floats, distance: Callable[[Floats, Floats], Floats], tolerance: float
-) -> npt.NDArray[np.bool_]:
+) -> TrueCells | npt.NDArray[np.bool_]:
     """Return which places are near which queries, shape (K, Q); never where a distance is NaN."""
-    near = np.empty((len(places), len(queries)), dtype=np.bool_)
+    shape = (len(places), len(queries))
     step = max(1, BLOCK_CELLS // len(queries))
-    for first in range(0, len(places), step):
-        block = places[first : first + step, None]
-        near[first : first + step] = distance(block, queries[None]) <= tolerance
+    blocks = (
+        (first, distance(places[first : first + step, None], queries[None]) <= tolerance)
+        for first in range(0, len(places), step)
+    )
+    if len(places) * len(queries) > MOST_CELLS:
+        return TrueCells.of_blocks(shape, blocks)
+    near = np.empty(shape, dtype=np.bool_)
+    for first, block in blocks:
+        near[first : first + step] = block
     return near
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import math
+import tracemalloc
 from pathlib import Path
 
 import naive
@@ -17,6 +18,7 @@ from edge_vpr.evaluation import ground_truth
 from edge_vpr.evaluation.ground_truth import (
     Alignment,
     GroundTruth,
+    TrueCells,
     from_alignment,
     from_matrix,
     from_tracks,
@@ -580,3 +582,46 @@ def test_a_truth_that_contradicts_itself_is_refused():
         GroundTruth(np.zeros((3, 3), dtype=bool), known, "")
     with pytest.raises(GroundTruthError, match="give bool arrays"):
         GroundTruth(np.zeros((3, 2)), known, "")
+
+
+# --- large truths ----------------------------------------------------------------------------
+
+
+def test_a_truth_of_many_cells_keeps_the_true_ones_and_says_the_same(monkeypatch):
+    rng = np.random.default_rng(0)
+    reference = Track(np.arange(41) * SECOND, rng.uniform(0, 30, (41, 2)))
+    query = Track(np.arange(4, 31) * SECOND, rng.uniform(0, 30, (27, 2)))
+    given = (reference, query, np.arange(40) * SECOND, np.arange(35) * SECOND, 6.0)
+    whole = from_tracks(*given)
+    monkeypatch.setattr(ground_truth, "MOST_CELLS", 100)
+    monkeypatch.setattr(ground_truth, "BLOCK_CELLS", 90)
+    few = from_tracks(*given)
+    assert isinstance(whole.correct, np.ndarray) and isinstance(few.correct, TrueCells)
+    assert np.array_equal(np.asarray(few.correct), whole.correct)
+    assert few.correct.shape == whole.correct.shape and repr(few) == repr(whole)
+    assert np.array_equal(few.has_place, whole.has_place) and few.description == whole.description
+    place, at = rng.integers(-1, 40, (50, 3)), rng.integers(0, 35, (50, 1))
+    assert np.array_equal(few.correct[place, at], whole.correct[place, at])
+    for j in range(35):
+        assert np.array_equal(few.correct[:, j], whole.correct[:, j])
+    assert few.correct == from_tracks(*given).correct != TrueCells((40, 35), np.array([3]))
+    alone = GroundTruth(few.correct, few.known, "without positions")
+    dense = GroundTruth(whole.correct, whole.known, "without positions")
+    assert np.array_equal(
+        alone.errors(place[:, 0], at[:, 0]), dense.errors(place[:, 0], at[:, 0]), equal_nan=True
+    )
+    with pytest.raises(GroundTruthError, match="unknown truth has a right place"):
+        GroundTruth(few.correct, np.zeros(35, np.bool_), "none known")
+
+
+def test_a_truth_of_a_million_places_takes_the_memory_of_its_true_cells():
+    places, queries = 200_000, 1_000  # 200 MB as a matrix
+    reference = Track(np.arange(places + 1) * SECOND, np.arange(places + 1)[:, None] * 10.0)
+    query = Track(np.arange(queries + 1) * SECOND, np.arange(queries + 1)[:, None] * 10.0)
+    tracemalloc.start()
+    truth = from_tracks(
+        reference, query, np.arange(places) * SECOND, np.arange(queries) * SECOND, tolerance_m=25.0
+    )
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert truth.correct.any(axis=0).all() and peak < 100e6

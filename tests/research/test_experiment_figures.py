@@ -61,7 +61,7 @@ def mean_of(rows, measure, **names):
     return pytest.approx(np.mean(found))
 
 
-@pytest.mark.parametrize("name", set(EXPERIMENTS) - set(PROGRAMS))
+@pytest.mark.parametrize("name", sorted(set(EXPERIMENTS) - set(PROGRAMS)))
 def test_every_experiment_is_a_declaration(name):
     found = open_experiment(name)
     assert isinstance(found, Experiment) and found.names

@@ -7,18 +7,25 @@ import json
 import re
 import shutil
 from contextlib import redirect_stdout
+from dataclasses import replace
 from html import unescape
 
+import naive
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
+from edge_vpr_tools.report import traverse
+from edge_vpr_tools.report.figures import true_cells
 from edge_vpr_tools.report.verdict import outcome_of
+from streams import descriptors
 
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import MatchResult, ReferenceMap, read_queries
 from edge_vpr.results import WINDOWS
+from edge_vpr.settings import PRESETS
 
 
 def run(*words):
@@ -211,3 +218,44 @@ def test_when_all_are_wrong_or_all_correct_the_verdict_is_short(street):
         text = outcome_of(reference, matches, right, evaluate(matches, right)).sentence()
         assert text.startswith(start)
         assert "lie at" not in text
+
+
+@pytest.mark.parametrize(("length", "side"), [(1, 9), (4, 9), (3, 1_500)])
+def test_shown_distances_are_every_few_of_all_with_a_stride_for_each_axis(
+    length, side, monkeypatch
+):
+    rng = np.random.default_rng(2)
+    places, queries = (descriptors(rng.integers(0, 9, (n, 6), dtype=np.uint8)) for n in (95, 23))
+    settings = PRESETS["paper"].replaced({"sequence_length": length}, "test")
+    matches = match_descriptors(places, queries, settings)
+    monkeypatch.setattr(traverse, "_SIDE", side)
+    shown, (down, across) = traverse.shown_distances(places, queries, matches)
+    assert (down, across) == (1 + 95 // side, 1 + 23 // side)
+    every = naive.sequence_sums(
+        naive.distance_matrix(places.counts.tolist(), queries.counts.tolist()), length
+    )
+    assert np.array_equal(shown * length, np.array(every)[::down, ::across])
+
+
+def test_the_picture_of_the_truth_loses_no_true_place():
+    correct = np.zeros((9_001, 4_003), np.bool_)
+    for k, j in ((0, 0), (9_000, 4_002), (4_321, 77)):
+        correct[k, j] = True
+    cells = true_cells(correct)
+    assert cells.shape == (1_801, 1_335)
+    for k, j in ((0, 0), (9_000, 4_002), (4_321, 77)):
+        assert cells[k // 5, j // 3]
+    assert np.count_nonzero(cells) == 8 + 8 + 15  # seven cells wider on each side, on the picture
+
+
+def test_the_map_of_a_result_is_a_link_to_the_map_that_was_matched_with(street, tmp_path):
+    """With other settings of matching too; a map that replaces one leaves the other."""
+    made = street / "map.npz"
+    run("match", made, street / "pair/query.npz", "-o", tmp_path / "one", "--no-figures",
+        "--exclusion", 1)  # fmt: skip
+    assert (street / "results/map.npz").samefile(made)
+    assert (tmp_path / "one/map.npz").samefile(made)
+    before = made.read_bytes()
+    reference = ReferenceMap.load(made)
+    replace(reference, jumps=np.array([(0, 5)], np.int32)).save(tmp_path / "one/map.npz")
+    assert made.read_bytes() == before != (tmp_path / "one/map.npz").read_bytes()

@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.calibration import Reliability
-from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.ground_truth import GroundTruth, TrueCells
 from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.evaluation.tracks import Kind, local_metres
 from edge_vpr.matching.matches import Matches
@@ -302,7 +302,7 @@ def selected_pixels(reference: ReferenceMap) -> Figure:
 
 def distance_matrix(
     distances: npt.NDArray[np.floating],
-    stride: int,
+    strides: tuple[int, int],
     matches: Matches,
     truth: GroundTruth | None = None,
     found: Evaluation | None = None,
@@ -314,9 +314,9 @@ def distance_matrix(
     Parameters
     ----------
     distances : ndarray of float, shape (rows, columns)
-        Every `stride`-th place and query of D_seq.
-    stride : int
-        Step from one drawn place or query to the next.
+        D_seq of every few places and queries.
+    strides : (int, int)
+        Of the places and of the queries.
     truth, found : GroundTruth and Evaluation, optional
         Given after an evaluation.
     query_scale, place_scale : Scale, optional
@@ -325,9 +325,9 @@ def distance_matrix(
     first = int(matches.query[0])
     extent = (
         first - 0.5,
-        first + distances.shape[1] * stride - 0.5,
+        first + distances.shape[1] * strides[1] - 0.5,
         first - 0.5,
-        first + distances.shape[0] * stride - 0.5,
+        first + distances.shape[0] * strides[0] - 0.5,
     )
     with figure(WIDTH, 6.2) as (drawing, axes):
         image = axes.imshow(
@@ -470,12 +470,7 @@ def window_lengths(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
 
 def _truth_band(axes, truth: GroundTruth) -> None:  # type: ignore[no-untyped-def]
     places, queries = truth.correct.shape
-    widened = truth.correct.copy()
-    # one of hundreds of places would be thinner than a pixel of the picture
-    for shift in range(1, 1 + places // 250):
-        widened[shift:] |= truth.correct[:-shift]
-        widened[:-shift] |= truth.correct[shift:]
-    band = np.ma.masked_equal(widened[:: 1 + places // 2000, :: 1 + queries // 2000], False)
+    band = np.ma.masked_equal(true_cells(truth.correct), False)
     axes.imshow(
         band,
         cmap=_single_colour(SKY),
@@ -487,6 +482,23 @@ def _truth_band(axes, truth: GroundTruth) -> None:  # type: ignore[no-untyped-de
     )
     axes.set_xlim(-0.5, queries - 0.5)
     axes.set_ylim(-0.5, places - 0.5)
+
+
+def true_cells(correct: npt.NDArray[np.bool_] | TrueCells) -> npt.NDArray[np.bool_]:
+    """Return the cells of a picture of at most 2,000 on a side with a true place, widened.
+
+    One of hundreds of places would be thinner than a pixel of the picture.
+    """
+    height, width = (1 + side // 2000 for side in correct.shape)
+    shape = tuple(-(-side // n) for side, n in zip(correct.shape, (height, width), strict=True))
+    cells = np.zeros(shape, dtype=np.bool_)
+    place, query = np.nonzero(correct)
+    cells[place // height, query // width] = True
+    widened = cells.copy()
+    for shift in range(1, 1 + shape[0] // 250):
+        widened[shift:] |= cells[:-shift]
+        widened[:-shift] |= cells[shift:]
+    return widened
 
 
 def _single_colour(colour: str):  # type: ignore[no-untyped-def]

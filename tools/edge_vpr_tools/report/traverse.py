@@ -15,7 +15,6 @@ from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.files import read_json, understood
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
-from edge_vpr.matching.sequences import sequence_sums
 from edge_vpr.reference_map import ReferenceMap, read_queries
 from edge_vpr.route import Route
 from edge_vpr_tools.report.figures import (
@@ -38,6 +37,8 @@ from edge_vpr_tools.report.verdict import Outcome, outcome_of
 
 #: a picture shows no more cells than this on a side
 _SIDE = 1500
+#: and a line of it has no more points
+_MOST_POINTS = 20_000
 #: wrong matches whose windows are shown
 MOST_WINDOWS = 5
 
@@ -198,17 +199,23 @@ def _add_wrong_windows(
         "What the selected pixels counted: in the query, at the place that was matched, and at the "
         "correct place. Larger dots: more events."
     )
-    seen, mapped = (total_counts(reference, drive) for drive in (queries, reference.places))
+
+    def shown(title: str, drive: Descriptors, window: int) -> Window:
+        return Window(title, total_counts(reference, drive.take(np.array([window])))[0])
+
     unit, matches = truth.error_unit, outcome.matches
     every_place = np.arange(len(reference))
     for number, i in enumerate(chosen, 1):
         j, k = int(matches.query[i]), int(matches.place[i])
-        windows = [Window("query", seen[at[i]]), Window(f"matched: place {k}", mapped[k])]
+        windows = [
+            shown("query", queries, int(at[i])),
+            shown(f"matched: place {k}", reference.places, k),
+        ]
         right = np.flatnonzero(truth.correct[:, j])
         if right.size:
             off = truth.errors(every_place[right], np.full(right.size, j))
             best = int(right[np.argmin(np.nan_to_num(off, nan=np.inf))])
-            windows.append(Window(f"correct: place {best}", mapped[best]))
+            windows.append(shown(f"correct: place {best}", reference.places, best))
         caption = f"{number}. At {outcome.time_s[i]:.1f} s"
         if np.isfinite(errors[i]):
             caption += f", {errors[i]:,.0f} {unit} off"
@@ -232,14 +239,14 @@ def _add_queries(
 ) -> None:
     """Draw the figures that need the windows of the query."""
     page.heading("Distances")
-    distances, stride = shown_distances(reference.places, queries, outcome.matches)
+    distances, strides = shown_distances(reference.places, queries, outcome.matches)
     add("distance_matrix", distance_matrix(
-        distances, stride, outcome.matches, outcome.truth, outcome.found,
+        distances, strides, outcome.matches, outcome.truth, outcome.found,
         seconds(queries.centre_us, "query"), along_route(reference, route),
     ), "Dark is near. A drive that is recognised makes a dark line.")  # fmt: skip
     page.heading("Events and windows")
     drives = [
-        (name, reference.decoded(drive))
+        (name, reference.decoded(drive.take(slice(None, None, 1 + len(drive) // _MOST_POINTS))))
         for name, drive in (("reference", reference.places), ("query", queries))
     ]
     add("event_rate", event_rate(drives),
@@ -319,19 +326,20 @@ def _trust_figures(found: Evaluation) -> list[tuple[str, str, str]]:
 
 def shown_distances(
     places: Descriptors, queries: Descriptors, matches: Matches
-) -> tuple[npt.NDArray[np.float64], int]:
-    """Compute D_seq at every stride-th place and query, so that a long drive fits a picture.
+) -> tuple[npt.NDArray[np.float64], tuple[int, int]]:
+    """Compute D_seq at every few places and queries, so that a long drive fits a picture.
 
     Returns
     -------
     distances : ndarray of float64, shape (rows, columns)
-    stride : int
+    strides : (int, int)
+        Of the places and of the queries.
     """
     length = matches.settings.windows_per_match
-    stride = 1 + max(len(places), len(queries)) // _SIDE
-    index = ReferenceIndex(places.counts)
-    columns = [
-        sequence_sums(index.matrix(queries.counts[j : j + length]), length)[::stride]
-        for j in range(0, len(matches), stride)
-    ]
-    return np.concatenate(columns, axis=1) / length, stride
+    strides = (1 + len(places) // _SIDE, 1 + len(queries) // _SIDE)
+    rows = np.arange(0, len(places) - length + 1, strides[0])
+    columns = np.arange(0, len(matches), strides[1])
+    total = np.zeros((rows.size, columns.size))
+    for i in range(length):  # the i-th windows of all sequences
+        total += ReferenceIndex(places.counts[rows + i]).matrix(queries.counts[columns + i])
+    return total / length, strides
