@@ -138,6 +138,10 @@ def results_folder(
 #
 # The names of the fields are the names in the file. Fields that the class does not have are
 # ignored, so that a file of a newer version with the same schema can be read.
+#
+# msgspec reads most of these records equally, and faster. It refuses a union of two dataclasses and
+# has named tuples as lists, both of which profiles need; it cannot leave out fields of dataclasses
+# that are None, so that writing would stay as it is; and its errors do not tell the value.
 
 
 T = TypeVar("T")
