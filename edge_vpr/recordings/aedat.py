@@ -344,8 +344,8 @@ open_aedat3_source = Aedat3Source
 # This is our own code for the tables that matter, over lz4 and zstd: eventcv finds no events in
 # real files of this format, and the package aedat has no wheel for aarch64. faery 0.7.1 gives the
 # same events, but no AEDAT 2 or 3.1. It reserves what a packet claims (2 GB for a file of 0.4 MB),
-# and of 1,500 damaged files it panicked at 40 and ended the process at 2. It is slower too, by 11 %
-# with ZSTD, by 15 % with LZ4, and by half without compression.
+# and of 1,500 damaged files it panicked at 40 and ended the process at 2. It is slower, too: by
+# 11 % with ZSTD, by 15 % with LZ4, and by half without compression.
 
 
 _AEDAT4_MAGIC = b"#!AER-DAT4.0\r\n"

@@ -29,9 +29,9 @@ from edge_vpr.recordings.table import match_columns, tidy
 # libhdf5 and h5py's LZF filter do not compare the size of an expanded chunk with the size that the
 # data set states: a chunk that is too short is read beyond the end of its buffer, and one that is
 # too long takes any amount of memory. Here each chunk is expanded or measured first. libhdf5 does
-# not expand deflated columns again: the check costs no time. Reading in a child process with
-# limits would not replace it, since the library reports no error: of a chunk of 1,024 times that
-# held 16, it gave 1,024, of which 698 came from other memory of the process.
+# not expand deflated columns again, so that the check costs no time. Reading in a child process
+# with limits would not replace it, since the library reports no error: from a chunk that held 16 of
+# 1,024 times, it read 1,024, of which 698 came from other memory of the process.
 
 
 _DEFLATE, _SHUFFLE, _FLETCHER32, _LZF = 1, 2, 3, 32_000
