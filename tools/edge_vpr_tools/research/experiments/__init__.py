@@ -23,6 +23,7 @@ EXPERIMENTS = {
     "burst-filters": "burst_filters",
     "window-length": "window_length",
     "fixed-number": "fixed_number",
+    "joules": "joules",
 }
 
 #: experiments that are no declarations
