@@ -590,7 +590,7 @@ class Settings:
     matching: Matching = "sequence"
     filter_steps: tuple[int, ...] | None = None
     filter_back: tuple[int, ...] = ()
-    filter_restart: int = 40
+    filter_restart: int = 16
     smooth: bool = False
     delay: int = 0
     sequence_length: int = 5

@@ -163,8 +163,9 @@ def operations(design: Design) -> Operations:
 
     With the filter, the count is for a window that is neither the first nor a pause. For each place
     it has a term of two sums (all distances, and their deviations from the mean), the difference to
-    the smallest distance and its product, the price of each step and their minimum, the evidence
-    and its limits, and the search by a delay line. In addition there are two products of the
+    the smallest distance and its product, the price of each step and their minimum, the evidence,
+    its weight and its limits, and the search by a delay line. Where prices are by activity, their
+    row is a difference of activities and its limits. In addition there are two products of the
     acceptance and three divisions.
 
     Returns
@@ -187,14 +188,21 @@ def operations(design: Design) -> Operations:
 def _filter_operations(design: Design) -> Operations:
     places, again = design.places, 1 if design.keep_distances else 2
     # steps that lead to a place from within the map
-    steps = sum(max(0, places - step) for step in range(len(design.steps)))
+    forward = len(ACTIVITY_COSTS[0]) if design.activity_costs else len(design.steps)
+    row = places if design.activity_costs else 0
+    steps = sum(max(0, places - step) for step in range(forward))
     steps += sum(max(0, places - step) for step in range(1, len(design.back) + 1))
     return Operations(
         absolute_differences=again * places * design.slots + places,
         # distances; both sums over places; the price of a step, less the least metric; the
-        # difference to the least distance, and the evidence
-        additions=again * places * (design.slots - 1) + 2 * (places - 1) + 2 * steps + 2 * places,
-        # least distance; least price, and restart; limits of evidence and metric; search; accept
-        comparisons=(places - 1) + steps + 2 * places + 3 * places + 1,
-        multiplications=places + (2 if design.accept == "ratio" else 0),
+        # difference to the least distance, and the evidence; the row of the prices
+        additions=again * places * (design.slots - 1)
+        + 2 * (places - 1)
+        + 2 * steps
+        + 2 * places
+        + row,
+        # least distance; least price, and restart; limits of evidence and metric; search; those of
+        # the row; accept
+        comparisons=(places - 1) + steps + 2 * places + 3 * places + 2 * row + 1,
+        multiplications=2 * places + (2 if design.accept == "ratio" else 0),
     )

@@ -151,7 +151,9 @@ def evidence_of(
     shift = RECIPROCAL_BITS - FRACTION_BITS
     # a larger difference gives the largest evidence anyway, and this product fits into 32 bits
     most = np.int64((EVIDENCE_TOP << shift) // max(reciprocal, 1) + 1)
-    least = np.int64(distances.min())
+    least = np.int64(distances[0])
+    for distance in distances:
+        least = min(least, np.int64(distance))
     factor = np.int32(reciprocal)
     for k in range(evidence.size):
         difference = np.int32(min(np.int64(distances[k]) - least, most))
@@ -306,8 +308,9 @@ def update_windows(
         now.place, now.support = row[0], support
         now.misfit_before = now.misfit
         now.misfit = misfit
-        state.metric[:] = rows.metrics[i]
         now.predicted_for = NOT_PREDICTED
+        for k in range(state.metric.size):
+            state.metric[k] = rows.metrics[i, k]
 
 
 @kernel
@@ -347,13 +350,14 @@ def match_window(
     activity = activity_of(events, now.mean_activity)
     if now.predicted_for != activity and now.predicted_for != BY_DISTANCE:
         if now.place >= 0:
-            state.prediction[:] = predict(state.metric, steps, activity, False)
+            predict(state.metric, steps, activity, False, state.prediction)
         now.predicted_for = activity
-    if is_pause(events, now.mean_activity):
-        evidence[:] = 0
-    else:
-        scale = now.reciprocal if now.reciprocal != 0 else reciprocal_of_spread(distances)
-        evidence_of(distances, scale, weight_of(activity), evidence)
+    scale, weight = now.reciprocal, 0
+    if not is_pause(events, now.mean_activity):
+        weight = weight_of(activity)
+        if scale == 0:
+            scale = reciprocal_of_spread(distances)
+    evidence_of(distances, scale, weight, evidence)
     for k in range(metric.size):
         metric[k] = min(state.prediction[k] + np.int32(evidence[k]), METRIC_TOP)
     place, second, ties = least_and_second(metric, exclusion)
@@ -420,12 +424,12 @@ def smooth_windows(
         Of `FilterMatch`, written to; its trust is the margin, in units of 1/16 of a metric.
     """
     for i in range(len(summed) - 1, -1, -1):
-        summed[i] += onward
+        for k in range(onward.size):
+            summed[i, k] += onward[k]
+            ahead[k] = onward[k] + np.int32(evidence[i, k])
         place, second, ties = least_and_second(summed[i], exclusion)
         columns[i, 5] = write_match(summed[i], place, second, ties, columns[i]) << TRUST_BITS
-        for k in range(ahead.size):
-            ahead[k] = onward[k] + np.int32(evidence[i, k])
-        onward[:] = predict(ahead, steps, activity[i], True)
+        predict(ahead, steps, activity[i], True, onward)
 
 
 # The place filter: finds the place from the newest window and the possible moves before it.
@@ -621,6 +625,6 @@ class PlaceFilter:
                 f"distances are {distances.dtype}: give whole numbers, for example multiplied by "
                 "1,000 and rounded"
             )
-        # the kernel is compiled for two kinds of distances: those of recorded drives, and any other
-        exact = np.int32 if distances.dtype == np.int32 else np.int64
-        return np.ascontiguousarray(distances, dtype=exact)
+        # the kernel is compiled for the distances of recorded drives, of streams, and any other
+        known = distances.dtype in (np.int32, np.uint16, np.uint32)
+        return np.ascontiguousarray(distances, dtype=distances.dtype if known else np.int64)

@@ -53,7 +53,7 @@ class TransitionCosts:
 
     forward: tuple[int, ...] | None = None
     back: tuple[int, ...] = ()
-    restart: int = 40
+    restart: int = 16
 
     def __post_init__(self) -> None:
         most = (METRIC_TOP >> FRACTION_BITS) - 1
@@ -144,8 +144,10 @@ def leads_to(
 
 
 @kernel
-def predict(metric: Metrics, steps: StepTable, activity: int, back: bool) -> Metrics:
-    """Return the cheapest cost of each place one window later, or earlier.
+def predict(
+    metric: Metrics, steps: StepTable, activity: int, back: bool, prediction: Metrics
+) -> None:
+    """Write the cheapest cost of each place one window later, or earlier.
 
     Parameters
     ----------
@@ -155,37 +157,36 @@ def predict(metric: Metrics, steps: StepTable, activity: int, back: bool) -> Met
         Of the window, see `activity_of`.
     back : bool
         Whether `metric` is of the window, and the cost of each place in the window before is asked.
-
-    Returns
-    -------
-    ndarray of int32, shape (K,)
-        ``min(min_i (M[k - i] + cost[i]), min M + restart) - min M``; over a jump from a to b,
-        k = b + o is i places from a - (i - 1 - o). The costs are those of the place reached.
+    prediction : ndarray of int32, shape (K,)
+        Written to: ``min(min_i (M[k - i] + cost[i]), min M + restart) - min M``; over a jump from
+        a to b, k = b + o is i places from a - (i - 1 - o). The costs are those of the place
+        reached.
     """
-    least, rows = metric.min(), np.zeros(metric.size, dtype=np.uint8)
-    if len(steps.costs) > 1:
-        for k in range(metric.size):
-            row = (activity - steps.activity[k] + (1 << (ROW_BITS - 1))) >> ROW_BITS
-            rows[k] = min(max(row + SAME_ROW, 0), len(steps.costs) - 1)
-    prediction = np.full(metric.size, steps.restart, dtype=metric.dtype)
+    places, last_row, least = metric.size, len(steps.costs) - 1, metric[0]
+    rows = np.empty(places, dtype=np.uint8)
+    for k in range(places):
+        least = min(least, metric[k])
+        prediction[k] = steps.restart
+        row = (activity - steps.activity[k] + (1 << (ROW_BITS - 1))) >> ROW_BITS
+        rows[k] = min(max(row + SAME_ROW, 0), last_row)
     for i in range(steps.costs.shape[1]):
         step = steps.first + i
-        cost = steps.costs[:, i] - least
-        for source in range(max(-step, 0), min(metric.size - step, metric.size)):
+        for source in range(max(-step, 0), min(places - step, places)):
             to = source + step
+            cost = steps.costs[rows[to], i] - least
             if back:
-                prediction[source] = min(prediction[source], metric[to] + cost[rows[to]])
+                prediction[source] = min(prediction[source], metric[to] + cost)
             else:
-                prediction[to] = min(prediction[to], metric[source] + cost[rows[to]])
+                prediction[to] = min(prediction[to], metric[source] + cost)
         for j in range(len(steps.jumps)):
             for over in range(step):
                 source, to = steps.jumps[j, 0] - (step - 1 - over), steps.jumps[j, 1] + over
-                if source >= 0 and to < metric.size:
+                if source >= 0 and to < places:
+                    cost = steps.costs[rows[to], i] - least
                     if back:
-                        prediction[source] = min(prediction[source], metric[to] + cost[rows[to]])
+                        prediction[source] = min(prediction[source], metric[to] + cost)
                     else:
-                        prediction[to] = min(prediction[to], metric[source] + cost[rows[to]])
-    return prediction
+                        prediction[to] = min(prediction[to], metric[source] + cost)
 
 
 @kernel
@@ -316,7 +317,9 @@ class Transitions:
 
     def by_steps(self, metric: Metrics, activity: int = 0) -> Metrics:
         """Return the cost of each place after a window of this activity, shape (K,)."""
-        return predict(metric, self.by_step, activity, False)
+        prediction = np.empty_like(metric)
+        predict(metric, self.by_step, activity, False, prediction)
+        return prediction
 
     def by_distance(self, metric: Metrics, travelled_mm: int, *, back: bool = False) -> Metrics:
         """Return the cost of each place after a distance of `travelled_mm`, shape (K,).

@@ -87,10 +87,10 @@ static uint32_t moved(uint32_t value, uint32_t target, uint32_t shift)
 }
 
 /* The row of prices of steps to a place of this activity. */
-static inline const uint8_t *costs_of(int32_t activity, int32_t of_place)
+static inline uint32_t row_of(int32_t activity, int32_t of_place)
 {
     const int32_t above = activity - of_place;
-    return activity_costs[(above > 0) ? lesser((uint32_t)above >> ROW_BITS, ROWS - 1U) : 0U];
+    return (above > 0) ? lesser((uint32_t)above >> ROW_BITS, ROWS - 1U) : 0U;
 }
 
 /* Price of the cheapest way to a place by any step: metrics at and below it have not changed yet,
@@ -98,10 +98,11 @@ static inline const uint8_t *costs_of(int32_t activity, int32_t of_place)
 static uint32_t cheapest(const prices_t *p, const uint16_t *metric, uint32_t at)
 {
     uint32_t found = p->limit;
-    const uint8_t *const costs =
-        (p->place_activity != NULL) ? costs_of(p->activity, p->place_activity[at]) : NULL;
+    const bool by_activity = p->place_activity != NULL;
+    const uint32_t row = by_activity ? row_of(p->activity, p->place_activity[at]) : 0U;
     for (uint32_t i = 0U; (i < NEAR) && (i <= at); i++) {
-        const uint32_t price = (costs != NULL) ? ((uint32_t)costs[i] - p->least) : p->near[i];
+        const uint32_t price =
+            by_activity ? ((uint32_t)activity_costs[row][i] - p->least) : p->near[i];
         found = lesser(found, metric[at - i] + price);
     }
     for (uint32_t i = 0U; (i < p->far_count) && ((i + NEAR) <= at); i++) {
@@ -159,7 +160,7 @@ static inline void predict_by_activity(const prices_t *p, uint16_t *metric, uint
     uint32_t below = metric[end - 2U];
     uint32_t lower = metric[end - 3U];
     for (uint32_t at = end - 1U; at >= from; at--) {
-        const uint8_t *const costs = costs_of(activity, place_activity[at]);
+        const uint8_t *const costs = activity_costs[row_of(activity, place_activity[at])];
         const uint32_t lowest = metric[at - 3U];
         uint32_t price = lesser(lesser(limit, here + costs[0]), below + costs[1]);
         price = lesser(lesser(price, lower + costs[2]), lowest + costs[3]);

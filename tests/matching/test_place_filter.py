@@ -85,7 +85,7 @@ def test_metrics_answers_and_trust_equal_the_oracle(
 def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
     distances = np.array([[0, 10**6, 0, 0], [9, 5, 40, 7], [9, 5, 40, 7]])
     found = PlaceFilter(4, TransitionCosts())
-    told = naive.place_filter(distances.tolist(), [50] * 3, None, (), 40, 3, 0)
+    told = naive.place_filter(distances.tolist(), [50] * 3, None, (), 16, 3, 0)
     for row, (metric, best, _, trust) in zip(distances, told, strict=True):
         answer = found.update(row, 50)
         assert found.state.metric.tolist() == metric
@@ -377,7 +377,7 @@ def test_matches_of_a_traverse_are_those_of_the_oracle(seed, places, queries):
     found = match_descriptors(descriptors(reference), descriptors(query), chosen)
     matrix = naive.distance_matrix(query.tolist(), reference.tolist())
     told = naive.place_filter(
-        matrix, query.sum(axis=1).tolist(), None, (), 40, 3,
+        matrix, query.sum(axis=1).tolist(), None, (), 16, 3,
         256 * int(reference.sum()) // places,
         places=place_activity(reference.sum(axis=1)).tolist(),
     )  # fmt: skip

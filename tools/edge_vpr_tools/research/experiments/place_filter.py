@@ -57,7 +57,7 @@ ROBOT = "place filter, running mean (robot)"
 SCORES: tuple[Score, ...] = ("distance", "ratio", "margin", "trust")
 #: values of the sensitivity plot, around the default
 SWEEPS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
-    "cost of a restart": {str(p): {"filter_restart": p} for p in (8, 16, 24, 40, 64, 128)},
+    "cost of a restart": {str(p): {"filter_restart": p} for p in (8, 12, 16, 24, 40, 64)},
     "cost of standing and of double pace": {
         "by activity": {},
         **{str(p): {"filter_steps": (p, 0, p)} for p in (0, 1, 2, 3, 4)},
