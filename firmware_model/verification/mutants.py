@@ -462,10 +462,15 @@ def _logarithms() -> list[LongWindow]:
     stream.slot(0)
     stream.end()
     stream.close()
-    least = [bisect_left(range(EVENTS_TOP), log, key=ilog) for log in range(353, 368)]
+    least = [bisect_left(range(EVENTS_TOP), log, key=ilog) for log in range(352, 368)]
     shown = [(16_000, n - less, ilog(16_000) - ilog(n)) for n in least for less in (0, 1)]
     found = []
-    for events, usual, edge in (*shown, ((1 << 23) + 1, least[0], 14)):
+    # one event less than the most of another logarithm, and more than 23 bits can count
+    for events, usual, edge in (
+        *shown,
+        (EVENTS_TOP - 2, least[1], 14),
+        (EVENTS_TOP + 2, least[1], 14),
+    ):
         # before the empty window, behind which it is less by 1/64
         activity = -(-(usual << ACTIVITY_BITS + ACTIVITY_SHIFT) // ((1 << ACTIVITY_SHIFT) - 1))
         # the row of this activity is the last that has its price of staying
@@ -486,7 +491,8 @@ def _saturated() -> LongWindow:
     design = replace(FILTER, places=4, exclusion=1)
     stream, rest = Stream(design, choose_pixels(design)), [2] * (design.slots - 1)
     stream.fill([1] + [0] * len(rest))
-    stream.fill([8_700 - sum(rest), *rest])
+    for _ in range(2):  # the means that it moves change the codes of the next window
+        stream.fill([8_700 - sum(rest), *rest])
     stream.close()
     places = [[slot * place % 8 for slot in range(design.slots)] for place in range(4)]
     memories = Memories(design, stream.pixels, places)
