@@ -34,15 +34,21 @@ module vpr_window_timer #(
     assign over = !behind[TIMESTAMP_BITS-1] || low_zero;
     wire next_bit = behind[0] ^ added ^ behind_carry;
 
+    // what the end is taken from, or the moved bits: selected before the carries and kept so, as then
+    // a bit of the sum and its register are one cell, and nothing follows the last carry
+    (* keep *) wire [TIMESTAMP_BITS-1:0] minuend =
+        settled ? timestamp : {next_bit, behind[TIMESTAMP_BITS-1:1]};
+
     always_ff @(posedge clk) begin
         if (load) end_inverse <= ~start_time;
         else if (!settled)
             end_inverse <= {end_inverse[0] ^ added ^ end_carry, end_inverse[TIMESTAMP_BITS-1:1]};
+        if (take || !settled)
+            behind <= settled
+                ? TIMESTAMP_BITS'(({minuend, 1'b1} + {end_inverse, 1'b1}) >> 1) : minuend;
         if (settled && take) begin
-            behind   <= TIMESTAMP_BITS'(({timestamp, 1'b1} + {end_inverse, 1'b1}) >> 1);
             low_zero <= &(timestamp[TIMESTAMP_BITS-2:0] ^ end_inverse[TIMESTAMP_BITS-2:0]);
         end else if (!settled) begin
-            behind <= {next_bit, behind[TIMESTAMP_BITS-1:1]};
             // all bits but the last to come
             low_zero <= step == STEP_BITS'(TIMESTAMP_BITS - 1) ? low_zero
                         : (low_zero || step == 0) && !next_bit;
