@@ -74,6 +74,13 @@ class CheckedDataset:
                 f"{name} is stored through the HDF5 filters {self._filters}, whose sizes cannot be "
                 "checked: write it again with h5repack -f GZIP=4"
             )
+        # libhdf5 takes memory for all of a chunk, also for one that is larger than the file
+        stored, held = dataset.id.get_storage_size(), dataset.file.id.get_filesize()
+        if dataset.chunks is not None and stored > held:
+            raise RecordingError(
+                f"{name} has chunks of {stored:,} bytes in a file of {held:,}: it is damaged; copy "
+                "or record it again"
+            )
         self._bytes = math.prod(dataset.chunks or ()) * dataset.dtype.itemsize
         #: whether the bytes in the file are those of the array, apart from the filters
         self._plain = (

@@ -203,15 +203,21 @@ def test_the_tutorial_runs_word_for_word_and_prints_what_it_says(tmp_path, monke
             shown = subprocess.run(
                 [program, *words], capture_output=True, text=True, check=True
             ).stdout
-        kept = [text for text in shown.splitlines() if "compiling the kernels" not in text]
-        assert len(kept) == len(told.splitlines()), line
-        for found, said in zip(kept, told.splitlines(), strict=True):
-            (words, figures), (page_words, page_figures) = map(words_and_figures, (found, said))
-            assert words == page_words, line
-            assert figures == pytest.approx(page_figures, rel=_CLOSE, abs=_CLOSE), line
+        assert_printed(shown, told, line)
     (code,) = (body for _, needs, body in _BLOCK.findall(page) if needs)
     exec(compile(code, "docs/tutorial.md", "exec"), {})
-    assert len(capsys.readouterr().out.splitlines()) == 3
+    _, _, after = page.partition(f"{code}```\n\n```\n")
+    assert_printed(capsys.readouterr().out, after.partition("```")[0], "the code")
+
+
+def assert_printed(shown: str, told: str, line: str) -> None:
+    """Compare what a step prints with what the page says that it prints."""
+    kept = [text for text in shown.splitlines() if "compiling the kernels" not in text]
+    assert len(kept) == len(told.splitlines()), line
+    for found, said in zip(kept, told.splitlines(), strict=True):
+        (words, figures), (page_words, page_figures) = map(words_and_figures, (found, said))
+        assert words == page_words, line
+        assert figures == pytest.approx(page_figures, rel=_CLOSE, abs=_CLOSE), line
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import struct
 import subprocess
 import sys
+import tracemalloc
 import zlib
 
 import numpy as np
@@ -107,6 +109,24 @@ def test_a_chunk_that_says_that_it_is_not_compressed_has_its_full_size(kind, lay
     with h5py.File(tmp_path / "a.h5", "r+") as file:
         file[name].id.write_direct_chunk(at, octets[:-1], filter_mask=0b111)
     refused(tmp_path / "a.h5", layout)
+
+
+def test_a_chunk_that_claims_more_than_the_file_takes_no_memory(tmp_path):
+    """The fuzzer found two chunks of one row, of which libhdf5 read the one of 2 GB."""
+    path = tmp_path / "a.h5"
+    write(path)
+    with h5py.File(path) as file:
+        found = file["events/p"].id.get_chunk_info(1)
+    # a key of the tree of chunks: size, mask, row, then column 0, all in little endian
+    key = struct.pack("<IIQQ", found.size, 0, ROWS, 0)
+    data = path.read_bytes()
+    assert data.count(key) == 1
+    path.write_bytes(data.replace(key, struct.pack("<IIQQ", 2_130_706_465, 0, 0, 0)))
+    tracemalloc.start()
+    with pytest.raises(RecordingError, match=r"chunks of 2,130,706,\d+ bytes in a file of"):
+        read(path)
+    assert tracemalloc.get_traced_memory()[1] < 64 << 20
+    tracemalloc.stop()
 
 
 def test_a_cut_off_or_damaged_stream_is_refused(tmp_path):

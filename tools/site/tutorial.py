@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -19,6 +20,10 @@ PICTURES = {
     "tutorial_distances.svg": "results/distance_matrix.svg",
     "tutorial_online.svg": "live/matches.svg",
 }
+#: code that runs after the commands, and the block of what it prints
+_PYTHON = re.compile(
+    r"(^```python after[^\n]*\n(.*?)^```\n\n```\n).*?(?=^```$)", re.MULTILINE | re.DOTALL
+)
 _CONSOLE = re.compile(r"^```console\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -49,7 +54,13 @@ def rerun(text: str, folder: Path) -> str:
             shown += [f"$ {line}", *kept]
         return "\n".join(["```console", *shown, "```"])
 
-    return _CONSOLE.sub(again, text)
+    def again_in_python(found: re.Match[str]) -> str:
+        program = [sys.executable, "-c", found[2]]
+        return found[1] + subprocess.run(
+            program, cwd=folder, text=True, check=True, stdout=subprocess.PIPE
+        ).stdout  # fmt: skip
+
+    return _PYTHON.sub(again_in_python, _CONSOLE.sub(again, text))
 
 
 def main() -> None:
