@@ -27,7 +27,7 @@ from edge_vpr.run_log import command_line, warnings_so_far
 
 MAP, MATCHES, MATCHES_CSV, QUERIES = "map.npz", "matches.npz", "matches.csv", "queries.npz"
 QUERIES_KIND = "set of query descriptors"
-_SUFFIXES = (".npz", ".csv", ".json", ".md", ".png", ".pdf", ".svg", ".html")
+_SUFFIXES = (".npz", ".csv", ".json", ".md", ".tex", ".png", ".pdf", ".svg", ".html")
 RUN, METRICS, REPORT = "run.json", "metrics.json", "report.html"
 
 
