@@ -29,7 +29,7 @@ MAP, MATCHES, MATCHES_CSV, QUERIES = "map.npz", "matches.npz", "matches.csv", "q
 QUERIES_KIND = "set of query descriptors"
 #: windows of a drive that was matched event by event, for its report alone
 WINDOWS = "windows.npz"
-_SUFFIXES = (".npz", ".csv", ".json", ".md", ".png", ".pdf", ".svg", ".html")
+_SUFFIXES = (".npz", ".csv", ".json", ".md", ".tex", ".png", ".pdf", ".svg", ".html")
 RUN, METRICS, REPORT = "run.json", "metrics.json", "report.html"
 
 

@@ -7,7 +7,7 @@ import json
 import os
 import re
 import signal
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ import pytest
 import sweep_jobs
 from edge_vpr_tools import cli
 from edge_vpr_tools.commands import compare as compare_arguments
-from edge_vpr_tools.research.sweep import comparison
+from edge_vpr_tools.research.sweep import aggregation, comparison
 from edge_vpr_tools.research.sweep.comparison import draw, rows_of, write_comparison
 from edge_vpr_tools.research.sweep.plan import (
     content_hash,
@@ -37,6 +37,7 @@ from streams import random_events
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import write_recording
+from edge_vpr.settings import PRESETS
 
 PLAN = """
 seeds = [1, 2]
@@ -393,8 +394,24 @@ def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys):
     runs = f"compare {folder} {tmp_path}/alone -o {output} --figures pdf,svg"
     assert cli.main(runs.split()) == 0
     names = {path.name for path in output.iterdir()}
-    assert names == {"compare.csv", "compare.json", "compare.md", "compare.pdf", "compare.svg",
-                     "run.json"}  # fmt: skip
+    kinds = {f"compare.{kind}" for kind in ("csv", "json", "md", "pdf", "svg", "tex")}
+    assert names == kinds | {"compare_means.csv", "compare_tidy.csv", "run.json"}
+    with (output / "compare_tidy.csv").open() as file:
+        tidy = list(csv.DictReader(file))
+    assert [(line["variant"], line["pixels"], line["seed"]) for line in tidy] == [
+        *(("pixels=3", "3", seed) for seed in "12"), *(("pixels=5", "5", seed) for seed in "12"),
+        ("again", "5", "1"), ("again", "5", "2"), ("", "5", "1"),
+    ]  # fmt: skip
+    assert {line["tau"] for line in tidy} == {"100ms"}
+    capsys.readouterr()
+    over = ["-o", str(tmp_path / "curve"), "--over"]
+    assert cli.main(["compare", str(folder), *over, "pixels", "-q"]) == 0
+    assert cli.main([*words, "-q"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert cli.main(["compare", str(folder), *over, "tau", "--overwrite"]) == 2
+    assert "do not differ in tau: they differ in pixels" in capsys.readouterr().err
+    assert cli.main(["compare", str(folder), "--over", "pixels"]) == 2
+    capsys.readouterr()
     with (output / "compare.csv").open() as file:
         lines = list(csv.DictReader(file))
     assert [line["variant"] for line in lines] == ["pixels=3", "pixels=5", "again", ""]
@@ -463,6 +480,78 @@ def test_only_the_best_of_many_rows_are_drawn(monkeypatch):
         "r, 2, d",
     ]
     assert "the best 3 of 5" in axes.get_title()
+
+
+def rows_over_drives():
+    """Two variants that differ in their pixels, each on three drives with two seeds."""
+    rows = []
+    for pixels, more in ((25, 0.0), (150, 0.1)):
+        settings = asdict(PRESETS["paper"].replaced({"pixels": pixels}, "test"))
+        for drives, level, seeds in (("a", 0.5, 2), ("b", 0.7, 2), ("c", 0.9, 1)):
+            values = tuple(level + more + 0.01 * seed for seed in range(seeds))
+            rows.append(
+                comparison.Row(
+                    run="r", variant=f"J={pixels}", drives=drives, seeds=tuple(range(seeds)),
+                    settings=settings,
+                    values=dict.fromkeys(comparison.MEASURES, values),
+                )
+            )  # fmt: skip
+    return rows
+
+
+def test_each_drive_counts_alike_in_a_mean_and_differences_are_of_pairs():
+    """The drives differ more than the variants, so that only pairs show the difference."""
+    measure = "precision_at_100_recall"
+    first, second = aggregation.averages(rows_over_drives(), measure)
+    assert (first.drives, first.settings, first.difference) == (3, {"pixels": "25"}, None)
+    assert first.means[measure] == pytest.approx((0.505 + 0.705 + 0.9) / 3)
+    assert second.difference is not None
+    assert second.difference.mean == pytest.approx(0.1)
+    assert second.difference.low == pytest.approx(0.1)
+    assert second.difference.high == pytest.approx(0.1)
+    alone = aggregation.averages(rows_over_drives()[2:4], measure)[1]
+    assert alone.difference is None  # no drive in common
+
+
+def test_the_interval_of_a_bootstrap_holds_the_mean_of_most_samples():
+    rng = np.random.default_rng(1)
+    held = 0
+    for _ in range(60):
+        found = aggregation.bootstrap(list(rng.normal(0.3, 1.0, (25, 1))))
+        held += found.low <= 0.3 <= found.high
+    assert 50 <= held < 60
+    assert np.isnan(aggregation.bootstrap([np.array([0.5])]).low)
+
+
+def test_latex_has_a_column_for_each_setting_that_differs_and_escapes_names():
+    rows = rows_over_drives()
+    lines = aggregation.latex(aggregation.averages(rows, "recall_at_1"), "recall_at_1").split("\n")
+    assert lines[2].startswith(r"pixels & drives & P@100R & R@99P & AP & Recall@1")
+    assert lines[4].startswith("25 & 3 & $0.703$ &") and lines[4].endswith(r"-- \\")
+    assert lines[5].endswith(r"& $+0.100$ [$+0.100$, $+0.100$] \\")
+    assert all(line.count("&") == lines[2].count("&") for line in lines[4:6])
+    same = [replace(row, settings={}, variant="50 %_$x") for row in rows[:3]]
+    assert r"50 \%\_\$x & 3" in aggregation.latex(
+        aggregation.averages(same, "recall_at_1"), "recall_at_1"
+    )
+
+
+def test_a_curve_over_a_setting_shows_the_means_over_drives():
+    (axes,) = aggregation.draw_over(rows_over_drives(), "recall_at_1", "pixels").axes
+    (line,) = axes.get_lines()
+    assert line.get_xdata().tolist() == [25, 150]
+    assert line.get_ydata() == pytest.approx([0.70333, 0.80333], abs=1e-4)
+
+
+def test_no_title_of_a_comparison_is_cut():
+    rows = [replace(row, variant="a long name of a variant " * 4) for row in rows_over_drives()]
+    for drawing in (draw(rows, "operations_per_match"),
+                    aggregation.draw_over(rows, "operations_per_match", "pixels")):  # fmt: skip
+        drawing.draw_without_rendering()
+        (axes,) = drawing.axes
+        title = axes.title.get_window_extent()
+        assert title.x0 >= 0 and title.x1 <= drawing.bbox.width
+        assert title.y1 <= drawing.bbox.height
 
 
 def test_the_help_knows_every_measure():

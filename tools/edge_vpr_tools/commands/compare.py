@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import summary
 from edge_vpr_tools.flags import FIGURES_HELP
 
 EXAMPLES = """\
   edge-vpr compare sweeps/pixels
-  edge-vpr compare sweeps/pixels results/tuesday -o compared --figures pdf,svg"""
+  edge-vpr compare sweeps/pixels results/tuesday -o compared --figures pdf,svg
+  edge-vpr compare sweeps/pixels -o curves --over pixels --measure recall_at_99_precision"""
 
 #: the names in `sweep.comparison.MEASURES`, repeated here so that --help imports nothing heavy
 MEASURES = (
@@ -33,13 +35,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output = parser.add_argument_group("output")
     output.add_argument(
         "-o", "--output", metavar="DIR",
-        help="folder to write compare.csv, compare.json, compare.md and the figure to",
+        help="folder to write the tables to (CSV by row, by result and by mean over drives; JSON; "
+        "Markdown; LaTeX), and the figure",
     )  # fmt: skip
     output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
     output.add_argument("--figures", metavar="FORMATS", default="png", help=FIGURES_HELP)
     output.add_argument(
-        "--measure", choices=MEASURES, default=MEASURES[0], help="measure that the figure shows"
-    )
+        "--measure", choices=MEASURES, default=MEASURES[0],
+        help="measure of the figure, and of the differences from the first variant",
+    )  # fmt: skip
+    output.add_argument(
+        "--over", metavar="SETTING",
+        help="show the measure over this setting, as a curve for each combination of the others",
+    )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> None:
@@ -50,6 +58,8 @@ def run(args: argparse.Namespace) -> None:
 
     runs, formats = [Path(run) for run in args.runs], read_formats(args.figures)
     output = None if args.output is None else Path(args.output)
+    if args.over is not None and output is None:
+        raise UsageError("--over says what the figure shows: name a folder for it with -o")
     if output is not None:
         results.check_output_folder(output, args.overwrite, runs)
     rows = rows_of(runs)
@@ -57,5 +67,5 @@ def run(args: argparse.Namespace) -> None:
         summary(line)
     if output is not None:
         with results.results_folder(output, args.overwrite) as folder:
-            write_comparison(folder, rows, formats, args.measure)
+            write_comparison(folder, rows, formats, args.measure, args.over)
         summary(f"{output}: {len(rows)} rows of {len(runs)} runs")

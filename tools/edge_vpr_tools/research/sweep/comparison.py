@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +54,10 @@ class Row:
         Values of `MEASURES`, one for each seed.
     failed : int
         Number of seeds without a result.
+    seeds : tuple of int
+        Seed of each value.
+    settings : mapping of str to object
+        By the names of `edge_vpr.settings.Settings`; empty if there is no result.
     """
 
     run: str
@@ -61,6 +65,8 @@ class Row:
     drives: str
     values: Mapping[str, tuple[float, ...]]
     failed: int = 0
+    seeds: tuple[int, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -143,19 +149,22 @@ def draw(rows: Sequence[Row], measure: str = "precision_at_100_recall") -> Figur
     known = [row for row in rows if row.values[measure]]
     shown = sorted(known, key=lambda row: -row.mean(measure))[:MOST_DRAWN]
     pairs = list(dict.fromkeys(row.drives for row in shown))
-    with figure(8.0, 1.5 + 0.28 * max(1, len(shown))) as (drawing, axes):
+    labels = [name_label(row.name) for row in shown]
+    # five inches for the axes and their title, whatever the length of the labels
+    width = 5.5 + 0.065 * max(map(len, labels), default=0)
+    with figure(width, 1.7 + 0.28 * max(1, len(shown))) as (drawing, axes):
         for i, row in enumerate(shown):
             colour = CYCLE[pairs.index(row.drives) % len(CYCLE)]
             values = row.values[measure]
             axes.plot(values, [i] * len(values), ".", color=colour, ms=5, alpha=0.6)
             axes.plot(row.mean(measure), i, "|", color=colour, ms=14, mew=2)
-        left_out = f", the best {len(shown)} of {len(known)}" if len(shown) < len(known) else ""
-        axes.set_yticks(range(len(shown)), [name_label(row.name) for row in shown], fontsize=8)
+        left_out = f"\n(the best {len(shown)} of {len(known)})" if len(shown) < len(known) else ""
+        axes.set_yticks(range(len(shown)), labels, fontsize=8)
         axes.invert_yaxis()
-        axes.set(
-            title=f"{MEASURES[measure]}: a dot a seed, a bar their mean{left_out}",
-            xlabel=MEASURES[measure],
+        axes.set_title(
+            f"{MEASURES[measure]}: a dot a seed, a bar their mean{left_out}", fontsize=10
         )
+        axes.set(xlabel=MEASURES[measure])
     return drawing
 
 
@@ -163,6 +172,8 @@ def _of_sweep(run: Path, name: str) -> list[Row]:
     store = sweep_store(run)
     found: dict[tuple[str, str], dict[str, list[float]]] = {}
     failed: dict[tuple[str, str], int] = defaultdict(int)
+    seeds: dict[tuple[str, str], list[int]] = defaultdict(list)
+    settings: dict[tuple[str, str], Mapping[str, Any]] = {}
     for trial in store.listed():
         names = trial.variant, trial.drives
         values = found.setdefault(names, {name: [] for name in MEASURES})
@@ -170,6 +181,8 @@ def _of_sweep(run: Path, name: str) -> list[Row]:
         if kept is None:
             failed[names] += 1
             continue
+        seeds[names].append(trial.seed)
+        settings[names] = kept.trial.settings
         operations = _operations(kept.found.pixels, kept.found.places, kept.trial.settings)
         counted = {**asdict(kept.found), "operations_per_match": operations}
         for measure in MEASURES:
@@ -181,6 +194,8 @@ def _of_sweep(run: Path, name: str) -> list[Row]:
             drives=names[1],
             values={measure: tuple(listed) for measure, listed in values.items()},
             failed=failed[names],
+            seeds=tuple(seeds[names]),
+            settings=settings.get(names, {}),
         )
         for names, values in found.items()
     ]
@@ -206,7 +221,8 @@ def _of_match(run: Path, name: str) -> Row:
                 metrics["pixels"], metrics["places"], settings
             )
         numbers = {name: (float(values[name]),) if name in values else () for name in MEASURES}
-    return Row(run=name, variant="", drives="", values=numbers)
+    seeds = (int(settings.get("seed", 0)),)
+    return Row(run=name, variant="", drives="", values=numbers, seeds=seeds, settings=settings)
 
 
 def _operations(pixels: int, places: int, settings: Mapping[str, Any]) -> int:
@@ -214,11 +230,16 @@ def _operations(pixels: int, places: int, settings: Mapping[str, Any]) -> int:
     return (2 if settings.get("polarity") else 1) * pixels * places
 
 
+def digits_of(measure: str) -> int:
+    """Return the number of decimals that a measure is shown with."""
+    return 0 if measure in _WHOLE else 3 if measure in list(MEASURES)[:4] else 1
+
+
 def _cells(row: Row) -> list[str]:
     cells = []
     for name in MEASURES:
         mean, spread = row.mean(name), row.spread(name)
-        digits = 0 if name in _WHOLE else 3 if name in list(MEASURES)[:4] else 1
+        digits = digits_of(name)
         if np.isnan(mean):
             cells.append("-")
         elif np.isnan(spread):
@@ -244,9 +265,16 @@ def markdown(rows: Sequence[Row]) -> str:
 
 
 def write_comparison(
-    folder: Path, rows: Sequence[Row], formats: Sequence[str], measure: str
+    folder: Path,
+    rows: Sequence[Row],
+    formats: Sequence[str],
+    measure: str,
+    over: str | None = None,
 ) -> None:
-    """Write ``compare.csv``, ``.json``, ``.md``, and the figure in each format.
+    """Write ``compare.csv``, ``.json``, ``.md``, ``.tex``, and the figure in each format.
+
+    ``compare_tidy.csv`` has a line for each result with all its settings; ``compare_means.csv`` and
+    the table in LaTeX have a line for each variant, with means over drives.
 
     Parameters
     ----------
@@ -255,12 +283,27 @@ def write_comparison(
     formats : sequence of str
         Names from `report.formats.FORMATS`.
     measure : str
-        Measure of the figure, one of `MEASURES`.
+        Measure of the figure and of the differences, one of `MEASURES`.
+    over : str, optional
+        Setting over which the figure shows the measure; see `aggregation.draw_over`.
+
+    Raises
+    ------
+    UsageError
+        If the rows do not differ in this setting.
     """
+    from edge_vpr_tools.research.sweep import aggregation
+
+    drawing = draw(rows, measure) if over is None else aggregation.draw_over(rows, measure, over)
+    means = aggregation.averages(rows, measure)
     head, lines = spreadsheet_of(rows)
     write_spreadsheet(folder / f"{NAME}.csv", head, lines)
+    write_spreadsheet(folder / f"{NAME}_tidy.csv", *aggregation.tidy(rows))
+    write_spreadsheet(folder / f"{NAME}_means.csv", *aggregation.averages_table(means, measure))
+    with replacing(folder / f"{NAME}.tex") as temporary:
+        temporary.write_text(aggregation.latex(means, measure), encoding="utf-8")
     with replacing(folder / f"{NAME}.md") as temporary:
         temporary.write_text(markdown(rows), encoding="utf-8")
     write_json(folder / f"{NAME}.json", {"schema": 1, "measures": MEASURES, "rows": list(rows)})
     write_json(folder / RUN, run_record({}, []))
-    save(draw(rows, measure), *(folder / f"{NAME}.{kind}" for kind in formats))
+    save(drawing, *(folder / f"{NAME}.{kind}" for kind in formats))
