@@ -20,6 +20,7 @@ module vpr_window_timer #(
     localparam int STEP_BITS = $clog2(TIMESTAMP_BITS);
     localparam logic [(1<<STEP_BITS)-1:0] LESS_TAU =
         (1 << STEP_BITS)'(TIMESTAMP_BITS'(-TAU_US));
+    localparam logic [(1<<STEP_BITS)-1:0] NEXT_OF_TAU = LESS_TAU >> 1;
 
     localparam int LOW_BITS = TIMESTAMP_BITS / 2;
     localparam logic [TIMESTAMP_BITS-2:0] LOW = (TIMESTAMP_BITS - 1)'((1 << LOW_BITS) - 1);
@@ -34,7 +35,7 @@ module vpr_window_timer #(
     logic                      end_carry;
     logic [1:0]                behind_carry;
 
-    wire added = LESS_TAU[step];
+    logic added;  // the bit of -TAU_US for this step, which is selected in the one before
 
     // `behind` is not negative, or the lowest number, which is its own negative
     assign over = behind[TIMESTAMP_BITS-1] == (due && passes) || low_zero;
@@ -66,11 +67,13 @@ module vpr_window_timer #(
         end
         if (settled) begin
             step         <= '0;
+            added        <= LESS_TAU[0];
             end_carry    <= 1'b0;
             behind_carry <= '0;
             settled      <= !next_window;
         end else begin
             step         <= step + 1'b1;
+            added        <= NEXT_OF_TAU[step];
             end_carry    <= (end_inverse[0] && (added || end_carry)) || (added && end_carry);
             behind_carry <= moved[2:1] + 2'(due && step == STEP_BITS'(LOW_BITS - 1));
             settled      <= step == STEP_BITS'(TIMESTAMP_BITS - 1);
@@ -78,6 +81,7 @@ module vpr_window_timer #(
         if (load) begin
             settled   <= 1'b0;
             step      <= '0;
+            added     <= LESS_TAU[0];
             end_carry <= 1'b0;
         end
     end
