@@ -53,7 +53,7 @@ QUICK_EVENTS, QUICK_RESETS = 150, 6
 #: place's sum, whose terms end after the next window begins, and of a window of the filter
 EVERY_CLOCK = {
     "reset_sum": (replace(QUICK, places=16), 17, range(60, 76)),
-    "reset_match": (replace(QUICK, matching="filter", length=1, places=3), 3, range(28, 65)),
+    "reset_match": (replace(QUICK, matching="filter", length=1, places=3), 3, range(347, 384)),
 }
 #: cases that find most mutants come first
 FIRST = (

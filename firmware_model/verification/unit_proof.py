@@ -172,13 +172,14 @@ PREDICTION = Unit(
 TIMER = Unit(
     "vpr_window_timer",
     {"TIMESTAMP_BITS": 6, "TAU_US": 11},
-    ("end_inverse", "behind"),
+    ("end_inverse", "behind", "due"),
     base=20,
     induction=12,
     broken={
         "half a clock behind the end is before it": (" || low_zero;", ";"),
         "an end is added without its carry": ("^ added ^ end_carry", "^ added"),
-        "an event keeps the carry of the one before": ("            behind_carry <= 1'b0;\n", ""),
+        "an event keeps the carry of the one before": ("            behind_carry <= '0;\n", ""),
+        "a carry between the halves is lost": ("(due && passes)", "1'b0"),
     },
 )
 #: what is proved, by its name

@@ -771,7 +771,7 @@ def test_what_a_reset_does_not_clear_is_found_by_a_reset_at_each_clock(
     tmp_path, monkeypatch, suite, file, cleared
 ):
     """It lasts one clock, in which a sum or a match is under way that then ends too late."""
-    chosen = {"reset_sum": (65, 66), "reset_match": (29, 30)}[suite]
+    chosen = {"reset_sum": (65, 66), "reset_match": (348, 349)}[suite]
     every = {suite: (*mutants.EVERY_CLOCK[suite][:2], chosen)}
     assert set(chosen) <= set(mutants.EVERY_CLOCK[suite][2])
     monkeypatch.setattr(mutants, "EVERY_CLOCK", every)

@@ -14,10 +14,14 @@ module vpr_window_timer_properties #(
 );
     logic settled, over;
     logic [TIMESTAMP_BITS-1:0] end_inverse, behind;
+    logic due;
+    // the carry between the halves, which is added later
+    wire  [TIMESTAMP_BITS-1:0] carried = TIMESTAMP_BITS'(due) << (TIMESTAMP_BITS / 2);
 
     vpr_window_timer window_timer (
         .clk(clk), .load(load), .start_time(start_time), .next_window(next_window), .take(take),
-        .timestamp(timestamp), .settled(settled), .over(over), .end_inverse(end_inverse), .behind(behind)
+        .timestamp(timestamp), .settled(settled), .over(over), .end_inverse(end_inverse), .behind(behind),
+        .due(due)
     );
 
     logic                      begun = 1'b0;
@@ -47,7 +51,7 @@ module vpr_window_timer_properties #(
         if (begun && !load) begin
             if (settled && taken) assert (over == (rest <= 0));
             if (settled) assert (end_inverse == ~ends);
-            if (settled && taken) assert (behind == -rest);
+            if (settled && taken) assert (TIMESTAMP_BITS'(behind + carried) == -rest);
             assert (unsettled <= TIMESTAMP_BITS);
         end
     end
