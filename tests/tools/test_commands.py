@@ -282,7 +282,7 @@ def declared(name, ran):
     def measure(draw):
         ran.append((draw.pair, draw.seed, draw.systems))
         for system in ("one", "two"):
-            yield {"system": system, "P@100R": 0.5 + draw.seed / 10}
+            yield {"system": system, "P@100R": 0.5 + draw.seed / 10, "change": -0.25}
 
     return Experiment(
         drives=lambda data: [
@@ -305,11 +305,14 @@ def test_experiments_are_written_and_no_trial_is_run_twice(capsys, tmp_path, mon
     arguments = ["experiment", "rivals", "window-length", "--seeds", "2", *results]
     assert main([*arguments, "--report", str(page)]) == 0
     shown = capsys.readouterr().out
-    assert "rivals:\n\nstreet:\n\n| system | P@100R |" in shown
-    assert "| one | 0.550 ± 0.071 |" in shown and "window-length:\n" in shown
+    assert "rivals:\n\nstreet:\n\n| system | P@100R | change |" in shown
+    assert "| one | 0.550 ± 0.071 | -0.250 ± 0.000 |" in shown and "window-length:\n" in shown
     assert len(ran) == 2 * 3
     written = (tmp_path / "results/rivals.csv").read_text().splitlines()
-    assert written[:2] == ["drives,system,seed,P@100R", "street,one,0,0.5"] and len(written) == 7
+    assert (
+        written[:2] == ["drives,system,seed,P@100R,change", "street,one,0,0.5,-0.25"]
+        and len(written) == 7
+    )
     html = page.read_text()
     assert html.count("<svg ") == 2 and (tmp_path / "results/rivals.svg").is_file()
     for part in ("with 2 seeds", "0.550", "Every system beside the default"):

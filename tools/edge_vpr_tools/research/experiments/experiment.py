@@ -269,8 +269,8 @@ class Measured:
     elapsed_s: float
 
     def write(self, folder: Path) -> None:
-        """Write the rows as a CSV file, `write_figure` its figure."""
-        cells = ([_cell(row.get(name)) for name in self.columns] for row in self.rows)
+        """Write the rows as a CSV file."""
+        cells = ([_short(row.get(name)) for name in self.columns] for row in self.rows)
         write_spreadsheet(folder / f"{self.name}.csv", self.columns, cells)
 
     @property
@@ -348,14 +348,14 @@ def run_experiments(
     return run, measured
 
 
-def _cell(value: object) -> str:
-    """Return a value of a row as text, with as many digits as can matter."""
-    if value is None:
-        return ""
-    if not isinstance(value, float):
-        return str(value)
-    # a point tells a measured 1.0 from a number of things
-    return f"{value:.1f}" if value.is_integer() else f"{value:.9g}"
+def _cell(value: Any) -> str:
+    """Return a value of a row as in a CSV file; a point tells a measured 1.0 from a number."""
+    return "" if value is None else str(_short(value))
+
+
+def _short(value: Any) -> Any:
+    """Return a value with as many digits as can matter."""
+    return float(f"{value:.9g}") if isinstance(value, float) else value
 
 
 def _fingerprint(files: Sequence[Path]) -> str:

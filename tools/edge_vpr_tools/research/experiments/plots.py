@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -10,6 +11,7 @@ from matplotlib.figure import Figure
 
 from edge_vpr_tools.report.style import (
     CYCLE,
+    GREY,
     MARKERS,
     dot_plot,
     legend_below,
@@ -102,7 +104,8 @@ def lines(
                     mean_line(axes, *zip(*points, strict=True), label=_title(name), **style)
             if log:
                 log_ticks(axes, sorted({row[x] for row in of if row.get(y) is not None}))
-            axes.set(title=_title(drives), xlabel=label or x)
+            # a label is one line
+            axes.set(title="\n".join(map(_title, drives.split("\n"))), xlabel=label or x)
         for row in grid:
             row[0].set_ylabel(y)
         legend_below(drawing, grid.flat[: len(found)], 3)
@@ -123,8 +126,17 @@ def costs(rows: Rows, x: str, y: str, label: str, series: str) -> Figure:
         Column that has a marker for each of its values.
     """
     found = list(_by(rows, "drives"))
-    colours = list(dict.fromkeys(row[label] for row in rows))
-    markers = list(dict.fromkeys(row[series] for row in rows))
+    names = list(dict.fromkeys(row[label] for row in rows))
+    colours = {
+        # those that have the colour of another are hollow
+        name: {
+            "color": CYCLE[i % len(CYCLE)],
+            "markerfacecolor": "none" if i >= len(CYCLE) else None,
+        }
+        for i, name in enumerate(names)
+    }
+    kinds = dict.fromkeys(row[series] for row in rows)
+    marks = dict(zip(kinds, itertools.cycle(MARKERS), strict=False))
     columns = min(len(found), _COLUMNS)
     across = -(-len(found) // columns)
     size = 4.2 * columns + 1.5, 3.9 * across + 2.2
@@ -136,17 +148,18 @@ def costs(rows: Rows, x: str, y: str, label: str, series: str) -> Figure:
                 for kind, each in _by(those, series):
                     mean, spread = mean_and_spread(_values(each, y))
                     axes.errorbar(
-                        float(np.median(_values(each, x))), mean, spread,
-                        color=CYCLE[colours.index(name) % len(CYCLE)],
-                        marker=MARKERS[markers.index(kind) % len(MARKERS)],
-                        markerfacecolor="none" if colours.index(name) >= len(CYCLE) else None,
-                        ms=7, linestyle="none", label=_title(f"{name}; {kind}"),
+                        float(np.median(_values(each, x))), mean, spread, ms=7, linestyle="none",
+                        marker=marks[kind], **colours[name],
                     )  # fmt: skip
             axes.set_xscale("log")
             axes.set(title=_title(drives), xlabel=x, ylim=(0, 1.03))
         for row in grid:
             row[0].set_ylabel(y)
-        legend_below(drawing, grid.flat[: len(found)], 3, fontsize=8)
+        for name, colour in colours.items():
+            grid[0, 0].plot([], [], linestyle="none", marker="o", label=_title(name), **colour)
+        for kind, mark in marks.items():
+            grid[0, 0].plot([], [], linestyle="none", marker=mark, color=GREY, label=_title(kind))
+        legend_below(drawing, [grid[0, 0]], 3, fontsize=9)
     return drawing
 
 

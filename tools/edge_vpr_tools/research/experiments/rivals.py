@@ -439,11 +439,16 @@ def compare_systems(
 
 
 def figure(rows: Rows) -> Figure:
-    """Draw right matches against bytes per place: a panel each pair of drives."""
+    """Draw right matches against bytes per place, at the first tolerance of each pair of drives."""
+    first: dict[str, str] = {}
+    for row in rows:
+        first.setdefault(row["drives"], row["tolerance"])
     shown = [
-        {**row, "label": f"{row['system']}; {row['matching']}"}
+        row
         for row in rows
-        if row.get("bytes per place") and row["matching"] in SHOWN
+        if row["bytes per place"]
+        and row["matching"] in SHOWN
+        and row["tolerance"] == first[row["drives"]]
     ]
     return costs(shown, x="bytes per place", y="P@100R", label="system", series="matching")
 
