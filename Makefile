@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 STAMP = $(VENV)/.installed-$(1)
 
 SHELL := /bin/bash
-.PHONY: demo test verify coverage test-rtl test-aarch64 test-pythons test-oldest lint types site bench eva clean
+.PHONY: demo test verify coverage test-rtl test-aarch64 test-pythons test-oldest lint types site bench results eva clean
 
 demo: $(call STAMP,run)
 	$(BIN)/edge-vpr demo -o results/demo --overwrite
@@ -69,6 +69,13 @@ site: $(call STAMP,docs)
 bench: $(call STAMP,bench)
 	$(BIN)/python -m pytest tools/bench --write=docs/benchmarks.md
 	$(BIN)/python tools/bench/latency.py >> docs/benchmarks.md
+
+# tables and figures of the pages: all experiments that need no downloads, and with DATA=DIR those on recorded drives;
+# trials that docs/results/.trials holds already are not run again
+SEEDS ?= 5
+results: $(call STAMP,test)
+	$(BIN)/edge-vpr experiment all --seeds $(SEEDS) $(if $(DATA),--data $(DATA))
+	$(BIN)/python tools/site/tables.py
 
 clean:
 	rm -rf $(VENV) .debian .oldest results site

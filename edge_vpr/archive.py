@@ -91,6 +91,7 @@ def write_archive(
     kind : str
         What the file is, for example ``reference map``; checked when it is read.
     arrays : mapping of str to ndarray
+        Contents, by the names under which they are read.
     meta : mapping
         Values that JSON can hold.
     """
@@ -120,7 +121,6 @@ def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
 
     Parameters
     ----------
-    path : path
     kind : str
         What the file is expected to be.
 
@@ -258,9 +258,11 @@ def check_array(
     Parameters
     ----------
     array : object
+        Checked; need not be an array.
     name : str
         What the message calls it.
     dtypes : sequence of dtype
+        Any of which is accepted.
     shape : tuple of int or None
         None stands for any length.
 

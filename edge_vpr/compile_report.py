@@ -12,15 +12,30 @@ from typing import Any
 #: What a user can do to have them all at once.
 COMPILE_ALL = "; edge-vpr doctor --compile compiles all of them"
 
+#: packages with kernels; those of Numba have names that say little
+_OURS = ("edge_vpr", "fixedpoint", "firmware_model")
 #: event of `numba.core.event` when a file of compiled code was damaged; its data is the path
 DAMAGED = "edge_vpr:damaged"
 _waiting: list[Callable[[], None]] = []
+#: of the block that shows which kernel is compiled, if there is one
+_show: Callable[[str], object] | None = None
 
 
 def listen() -> None:
     """Let the reports that wait for Numba listen to it; `edge_vpr.compiling` calls this."""
     while _waiting:
         _waiting.pop()()
+
+
+@contextmanager
+def kernels_shown(show: Callable[[str], object]) -> Iterator[None]:
+    """Within a block of `compiling_reported`, show the name of each kernel that is compiled."""
+    global _show
+    before, _show = _show, show
+    try:
+        yield
+    finally:
+        _show = before
 
 
 @contextmanager
@@ -57,6 +72,9 @@ def compiling_reported(
 
             def on_start(self, event: Any) -> None:
                 self._depth += 1
+                function = event.data["dispatcher"].py_func
+                if _show is not None and str(function.__module__).startswith(_OURS):
+                    _show(function.__name__)
                 if self._depth > 1:
                     return
                 self._start = time.monotonic()
@@ -75,9 +93,7 @@ def compiling_reported(
 
             def _say(self) -> None:
                 self._said = True
-                report(
-                    "compiling the kernels that this needs, once on each machine, up to a minute"
-                )
+                report("compiling the kernels that this needs, once on each machine")
 
         class DamageListener(event.Listener):
             """Report one damaged file, however many there are."""

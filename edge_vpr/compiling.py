@@ -44,6 +44,7 @@ def kernel(
     Parameters
     ----------
     function : callable
+        Given where the decorator is used without options.
     inline : {"never", "always"}
         "always": its code is copied into the kernels that call it.
 
@@ -229,7 +230,6 @@ class KernelState(Generic[Tuple]):
 
     Attributes
     ----------
-    value : tuple
     boxed : BoxedState
         What kernels take as an argument. Its `value` is of plain tuples, also where names were: a
         kernel gives them back, ``OnlineState(*box.value)``. A cache that knew the class by its name

@@ -1,4 +1,4 @@
-"""The probability that a match is right, as a monotone table over its trust.
+"""The probability that a match is correct, as a monotone table over its trust.
 
 Tables are stored with maps. `evaluation.calibration` learns them from evaluated drives.
 """
@@ -26,12 +26,12 @@ LEARNT_DELAYS = (0, 2, 4, 8)
 SMOOTHED = "smoothed"
 MOST_STEPS = 4_096
 #: number of the rule for the trust of the place filter: tables learnt with another one do not hold
-TRUST_RULE = 2
+TRUST_RULE = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Confidence(EqualByValue):
-    """A step function from the trust in a match to the probability that it is right.
+    """A step function from the trust in a match to the probability that it is correct.
 
     Attributes
     ----------
@@ -74,16 +74,17 @@ class Confidence(EqualByValue):
 
     @property
     def precision(self) -> npt.NDArray[np.float64]:
-        """Share of right matches among those of a step and all steps above it, shape (m,)."""
-        right = np.cumsum((self.probability * self.matches)[::-1])[::-1]
-        return np.asarray(right / np.cumsum(self.matches[::-1])[::-1])
+        """Share of correct matches among those of a step and all steps above it, shape (m,)."""
+        n_correct = np.cumsum((self.probability * self.matches)[::-1])[::-1]
+        return np.asarray(n_correct / np.cumsum(self.matches[::-1])[::-1])
 
     def probability_of(self, trust: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
-        """Return the probability that each match is right.
+        """Return the probability that each match is correct.
 
         Parameters
         ----------
         trust : ndarray of int, shape (n,)
+            Of each match.
 
         Returns
         -------
@@ -104,7 +105,7 @@ class Confidence(EqualByValue):
         Parameters
         ----------
         precision : float
-            Share of right ones among the accepted matches, above 0 and below 1.
+            Share of correct ones among the accepted matches, above 0 and below 1.
 
         Raises
         ------
@@ -148,7 +149,7 @@ class Acceptance:
     confidence : Confidence, optional
         None where nothing is known of the probability, as of sequences without a calibration.
     precision : float, optional
-        Wanted share of right ones among the accepted matches; None accepts all.
+        Wanted share of correct ones among the accepted matches; None accepts all.
 
     Raises
     ------
@@ -176,6 +177,7 @@ class Acceptance:
         Parameters
         ----------
         trust : ndarray of int, shape (n,)
+            Of each match.
 
         Returns
         -------

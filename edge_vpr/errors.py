@@ -130,7 +130,6 @@ def expect(value: object, kinds: type | tuple[type, ...], name: str, give: str) 
 
     Parameters
     ----------
-    value : object
     kinds : type or tuple of type
         A truth value is not taken for a whole number.
     name : str
@@ -164,7 +163,6 @@ def as_path(path: object, what: str) -> Path:
 
     Parameters
     ----------
-    path : object
     what : str
         What is expected at the path, for the message.
 
@@ -202,7 +200,7 @@ def did_you_mean(given: str, known: Iterable[str]) -> str:
 
     names = list(known)
     longer = [name for name in names if name.startswith(given)]
-    similar = longer[:1] or get_close_matches(given, names, n=1, cutoff=0.6)
+    similar = sorted(longer, key=len)[:1] or get_close_matches(given, names, n=1, cutoff=0.6)
     return f": did you mean {similar[0]}?" if similar else ""
 
 

@@ -137,8 +137,6 @@ def check_events(events: Events, sensor: Sensor, *, after: int | None = None) ->
 
     Parameters
     ----------
-    events : ndarray of EVENT_DTYPE, shape (n,)
-    sensor : Sensor
     after : int, optional
         Time of the last event before these, in microseconds; none of these may be earlier.
 
@@ -207,7 +205,6 @@ def crop(events: Events, x: int, y: int, width: int, height: int) -> Events:
 
     Parameters
     ----------
-    events : ndarray of EVENT_DTYPE, shape (n,)
     x, y : int
         Upper left corner, in pixels.
     width, height : int

@@ -350,10 +350,8 @@ def read_toml(path: str | Path, what: str, remedy: str) -> dict[str, Any]:
 
     Parameters
     ----------
-    path : path
     what : str
         What is read from it, for the message: "settings".
-    remedy : str
 
     Raises
     ------
@@ -423,7 +421,6 @@ def understood(path: str | Path, what: str, remedy: str) -> Iterator[None]:
 
     Parameters
     ----------
-    path : path
     what, remedy : str
         As for `read_toml`.
     """

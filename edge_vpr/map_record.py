@@ -58,7 +58,7 @@ def check_ways(
         check_array(odometer_mm, "odometer_mm", (np.int64,), (places,))
         check_range(odometer_mm, "odometer_mm", 0, MOST_MM)
         if (np.diff(odometer_mm) < 0).any():
-            raise MapError("odometer_mm falls from place to place: expected the way driven")
+            raise MapError("odometer_mm falls from place to place: expected the distance driven")
 
 
 def check_codes(

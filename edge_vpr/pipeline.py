@@ -165,8 +165,6 @@ def cleaned(
 
     Parameters
     ----------
-    recording : EventSource
-    settings : Settings
     removed : Removed, optional
         Is filled with what was left out.
     """
@@ -192,9 +190,6 @@ def event_windows(
 
     Parameters
     ----------
-    recording : EventSource
-    stream : DescriptorStream
-    settings : Settings
     removed : Removed, optional
         Is filled with what was left out.
     """
@@ -226,8 +221,6 @@ def describe_query(
 
     Parameters
     ----------
-    reference : MapRecord
-    recording : EventSource or WindowSource
     removed : Removed, optional
         Filled with how much the cleaning took.
 
@@ -257,8 +250,6 @@ def describe(
 
     Parameters
     ----------
-    recording : EventSource or WindowSource
-    pixel_map : PixelMap
     settings : Settings
         Of the map.
     full_scale : ndarray of uint16, shape (J,), optional
@@ -331,13 +322,13 @@ def map_traverse(
     """Make a reference map of one drive, in one pass over its events or two.
 
     A second pass is needed for fixed-count windows, for polarity, and if the images of all windows
-    are too large for a temporary file.
+    are too large for a temporary file. If a recording has events at few pixels alone, as published
+    counts do, and no more than the settings ask for, all of them are the map's.
 
     Parameters
     ----------
     recording : EventSource or WindowSource
         For example from `open_recording`.
-    settings : Settings
     pixel_map : PixelMap, optional
         Pixels to use; by default they are selected as the settings say.
     hot : ndarray of bool, shape (height, width), optional
@@ -407,6 +398,9 @@ def map_traverse(
         saliency = first.mean() if settings.strategy == "seed-code" else first.variance()
         if pixel_map is not None:
             hot = hot & (pixel_map.table() < 0)
+        elif (given := _given_pixels(first, settings.pixels, hot)) is not None:
+            pixel_map = given
+            settings = settings.replaced({"pixels": len(given)}, "the recording")
         elif settings.strategy == "information":
             listed = shortlist(saliency, hot | ~counted)
             if len(listed) < settings.pixels:
@@ -434,6 +428,25 @@ def map_traverse(
         MapRecord(settings.uncoded, pixel_map, places, saliency.astype(np.float32), hot),
         settings,
     )
+
+
+def _given_pixels(
+    first: PixelStatistics, pixels: int, hot: npt.NDArray[np.bool_]
+) -> PixelMap | None:
+    """Return the pixels that fire, if they were selected before: few, and busy.
+
+    Counts are often published at selected pixels alone, which are then all of the map. In a drive
+    that is too short, few pixels fire too, but most of them not even once a window.
+    """
+    totals = first.totals
+    fires = totals > 0
+    few = int(np.count_nonzero(fires))
+    busy = int(totals.sum()) >= few * first.windows
+    if not 0 < few <= pixels or can_be_searched(totals) or not busy or (hot & fires).any():
+        return None
+    y, x = np.nonzero(fires)
+    height, width = totals.shape
+    return PixelMap(Sensor(width, height), x.astype(np.uint16), y.astype(np.uint16))
 
 
 def check_matchable(reference: MapRecord) -> None:
@@ -506,8 +519,6 @@ def match_query(
 
     Parameters
     ----------
-    reference : MapRecord
-    queries : Descriptors
     odometry : Odometry, optional
         Of the query drive.
     """

@@ -1,46 +1,61 @@
-"""What other packages register as entry points, beside what this package has itself.
+"""Parts by name, which are imported when first used: of this package, and of other packages.
 
-docs/plugins.md has an example of each group.
+docs/plugins.md has an example of each group of entry points.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from importlib.metadata import entry_points
+from collections.abc import Mapping
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from edge_vpr.errors import UsageError
 
 
-def names_with_plugins(own: Iterable[str], group: str) -> list[str]:
-    """Return the package's own names, then those of other packages in alphabetical order.
+class Registry:
+    """Parts of one kind by name, each in a module that is imported when the part is first used.
 
     Parameters
     ----------
-    own : iterable of str
     group : str
-        Group of the entry points. A name of the package itself cannot be replaced.
+        Group of the entry points by which other packages register more parts. A name of this
+        package cannot be replaced.
+    own : mapping of str to str
+        Of this package, in the form of entry points: ``package.module`` or
+        ``package.module:function``.
     """
-    own = list(own)
-    return [*own, *sorted({point.name for point in entry_points(group=group)} - set(own))]
 
+    def __init__(self, group: str, own: Mapping[str, str]) -> None:
+        self._group = group
+        self._own = {name: EntryPoint(name, value, group) for name, value in own.items()}
 
-def load_plugin(name: str, group: str) -> Any | None:
-    """Import what another package registers under a name; None if none does.
+    def __contains__(self, name: str) -> bool:
+        """Whether this package itself has a part of this name."""
+        return name in self._own
 
-    Raises
-    ------
-    UsageError
-        If its import fails, for whatever reason.
-    """
-    for point in entry_points(group=group):
-        if point.name == name:
-            try:
-                return point.load()
-            except Exception as error:  # the code of others
-                package = "another package" if point.dist is None else point.dist.name
-                raise UsageError(
-                    f"{name!r} of {package} ({group}: {point.value}) cannot be imported "
-                    f"({type(error).__name__}: {error}): repair or uninstall {package}"
-                ) from error
-    return None
+    def names(self) -> list[str]:
+        """Return the package's own names, then those of other packages in alphabetical order."""
+        others = {point.name for point in entry_points(group=self._group)} - set(self._own)
+        return [*self._own, *sorted(others)]
+
+    def load(self, name: str) -> Any | None:
+        """Import the module or function of a name; None if there is none.
+
+        Raises
+        ------
+        UsageError
+            If the import from another package fails, for whatever reason.
+        """
+        if name in self._own:
+            return self._own[name].load()
+        for point in entry_points(group=self._group):
+            if point.name == name:
+                try:
+                    return point.load()
+                except Exception as error:  # the code of others
+                    package = "another package" if point.dist is None else point.dist.name
+                    raise UsageError(
+                        f"{name!r} of {package} ({self._group}: {point.value}) cannot be imported "
+                        f"({type(error).__name__}: {error}): repair or uninstall {package}"
+                    ) from error
+        return None

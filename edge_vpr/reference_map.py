@@ -1,14 +1,13 @@
-"""The way in: maps of drives, and the matches of other drives with them."""
+"""The front door: maps of drives, and the matches of other drives with them."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +21,6 @@ from edge_vpr.errors import MapError, UsageError, as_path, expect, kind_of
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
 from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
 from edge_vpr.evaluation.tracks import Track, load_jumps, load_odometry, load_track, with_positions
-from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.files import link_if_same
 from edge_vpr.learning import MapUpdate, learn_drive
 from edge_vpr.map_record import KIND, MapRecord
@@ -88,7 +86,6 @@ class ReferenceMap(MapRecord):
     ----------
     settings : Settings
         With which it was made; a query is described with the same.
-    pixel_map : PixelMap
     places : Descriptors
         One a place, K in all.
     saliency : ndarray of float32, shape (height, width)
@@ -372,8 +369,6 @@ class ReferenceMap(MapRecord):
 
         Parameters
         ----------
-        settings : Settings or None
-        changes : dict
         by : str
             Name of the method, for error messages.
         """
@@ -435,12 +430,19 @@ class MountShift:
 class MatchMetrics:
     """Sizes and times of a run, the first part of `metrics.json`.
 
+    The times of a first call hold those of compiling; after `edge_vpr.warm_up` they do not.
+
     Attributes
     ----------
     queries, places, pixels, bytes_per_place, packed_bytes_per_place, events : int
+        Numbers of windows, places and pixels, bytes of a place as stored and packed, and
+        events counted.
     counting_s, matching_s : float
+        Seconds that counting and matching took.
     tied_queries : int
+        Queries with other places at the same smallest distance.
     faults_dropped : Faults
+        Faulty entries of the recording that were left out.
     mount_shift : MountShift or None
         None where the query was not registered.
     """
@@ -465,10 +467,13 @@ class OnlineMetrics:
     Attributes
     ----------
     matches, events : int
+        Numbers of matches given and events read.
     every : str
         When a match was given, as the user wrote it.
     localising_s, times_real_time : float
+        Seconds that the run took, and the length of the recording divided by them.
     faults_dropped : Faults
+        Faulty entries of the recording that were left out.
     mount_shift : MountShift or None
         None where the query was not registered.
     """
@@ -498,7 +503,6 @@ class MatchResult:
     reference : ReferenceMap
         The map, with its own settings (those of the run are in `matches`); with its pixels moved
         where the query was registered.
-    matches : Matches
     queries : Descriptors or None
         The windows of the query; None where it was matched event by event.
     metrics : MatchMetrics or OnlineMetrics or None
@@ -538,14 +542,14 @@ class MatchResult:
         query_track: Track | PathName,
         tolerance_m: float,
     ) -> GroundTruth:
-        """Return the right places of each query, from the tracks of both drives.
+        """Return the correct places of each query, from the tracks of both drives.
 
         Parameters
         ----------
         reference_track, query_track : Track or path
             Time 0 of each is the start of its recording.
         tolerance_m : float
-            A place is right if it lies within so many metres of the query.
+            A place is correct if it lies within so many metres of the query.
 
         Raises
         ------
@@ -599,7 +603,7 @@ class MatchResult:
                 )
             if tolerance_m is None:
                 raise UsageError(
-                    "the truth is two tracks, without the distance up to which a match is right: "
+                    "the truth is two tracks, without the distance up to which a match is correct: "
                     "give for example tolerance_m=70"
                 )
             truth = self.truth(truth[0], truth[1], tolerance_m)
@@ -646,7 +650,6 @@ class MatchResult:
 
         Parameters
         ----------
-        folder : path
         inputs : sequence of path
             Files that were read, for `run.json`.
         """
@@ -680,14 +683,19 @@ def write_matched(
     matches.save(folder / MATCHES)
     write_csv(folder / MATCHES_CSV, matches, reference.route)
     if queries is not None:
-        write_archive(folder / QUERIES, QUERIES_KIND, queries.to_arrays(), {})
+        write_queries(folder / QUERIES, queries)
 
 
-def read_queries(folder: Path) -> Descriptors | None:
+def write_queries(path: Path, queries: Descriptors) -> None:
+    """Write the windows of a drive."""
+    write_archive(path, QUERIES_KIND, queries.to_arrays(), {})
+
+
+def read_queries(folder: Path, name: str = QUERIES) -> Descriptors | None:
     """Read the windows of a match; None of a match event by event."""
-    if not (folder / QUERIES).is_file():
+    if not (folder / name).is_file():
         return None
-    arrays, _ = read_archive(folder / QUERIES, QUERIES_KIND)
+    arrays, _ = read_archive(folder / name, QUERIES_KIND)
     return Descriptors.from_arrays(arrays)
 
 
@@ -703,7 +711,6 @@ def opened(
 
     Parameters
     ----------
-    recording : EventSource or WindowSource or path
     frame_period : Fraction, optional
         Seconds a frame of counts, where the file does not say.
 
@@ -737,33 +744,6 @@ def _settings_of(settings: Settings | PathName | None, changes: dict[str, Any]) 
     return resolve_settings(str(settings), flags=changes, source="build")
 
 
-class _FewEvents(NamedTuple):
-    """A recording of few events, which is long enough for two windows."""
-
-    sensor: Sensor
-    events: Events
-
-    def __iter__(self) -> Iterator[Events]:
-        return iter([self.events])
-
-
-def _load_counting_kernels(reference: ReferenceMap) -> None:
-    """Compile or load the kernels that count the events of a drive, so that no timing has it."""
-    settings, pixels = reference.settings, reference.pixel_map
-    number = 2 * settings.events_per_window if settings.window == "count" else 64
-    events = np.zeros(number, dtype=EVENT_DTYPE)
-    events["t"] = np.linspace(0, 3 * settings.tau_us, number).astype(np.int64)
-    events["x"], events["y"] = pixels.x[0], pixels.y[0]
-    with suppress(UsageError):
-        describe_query(reference, _FewEvents(pixels.sensor, events))
-
-
-#: windows that are matched before a drive is timed
-_WARM_UP_WINDOWS = 32
-#: a drive that is matched faster is matched twice, for its time
-_REPEATED_S = 1.0
-
-
 def _match_windows(
     asked: ReferenceMap,
     drive: EventSource | WindowSource,
@@ -771,23 +751,13 @@ def _match_windows(
     shift: MountShift | None,
 ) -> MatchResult:
     """Count the windows of a drive and match all of them."""
-    if not isinstance(drive, WindowSource):
-        _load_counting_kernels(asked)
     removed = Removed()
     start = time.perf_counter()
     queries = describe_query(asked, drive, removed=removed)
     counting_s = time.perf_counter() - start
-    # kernels are compiled, or loaded, before timing
-    few = max(_WARM_UP_WINDOWS, asked.settings.windows_per_match)
-    match_query(asked, queries.take(slice(few)), odometry)
     start = time.perf_counter()
     matches = match_query(asked, queries, odometry)
     matching_s = time.perf_counter() - start
-    if matching_s < _REPEATED_S:
-        # what only a whole drive needs is loaded now too
-        start = time.perf_counter()
-        match_query(asked, queries, odometry)
-        matching_s = min(matching_s, time.perf_counter() - start)
     metrics = MatchMetrics(
         queries=len(matches),
         places=len(asked),
@@ -817,8 +787,6 @@ def _match_events(
     events_fed, busy_s = 0, 0.0
     removed, fed = Removed(), OdometryFeed(localiser, odometry)
     for events in cleaned(drive, asked.settings, removed):
-        if not found:  # compiled before the clock runs
-            Localiser(asked, every=localiser.every).update(events[:1])
         start = time.perf_counter()
         found += fed.update(events)
         busy_s += time.perf_counter() - start

@@ -78,7 +78,6 @@ def register(
 
     Parameters
     ----------
-    reference : MapRecord
     recording : EventSource or WindowSource
         Of the query; its first windows are counted at all pixels.
     windows : int
@@ -122,7 +121,6 @@ def estimate_shift(
 
     Parameters
     ----------
-    reference : MapRecord
     images : ndarray of int, shape (n, height, width)
         Counts of n windows at all pixels.
 
@@ -172,7 +170,6 @@ def moved_map(reference: AnyMap, dx: int, dy: int) -> AnyMap:
 
     Parameters
     ----------
-    reference : MapRecord
     dx, dy : int
         To the right and downwards, in pixels.
 

@@ -27,6 +27,8 @@ from edge_vpr.run_log import command_line, warnings_so_far
 
 MAP, MATCHES, MATCHES_CSV, QUERIES = "map.npz", "matches.npz", "matches.csv", "queries.npz"
 QUERIES_KIND = "set of query descriptors"
+#: windows of a drive that was matched event by event, for its report alone
+WINDOWS = "windows.npz"
 _SUFFIXES = (".npz", ".csv", ".json", ".md", ".tex", ".png", ".pdf", ".svg", ".html")
 RUN, METRICS, REPORT = "run.json", "metrics.json", "report.html"
 
@@ -38,8 +40,8 @@ def check_output_folder(
 
     Parameters
     ----------
-    path : path
     overwrite : bool
+        Whether an existing folder may be replaced.
     inputs : iterable of path or None
         What the run reads, see `check_output`; None is not given.
 
@@ -89,10 +91,10 @@ def check_new_file(path: Path, inputs: Iterable[str | Path | None], overwrite: b
 
     Parameters
     ----------
-    path : path
     inputs : iterable of path or None
         What the run reads, see `check_output`.
     overwrite : bool
+        Whether an existing file may be replaced.
 
     Raises
     ------
@@ -138,6 +140,10 @@ def results_folder(
 #
 # The names of the fields are the names in the file. Fields that the class does not have are
 # ignored, so that a file of a newer version with the same schema can be read.
+#
+# msgspec reads most of these records equally, and faster. It refuses a union of two dataclasses and
+# has named tuples as lists, both of which profiles need; it cannot leave out fields of dataclasses
+# that are None, so that writing would stay as it is; and its errors do not tell the value.
 
 
 T = TypeVar("T")
@@ -328,11 +334,10 @@ class InputFile:
 
     Attributes
     ----------
-    path : str
-    bytes : int
     sha256 : str
         Of what `sha256_of` says: ``file``, or its first bytes.
     sha256_of : str
+        ``file``, or the number of its first bytes that were hashed.
     """
 
     path: str
@@ -357,16 +362,12 @@ class RunRecord:
 
     Attributes
     ----------
-    schema : int
-    command : tuple of str
     finished_utc : str
         ISO 8601.
     settings : mapping
         Plain values by name.
     versions : mapping of str to str
         Of Python and the libraries that compute.
-    machine : Machine
-    inputs : tuple of InputFile
     removed : RemovedEvents or None
         None where the run cleaned no recording.
     warnings : tuple of str or None
@@ -392,6 +393,7 @@ def run_record(
     Parameters
     ----------
     settings : mapping
+        Plain values by name.
     inputs : iterable of path
         Files or folders that were read.
     removed : RemovedEvents, optional

@@ -61,6 +61,7 @@ class Route(EqualByValue):
         Metres that the reference had driven there since the first known place; NaN where the
         position is not known.
     kind : {"metric", "geographic"}
+        What the positions are.
 
     Raises
     ------
@@ -103,6 +104,7 @@ class Route(EqualByValue):
         Parameters
         ----------
         place : ndarray of int, shape (n,)
+            Index of the matched place, for each match.
         within : int
             The interval reaches from this many places before the matched one to as many after it.
             With the exclusion zone's, the probability of a match is that of the true position
@@ -130,6 +132,7 @@ class Route(EqualByValue):
         Parameters
         ----------
         place : ndarray of int, shape (n,)
+            Index of the matched place, for each match.
         within : int
             See `locate`.
         """
@@ -217,13 +220,13 @@ class Odometry(EqualByValue):
         Parameters
         ----------
         time_us : ndarray of int64, shape (K,)
-            Centres of the places, rising. Between readings the way is interpolated; before the
+            Centres of the places, rising. Between readings the distance is interpolated; before the
             first and after the last it is theirs.
 
         Returns
         -------
         ndarray of int64, shape (K,)
-            Millimetres; where the robot rolled back, the way stays what it was.
+            Millimetres; where the robot rolled back, the distance stays what it was.
         """
         shown = np.rint(np.interp(time_us, self.time_us, self.distance_mm)).astype(np.int64)
         return np.maximum.accumulate(shown) - shown[0]
@@ -239,6 +242,7 @@ class Odometry(EqualByValue):
         Parameters
         ----------
         end_us : ndarray of int64, shape (n,)
+            Ends of the windows, increasing.
 
         Returns
         -------
@@ -255,9 +259,9 @@ class Odometry(EqualByValue):
             if count > before:
                 meter.read(int(self.distance_mm[count - 1]))
                 before = count
-            way = meter.travelled_mm
-            if way is not None:
-                travelled[i], known[i] = way, True
+            driven = meter.travelled_mm
+            if driven is not None:
+                travelled[i], known[i] = driven, True
             meter.end_window()
         return travelled, known
 

@@ -17,9 +17,9 @@ def follow(port: str, protocol: str, map_path: str, goal_m: float, drive: Callab
     try:
         with LiveSession(port, **route, reconnect=False) as session:
             for match in session:  # a heartbeat has the probability 0
-                sure = match.probability >= 0.5 and not match.incomplete
-                drive(FAST if sure else SLOW)
-                if sure and match.probability >= 0.8 and match.along_m >= goal_m:
+                confident = match.probability >= 0.5 and not match.incomplete
+                drive(FAST if confident else SLOW)
+                if confident and match.probability >= 0.8 and match.along_m >= goal_m:
                     return match.along_m
     finally:
         drive(0.0)  # whatever happens

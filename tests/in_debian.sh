@@ -23,10 +23,10 @@ fail() {
 
 kernels="distances sequence"
 elsewhere="board documents evpr_firmware examples firmware hardware in_debian packages publishing
-    report_pages rooms security site sweep umockdev"
+    report_pages rooms security settings_page site sweep umockdev"
 # these start many processes, and qemu translates each anew
 commands="command_line commands doctor estimate event_lab every_flag power recordings_commands rivals
-    runs settings_page simulate_command"
+    runs simulate_command"
 
 case ${1:-} in
     amd64) machine=x86_64 ;;

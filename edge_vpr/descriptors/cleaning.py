@@ -33,10 +33,6 @@ class BurstFilter:
     slots together, the events of both are removed. Events leave the filter up to two slots late;
     `finish` returns the rest.
 
-    Parameters
-    ----------
-    sensor : Sensor
-
     Attributes
     ----------
     removed : int
@@ -411,7 +407,6 @@ def load_hot_pixels(path: str | Path, sensor: Sensor) -> npt.NDArray[np.bool_]:
     ----------
     path : path
         Text file; empty lines, lines that start with ``#``, and a header are skipped.
-    sensor : Sensor
 
     Returns
     -------

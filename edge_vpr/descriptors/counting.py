@@ -358,8 +358,6 @@ class DescriptorStream:
 
     Parameters
     ----------
-    pixel_map : PixelMap
-    window : FixedTime or FixedCount
     polarity : bool
         Count ON and OFF events apart.
     """
@@ -492,7 +490,6 @@ class CountPixels:
 
     Parameters
     ----------
-    pixel_map : PixelMap
     window : FixedTime or FixedCount, optional
         Cut the array into windows, without the incomplete last one. Fixed-time windows start at
         time 0. If absent, all events are one window, which suits the slices of a slicer.

@@ -16,7 +16,7 @@ from edge_vpr.descriptors.cleaning import load_pixels
 from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect, narrow
 from edge_vpr.errors import UsageError, expect, kind_of
 from edge_vpr.events import Sensor
-from edge_vpr.plugins import load_plugin, names_with_plugins
+from edge_vpr.plugins import Registry
 from edge_vpr.settings import PLUGIN, STRATEGIES, Settings
 from fixedpoint.own_mean import LEVEL_BITS, OwnMeanCode
 
@@ -42,7 +42,6 @@ class PixelMap:
 
     Parameters
     ----------
-    sensor : Sensor
     x, y : ndarray of uint16, shape (J,)
         Columns and rows, all pixels distinct and on the sensor.
 
@@ -232,7 +231,6 @@ def too_few_pixels(drawable: int, excluded: int, pixels: int, sensor: Sensor) ->
         Pixels that vary and are excluded, as hot.
     pixels : int
         Asked for.
-    sensor : Sensor
     """
     begin = f"only {drawable} of {sensor.pixels} pixels can be drawn and {pixels} were asked for"
     if excluded and drawable + excluded >= pixels:
@@ -304,7 +302,6 @@ class PixelStatistics:
 
     Parameters
     ----------
-    sensor : Sensor
     clip : int, optional
         Largest count that mean and variance see (the released code: 10).
     spool_bytes : int
@@ -416,6 +413,7 @@ class PixelStatistics:
 #: An entry point of this group names a function of a `PixelStatistics`, the `Settings`, and a mask
 #: of the pixels that must not be selected, which returns a `PixelMap` of ``settings.pixels``.
 GROUP = "edge_vpr.strategies"
+_PLUGINS = Registry(GROUP, {})
 
 
 def plugin_pixels(
@@ -438,9 +436,9 @@ def plugin_pixels(
         settings say, on the sensor and not excluded.
     """
     name = settings.strategy.removeprefix(PLUGIN)
-    select = load_plugin(name, GROUP)
+    select = _PLUGINS.load(name)
     if select is None:
-        known = [PLUGIN + each for each in names_with_plugins((), GROUP)]
+        known = [PLUGIN + each for each in _PLUGINS.names()]
         raise UsageError(
             f"strategy {settings.strategy} is registered by no installed package: choose from "
             f"{', '.join([*STRATEGIES, *known])}"
@@ -508,6 +506,7 @@ def shortlist(saliency: npt.NDArray[np.float64], exclude: npt.NDArray[np.bool_])
     saliency : ndarray of float64, shape (height, width)
         Not negative.
     exclude : ndarray of bool, shape (height, width)
+        Pixels that are not chosen.
 
     Returns
     -------

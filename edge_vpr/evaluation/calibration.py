@@ -1,4 +1,4 @@
-"""Learning the probability of a right match from its trust, and checking probabilities."""
+"""Learning the probability of a correct match from its trust, and checking probabilities."""
 
 from __future__ import annotations
 
@@ -44,16 +44,18 @@ def isotonic(
 
 
 def learn_confidence(trust: npt.NDArray[np.integer], correct: npt.NDArray[np.bool_]) -> Confidence:
-    """Fit a table of probabilities to matches that are known to be right or wrong.
+    """Fit a table of probabilities to matches that are known to be correct or wrong.
 
     Steps are the blocks of an isotonic regression, with Laplace's estimate
-    ``(right + 1) / (matches + 2)``. It draws blocks of few matches towards 1/2; they are joined
+    ``(correct + 1) / (matches + 2)``. It draws blocks of few matches towards 1/2; they are joined
     until the estimates rise. A long block is divided into several steps of its probability.
 
     Parameters
     ----------
     trust : ndarray of int, shape (n,)
+        Of each match.
     correct : ndarray of bool, shape (n,)
+        Whether each match is correct.
 
     Raises
     ------
@@ -63,16 +65,16 @@ def learn_confidence(trust: npt.NDArray[np.integer], correct: npt.NDArray[np.boo
     if trust.size == 0 or trust.shape != correct.shape:
         raise UsageError(
             f"{trust.size} matches with {correct.size} truths: a table of probabilities is learnt "
-            "from one match or more, each right or wrong"
+            "from one match or more, each correct or wrong"
         )
     levels, level = np.unique(trust.astype(np.int64), return_inverse=True)
     matches = np.bincount(level)
-    right = np.bincount(level, weights=correct).astype(np.int64)
-    begins = isotonic(right / matches, matches.astype(np.float64))
+    n_correct = np.bincount(level, weights=correct).astype(np.int64)
+    begins = isotonic(n_correct / matches, matches.astype(np.float64))
     blocks: list[tuple[int, int, int]] = []
     for begin, k, n in zip(
         levels[begins].tolist(),
-        np.add.reduceat(right, begins).tolist(),
+        np.add.reduceat(n_correct, begins).tolist(),
         np.add.reduceat(matches, begins).tolist(),
         strict=True,
     ):
@@ -114,15 +116,16 @@ def _laplace(block: tuple[int, int, int]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Reliability:
-    """How often matches of each probability are right.
+    """How often matches of each probability are correct.
 
     Attributes
     ----------
     probability : ndarray of float64, shape (m,)
         Mean probability of each bin that holds matches.
     right : ndarray of float64, shape (m,)
-        Share of right matches in it.
+        Share of correct matches in it.
     matches : ndarray of int64, shape (m,)
+        Number of matches in it.
     """
 
     probability: npt.NDArray[np.float64]
@@ -148,13 +151,14 @@ class Reliability:
 def reliability(
     probability: npt.NDArray[np.floating], correct: npt.NDArray[np.bool_]
 ) -> Reliability:
-    """Compare probabilities with the share of right matches, in bins of equal width.
+    """Compare probabilities with the share of correct matches, in bins of equal width.
 
     Parameters
     ----------
     probability : ndarray of float, shape (n,)
         From 0 to 1; n of at least 1.
     correct : ndarray of bool, shape (n,)
+        Whether each match is correct.
 
     Returns
     -------

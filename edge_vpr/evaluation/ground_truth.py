@@ -25,7 +25,7 @@ from edge_vpr.evaluation.tracks import (
     unix_remedy,
 )
 
-# Ground truth: which places are right for which query.
+# Ground truth: which places are correct for which query.
 
 
 #: Number of distances that are computed at a time: a few arrays of 8 MB.
@@ -120,7 +120,7 @@ class TrueCells(EqualByValue):
 
 @dataclass(frozen=True, eq=False)
 class GroundTruth(EqualByValue):
-    """The right places of each query.
+    """The correct places of each query.
 
     >>> GroundTruth(np.eye(3, dtype=np.bool_), np.ones(3, dtype=np.bool_), "by hand")
     GroundTruth(3 of 3 queries known, 3 places)
@@ -128,7 +128,7 @@ class GroundTruth(EqualByValue):
     Attributes
     ----------
     correct : ndarray of bool or TrueCells, shape (K, Q)
-        ``correct[k, j]``: place k is right for query j. Oriented as the distance matrix. Of more
+        ``correct[k, j]``: place k is correct for query j. Oriented as the distance matrix. Of more
         than 64 Mi cells only the true ones are kept; `numpy.asarray` gives them all.
     known : ndarray of bool, shape (Q,)
         Whether the truth of this query is known; only these queries can be evaluated.
@@ -142,7 +142,7 @@ class GroundTruth(EqualByValue):
     Raises
     ------
     GroundTruthError
-        If the shapes do not fit, or a query of unknown truth has a right place.
+        If the shapes do not fit, or a query of unknown truth has a correct place.
     """
 
     correct: npt.NDArray[np.bool_] | TrueCells
@@ -172,12 +172,12 @@ class GroundTruth(EqualByValue):
             )
         if (correct.any(axis=0) & ~known).any():
             raise GroundTruthError(
-                "a query of unknown truth has a right place: clear its column, or mark it known"
+                "a query of unknown truth has a correct place: clear its column, or mark it known"
             )
 
     @property
     def has_place(self) -> npt.NDArray[np.bool_]:
-        """Whether the map holds a right place for each query, shape (Q,)."""
+        """Whether the map holds a correct place for each query, shape (Q,)."""
         return np.asarray(self.correct.any(axis=0))
 
     @property
@@ -222,11 +222,13 @@ def described_truth(
     Parameters
     ----------
     correct : ndarray of bool or TrueCells, shape (K, Q)
+        Whether place k is a true place of query q.
     known : ndarray of bool, shape (Q,)
+        Whether the truth of query q is known.
     source : str
         Where it is from, and the tolerance.
     doubts : tuple of str, optional
-    positions : TruePositions, optional
+        Reasons to check the truth, each a sentence.
     """
     with_place = int(correct.any(axis=0).sum())
     return GroundTruth(
@@ -317,7 +319,6 @@ def overlap(reference: Track, query: Track, tolerance_m: float) -> Overlap:
     ----------
     reference, query : Track
         Of one kind and dimension.
-    tolerance_m : float
     """
     places, spacing_m = _spread(reference, REFERENCE_POINTS, tolerance_m / 2)
     queries, _ = _spread(query, QUERY_POINTS, 0.0)
@@ -335,7 +336,6 @@ def notes(
 
     Parameters
     ----------
-    reference, query : Track
     reference_us, query_us : ndarray of float64
         Times of the windows' centres.
 
@@ -391,16 +391,16 @@ def _spread(track: Track, most: int, least_m: float) -> tuple[Floats, float]:
     steps = distances(track.kind, points[1:], points[:-1])
     if track.max_gap_us is not None:
         steps = np.where(np.diff(track.time_us) > track.max_gap_us, 0.0, steps)
-    way = np.concatenate([[0.0], np.cumsum(steps)])
-    if not way[-1] > 0:
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    if not along[-1] > 0:
         return points[:1], 0.0
-    n = most if least_m * most <= way[-1] else math.ceil(way[-1] / least_m) + 1
-    at = np.linspace(0.0, way[-1], n)
-    rising = np.flatnonzero(np.diff(way, prepend=-1.0) > 0)
+    n = most if least_m * most <= along[-1] else math.ceil(along[-1] / least_m) + 1
+    at = np.linspace(0.0, along[-1], n)
+    rising = np.flatnonzero(np.diff(along, prepend=-1.0) > 0)
     if track.kind == "geographic":
         points = np.column_stack([points[:, 0], np.unwrap(points[:, 1], period=360.0)])
-    found = [np.interp(at, way[rising], column[rising]) for column in points.T]
-    return np.column_stack(found), float(way[-1] / (n - 1))
+    found = [np.interp(at, along[rising], column[rising]) for column in points.T]
+    return np.column_stack(found), float(along[-1] / (n - 1))
 
 
 # Ground truth from the tracks of two drives.
@@ -419,8 +419,7 @@ def from_tracks(
     ----------
     reference, query : Track
         Of one kind and dimension.
-    reference_times_us : array_like, shape (K,)
-    query_times_us : array_like, shape (Q,)
+    reference_times_us, query_times_us : array_like, shapes (K,) and (Q,)
         Times of the windows' centres, in microseconds from each recording's start.
     tolerance_m : float
         In metres, inclusive.
@@ -428,7 +427,7 @@ def from_tracks(
     Returns
     -------
     GroundTruth
-        A query is known where its track covers it. A place without a position is never right.
+        A query is known where its track covers it. A place without a position is never correct.
 
     Raises
     ------
@@ -449,7 +448,7 @@ def from_tracks(
     correct = within(places, queries, partial(distances, reference.kind), tolerance_m)
     known = ~np.isnan(queries[:, 0])
     placed = int((~np.isnan(places[:, 0])).sum())
-    ways = overlap(reference, query, tolerance_m)
+    shared = overlap(reference, query, tolerance_m)
     doubts = notes(
         reference, query, window_coordinates(reference_times_us, "reference"),
         window_coordinates(query_times_us, "query"),
@@ -459,19 +458,19 @@ def from_tracks(
         known,
         f"{reference.kind} tracks at {tolerance_m:g} m, "
         f"{placed} of {len(places)} places with a position, "
-        f"{100 * ways.share:.0f} % of the query's track along the reference's",
+        f"{100 * shared.share:.0f} % of the query's track along the reference's",
         doubts,
         TruePositions(places, queries, reference.kind, "m", tolerance_m),
     )
     if not truth.has_place.any():
-        if ways.share == 0:
+        if shared.share == 0:
             reason = (
-                f"the two tracks come no nearer than {ways.nearest_m:,.0f} m: check that both are "
-                "of this route, and the tolerance"
+                f"the two tracks come no nearer than {shared.nearest_m:,.0f} m: check that both "
+                "are of this route, and the tolerance"
             )
         else:
             reason = (
-                f"{100 * ways.share:.0f} % of the query's track runs along the reference's, at "
+                f"{100 * shared.share:.0f} % of the query's track runs along the reference's, at "
                 "other times: check their clocks (--offset) and their order"
             )
         raise GroundTruthError(
@@ -508,6 +507,7 @@ class Alignment(NamedTuple):
     pairs : ndarray of float64, shape (n, 2)
         Coordinate in the query, coordinate in the reference; the first strictly increasing.
     unit : {"frame", "s"}
+        Of both coordinates.
     """
 
     pairs: Floats
@@ -519,6 +519,7 @@ class Alignment(NamedTuple):
         Parameters
         ----------
         times_us : array_like, shape (m,)
+            From the recording's start.
         frame_period_us : float, optional
             Needed where the unit is frames: frame i begins at ``i * frame_period_us``.
 
@@ -593,8 +594,7 @@ def from_alignment(
     ----------
     pairs : array_like, shape (n, 2)
         Coordinate in the query, coordinate in the reference; the first strictly increasing.
-    query_coordinate : array_like, shape (Q,)
-    reference_coordinate : array_like, shape (K,)
+    query_coordinate, reference_coordinate : array_like, shapes (Q,) and (K,)
         Of the windows' centres, in the unit of `pairs` (see `Alignment.coordinate`).
     tolerance : float
         In the same unit, inclusive.
@@ -713,7 +713,7 @@ def from_matrix(
     correct = array.astype(np.bool_)
     if not correct.any():
         raise GroundTruthError(
-            "ground-truth matrix is all zero, so that no match could be right: "
+            "ground-truth matrix is all zero, so that no match could be correct: "
             "check that it was filled before it was saved"
         )
     correct = np.ascontiguousarray(correct if rows == "reference" else correct.T)

@@ -29,7 +29,6 @@ def check_track_file(path: str | Path, reference: MapRecord) -> None:
     ----------
     path : str or Path
         Ends in one of `SUFFIXES`.
-    reference : MapRecord
 
     Raises
     ------
@@ -66,8 +65,6 @@ def save_match_track(path: str | Path, reference: MapRecord, matches: Matches) -
         for each match, with its time, place, probability and metres along the route. ``.tum``:
         seconds, metres and no rotation, as evo reads it; of geographic positions, metres east and
         north of the first place of the map, which a comment names.
-    reference : MapRecord
-    matches : Matches
 
     Returns
     -------

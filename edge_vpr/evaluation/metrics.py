@@ -15,7 +15,7 @@ from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.matching.matches import Matches
 from edge_vpr.settings import Score
 
-# Rejection: how well right matches are distinguished from wrong ones and from unmapped queries.
+# Rejection: how well correct matches are distinguished from wrong ones and from unmapped queries.
 
 
 @dataclass(frozen=True)
@@ -25,12 +25,12 @@ class Rejection:
     Attributes
     ----------
     on_map, off_map : int
-        Queries that have a right place in the map, and those that have none.
+        Queries that have a correct place in the map, and those that have none.
     right_on_map : float or None
-        Share of the queries on the map whose match is right; None if there is none.
+        Share of the queries on the map whose match is correct; None if there is none.
     found_at_99_precision : float or None
-        Most queries on the map that can be matched right, as a share of them, with 99 % of the
-        accepted matches right, those of queries off the map included. The threshold is the best
+        Most queries on the map that can be matched correctly, as a share of them, with 99 % of the
+        accepted matches correct, those of queries off the map included. The threshold is the best
         one in hindsight.
     off_map_auroc : float or None
         Probability that a query off the map has less trust than one on the map, ties by half;
@@ -38,7 +38,7 @@ class Rejection:
     accepted : int or None
         Matches not marked lost; None where no precision was wanted.
     precision, recall : float or None
-        Of the accepted matches: the share that is right, and the right ones as a share of the
+        Of the accepted matches: the share that is correct, and the correct ones as a share of the
         queries on the map. None where nothing is accepted, or no query is on the map.
     """
 
@@ -69,14 +69,14 @@ def judge_rejection(
     trust : ndarray of int, shape (n,)
         More is surer.
     correct : ndarray of bool, shape (n,)
-        Whether the match is right.
+        Whether the match is correct.
     has_place : ndarray of bool, shape (n,)
-        Whether the query has a right place in the map.
+        Whether the query has a correct place in the map.
     accepted : ndarray of bool, shape (n,), optional
         Which matches are not marked lost.
     """
     on_map = int(np.count_nonzero(has_place))
-    right = int(np.count_nonzero(correct))
+    n_correct = int(np.count_nonzero(correct))
     levels, level = np.unique(trust, return_inverse=True)
     size = levels.size
     # from the highest trust down
@@ -95,7 +95,7 @@ def judge_rejection(
     return Rejection(
         on_map,
         len(trust) - on_map,
-        right / on_map if on_map else None,
+        n_correct / on_map if on_map else None,
         found / on_map if on_map else None,
         auroc(trust[has_place], trust[~has_place]),
         **marked,
@@ -108,6 +108,7 @@ def auroc(higher: npt.NDArray[np.integer], lower: npt.NDArray[np.integer]) -> fl
     Parameters
     ----------
     higher, lower : ndarray of int, shapes (n,) and (m,)
+        Scores of the two groups, for example of correct and of wrong matches.
 
     Returns
     -------
@@ -185,9 +186,9 @@ def precision_recall(
     Parameters
     ----------
     scores : ndarray of float, shape (n,)
-        Lower is surer; NaN is taken as the least sure.
+        Lower is more confident; NaN is taken as the least confident.
     correct : ndarray of bool, shape (n,)
-        Whether the best match is right.
+        Whether the best match is correct.
     has_place : ndarray of bool, shape (n,)
         Whether the query has a true place in the map.
     recall_denominator : {"rejected-correct", "all-with-place"}
@@ -196,7 +197,7 @@ def precision_recall(
         ``all-with-place``: a query that has a true place in the map and did not get it.
     thresholds : int, optional
         So many thresholds, evenly spaced from the smallest to the largest score, in float32 as in
-        the released code (there: 100); rounding may leave the least sure match out. By default
+        the released code (there: 100); rounding may leave the least confident match out. By default
         every distinct score is one.
 
     Raises
@@ -252,17 +253,18 @@ class Evaluation:
     queries_unknown : int
         Matched, but their truth is not known; left out of every figure.
     queries_without_place : int
-        Evaluated, but no place of the map is right for them, so that any match is wrong.
+        Evaluated, but no place of the map is correct for them, so that any match is wrong.
     queries_tied : int
         Evaluated, with other places at the same smallest distance.
     correct : ndarray of bool, shape (n,)
         For each row of the matches; False where not evaluated.
     evaluated : ndarray of bool, shape (n,)
-    curve : PrecisionRecall
+        Whether the truth of each match is known.
     recall_at : dict of int to float
         Recall@N: of the evaluated queries that have a true place, the share that has one among the
         N nearest.
     score, recall_denominator : str
+        By what matches are rejected, and of what the recall is a share; see `evaluate`.
     rejection : Rejection
         How well the trust tells which matches to reject.
     reliability : Reliability or None
@@ -328,7 +330,6 @@ def evaluate(
 
     Parameters
     ----------
-    matches : Matches
     truth : GroundTruth
         Over all K places of the map and all query windows.
     score : {"distance", "ratio", "margin", "trust"}, optional

@@ -50,6 +50,7 @@ class Track(EqualByValue):
     position : ndarray of float64, shape (n, d)
         Latitude and longitude in degrees (`kind` "geographic", d = 2), or metres (d = 1, 2 or 3).
     kind : {"metric", "geographic"}
+        What the positions are.
     max_gap_us : int, optional
         Between two points further apart than this the position is unknown; no limit if None.
     start_utc : datetime, optional
@@ -196,6 +197,7 @@ def interpolate(
     Parameters
     ----------
     x : array_like, shape (m,)
+        Where the values are wanted.
     points : array_like, shape (n,)
         Strictly increasing.
     values : ndarray of float64, shape (n, d)
@@ -249,6 +251,7 @@ def local_metres(kind: Kind, position: Floats, origin: Floats) -> Floats:
     kind : {"metric", "geographic"}
         Metric positions are returned as they are.
     position : ndarray of float64, shape (n, d)
+        Positions of the kind.
     origin : ndarray of float64, shape (d,)
         Latitude and longitude in degrees, near the positions: lengths are exact along its parallel
         and its meridian, and wrong by less than 1 % within 50 km up to 50 degrees of latitude.
@@ -271,6 +274,7 @@ def distances(kind: Kind, a: Floats, b: Floats) -> Floats:
     Parameters
     ----------
     kind : {"metric", "geographic"}
+        What the positions are.
     a, b : ndarray of float64, shape (..., d)
         Broadcast against each other.
     """
@@ -335,7 +339,6 @@ def load_gpx(path: str | Path, *, max_gap_us: int | None) -> Track:
 
     Parameters
     ----------
-    path : path
     max_gap_us : int, optional
         Positions between points further apart than this are unknown.
 
@@ -605,7 +608,6 @@ def load_nmea(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Track
 
     Parameters
     ----------
-    path : str or Path
     max_gap_s : float, optional
         Positions between fixes further apart than this are unknown.
 
@@ -821,7 +823,6 @@ def with_positions(reference: AnyMap, track: Track, start_us: int | None = None)
 
     Parameters
     ----------
-    reference : MapRecord
     track : Track
         Of the reference drive; time 0 is the recording's start.
     start_us : int, optional
@@ -891,7 +892,8 @@ def load_odometry(path: str | Path) -> Odometry:
         )
     if not (np.abs(values) * 1e3 <= MOST_MM).all():
         raise GroundTruthError(
-            f"{path} has ways up to {np.abs(values).max():g} m: expected at most {MOST_MM // 1000}"
+            f"{path} has distances up to {np.abs(values).max():g} m: expected at most "
+            f"{MOST_MM // 1000}"
         )
     try:
         return Odometry(
@@ -908,7 +910,6 @@ def save_odometry(path: str | Path, odometry: Odometry) -> None:
     ----------
     path : str or Path
         A ``.csv`` file.
-    odometry : Odometry
     """
     rows = zip(odometry.time_us.tolist(), odometry.distance_mm.tolist(), strict=True)
     with replacing(path) as temporary, temporary.open("w", encoding="ascii") as file:

@@ -86,11 +86,8 @@ class Bridge:
 
     Parameters
     ----------
-    link : Link
-    encoder : Encoder
     speed : float
         Times real time; 0 is as fast as the link takes it.
-    faults : LineFaults
     seed : int
         Of the faults.
 

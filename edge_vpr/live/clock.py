@@ -86,8 +86,6 @@ class TimestampFilter:
 
     Parameters
     ----------
-    sensor : Sensor
-    clock : Clock
     health : Health
         Where the counts go.
 

@@ -45,7 +45,6 @@ class Link(ABC):
 
     Attributes
     ----------
-    address : str
     live : bool
         Whether the other side goes on without waiting for us, so that a late reader must drop.
     two_way : bool
@@ -619,7 +618,6 @@ class Chunk(NamedTuple):
 
     Attributes
     ----------
-    data : bytes
     at_s : float
         When, on the host's monotonic clock.
     lost : int
@@ -652,7 +650,9 @@ class LinkReader:
         When the buffer is full or its oldest bytes have waited for `max_lag_s`, drop all of it, so
         that no bytes are missing within what follows; else let the link wait. None: drop if live.
     buffer_bytes : int
+        Most bytes that wait for the caller.
     max_lag_s : float
+        Longest time in seconds that bytes wait for the caller.
 
     Attributes
     ----------
@@ -765,7 +765,6 @@ class LinkReader:
 
         Parameters
         ----------
-        data : bytes
         timeout : float
             Seconds to wait for a line that takes no more bytes.
         """

@@ -31,7 +31,7 @@ class OdometerLine:
     Attributes
     ----------
     metres : float
-        Way since the first reading; it falls where the robot drives backwards.
+        Distance since the first reading; it falls where the robot drives backwards.
     readings : int
         Lines that were a reading, leaps included.
     leaps : int
@@ -82,9 +82,9 @@ class OdometerLine:
             return
         self.readings += 1
         if self._value is not None:
-            way = value - self._value
-            if abs(way) <= MOST_MPS * max(at_s - self._at_s, _LEAST_GAP_S):
-                self.metres += way
+            step = value - self._value
+            if abs(step) <= MOST_MPS * max(at_s - self._at_s, _LEAST_GAP_S):
+                self.metres += step
             else:
                 self.leaps += 1
         self._value, self._at_s = value, at_s

@@ -22,25 +22,28 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.archive import kind_of
 from edge_vpr.compile_report import COMPILE_ALL, compiling_reported
 from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
 from edge_vpr.errors import MapError, RecordingError, UsageError, printable
 from edge_vpr.evaluation.tracks import save_odometry
-from edge_vpr.events import Events, Sensor, join_events, make_events
+from edge_vpr.events import Events, Sensor, join_events
 from edge_vpr.files import work_folder
 from edge_vpr.live.health import Health
 from edge_vpr.live.links import DescriptorLink, Link, LinkReader, SocketLink, UrlLink, open_link
 from edge_vpr.live.odometer import OdometerReader
 from edge_vpr.live.protocols import open_decoder
-from edge_vpr.live.protocols.protocol import Decoder, synthetic_events
+from edge_vpr.live.protocols.protocol import Decoder
+from edge_vpr.map_record import KIND as MAP_KIND
 from edge_vpr.online.localiser import JUMP_US, MOST_TICKS, Follower, Localiser, Step
-from edge_vpr.online.state import CHUNK_EVENTS, MATCH_DTYPE, MatchSchedule
+from edge_vpr.online.state import MATCH_DTYPE, MatchSchedule
 from edge_vpr.pipeline import Removed
 from edge_vpr.recordings import write_recording
 from edge_vpr.recordings.registry import FORMATS
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings, duration_us, resolve_settings
+from edge_vpr.warm_up import WarmUpStep, localising_steps, synthetic_events, warm_up
 
 # Live matching: decoder, burst filter and localiser in one, from bytes to matches.
 
@@ -57,6 +60,7 @@ class LiveResult(NamedTuple):
     events : ndarray of EVENT_DTYPE, shape (n,)
         As decoded.
     matches : ndarray of MATCH_DTYPE, shape (m,)
+        In the order of their windows.
     incomplete : bool
         Whether events are known to be missing from the windows of these matches.
     reached_us : int
@@ -74,7 +78,6 @@ class LiveLocaliser:
 
     Parameters
     ----------
-    decoder : Decoder
     reference : ReferenceMap, optional
         Without one, events are decoded and nothing is matched.
     every : MatchSchedule, optional
@@ -84,6 +87,8 @@ class LiveLocaliser:
         comes 2 ms earlier, and is no longer to the bit that of the recording.
     odometry : bool
         Whether readings of an odometer are to come.
+    show : callable
+        Takes what is compiled now, see `warm_up`: all kernels are, before the first bytes.
 
     Raises
     ------
@@ -101,6 +106,7 @@ class LiveLocaliser:
         *,
         causal_bursts: bool = False,
         odometry: bool = False,
+        show: Callable[[str], object] = lambda text: None,
     ) -> None:
         self.decoder = decoder
         self._localiser: Localiser | None = None
@@ -119,18 +125,36 @@ class LiveLocaliser:
                     f"the stream is of a {decoder.sensor} sensor and the map of a {sensor} one: "
                     "use the map of this camera"
                 )
-            burst_filter = CausalBurstFilter if causal_bursts else BurstFilter
-            _warm_up(decoder, reference, every, burst_filter(sensor), odometry)
+            warm_up(self._warm_up_steps(reference, every, causal_bursts, odometry), show)
             self._localiser = Localiser(reference, every=every)
             self._settings = self._localiser.settings
             # longest time that is matched in one step
             self._most_us = MOST_TICKS * self._localiser.every.interval_us or _NEVER_US
-            if not reference.settings.remove_bursts:
-                self._bursts = CausalBurstFilter(Sensor(0, 0))
-            else:
-                self._bursts = burst_filter(sensor)
+            self._bursts = _burst_filter(reference, causal_bursts)
             if isinstance(self._bursts, CausalBurstFilter):
                 self._follower = Follower(self._bursts, self._localiser)
+        else:
+            warm_up([WarmUpStep("decoder", decoder.warm_up)], show)
+
+    def _warm_up_steps(
+        self,
+        reference: ReferenceMap,
+        every: MatchSchedule | None,
+        causal_bursts: bool,
+        odometry: bool,
+    ) -> list[WarmUpStep]:
+        decoder, bursts = self.decoder, _burst_filter(reference, causal_bursts)
+        steps = localising_steps(reference, every, bursts, odometry=odometry)
+        steps.append(WarmUpStep("decoder", decoder.warm_up))
+        if isinstance(bursts, CausalBurstFilter):
+
+            def follow() -> None:
+                follower = Follower(copy.deepcopy(bursts), Localiser(reference, every=every))
+                follower.follow(synthetic_events(1), 0)
+                copy.deepcopy(decoder).decode_and_follow(b"", 0, follower)
+
+            steps.append(WarmUpStep("decoder with localiser", follow))
+        return steps
 
     @property
     def bursts_removed(self) -> int:
@@ -144,7 +168,6 @@ class LiveLocaliser:
 
         Parameters
         ----------
-        data : bytes
         host_us : int
             When they came.
         lost : int
@@ -283,39 +306,12 @@ class LiveLocaliser:
         return since < windows * settings.events_per_window
 
 
-def _warm_up(
-    decoder: Decoder,
-    reference: ReferenceMap,
-    every: MatchSchedule | None,
-    bursts: BurstFilter | CausalBurstFilter,
-    odometry: bool,
-) -> None:
-    """Compile the kernels of matching before the first bytes arrive; this takes up to seconds."""
-    # if there are more than a few, the last part is processed by columns
-    events = synthetic_events(2 * CHUNK_EVENTS)
-    localiser = Localiser(reference, every=every)
-    if isinstance(bursts, CausalBurstFilter):
-        follower = Follower(bursts, localiser)
-        follower.follow(events[:1], 0)
-        copy.deepcopy(decoder).decode_and_follow(b"", 0, follower)
-    # for Numba an array of one event has another layout: contiguous, and aligned or not
-    for some in (events[:1], events[1:2], events[2:]):
-        bursts.update(some)
-        localiser.update(some)
-    # the end of a window that is no pause runs code of its own, and the second needs the first
-    settings, last_us = reference.settings, int(events["t"][-1])
-    n = int(reference.places.activity.max())
-    if settings.window == "count":
-        n = max(n, settings.events_per_window)
-    pixel = reference.pixel_map
-    x, y = np.repeat(pixel.x[:1], n), np.repeat(pixel.y[:1], n)
-    for _ in range(3 if odometry else 2):  # a distance is known after two readings
-        localiser.update(make_events(np.full(n, last_us), x, y))
-        if odometry:
-            localiser.read_odometer(last_us, 0.0)
-        last_us += settings.tau_us
-        localiser.advance(last_us)
-    localiser.finish()
+def _burst_filter(reference: ReferenceMap, causal: bool) -> BurstFilter | CausalBurstFilter:
+    """Return what removes bursts live; without pixels, it removes nothing."""
+    if not reference.settings.remove_bursts:
+        return CausalBurstFilter(Sensor(0, 0))
+    sensor = reference.pixel_map.sensor
+    return CausalBurstFilter(sensor) if causal else BurstFilter(sensor)
 
 
 # A live session with a camera: from a port, a file or a socket to matches with names.
@@ -442,7 +438,6 @@ class LiveStatus(NamedTuple):
 
     Attributes
     ----------
-    health : Health
     filled : float
         Share of the first sequence that is complete; there are matches from 1 on.
     lost_link : str
@@ -510,9 +505,10 @@ class LiveSession:
     record : path or sequence of paths
         Files of the bytes (``.bin``) or of the events (``.npz``, ``.raw``, ...).
     learn : path, optional
-        Without `reference`: make a map of this drive when the session is closed, and write it here.
+        Make a map of this drive when the session is closed, and write it here. With `reference`,
+        the drive is matched with that map all the while; no place is added to it.
     settings : Settings or str, optional
-        Of that map, or the name of a preset.
+        Of the new map, or the name of a preset; by default those of `reference`.
     overwrite : bool
         Whether files that exist may be replaced.
     on_overload : {"drop", "wait"}, optional
@@ -565,8 +561,6 @@ class LiveSession:
         max_lag: str = "500ms",
         on_message: Callable[[Message], object] | None = None,
     ) -> None:
-        if learn is not None and reference is not None:
-            raise UsageError("learn= makes a map and reference= uses one: give one of them")
         if isinstance(reference, str | Path):
             reference = ReferenceMap.load(reference)
         self.reference = reference
@@ -593,6 +587,8 @@ class LiveSession:
             if path.exists() and not overwrite:
                 raise UsageError(f"{path} exists: name another file, or pass overwrite=True")
         self._learn = None if learn is None else Path(learn)
+        if settings is None and reference is not None:
+            settings = reference.settings
         if not isinstance(settings, Settings):
             settings = resolve_settings("default" if settings is None else settings)
         self._settings = settings
@@ -625,16 +621,21 @@ class LiveSession:
     ) -> None:
         self.close()
 
-    def warm_up(self) -> None:
-        """Compile all kernels of this session; `open` does it before it opens the link."""
+    def warm_up(self, show: Callable[[str], object] = lambda text: None) -> None:
+        """Compile all kernels of this session; `open` does it before it opens the link.
+
+        Parameters
+        ----------
+        show : callable
+            Takes what is compiled now, as a short text.
+        """
         if self._live is not None:
             return
         with compiling_reported(lambda text: self._say("compiling", text + COMPILE_ALL)):
             self._live = LiveLocaliser(
                 self.decoder, self.reference, self._every,
-                causal_bursts=self._causal, odometry=self._odometry is not None,
+                causal_bursts=self._causal, odometry=self._odometry is not None, show=show,
             )  # fmt: skip
-            self.decoder.warm_up()
 
     def open(self) -> None:
         """Compile the kernels, open the link, then the files; again is harmless.
@@ -1006,8 +1007,6 @@ class _LineWatch:
 
     Parameters
     ----------
-    reader : LinkReader
-    decoder : Decoder
     say : callable
         Takes the kind and the text of a message, and `over`.
     """
@@ -1168,6 +1167,11 @@ def _opener(link: Any, baud: int, flow_control: bool) -> tuple[Callable[[], Link
         address = os.fspath(link)
         if not isinstance(address, str):
             raise UsageError(f"link {address!r}: expected text, not bytes")
+        if Path(address).is_file() and kind_of(address) == MAP_KIND:
+            raise UsageError(
+                f"{address} is a map, and a live session reads the bytes of a camera: give the map "
+                "as reference= (--map), and the camera's port here"
+            )
         if Path(address).is_file() and Path(address).suffix in _OF_RECORDINGS:
             raise UsageError(
                 f"{address} is a recording, and a live session reads the bytes of a camera: match "

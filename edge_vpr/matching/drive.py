@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.confidence import Acceptance, Confidence, default_confidence
-from edge_vpr.descriptors.windows import Descriptors, activity_of_drive
+from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, place_activity
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import CANDIDATES, Matches, nearest_places
@@ -21,14 +22,7 @@ from edge_vpr.matching.sequences import (
     sequence_matches,
     sequence_sums,
 )
-from edge_vpr.matching.smoother import (
-    QUIET_EVIDENCE_SHIFT,
-    BackwardPass,
-    FixedLag,
-    SmoothedMatch,
-    Way,
-    runs,
-)
+from edge_vpr.matching.smoother import BackwardPass, FixedLag, SmoothedMatch, Way, runs
 from edge_vpr.matching.transitions import Metrics, TransitionCosts, Transitions
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
@@ -38,7 +32,9 @@ from edge_vpr.settings import Settings
 
 #: number of distances in memory at a time, so that memory does not grow with the drive
 _BLOCK_DISTANCES = 4_000_000
-#: largest memory for smoothing a drive, which takes 3 bytes for each window and place
+#: number of metrics and of pieces of evidence in memory at a time while a drive is smoothed
+_SEGMENT_VALUES = 40_000_000
+#: largest matrix of distances in memory
 MOST_BYTES = 2 << 30
 #: number of windows before and after a window that its trust uses in a smoothed drive
 NEIGHBOURS = 4
@@ -57,34 +53,6 @@ class FilteredDrive(NamedTuple):
 
     columns: npt.NDArray[np.int64]
     candidates: npt.NDArray[np.int64]
-
-
-class _Kept(NamedTuple):
-    """Values of all windows that smoothing needs: those of `WindowRows`, in fewer bits."""
-
-    metrics: npt.NDArray[np.uint16]
-    evidence: npt.NDArray[np.uint8]
-    quiet: npt.NDArray[np.bool_]
-
-    @classmethod
-    def empty(cls, windows: int, places: int) -> _Kept:
-        shape = (windows, places)
-        return cls(
-            np.empty(shape, dtype=np.uint16),
-            np.empty(shape, dtype=np.uint8),
-            np.empty(windows, dtype=np.bool_),
-        )
-
-    def keep(self, first: int, last: int, rows: WindowRows) -> None:
-        """Keep the values of the windows from `first` to before `last`."""
-        self.metrics[first:last], self.evidence[first:last] = rows.metrics, rows.evidence
-        self.quiet[first:last] = rows.quiet
-
-    def rows(self, first: int, last: int) -> WindowRows:
-        """Return the values of these windows, with columns to be filled."""
-        columns = np.empty((last - first, len(FilterMatch._fields)), dtype=np.int64)
-        metrics = self.metrics[first:last].astype(np.int32)
-        return WindowRows(columns, metrics, self.evidence[first:last], self.quiet[first:last])
 
 
 def filter_drive(
@@ -127,41 +95,69 @@ def filter_drive(
     Raises
     ------
     UsageError
-        If the map takes no odometry, or too much memory would be needed to smooth.
+        If the map takes no odometry.
     """
-    n, places = len(queries), index.places
-    if smooth and 3 * n * places > MOST_BYTES:
-        raise UsageError(
-            f"smoothing {n} windows over {places} places takes {3 * n * places / 1e9:.1f} GB: "
-            "match with --no-smooth, or split the drive"
-        )
+    n = len(queries)
     ways: list[Way] = [None] * n
     if odometry is not None:
         place_filter.transitions.check_odometry()
         travelled, known = odometry.of_windows(queries.end_us)
         ways = [way if sure else None for way, sure in zip(travelled.tolist(), known, strict=True)]
-    events, block = queries.activity, max(1, _BLOCK_DISTANCES // places)
-    kept = _Kept.empty(n, places if smooth else 0)
-    found = _Found.empty(n, metrics)
+    drive, found = _Drive(place_filter, index, queries, ways), _Found.empty(n, metrics)
+    if smooth:
+        _smooth(drive, found)
+        return FilteredDrive(found.columns, found.candidates)
     lag = FixedLag(place_filter.transitions, place_filter.exclusion, delay) if delay else None
-    for first, last in runs(ways, block):
-        way = ways[first]
-        if way is not None:
-            place_filter.predict_travelled(way)
-        distances = index.rows(queries.counts[first:last])
-        rows = place_filter.update_windows(distances, events[first:last])
-        if smooth:
-            kept.keep(first, last, rows)
-        elif lag is not None:
+    for first, last, rows in drive.advance(0, n):
+        if lag is None:
+            found.put(first, rows.columns, rows.metrics)
+        else:
             late = (lag.add(rows.part(i, i + 1), ways[first + i]) for i in range(last - first))
             found.put_decided(last - delay, late)
-        else:
-            found.put(first, rows.columns, rows.metrics)
-    if smooth:
-        _smooth(place_filter, kept, ways, block, found)
-    elif lag is not None:
+    if lag is not None:
         found.put_decided(n, lag.finish())
     return FilteredDrive(found.columns, found.candidates)
+
+
+class _Drive(NamedTuple):
+    """A filter and the windows of a drive that it advances by.
+
+    Attributes
+    ----------
+    place_filter : PlaceFilter
+    reference : ReferenceIndex
+    queries : Descriptors
+    ways : list of int or None
+        Distance driven before each window.
+    """
+
+    place_filter: PlaceFilter
+    reference: ReferenceIndex
+    queries: Descriptors
+    ways: list[Way]
+
+    @property
+    def block(self) -> int:
+        """Number of windows in memory at a time."""
+        return max(1, _BLOCK_DISTANCES // self.reference.places)
+
+    def advance(self, begin: int, end: int) -> Iterator[tuple[int, int, WindowRows]]:
+        """Advance from window `begin` to before `end`; yield a few windows at a time."""
+        events = self.queries.activity
+        for i, j in runs(self.ways[begin:end], self.block):
+            first, last = begin + i, begin + j
+            way = self.ways[first]
+            if way is not None:
+                self.place_filter.predict_travelled(way)
+            distances = self.reference.rows(self.queries.counts[first:last])
+            yield first, last, self.place_filter.update_windows(distances, events[first:last])
+
+    def rows(self, begin: int, end: int) -> WindowRows:
+        """Advance, and return the results of all these windows."""
+        rows = WindowRows.empty(end - begin, self.reference.places)
+        for first, last, some in self.advance(begin, end):
+            rows.part(first - begin, last - begin).take(some)
+        return rows
 
 
 class _Found(NamedTuple):
@@ -192,19 +188,36 @@ class _Found(NamedTuple):
             self.put(last - len(some), columns, np.stack([one.metrics for one in some]))
 
 
-def _smooth(
-    place_filter: PlaceFilter, kept: _Kept, ways: Sequence[Way], block: int, found: _Found
-) -> None:
-    """Smooth the whole drive, some windows at a time, from the last ones."""
+def _smooth(drive: _Drive, found: _Found) -> None:
+    """Smooth the whole drive, segment by segment from the last one.
+
+    The forward pass keeps the filter's state at the begin of each segment, from which the backward
+    pass repeats it. What lies in memory at a time is one segment, and a state for each.
+    """
+    place_filter, n = drive.place_filter, len(drive.ways)
+    length = max(_SEGMENT_VALUES // drive.reference.places, math.isqrt(n), 1)
+    begins = list(range(0, n, length))
+    states = []
+    for begin in begins[:-1]:
+        states.append((place_filter.state.metric.astype(np.uint16), place_filter.numbers))
+        for _ in drive.advance(begin, begin + length):
+            pass
     onward = BackwardPass(place_filter.transitions, place_filter.exclusion)
-    for first in reversed(range(0, len(ways), block)):
-        rows = kept.rows(first, min(first + block, len(ways)))
-        onward.add_to(rows, ways[first : first + block])
-        found.put(first, rows.columns, rows.metrics)
-    place = found.columns[:, 0]
-    misfit = _largest_around(kept.evidence[np.arange(len(place)), place].astype(np.int64))
-    trust = _mean_trust(found.columns, ways, place_filter.transitions) - (misfit << TRUST_BITS)
-    found.columns[:, -1] = np.maximum(trust, 0)
+    misfit = np.empty(n, dtype=np.int64)
+    for begin in reversed(begins):
+        if begin != begins[-1]:
+            metric, numbers = states.pop()
+            place_filter.resume(metric.astype(np.int32), numbers)
+        end = min(begin + length, n)
+        rows = drive.rows(begin, end)
+        onward.add_to(rows, drive.ways[begin:end])
+        misfit[begin:end] = rows.evidence[np.arange(end - begin), rows.columns[:, 0]]
+        for first in range(0, end - begin, drive.block):
+            some = rows.part(first, min(first + drive.block, end - begin))
+            found.put(begin + first, some.columns, some.metrics)
+    misfit = _largest_around(misfit)
+    trust = _mean_trust(found.columns, drive.ways, place_filter.transitions)
+    found.columns[:, -1] = np.maximum(trust - (misfit << TRUST_BITS), 0)
 
 
 def _largest_around(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
@@ -326,8 +339,8 @@ def filter_of(
     """
     return PlaceFilter(
         len(places), TransitionCosts.of(settings), settings.exclusion,
-        activity_of_drive(places.activity),
-        quiet_shift=QUIET_EVIDENCE_SHIFT if settings.smooth else 0, jumps=jumps, along_mm=along_mm,
+        activity_of_drive(places.activity), place_activity=place_activity(places.activity),
+        jumps=jumps, along_mm=along_mm,
     )  # fmt: skip
 
 

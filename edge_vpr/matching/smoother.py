@@ -9,6 +9,7 @@ comes N windows late.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -18,6 +19,8 @@ from edge_vpr.matching.place_filter import (
     TRUST_BITS,
     FilterMatch,
     WindowRows,
+    go_back,
+    match_summed,
     misfit_of,
     smooth_windows,
     support_after,
@@ -27,9 +30,20 @@ from edge_vpr.matching.transitions import Metrics, Transitions
 
 #: Distance driven since the window before, in millimetres; None where it is not known.
 Way = int | None
-#: If the whole drive decides, evidence of a quiet window counts a quarter, ``1 / 2**shift``: a
-#: robot that hardly moves sees the same view again, while the windows around tell more.
-QUIET_EVIDENCE_SHIFT = 2
+
+
+class SmoothedMatch(NamedTuple):
+    """Match of a window that later ones have decided with.
+
+    Attributes
+    ----------
+    match : FilterMatch
+    metrics : ndarray of int32, shape (K,)
+        Cost of the best path through each place.
+    """
+
+    match: FilterMatch
+    metrics: Metrics
 
 
 class BackwardPass:
@@ -43,13 +57,27 @@ class BackwardPass:
     """
 
     def __init__(self, transitions: Transitions, exclusion: int) -> None:
-        self._back, self._exclusion = transitions.reversed(), exclusion
+        self._transitions, self._exclusion = transitions, exclusion
         self._cost = np.zeros(transitions.places, dtype=np.int32)
-        self._turned = np.empty(transitions.places, dtype=np.int32)
+        self._ahead = np.empty(transitions.places, dtype=np.int32)
 
     def begin(self) -> None:
         """Begin again at the last window of a drive."""
         self._cost[:] = 0
+
+    def go_back(self, row: WindowRows, way: Way) -> None:
+        """Go back before one window, without matching it."""
+        go_back(
+            self._cost, self._ahead, self._transitions.by_step, row.activity[0], row.evidence[0]
+        )
+        if way is not None:
+            self._cost = self._transitions.by_distance(self._ahead, way, back=True)
+
+    def match(self, row: WindowRows) -> SmoothedMatch:
+        """Match one window by its metrics and the cost of going on, with the margin as trust."""
+        metric, columns = row.metrics[0].copy(), np.empty(6, dtype=np.int64)
+        columns[5] = match_summed(metric, self._cost, self._exclusion, columns)
+        return SmoothedMatch(FilterMatch(*columns.tolist()), metric)
 
     def add_to(self, rows: WindowRows, ways: Sequence[Way]) -> None:
         """Add the costs of the rest of the drive to the metrics of the n windows before it.
@@ -65,26 +93,12 @@ class BackwardPass:
         for first, last in reversed(list(runs(ways, len(ways)))):
             run = rows.part(first, last)
             smooth_windows(
-                self._cost, self._turned, self._back.by_step, self._exclusion,
-                run.quiet, run.evidence, run.metrics, run.columns,
+                self._cost, self._ahead, self._transitions.by_step, self._exclusion,
+                run.activity, run.evidence, run.metrics, run.columns,
             )  # fmt: skip
             way = ways[first]
             if way is not None:
-                self._cost = np.ascontiguousarray(self._back.by_distance(self._turned, way)[::-1])
-
-
-class SmoothedMatch(NamedTuple):
-    """Match of a window that later ones have decided with.
-
-    Attributes
-    ----------
-    match : FilterMatch
-    metrics : ndarray of int32, shape (K,)
-        Cost of the best path through each place.
-    """
-
-    match: FilterMatch
-    metrics: Metrics
+                self._cost = self._transitions.by_distance(self._ahead, way, back=True)
 
 
 class FixedLag:
@@ -102,10 +116,7 @@ class FixedLag:
     def __init__(self, transitions: Transitions, exclusion: int, delay: int) -> None:
         self._transitions, self._onward = transitions, BackwardPass(transitions, exclusion)
         self._delay = delay
-        self._held = 0  # number of windows at the end of `_rows` that are not decided
-        self._rows = WindowRows.empty(delay + 1, transitions.places)
-        self._scratch = WindowRows.empty(delay + 1, transitions.places)
-        self._ways: list[Way] = [None] * (delay + 1)
+        self._held: deque[tuple[WindowRows, Way]] = deque()  # windows that are not decided
         self._place, self._support = -1, 0
         self._misfits = (0, 0)  # of the two windows before
 
@@ -118,12 +129,8 @@ class FixedLag:
             Of this one window, by the place filter.
         way : int or None
         """
-        last = self._delay
-        self._rows.part(0, last).take(self._rows.part(1, last + 1))
-        self._rows.part(last, last + 1).take(row)
-        self._ways = [*self._ways[1:], way]
-        self._held += 1
-        return self._decide() if self._held > self._delay else None
+        self._held.append((row, way))
+        return self._decide() if len(self._held) > self._delay else None
 
     def finish(self) -> Iterator[SmoothedMatch]:
         """Decide the last windows, which have fewer than N after them."""
@@ -132,22 +139,20 @@ class FixedLag:
 
     def _decide(self) -> SmoothedMatch:
         """Decide the first window that is held."""
-        first = len(self._ways) - self._held
-        self._held -= 1
-        rows = self._scratch.part(first, len(self._ways))
-        rows.take(self._rows.part(first, len(self._ways)))
+        row, way = self._held.popleft()
         self._onward.begin()
-        self._onward.add_to(rows, self._ways[first:])
-        match = FilterMatch(*rows.columns[0].tolist())
+        for later in reversed(self._held):
+            self._onward.go_back(*later)
+        match, metric = self._onward.match(row)
         place, before = match.place, self._place
-        follows = before >= 0 and self._transitions.lead_to(before, place, self._ways[first])
+        follows = before >= 0 and self._transitions.lead_to(before, place, way)
         kept = self._support if follows else 0
         self._support = support_after(kept, place == before, match.trust >> TRUST_BITS)
         self._place = place
-        misfit = misfit_of(int(rows.evidence[0, place]))
+        misfit = misfit_of(int(row.evidence[0, place]))
         trust = trust_of(self._support, max(misfit, *self._misfits))
         self._misfits = (misfit, self._misfits[0])
-        return SmoothedMatch(match._replace(trust=trust), rows.metrics[0].copy())
+        return SmoothedMatch(match._replace(trust=trust), metric)
 
 
 def runs(ways: Sequence[Way], most: int) -> Iterator[tuple[int, int]]:

@@ -167,7 +167,6 @@ class Packet(NamedTuple):
         Is added to the 31-bit times of the events.
     event_bytes : int
         Bytes of one event.
-    data : bytes
     """
 
     at: int
@@ -181,7 +180,6 @@ class Aedat3File:
 
     Attributes
     ----------
-    path : Path
     sources : dict of int to str
         Cameras by their numbers.
     position : float
@@ -344,7 +342,10 @@ open_aedat3_source = Aedat3Source
 # The container of AEDAT 4: compressed packets of FlatBuffers, each of one stream.
 #
 # This is our own code for the tables that matter, over lz4 and zstd: eventcv finds no events in
-# real files of this format, and the package aedat has no wheel for aarch64.
+# real files of this format, and the package aedat has no wheel for aarch64. faery 0.7.1 gives the
+# same events, but no AEDAT 2 or 3.1. It reserves what a packet claims (2 GB for a file of 0.4 MB),
+# and of 1,500 damaged files it panicked at 40 and ended the process at 2. It is slower, too: by
+# 11 % with ZSTD, by 15 % with LZ4, and by half without compression.
 
 
 _AEDAT4_MAGIC = b"#!AER-DAT4.0\r\n"
@@ -358,7 +359,6 @@ class Stream(NamedTuple):
     ----------
     kind : str
         Four letters: ``EVTS`` for events, ``FRME`` for frames.
-    name : str
     sensor : Sensor or None
         None if the file does not state it.
     """
@@ -373,8 +373,8 @@ class Aedat4File:
 
     Attributes
     ----------
-    path : Path
     streams : dict of int to Stream
+        By their numbers.
     position : float
         Share of the file that has been read, 0 to 1.
 
@@ -415,7 +415,6 @@ class Aedat4File:
 
         Parameters
         ----------
-        kind : str
         what : str
             Content of such streams, for messages: ``"events"``.
         wanted : str, optional

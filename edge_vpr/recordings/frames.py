@@ -38,7 +38,6 @@ def read_image(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
 
     Parameters
     ----------
-    path : Path
     sensor : Sensor or None
         Size that the image must have, if it is known.
 
@@ -180,7 +179,6 @@ def both_polarities(frames: npt.NDArray[Any], plain_dimensions: int) -> npt.NDAr
     ----------
     frames : ndarray of numbers
         A last axis of length 2 may follow the usual axes.
-    plain_dimensions : int
     """
     if frames.ndim == plain_dimensions:
         return frames
@@ -195,9 +193,9 @@ def whole_counts(block: npt.NDArray[Any], begin: int, path: Path) -> npt.NDArray
     Parameters
     ----------
     block : ndarray of numbers, shape (f, J)
+        Counts of J pixels in f frames.
     begin : int
         Number of the first of these frames, named in the message.
-    path : Path
 
     Returns
     -------
@@ -326,6 +324,7 @@ def expand(counts: Counts, lo: int, hi: int, path: Path) -> Iterator[Placed]:
     Parameters
     ----------
     counts : ndarray of integers, shape (J,)
+        Events of each pixel in the frame.
     lo, hi : int
         Begin and end of the frame in microseconds.
     path : Path
@@ -387,8 +386,6 @@ class CountFrames:
 
     Attributes
     ----------
-    path : Path
-    sensor : Sensor or None
     pixel_x, pixel_y : ndarray of uint16, shape (J,), or None
         Position of each pixel of a frame. Whole frames are row by row; None if the file has
         ``counts`` without ``pixel_x`` and ``pixel_y``.

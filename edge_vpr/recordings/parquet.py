@@ -18,6 +18,9 @@ from edge_vpr.recordings.table import match_columns, tidy
 # position of the chunk. Footer and page headers are structures of Thrift's compact protocol: a
 # byte with type and field number before each value, and integers as zigzag varints
 # (parquet.apache.org, "File Format"; Apache Thrift, "Compact Protocol").
+#
+# A child process with limits of memory and time would make this unnecessary, but costs 17 to 47 %
+# more processor time (8 million events), and each pass begins 0.13 s later.
 
 
 _LONGEST_HEADER = 1 << 16  # includes statistics
@@ -95,6 +98,7 @@ def read_pages(file: IO[bytes], begin: int, end: int) -> list[Page]:
     Parameters
     ----------
     file : binary file
+        Open for reading; its position is changed.
     begin, end : int
         Begin and end of a column chunk.
 

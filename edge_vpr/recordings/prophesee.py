@@ -152,10 +152,6 @@ EVT2_LOW_BITS, EVT2_HIGH_BITS = 6, 28
 def evt2_event_words(events: Events) -> npt.NDArray[np.uint32]:
     """Encode events as words, without the words for the high bits of their times.
 
-    Parameters
-    ----------
-    events : ndarray of EVENT_DTYPE, shape (n,)
-
     Returns
     -------
     ndarray of uint32, shape (n,)
@@ -346,6 +342,7 @@ class Decoder:
     Parameters
     ----------
     encoding : {"evt2", "evt21", "evt3"}
+        Of the words.
     capacity : int
         Largest number of words of one call.
     endianness : {"little", "big", "legacy"}

@@ -46,13 +46,12 @@ class ArrayStream:
 
     Attributes
     ----------
-    dtype : dtype
-    shape : tuple of int
     header_bytes : int
-    row_bytes : int
+        Length of the header in bytes.
     most_rows : int
         Largest number of rows that one call of :meth:`read` returns.
     rows_read : int
+        Number of rows that :meth:`read` has returned.
 
     Raises
     ------
@@ -186,12 +185,10 @@ def choose_stream(
 
     Parameters
     ----------
-    path : Path
     names : mapping of int to str
         Names of the streams by their numbers.
     wanted : str, optional
         Name or number of the stream.
-    wording : Wording
 
     Raises
     ------
@@ -271,7 +268,6 @@ def expand(
     ----------
     new : callable
         Function that makes a decompressor with the interface of :class:`bz2.BZ2Decompressor`.
-    data : bytes
     errors : tuple of exception types
         Exceptions that the decompressor raises for damaged data.
     limit : int, optional

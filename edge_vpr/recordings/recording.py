@@ -95,8 +95,8 @@ class FaultLog:
     ----------
     path : Path
         Named in messages.
-    sensor : Sensor
     on_fault : {"error", "drop"}
+        Whether a faulty event is an error, or left out and counted.
     origin_us : int or None
         Time that is subtracted from all times; None stands for that of the first good event.
     """
@@ -270,7 +270,6 @@ class Source(ABC):
 
     Attributes
     ----------
-    path : Path
     sensor : Sensor or None
         As stated by the file, else by the caller; None if neither states it.
     start_us : int or None
@@ -385,7 +384,6 @@ def seconds_us(given: float | str, name: str) -> int:
 
     Parameters
     ----------
-    given : float or str
     name : str
         Named in the message.
 
@@ -438,8 +436,6 @@ def cropped_events(chunks: Iterator[Events], start_us: int, end_us: int | None) 
     ----------
     chunks : iterator of ndarray of EVENT_DTYPE
         In time order. No further chunk is read after one that reaches `end_us`.
-    start_us : int
-    end_us : int or None
 
     Yields
     ------
@@ -471,7 +467,6 @@ def foreign_errors(path: Path, place: Callable[[], str] = lambda: "") -> Iterato
 
     Parameters
     ----------
-    path : Path
     place : callable
         Returns the place in the file at the time of the error, as ``" after event 5"``, or "".
 
@@ -535,10 +530,8 @@ class Recording:
 
     Attributes
     ----------
-    path : Path
     format : str
         Short name, as in :data:`edge_vpr.recordings.FORMATS`.
-    sensor : Sensor
     start_us : int
         Time t = 0 on the file's own clock, in microseconds: since the Unix epoch if the file has
         wall-clock time (ROS, AEDAT4), else on the camera's clock.

@@ -19,7 +19,7 @@ import numpy as np
 from edge_vpr.errors import EdgeVprError, RecordingError, UsageError, as_path, expect
 from edge_vpr.events import Events, Sensor, check_events
 from edge_vpr.files import replacing
-from edge_vpr.plugins import load_plugin, names_with_plugins
+from edge_vpr.plugins import Registry
 from edge_vpr.recordings.frames import as_period
 from edge_vpr.recordings.numpy_files import Archive
 from edge_vpr.recordings.prophesee import encoding_of
@@ -86,6 +86,7 @@ FORMATS: dict[str, Format] = {
 #: An entry point of this group names a module with ``SUFFIXES``, ``open_source(path, options)``
 #: and perhaps ``open_sink(path, sensor, start_us)`` and ``TITLE``.
 GROUP = "edge_vpr.formats"
+_PLUGINS = Registry(GROUP, {})
 
 
 def format_of(name: str) -> Format:
@@ -98,9 +99,9 @@ def format_of(name: str) -> Format:
     """
     if name in FORMATS:
         return FORMATS[name]
-    plugin = load_plugin(name, GROUP)
+    plugin = _PLUGINS.load(name)
     if plugin is None:
-        known = ", ".join(names_with_plugins(FORMATS, GROUP))
+        known = ", ".join([*FORMATS, *_PLUGINS.names()])
         raise UsageError(f"format {name!r} is unknown: choose one of {known}")
     return Format(
         name,
@@ -121,7 +122,7 @@ def _plugin_of(suffix: str) -> Format | None:
         If none has it, and a package cannot be imported, which might have.
     """
     failed = None
-    for name in names_with_plugins((), GROUP):
+    for name in _PLUGINS.names():
         try:
             entry = format_of(name)
         except UsageError as error:

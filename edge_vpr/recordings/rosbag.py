@@ -96,6 +96,7 @@ class LibcaerCmpDecoder:
         Parameters
         ----------
         words : ndarray of uint16, shape (n,)
+            Payload of one packet.
         base_us : int
             The packet's time base in microseconds.
 
@@ -131,7 +132,6 @@ class Cursor:
 
     Parameters
     ----------
-    data : bytes
     ros : {1, 2}
         ROS 1 packs fields without gaps, ROS 2 (CDR) aligns each to its size.
     """
@@ -394,8 +394,8 @@ class Bag:
 
     Parameters
     ----------
-    path : Path
     ros : {1, 2}
+        Version of ROS that wrote the bag.
 
     Raises
     ------

@@ -116,7 +116,6 @@ def tidy(
         ``t``, ``x``, ``y`` and perhaps ``p`` (all ON if absent).
     unit : str or None
         See :func:`microseconds`.
-    log : FaultLog
     entry : int
         Index in the file of the first row, for messages.
 

@@ -70,7 +70,6 @@ class Drive:
         How often the vehicle halts.
     stop_s : float
         Duration of a halt in seconds.
-    light : Light
     traffic_per_km : float
         Vehicles and people that move, for each kilometre of route.
     parked_per_km : float
@@ -138,10 +137,8 @@ def drive_motion(drive: Drive, length_m: float, seed: int) -> Motion:
 
     Parameters
     ----------
-    drive : Drive
     length_m : float
         Length of the route.
-    seed : int
 
     Returns
     -------
@@ -169,7 +166,7 @@ def drive_motion(drive: Drive, length_m: float, seed: int) -> Motion:
 
 
 def looks(motion: Motion, step_m: float, step_us: int) -> Motion:
-    """Return the times of frames: at least one in each `step_m` of the way and each `step_us`."""
+    """Return the times of frames: at least one in each `step_m` of the path and each `step_us`."""
     effort = np.maximum(np.diff(motion.position_m) / step_m, np.diff(motion.time_us) / step_us)
     done = np.concatenate(([0.0], np.cumsum(effort)))
     at = np.linspace(0.0, done[-1], int(np.ceil(done[-1])) + 1)

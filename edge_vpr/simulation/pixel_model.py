@@ -82,7 +82,6 @@ class PixelArray:
 
     Parameters
     ----------
-    sensor : Sensor
     on, off : ndarray of float64, shape (pixels,)
         Thresholds in units of the level, greater than 0.
     refractory_us : int

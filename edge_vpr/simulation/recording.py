@@ -25,7 +25,7 @@ from edge_vpr.simulation.view import (
 )
 from edge_vpr.simulation.world import COLUMN_M, Scene, World, paint, park_cars
 
-STEP_M = 0.8 * COLUMN_M  # way between two looks: no texel of the street is passed over
+STEP_M = 0.8 * COLUMN_M  # distance between two looks: no texel of the street is passed over
 STEP_US = 20_000  # time between two looks while the camera stands
 BLOCK = 64  # looks that are simulated together
 CHUNK = 1 << 16  # events in one array that is handed out
@@ -41,9 +41,6 @@ class SimulatedRecording:
 
     Parameters
     ----------
-    world : World
-    camera : Camera
-    drive : Drive
     seed : int
         Seed of what differs from drive to drive: speed, traffic, shake, noise.
     device : int
@@ -53,10 +50,8 @@ class SimulatedRecording:
 
     Attributes
     ----------
-    sensor : Sensor
     track : Track
         Ground truth: ``time_us`` (n,) int64, and ``position`` (n, 1) in metres along the route.
-    duration_us : int
     position : float
         Share of the drive that the latest iteration has covered, 0 to 1.
     format, start_us, faults

@@ -188,7 +188,6 @@ class Noise:
 
     Parameters
     ----------
-    camera : Camera
     seed : int
         Seed of the drive.
     device : int
@@ -343,10 +342,8 @@ class View:
 
     Parameters
     ----------
-    camera : Camera
     drive : Drive
         Its mounting and its place in the lane.
-    textures : Textures
 
     Attributes
     ----------
@@ -380,7 +377,7 @@ class View:
         bonnet = self.down - 0.1 * self.across**2 - tan(radians(BONNET_DEG))
         inner = np.s_[self.margin : -self.margin, self.margin : -self.margin]
         self.fixed = np.where(bonnet > 0, 0.12 + 0.05 * self.down, 0).astype(np.float32)[inner]
-        # the street is drawn some way under the bonnet, which does not shake with it
+        # the street is drawn some distance under the bonnet, which does not shake with it
         self._hidden = bonnet > self.margin / self.focal
         self._texels = textures.texels
         self._texel_m = COLUMN_M * 2.0 ** np.arange(LEVELS)
@@ -518,7 +515,9 @@ def cut(
     Parameters
     ----------
     frame : ndarray of float32, shape (height + 2 * margin, width + 2 * margin)
+        Image with room for the shift on each side.
     margin : int
+        Pixels of that room.
     right, down : float
         Shift of the image in pixels, less than `margin` in size.
     fixed : ndarray of float32, shape (height, width)
@@ -573,10 +572,8 @@ def traffic(drive: Drive, motion: Motion, seed: int) -> list[Mover]:
 
     Parameters
     ----------
-    drive : Drive
     motion : Motion
         When the camera is where: each mover is placed so that it is met.
-    seed : int
     """
     rng = np.random.default_rng((seed, _TRAFFIC))
     length_m = float(motion.position_m[-1])
@@ -639,9 +636,6 @@ def paint_traffic(
 
     Parameters
     ----------
-    movers : list of Mover
-    view : View
-    time_us : int
     position_m : float
         Place of the camera.
     frame : ndarray of float32, shape of the view

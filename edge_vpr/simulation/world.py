@@ -75,7 +75,6 @@ def noise_1d(rng: np.random.Generator, at: Floats, cell: float) -> Floats:
 
     Parameters
     ----------
-    rng : numpy.random.Generator
     at : ndarray of float64, shape (n,)
         Where, 0 or more.
     cell : float
@@ -98,7 +97,6 @@ def noise_2d(
 
     Parameters
     ----------
-    rng : numpy.random.Generator
     shape : tuple of int
         Rows and columns.
     cells : tuple of float

@@ -7,7 +7,7 @@ import shutil
 from dataclasses import dataclass
 
 from firmware_model.hardware import sources
-from firmware_model.model.design import FRACTION_BITS, Design, widths_of
+from firmware_model.model.design import ACTIVITY_COSTS, FRACTION_BITS, Design, widths_of
 
 # Parameters of the core from a design: all sizes and widths, as in the model.
 
@@ -32,7 +32,8 @@ PRICE_BITS = 10
 
 def tables(design: Design) -> tuple[str, ...]:
     """Return the tables that the core of a design reads from files; places are loaded."""
-    return (*_TABLES, "means") if design.own_mean else _TABLES
+    adaptive = {"means": design.own_mean, "place_activity": design.activity_costs}
+    return (*_TABLES, *(name for name, there in adaptive.items() if there))
 
 
 def match_bits(design: Design) -> int:
@@ -67,10 +68,12 @@ def parameters(design: Design) -> dict[str, tuple[str, int]]:
         "LANES": ("int", design.lanes),
         "LENGTH": ("int", design.length),
         "OWN_MEAN": ("bit", int(design.own_mean)),
+        "CONTRAST": ("bit", int(design.contrast)),
         "FILTER": ("bit", int(design.filters)),
         "KEEP_DISTANCES": ("bit", int(design.keep_distances)),
-        "STEPS": ("int", len(design.steps)),
+        "STEPS": ("int", len(ACTIVITY_COSTS[0]) if design.activity_costs else len(design.steps)),
         "BACK": ("int", len(design.back)),
+        "ACTIVITY_COSTS": ("bit", int(design.activity_costs)),
         "STEP_PRICES": ("logic [159:0]", _prices(design.steps)),
         "BACK_PRICES": ("logic [159:0]", _prices(design.back)),
         "RESTART": ("logic [9:0]", design.restart << FRACTION_BITS),

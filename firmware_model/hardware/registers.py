@@ -23,7 +23,7 @@ HEADER = "vpr_registers.h"
 #: value of the register `ID`: "VPR1"
 ID_VALUE = 0x56505231
 #: tables, whose index is their number in `TABLE_ADDRESS`
-TABLES = ("displacement", "lookup", "codes", "code_tables", "means")
+TABLES = ("displacement", "lookup", "codes", "code_tables", "means", "place_activity")
 
 
 class Register(NamedTuple):

@@ -37,12 +37,14 @@ from firmware_model.vectors.suite import memory_words
 DOCUMENTED = Design(
     width=346, height=260, pixels=150, places=860, length=5, lanes=8, code="log", code_bits=4
 )
+_FILTER = replace(DOCUMENTED, matching="filter", length=1)
+_BY_ACTIVITY = replace(_FILTER, activity_costs=True, steps=())
 KINDS = {
     "sequences of 5": DOCUMENTED,
-    "place filter": replace(DOCUMENTED, matching="filter", length=1),
-    "place filter, own means": replace(
-        DOCUMENTED, matching="filter", length=1, code="own-mean", full_scales=(0,)
-    ),
+    "place filter": _FILTER,
+    "place filter, own means": replace(_FILTER, code="own-mean", full_scales=(0,)),
+    "place filter by activity": _BY_ACTIVITY,
+    "place filter by activity, contrast": replace(_BY_ACTIVITY, code="contrast", full_scales=(0,)),
 }
 
 

@@ -136,6 +136,7 @@ module vpr_axi_bench;
         load("codes.mem", 2);
         if (TABLES > 1) load("code_tables.mem", 3);
         if (OWN_MEAN) load("means.mem", 4);
+        if (ACTIVITY_COSTS) load("place_activity.mem", 5);
         value_of("start.mem");
         give(vpr_registers::START, word[31:0]);
         if (TIMESTAMP_BITS > 32) give(vpr_registers::START_HIGH, word[63:32]);
@@ -168,7 +169,7 @@ module vpr_axi_bench;
         end
         $fclose(file);
         idle = 0;
-        while (idle < 200 + SLOTS + 3 * PLACES * (WORDS + LENGTH)) begin
+        while (idle < 500 + 2 * SLOTS + 3 * PLACES * (WORDS + LENGTH)) begin
             if (match_waits) begin
                 read_match;
                 idle = 0;

@@ -54,7 +54,7 @@ module vpr_axi_lite #(
 
     logic [63:0]           start, event_time;
     logic [31:0]           activity, event_pixel, table_word;
-    logic [4:0]            load;
+    logic [5:0]            load;
     logic [2:0]            selected;  // table
     logic [19:0]           table_address;
     logic [32*PARTS-1:0]   place;
@@ -101,7 +101,7 @@ module vpr_axi_lite #(
                     {s_axi_wdata[26:24], s_axi_wdata[19:0]};
                 vpr_registers::TABLE_WORD: begin
                     table_word <= s_axi_wdata;
-                    load       <= 5'd1 << selected;
+                    load       <= 6'd1 << selected;
                 end
                 vpr_registers::MATCH_TAKE:
                     if (match_tvalid) take_match <= 1'b1;

@@ -17,7 +17,7 @@ module vpr_bench #(
     localparam int SEEN_BITS  = SLOT_BITS + COUNT_BITS + 1;
     // more clocks than a match takes, of sequences and of the filter, whose first window has a third
     // pass over the places; a match that takes longer is missing in the records
-    localparam int MATCH_CLOCKS = 200 + SLOTS + 3 * PLACES * (WORDS + LENGTH);
+    localparam int MATCH_CLOCKS = 500 + 2 * SLOTS + 3 * PLACES * (WORDS + LENGTH);
 
     logic                      clk = 1'b0;
     logic                      rst = 1'bx;
@@ -36,7 +36,7 @@ module vpr_bench #(
     logic [MATCH_BITS-1:0]     m_match_tdata;
 
     // tables come from the files of the case
-    wire [4:0]  load         = '0;
+    wire [5:0]  load         = '0;
     wire [19:0] load_address = '0;
     wire [31:0] load_word    = '0;
 

@@ -26,10 +26,12 @@ module vpr_core #(
     parameter int          LANES             = 1,
     parameter int          LENGTH            = 1,
     parameter bit          OWN_MEAN          = 0,
+    parameter bit          CONTRAST          = 0,
     parameter bit          FILTER            = 0,
     parameter bit          KEEP_DISTANCES    = 0,
     parameter int          STEPS             = 1,
     parameter int          BACK              = 0,
+    parameter bit          ACTIVITY_COSTS    = 0,
     parameter logic [159:0] STEP_PRICES      = 0,
     parameter logic [159:0] BACK_PRICES      = 0,
     parameter logic [9:0]  RESTART           = 0,
@@ -71,8 +73,9 @@ module vpr_core #(
     input  logic                                   clk,
     input  logic                                   rst,
 
-    // tables that are loaded before a reset (LOADABLE): displacement, lookup, codes, code_tables, means
-    input  logic [4:0]                             load,
+    // tables that are loaded before a reset (LOADABLE): displacement, lookup, codes, code_tables, means,
+    // place_activity
+    input  logic [5:0]                             load,
     input  logic [19:0]                            load_address,
     input  logic [31:0]                            load_word,
 
@@ -111,11 +114,12 @@ module vpr_core #(
     logic                       busy;
     logic                       window_ready, window_end;
     logic [31:0]                events_taken;
-    logic                       counted, quiet, paused, settled, pending;
+    logic                       counted, paused, settled, pending;
     logic                       drain, draining;
     logic [SLOT_BITS-1:0]       drain_slot, drained_slot;
     logic [COUNT_BITS-1:0]      drained;
     logic [LANES*CODE_BITS-1:0] place_word;
+    logic [9:0]                 activity_inverse;
 
     vpr_events #(
         .HEIGHT(HEIGHT), .PIXELS(PIXELS), .POLARITY(POLARITY),
@@ -140,7 +144,7 @@ module vpr_core #(
 
     vpr_encoder #(
         .SLOTS(SLOTS), .WORDS(WORDS), .LANES(LANES), .TABLES(TABLES), .COUNT_MAX(COUNT_MAX),
-        .OWN_MEAN(OWN_MEAN), .SLOT_BITS(SLOT_BITS), .COUNT_BITS(COUNT_BITS),
+        .OWN_MEAN(OWN_MEAN), .CONTRAST(CONTRAST), .SLOT_BITS(SLOT_BITS), .COUNT_BITS(COUNT_BITS),
         .TABLE_BITS(TABLE_BITS), .ENTRY_BITS(ENTRY_BITS), .MEAN_BITS(MEAN_BITS),
         .CODE_BITS(CODE_BITS), .LOADABLE(LOADABLE)
     ) encoder (
@@ -154,22 +158,21 @@ module vpr_core #(
 
     generate
         if (OWN_MEAN || FILTER) begin : g_pauses
-            logic is_quiet, pauses;
+            logic pauses;
             vpr_activity #(
-                .EVENTS_BITS(WINDOW_EVENTS_BITS), .ACTIVITY_BITS(ACTIVITY_BITS)
+                .EVENTS_BITS(WINDOW_EVENTS_BITS), .ACTIVITY_BITS(ACTIVITY_BITS),
+                .LOGARITHMS(FILTER)
             ) activity (
                 .clk(clk), .load(rst), .start_activity(start_activity), .counted(counted),
-                .window_end(window_end), .settled(settled), .quiet(is_quiet), .pauses(pauses)
+                .window_end(window_end), .settled(settled), .pauses(pauses),
+                .activity_inverse(activity_inverse)
             );
-            always_ff @(posedge clk) if (window_end) begin
-                quiet  <= is_quiet;
-                paused <= pauses;
-            end
+            always_ff @(posedge clk) if (window_end) paused <= pauses;
         end else begin : g_no_pauses
             wire unused = &{1'b0, start_activity, counted};
-            assign quiet   = 1'b0;
             assign paused  = 1'b0;
             assign settled = 1'b1;
+            assign activity_inverse = '1;
         end
     endgenerate
 
@@ -218,13 +221,14 @@ module vpr_core #(
 
             vpr_filter #(
                 .PLACES(PLACES), .KEEP(KEEP_DISTANCES), .STEPS(STEPS), .BACK(BACK),
-                .STEP_PRICES(STEP_PRICES), .BACK_PRICES(BACK_PRICES), .RESTART(RESTART),
+                .ACTIVITY_COSTS(ACTIVITY_COSTS), .STEP_PRICES(STEP_PRICES), .BACK_PRICES(BACK_PRICES), .RESTART(RESTART),
                 .PLACE_BITS(PLACE_BITS), .DISTANCE_BITS(DISTANCE_BITS),
                 .TOTAL_BITS(DISTANCE_TOTAL_BITS), .RECIPROCAL_BITS(RECIPROCAL_BITS),
-                .EVIDENCE_BITS(EVIDENCE_BITS), .METRIC_BITS(SUM_BITS)
+                .EVIDENCE_BITS(EVIDENCE_BITS), .METRIC_BITS(SUM_BITS), .LOADABLE(LOADABLE)
             ) place_filter (
-                .clk(clk), .rst(rst), .start(compare), .quiet(quiet), .paused(paused),
-                .idle(filter_idle),
+                .clk(clk), .rst(rst), .load(load[5]), .load_address(load_address),
+                .load_word(load_word), .start(compare), .paused(paused), .settled(settled),
+                .activity_inverse(activity_inverse), .idle(filter_idle),
                 .distance_start(distance_start), .distance_valid(distance_valid),
                 .distance(distance), .sum_valid(sum_valid), .sum_last(sum_last), .place(place),
                 .sum(sum), .misfit(misfit), .found(ends_search), .best_sum(best_sum)
@@ -257,7 +261,7 @@ module vpr_core #(
             );
             assign trust   = '0;
             assign trusted = 1'b1;
-            wire unused = &{1'b0, trust, trusted, became, ends_search, quiet};
+            wire unused = &{1'b0, trust, trusted, became, ends_search, activity_inverse, load[5]};
             assign m_match_tdata = {
                 accepted, ties, second_sum, second, has_second, best_sum, best, window
             };

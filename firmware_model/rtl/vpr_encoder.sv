@@ -2,7 +2,8 @@
 // table, or against its running mean (OWN_MEAN), and packed, LANES codes a word, the first in the
 // least significant bits. Lanes beyond the last slot are zero. The whole unit stands while a word is
 // not taken. After reset it passes over all slots once, without a word, to clear them. `draining`
-// holds while it needs the counters.
+// holds while it needs the counters. Codes of contrast (CONTRAST) need the mean over all slots: a
+// first pass reads and clears them, without a word, and a second, behind the division, encodes.
 module vpr_encoder #(
     parameter int          SLOTS      = 1,
     parameter int          WORDS      = 1,
@@ -10,6 +11,7 @@ module vpr_encoder #(
     parameter int          TABLES     = 1,
     parameter int          COUNT_MAX  = 1,
     parameter bit          OWN_MEAN   = 0,
+    parameter bit          CONTRAST   = 0,
     parameter int          SLOT_BITS  = 1,
     parameter int          COUNT_BITS = 1,
     parameter int          TABLE_BITS = 1,
@@ -45,9 +47,10 @@ module vpr_encoder #(
     localparam int ENTRIES      = TABLES * STRIDE;
     localparam int INDEXED_BITS = $clog2(ENTRIES);
     // steps from a count to its code
-    localparam int STAGES       = OWN_MEAN ? 3 : 1;
+    localparam int STAGES       = OWN_MEAN && !CONTRAST ? 3 : 1;
 
     logic                 issuing, clearing;
+    logic                 again, encodes;  // behind the first pass of two; in the pass that has words
     logic [SLOT_BITS-1:0] index;
     logic [LANE_BITS-1:0] lane;
 
@@ -68,13 +71,14 @@ module vpr_encoder #(
     wire end_index = index == SLOT_BITS'(SLOTS - 1);
     wire end_lane  = lane == LANE_BITS'(LANES - 1) || end_index;
 
-    assign draining   = issuing || counted;
+    assign draining   = (issuing || counted) && !(CONTRAST && encodes);
     assign drain      = step && issuing;
     assign drain_slot = index;
 
     always_ff @(posedge clk) begin
-        if (start || rst) begin
+        if (start || rst || again) begin
             issuing <= 1'b1;
+            encodes <= again && !rst;
             index   <= '0;
             lane    <= '0;
         end else if (step) begin
@@ -88,8 +92,8 @@ module vpr_encoder #(
             counted        <= issuing;
             counted_word   <= issuing && end_lane;
             counted_last   <= end_index;
-            coded          <= STAGES'({coded, counted});
-            coded_word     <= STAGES'({coded_word, counted_word && !clearing});
+            coded          <= STAGES'({coded, counted && (encodes || !CONTRAST)});
+            coded_word     <= STAGES'({coded_word, counted_word && (CONTRAST ? encodes : !clearing)});
             coded_last     <= STAGES'({coded_last, counted_last});
             if (coded[STAGES-1]) word_inverse <= ~next_word;
             word_valid     <= coded_word[STAGES-1];
@@ -108,21 +112,45 @@ module vpr_encoder #(
 
     generate
         if (OWN_MEAN) begin : g_own_mean
-            wire unused = load[1];
+            logic                  deviates, deviating_last;
+            logic [SLOT_BITS-1:0]  deviating_slot;
+            logic [ENTRY_BITS+1:0] deviation;
+            logic [CODE_BITS-1:0]  own_code;
+            wire                   unused = &{
+                1'b0, load[1], own_code, deviates, deviating_last, deviating_slot, deviation
+            };
+
             vpr_own_mean #(
                 .SLOTS(SLOTS), .COUNT_MAX(COUNT_MAX), .SLOT_BITS(SLOT_BITS),
                 .COUNT_BITS(COUNT_BITS), .ENTRY_BITS(ENTRY_BITS), .MEAN_BITS(MEAN_BITS),
-                .CODE_BITS(CODE_BITS), .LOADABLE(LOADABLE), .CODES_FILE(CODES_FILE),
+                .CODE_BITS(CODE_BITS), .CONTRAST(CONTRAST), .LOADABLE(LOADABLE), .CODES_FILE(CODES_FILE),
                 .MEANS_FILE(MEANS_FILE)
             ) own_mean (
                 .clk(clk), .rst(rst), .load({load[2], load[0]}), .load_address(load_address),
                 .load_word(load_word), .step(step), .clearing(clearing), .hold(paused),
-                .valid(counted), .last(counted && counted_last), .slot(drained_slot), .count(drained),
-                .code(code)
+                .valid(counted && !(CONTRAST && encodes)), .last(counted && counted_last && !(CONTRAST && encodes)),
+                .slot(drained_slot), .count(drained), .code(own_code), .deviates(deviates),
+                .deviating_last(deviating_last), .deviating_slot(deviating_slot),
+                .deviation(deviation)
             );
+            if (CONTRAST) begin : g_contrast
+                vpr_contrast #(
+                    .SLOTS(SLOTS), .SLOT_BITS(SLOT_BITS), .ENTRY_BITS(ENTRY_BITS),
+                    .CODE_BITS(CODE_BITS)
+                ) contrast (
+                    .clk(clk), .rst(rst), .clear(start), .deviates(deviates),
+                    .last(deviating_last), .deviating_slot(deviating_slot),
+                    .deviation(deviation), .divided(again), .step(step), .slot(index),
+                    .code(code)
+                );
+            end else begin : g_own_codes
+                assign again = 1'b0;
+                assign code  = own_code;
+            end
         end else begin : g_table
             logic [INDEXED_BITS-1:0] entry;
             wire                     unused = &{1'b0, paused, load, drained_slot};
+            assign again = 1'b0;
             vpr_rom #(
                 .DEPTH(ENTRIES), .BITS(CODE_BITS), .ADDRESS_BITS(INDEXED_BITS),
                 .FILE(CODES_FILE), .LOADABLE(LOADABLE), .STYLE("block")

@@ -6,7 +6,9 @@
 // saturated. Each pass asks for the distances again (`distance_start`), unless they are kept
 // (KEEP); those of the first pass come unasked, some clocks after `start`. In a pause there is no
 // evidence, and there are no distances. The spread of this window is divided after its match; until
-// then the unit is not `idle`, and no window may end.
+// then the unit is not `idle`, and no window may end. No pass for metrics begins before the window's
+// activity stands (`settled`): it says what the evidence weighs, and what steps cost
+// (ACTIVITY_COSTS; otherwise STEP_PRICES).
 //
 // `misfit` is the evidence that the metric has, saturated at 23. `found` says that the search stands at
 // `best_sum`, the least metric. Distances come two clocks apart at least, and so do metrics.
@@ -15,6 +17,7 @@ module vpr_filter #(
     parameter bit            KEEP            = 0,
     parameter int            STEPS           = 1,
     parameter int            BACK            = 0,
+    parameter bit            ACTIVITY_COSTS  = 0,
     parameter logic [159:0]  STEP_PRICES     = 0,
     parameter logic [159:0]  BACK_PRICES     = 0,
     parameter logic [9:0]    RESTART         = 0,
@@ -24,13 +27,18 @@ module vpr_filter #(
     parameter int            RECIPROCAL_BITS = 17,
     parameter int            EVIDENCE_BITS   = 8,
     parameter int            METRIC_BITS     = 10,
-    parameter int            MISFIT_BITS     = 5
+    parameter int            MISFIT_BITS     = 5,
+    parameter bit            LOADABLE        = 0
 ) (
     input  logic                     clk,
     input  logic                     rst,
+    input  logic                     load,  // see vpr_rom
+    input  logic [19:0]              load_address,
+    input  logic [31:0]              load_word,
     input  logic                     start,
-    input  logic                     quiet,
     input  logic                     paused,
+    input  logic                     settled,
+    input  logic [9:0]               activity_inverse,
     output logic                     idle,
     output logic                     distance_start,
     input  logic                     distance_valid,
@@ -43,10 +51,11 @@ module vpr_filter #(
     input  logic                     found,
     input  logic [METRIC_BITS-1:0]   best_sum
 );
-    localparam int ENTRIES       = (STEPS > 3 ? STEPS : 3) + BACK;
-    // from a place's distance to its prediction, and to its evidence
+    localparam int ENTRIES       = STEPS + BACK;
+    // from a place's distance to its prediction; the evidence takes 4 or 5, and waits for it
     localparam int PREDICTED     = 3 + $clog2(ENTRIES + 1);
-    localparam int SCALED        = 3;
+    localparam int WAITS         = PREDICTED > 5 ? PREDICTED - 5 : 0;
+    localparam int COST_BITS     = ACTIVITY_COSTS ? 7 : 10;
     localparam int PRODUCT_BITS  = DISTANCE_BITS + RECIPROCAL_BITS - 1;
     // fraction bits of the reciprocal, less those of a metric
     localparam int SHIFT         = RECIPROCAL_BITS - 1 - 2;
@@ -86,22 +95,22 @@ module vpr_filter #(
         pass == FOR_MEAN && !known ? FOR_SPREAD : FOR_METRICS;
 
     always_ff @(posedge clk) begin
-        waiting        <= start;
+        waiting        <= start || (waiting && paused && !settled);
         beat           <= (state == RUN || state == LEAD) && !beat;
         distance_start <= 1'b0;
         divide         <= 1'b0;
-        ends           <= item && item_last;
+        ends           <= (item && item_last) || (ends && !settled);
         case (state)
             IDLE: begin
                 pass <= paused ? FOR_METRICS : FOR_MEAN;
-                if (waiting) state <= paused && BACK > 0 ? LEAD : RUN;
+                if (waiting && (!paused || settled)) state <= paused && BACK > 0 ? LEAD : RUN;
             end
             LEAD: if (leads && lead == 1) begin
                 state          <= RUN;
                 beat           <= 1'b0;
                 distance_start <= !unasked;
             end
-            RUN: if (ends) begin
+            RUN: if (ends && settled) begin
                 state  <= paused || scaled ? IDLE : DIVIDE;
                 divide <= !paused && !scaled;
             end
@@ -199,35 +208,77 @@ module vpr_filter #(
         .read(1'b1), .read_address(ahead), .read_word(former_inverse)
     );
 
+    logic [STEPS*COST_BITS-1:0] costs;
+
+    generate
+        if (ACTIVITY_COSTS) begin : g_by_activity
+            vpr_step_costs #(
+                .PLACES(PLACES), .PLACE_BITS(PLACE_BITS), .RESTART(RESTART),
+                .COST_BITS(COST_BITS), .LOADABLE(LOADABLE)
+            ) step_costs (
+                .clk(clk), .load(load), .load_address(load_address), .load_word(load_word),
+                .activity_inverse(activity_inverse), .place(index), .costs(costs)
+            );
+        end else begin : g_fixed
+            genvar step;
+            for (step = 0; step < STEPS; step = step + 1) begin : g_step
+                localparam logic [9:0] PRICE = STEP_PRICES[10*step+:10];
+                assign costs[COST_BITS*step+:COST_BITS] = PRICE < RESTART ? PRICE : RESTART;
+            end
+            wire unused = &{1'b0, load, load_address, load_word};
+        end
+    endgenerate
+
     vpr_prediction #(
-        .STEPS(STEPS), .BACK(BACK), .STEP_PRICES(STEP_PRICES), .BACK_PRICES(BACK_PRICES),
+        .STEPS(STEPS), .BACK(BACK), .COST_BITS(COST_BITS), .BACK_PRICES(BACK_PRICES),
         .RESTART(RESTART), .METRIC_BITS(METRIC_BITS)
     ) predictions (
         .clk(clk), .clear(state == IDLE || state == DIVIDE), .shift(shift),
-        .off(off), .metric(~former_inverse), .quiet(quiet), .placed(placed),
+        .off(off), .metric(~former_inverse), .costs(costs), .placed(placed),
         .least(least), .prediction(prediction)
     );
 
-    // Evidence: how far the place's distance is above the least, by the reciprocal of the spread
+    // Evidence: how far the place's distance is above the least, by the reciprocal of the spread,
+    // limited, and of that as many eighths as the window's activity says: all of them from 2 octaves
+    // below the usual one on, none 3 below it. In a pause there is none.
+
+    wire [9:0] activity = ~activity_inverse;
+    wire [3:0] weight   = !activity[9] || &activity[8:5] ? 4'd8
+                          : activity[8:4] == 5'b11101 ? {1'b0, activity[3:1]} : 4'd0;
 
     logic [DISTANCE_BITS-1:0] above;
     logic [PRODUCT_BITS-1:0]  product;
-    logic [EVIDENCE_BITS-1:0] evidence[0:PREDICTED-SCALED-1];
+    logic [EVIDENCE_BITS-1:0] limited;
+    logic [EVIDENCE_BITS+3:0] evidence;  // in eighths
     logic [PREDICTED-1:0]     valid;
 
     // half of a reciprocal of 2^16: a shift of one bit less
-    wire [PRODUCT_BITS-SHIFT:0] weighted =
+    wire [PRODUCT_BITS-SHIFT:0] divided =
         whole ? product[PRODUCT_BITS-1:SHIFT-1] : {1'b0, product[PRODUCT_BITS-1:SHIFT]};
 
-    wire [EVIDENCE_BITS-1:0]      against = evidence[PREDICTED-SCALED-1];
+    wire  [EVIDENCE_BITS-1:0]     against;
     wire [METRIC_BITS:0]          metric = {1'b0, prediction} + (METRIC_BITS + 1)'(against);
 
-    integer i;
+    generate
+        if (WAITS == 0) begin : g_at_once
+            assign against = evidence[EVIDENCE_BITS+2:3];
+        end else begin : g_waits
+            integer i;
+            logic [EVIDENCE_BITS-1:0] waits[0:WAITS-1];
+            always_ff @(posedge clk) begin
+                waits[0] <= evidence[EVIDENCE_BITS+2:3];
+                for (i = 1; i < WAITS; i = i + 1) waits[i] <= waits[i-1];
+            end
+            assign against = waits[WAITS-1];
+        end
+    endgenerate
+
     always_ff @(posedge clk) begin
         if (item) above <= farther[DISTANCE_BITS:1];
         product     <= PRODUCT_BITS'(above) * PRODUCT_BITS'(factor);
-        evidence[0] <= paused ? '0 : (weighted >> EVIDENCE_BITS) != 0 ? '1 : EVIDENCE_BITS'(weighted);
-        for (i = 1; i < PREDICTED - SCALED; i = i + 1) evidence[i] <= evidence[i-1];
+        limited     <= paused ? '0
+                       : (divided >> EVIDENCE_BITS) != 0 ? '1 : EVIDENCE_BITS'(divided);
+        evidence    <= (EVIDENCE_BITS + 4)'(limited) * (EVIDENCE_BITS + 4)'(weight);
         valid <= PREDICTED'({valid, metrics});
         sum_valid <= valid[PREDICTED-1];
         if (valid[PREDICTED-1]) begin
@@ -246,5 +297,5 @@ module vpr_filter #(
 
     assign sum_last = place == PLACE_BITS'(PLACES - 1);
 
-    wire unused = &{1'b0, product[SHIFT-1:0], farther};
+    wire unused = &{1'b0, product[SHIFT-1:0], farther, evidence, activity};
 endmodule

@@ -1,7 +1,10 @@
 // Code of a count against the running mean of its counter: the count's logarithm (a table, in units
 // of 1/256 octave) less the mean, rounded to octaves, saturated, plus half the range.
 //
-// A slot a clock with `step`: `count` and `slot` belong together, `code` follows three steps later.
+// A slot a clock with `step`: `count` and `slot` belong together, `code` follows three steps later. So
+// does `deviation`, for codes of contrast (CONTRAST): that difference, half an octave for rounding, and
+// 2^ENTRY_BITS, which makes it positive; with `deviates`, `deviating_last` and `deviating_slot`. It
+// stays for one clock alone: no step is missing then.
 // The mean then moves by 1/16 of the difference, in the end by 1/256, unless the window pauses
 // (`hold`). While `clearing`, after reset, the means become those of the file.
 module vpr_own_mean #(
@@ -12,6 +15,7 @@ module vpr_own_mean #(
     parameter int ENTRY_BITS = 9,
     parameter int MEAN_BITS  = 17,
     parameter int CODE_BITS  = 1,
+    parameter bit CONTRAST   = 0,
     parameter bit LOADABLE   = 0,
     parameter     CODES_FILE = "codes.mem",
     parameter     MEANS_FILE = "means.mem"
@@ -28,19 +32,23 @@ module vpr_own_mean #(
     input  logic                  last,
     input  logic [SLOT_BITS-1:0]  slot,
     input  logic [COUNT_BITS-1:0] count,
-    output logic [CODE_BITS-1:0]  code
+    output logic [CODE_BITS-1:0]  code,
+    output logic                  deviates,
+    output logic                  deviating_last,
+    output logic [SLOT_BITS-1:0]  deviating_slot,
+    output logic [ENTRY_BITS+1:0] deviation
 );
     localparam int LEVEL_BITS  = 8;                       // fraction bits of a logarithm
     localparam int FRACTION    = MEAN_BITS - ENTRY_BITS;  // further ones of a mean
     localparam int FIRST_SHIFT = 4;
     localparam int LAST_SHIFT  = 8;
     // Half an octave for the code, and as much as makes the mean, which is taken away, round up
-    localparam int ROUNDING    = (1 << (FRACTION + LEVEL_BITS - 1)) + (1 << (FRACTION - 1)) - 1;
+    localparam int ROUNDING    = (1 << (FRACTION + LEVEL_BITS - 1)) + (1 << (FRACTION - 1)) - 1
+                                 + (CONTRAST ? 1 << (ENTRY_BITS + FRACTION) : 0);
     localparam int WHOLE_BITS  = MEAN_BITS + 2 - FRACTION - LEVEL_BITS;
     localparam int OCTAVE_BITS = WHOLE_BITS > CODE_BITS + 1 ? WHOLE_BITS : CODE_BITS + 1;
 
-    localparam logic signed [OCTAVE_BITS-1:0] HIGHEST = OCTAVE_BITS'((1 << (CODE_BITS - 1)) - 1);
-    localparam logic signed [OCTAVE_BITS-1:0] LOWEST  = OCTAVE_BITS'(-(1 << (CODE_BITS - 1)));
+    localparam logic [CODE_BITS-1:0] HALF = CODE_BITS'(1 << (CODE_BITS - 1));
 
     logic [ENTRY_BITS-1:0]       level, first_mean;
     // as they are subtracted, in memory
@@ -69,7 +77,12 @@ module vpr_own_mean #(
     wire signed [MEAN_BITS+1:0] rounded =
         (MEAN_BITS + 2)'(difference) + $signed((MEAN_BITS + 2)'(ROUNDING));
     logic signed [OCTAVE_BITS-1:0] octaves;
-    assign code = octaves > HIGHEST ? '1 : octaves < LOWEST ? '0 : CODE_BITS'(octaves - LOWEST);
+    // in range if the bits from the code's highest on are all as the sign
+    wire   below  = octaves[OCTAVE_BITS-1];
+    wire   beyond = octaves[OCTAVE_BITS-1:CODE_BITS-1] != {(OCTAVE_BITS - CODE_BITS + 1){below}};
+    assign code   = beyond ? {CODE_BITS{!below}} : octaves[CODE_BITS-1:0] ^ HALF;
+
+    assign deviating_slot = moved_slot;
 
     vpr_rom #(
         .DEPTH(COUNT_MAX + 1), .BITS(ENTRY_BITS), .ADDRESS_BITS(COUNT_BITS), .FILE(CODES_FILE),
@@ -107,16 +120,20 @@ module vpr_own_mean #(
             held_total    <= read_clearing ? {first_mean, {FRACTION{1'b0}}} : total;
             difference    <= read_clearing ? '0 : (MEAN_BITS + 1)'(above >> 1);
             octaves       <= OCTAVE_BITS'($signed(rounded[MEAN_BITS+1-:WHOLE_BITS]));
+            deviation     <= rounded[MEAN_BITS+1-:ENTRY_BITS+2];
             if (held_last && !held_clearing && !hold && !seen[LAST_SHIFT]) seen <= seen + 1'b1;
         end
         moved_valid <= held_valid && (held_clearing || !hold);
         moved_slot  <= held_slot;
+        deviates       <= held_valid && !held_clearing;
+        deviating_last <= held_last;
         moved_inverse <= ~(held_total + moves[MEAN_BITS-1:0]);
         // the highest power of two that it has reached
         by <= seen[8] ? 5'b10000 : seen[7] ? 5'b01000 : seen[6] ? 5'b00100
               : seen[5] ? 5'b00010 : 5'b00001;
         if (rst) begin
             moved_valid <= 1'b0;
+            deviates    <= 1'b0;
             read_valid  <= 1'b0;
             read_last   <= 1'b0;
             held_valid  <= 1'b0;

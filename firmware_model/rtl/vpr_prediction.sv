@@ -1,15 +1,16 @@
 // Price of the cheapest way to a place: by a step of 0, 1 ... places from a lower one, by a step
 // back from a higher one, or by a restart, which costs the same for all. The metrics of the window
 // before come in the order of places, with `shift`; `metric` is that of the place BACK ahead, or
-// there is none (`off`). `clear` forgets those before.
+// there is none (`off`). `clear` forgets those before. `costs` are those of steps of 0, 1 ... places
+// to the place that is BACK below it, in the second clock behind `shift`; none is above RESTART.
 //
 // `prediction` is registered at the third clock edge after the one that shifts, and one more for
 // each level of the tree of comparisons; it stays until the next. Before the first window
-// (`placed`) it is 0. In a quiet window, steps of 0 and 1 are free, and one of 2 costs 1.
+// (`placed`) it is 0.
 module vpr_prediction #(
     parameter int            STEPS        = 1,
     parameter int            BACK         = 0,
-    parameter logic [159:0]  STEP_PRICES  = 0,
+    parameter int            COST_BITS    = 10,
     parameter logic [159:0]  BACK_PRICES  = 0,
     parameter logic [9:0]    RESTART      = 0,
     parameter int            METRIC_BITS  = 10
@@ -19,16 +20,12 @@ module vpr_prediction #(
     input  logic                   shift,
     input  logic                   off,
     input  logic [METRIC_BITS-1:0] metric,
-    input  logic                   quiet,
+    input  logic [STEPS*COST_BITS-1:0] costs,
     input  logic                   placed,
     input  logic [METRIC_BITS-1:0] least,
     output logic [METRIC_BITS-1:0] prediction
 );
-    localparam int QUIET_STEPS = 3;
-    localparam logic [QUIET_STEPS*10-1:0] QUIET_PRICES = {10'd4, 10'd0, 10'd0};
-
-    localparam int AHEAD   = STEPS > QUIET_STEPS ? STEPS : QUIET_STEPS;
-    localparam int ENTRIES = AHEAD + BACK;
+    localparam int ENTRIES = STEPS + BACK;
     localparam int LEVELS  = $clog2(ENTRIES + 1);
     localparam int WIDE    = 1 << LEVELS;
     // no way is dearer than a restart: what is dearer saturates before a price is added
@@ -71,20 +68,15 @@ module vpr_prediction #(
                         g_level[level-1].nearest[(2*node+1)*SUM_BITS+:SUM_BITS];
                     always_ff @(posedge clk) found <= right < left ? right : left;
                 end else if (node < ENTRIES) begin : g_price
-                    localparam int STEP = node - BACK;
-                    localparam bit MOVES = STEP < 0 ? 1'b1 : STEP < STEPS;
-                    localparam bit STANDS = STEP < 0 ? 1'b0 : STEP < QUIET_STEPS;
-                    localparam logic [9:0] MOVING =
-                        !MOVES ? RESTART : STEP < 0 ? BACK_PRICES[10*(STEP<0?-STEP-1:0)+:10]
-                        : STEP_PRICES[10*(STEP<0?0:STEP)+:10];
-                    localparam logic [9:0] STANDING =
-                        STANDS ? QUIET_PRICES[10*(STANDS?STEP:0)+:10] : RESTART;
-                    localparam logic [BITS-1:0] MOVED = BITS'(MOVING < RESTART ? MOVING : RESTART);
-                    localparam logic [BITS-1:0] STOOD =
-                        BITS'(STANDING < RESTART ? STANDING : RESTART);
-                    wire [BITS-1:0] price = quiet ? STOOD : MOVED;
+                    wire [BITS-1:0] cost;
+                    if (node < BACK) begin : g_back
+                        localparam logic [9:0] PRICE = BACK_PRICES[10*(BACK-1-node)+:10];
+                        assign cost = BITS'(PRICE < RESTART ? PRICE : RESTART);
+                    end else begin : g_ahead
+                        assign cost = BITS'(costs[COST_BITS*(node-BACK)+:COST_BITS]);
+                    end
                     always_ff @(posedge clk)
-                        found <= SUM_BITS'(entries[node*BITS+:BITS]) + SUM_BITS'(price);
+                        found <= SUM_BITS'(entries[node*BITS+:BITS]) + SUM_BITS'(cost);
                 end else begin : g_filler
                     assign found = SUM_BITS'(RESTART);
                 end

@@ -32,8 +32,8 @@ module vpr_trust #(
     localparam int FRACTION       = TRUST_BITS - MARGIN_BITS;
     localparam int TRUST_SHIFT    = 2;
     localparam int STANDING_SHIFT = 4;
-    localparam int QUIET_STEPS    = 3;
-    localparam int LAST           = (STEPS > QUIET_STEPS ? STEPS : QUIET_STEPS) - 1;
+    // a place follows by 2 at least, whatever the steps
+    localparam int LAST           = (STEPS > 3 ? STEPS : 3) - 1;
     // steps to compare: wide enough for the longest as well
     localparam int BITS           = (PLACE_BITS > 5 ? PLACE_BITS : 5) + 1;
     localparam logic [4:0] LONGEST = 5'(LAST + BACK);

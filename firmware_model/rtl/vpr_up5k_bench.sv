@@ -127,7 +127,7 @@ module vpr_up5k_bench;
         end
         $fclose(file);
         waited = 0;
-        while (waited < 200 + SLOTS + 3 * PLACES * (WORDS + LENGTH)) begin
+        while (waited < 500 + 2 * SLOTS + 3 * PLACES * (WORDS + LENGTH)) begin
             if (match) begin
                 read_match;
                 waited = 0;

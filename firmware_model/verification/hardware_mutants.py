@@ -1,7 +1,7 @@
 """Generated faults of the core: ``python -m firmware_model.verification.hardware_mutants``.
 
 Each mutant changes one operator or constant of the sources, or removes a statement. The vectors of
-designs with sequences, and of some with the place filter and own-mean codes, are replayed with
+designs with sequences, and of some with the place filter and own-mean or contrast codes, are replayed with
 stalls and resets until a case finds the mutant; the first of them also on the core that has
 registers behind its block memories. Short cases with a reset of one clock, at each clock of a place
 or of a match, follow. The command lists the mutants that no case finds.
@@ -58,18 +58,15 @@ EVERY_CLOCK = {
 #: cases that find most mutants come first
 FIRST = (
     "tie_of_three", "walk", "own_means_of_sequences", "by_one_too_many", "events_by_time",
-    "usually_more_events", "pause_at_threshold", "quiet_at_threshold", "quiet", "spread_of_one",
-    "pauses_of_kept_distances", "random_2",
+    "usually_more_events", "pause_at_threshold", "by_activity", "contrasts", "weights",
+    "spread_of_one", "pauses_of_kept_distances", "random_2",
 )  # fmt: skip
 #: mutants that behave as the source does, and the reason
 EQUAL = {
-    ("vpr_own_mean.sv", "assign code = octaves >= HIGHEST ? '1 : octaves < LOWEST ? '0 : "
-     "CODE_BITS'(octaves - LOWEST);"): "HIGHEST - LOWEST is the code of all ones",
     ("vpr_activity.sv", "{wrapped, events} - {1'b0, {EVENTS_BITS{has_events}}} + "
      "(EVENTS_BITS + 1)'(counted);"): "the operand is 0 whenever the sum is taken",
     ("vpr_activity.sv", "{wrapped, events} + {1'b0, {EVENTS_BITS{has_events}}} + "
      "(EVENTS_BITS - 1)'(counted);"): "either width holds the one bit",
-    ("vpr_core.sv", "assign quiet   = 1'b1;"): "only the filter reads it",
 }  # fmt: skip
 _CHANGES = tuple(
     (re.compile(old), new)

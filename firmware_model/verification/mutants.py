@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+from bisect import bisect_left
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -17,7 +18,8 @@ from typing import Literal, TypeVar
 
 from firmware_model.emulation.build import HOST, SOURCES, build
 from firmware_model.errors import ToolError
-from firmware_model.model.design import Design
+from firmware_model.model.descriptor import ACTIVITY_SHIFT
+from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, Design, ilog
 from firmware_model.model.memories import Memories
 from firmware_model.vectors.case import Case, Stream, choose_pixels
 from firmware_model.vectors.corners import corner_cases, evidence_cases, filter_cases, long_window
@@ -440,6 +442,42 @@ def _shown(
 
 
 def long_windows() -> list[LongWindow]:
+    """Make windows of more events than a file should have, see the functions that make them."""
+    return [_saturated(), *_logarithms()]
+
+
+def _logarithms() -> list[LongWindow]:
+    """Make windows that show each sixteenth of the highest octave of event numbers, and its edge.
+
+    The usual number is the least of this logarithm, or less by one; or the window has more events
+    than 23 bits can count. The metric of the only place is the price of staying there.
+    """
+    design = replace(
+        FILTER, code="linear", code_bits=1, full_scales=(1,), places=1, activity_costs=True,
+        steps=(), exclusion=0,
+    )  # fmt: skip
+    # from an empty window on, whose costs are those of the first one
+    stream = Stream(design, choose_pixels(design))
+    stream.skip(1)
+    stream.slot(0)
+    stream.end()
+    stream.close()
+    least = [bisect_left(range(EVENTS_TOP), log, key=ilog) for log in range(353, 368)]
+    shown = [(16_000, n - less, ilog(16_000) - ilog(n)) for n in least for less in (0, 1)]
+    found = []
+    for events, usual, edge in (*shown, ((1 << 23) + 1, least[0], 14)):
+        # before the empty window, behind which it is less by 1/64
+        activity = -(-(usual << ACTIVITY_BITS + ACTIVITY_SHIFT) // ((1 << ACTIVITY_SHIFT) - 1))
+        # the row of this activity is the last that has its price of staying
+        memories = Memories(
+            design, stream.pixels, [[0] * design.slots], activity=activity,
+            place_activity=[edge + 21],
+        )  # fmt: skip
+        found.append(LongWindow(Case("", memories, tuple(stream.events)), events))
+    return found
+
+
+def _saturated() -> LongWindow:
     """Make a window with more events than 23 bits can count, which saturates.
 
     The events of the next window then are less than 1/16 of the usual number by so little that they
@@ -452,7 +490,7 @@ def long_windows() -> list[LongWindow]:
     stream.close()
     places = [[slot * place % 8 for slot in range(design.slots)] for place in range(4)]
     memories = Memories(design, stream.pixels, places)
-    return [LongWindow(Case("", memories, tuple(stream.events)), (1 << 23) + (1 << 20))]
+    return LongWindow(Case("", memories, tuple(stream.events)), (1 << 23) + (1 << 20))
 
 
 def all_mutants() -> list[Mutant]:

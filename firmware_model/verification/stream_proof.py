@@ -1,7 +1,7 @@
 """Claims about the core's streams, windows, matches and counters, for the model checker pdr.
 
 The core has small parameters. Its memories are replaced by ones that return any word, so that a
-claim holds for all tables, places and contents. `formal/vpr_core_properties.sv` states what must
+claim holds for all tables, places and contents, and its activity by one that says anything. `formal/vpr_core_properties.sv` states what must
 hold at the core's ports, ``formal/vpr_core_inside.sv`` what must hold inside it, and
 ``formal/vpr_counters_properties.sv`` what must hold for the counters.
 """
@@ -59,7 +59,10 @@ CORE_KINDS: dict[str, dict[str, int]] = {
     "place filter, windows by time": {"LENGTH": 1, "FILTER": 1, "PATIENCE": 64, "PROGRESS": 70},
     "place filter that keeps distances, own means, a step back, windows by count": {
         "LENGTH": 1, "FILTER": 1, "BY_TIME": 0, "KEEP_DISTANCES": 1, "OWN_MEAN": 1, "BACK": 1,
-        "PATIENCE": 64, "PROGRESS": 70,
+        "ACTIVITY_COSTS": 1, "PATIENCE": 64, "PROGRESS": 70,
+    },
+    "sequences of 1, contrast, windows by count": {
+        "LENGTH": 1, "BY_TIME": 0, "OWN_MEAN": 1, "CONTRAST": 1, "PATIENCE": 24, "PROGRESS": 52,
     },
 }  # fmt: skip
 
@@ -81,7 +84,7 @@ class Claim:
     parameters : dict of str to int
         Parameters of `top`.
     free_memories : bool
-        Whether memories return any word.
+        Whether memories return any word, and the activity is any.
     method : str
         Of `firmware_model.hardware.formal.model_check`.
     """
@@ -95,6 +98,10 @@ class Claim:
     method: str = UNBOUNDED
 
 
+#: units of the core but for those of the activity, which is replaced
+_UNITS_OF_CORE = tuple(
+    unit for unit in UNITS if unit not in ("vpr_activity.sv", "vpr_logarithm.sv")
+)
 #: clocks in which a core of sequences has a second window
 FEW_CLOCKS = 80
 BOUNDED_TO_FEW = BOUNDED.replace(str(CLOCKS), str(FEW_CLOCKS))
@@ -117,7 +124,8 @@ def core_claim(define: str, kind: str, *, slow_blocks: bool = False) -> Claim:
         name, method = f"in the first {CLOCKS} clocks, {name}", BOUNDED
     elif define == "MATCH" and "FILTER" in parameters:
         method = SIMPLIFIED
-    return Claim(name, "vpr_core_properties", UNITS, f"PROVE_{define}", parameters, True, method)
+    files, top = _UNITS_OF_CORE, "vpr_core_properties"
+    return Claim(name, top, files, f"PROVE_{define}", parameters, True, method)
 
 
 def cover(define: str, kind: str) -> Claim:
@@ -126,9 +134,8 @@ def cover(define: str, kind: str) -> Claim:
     `holds` must refuse it: then there are inputs that lead there in the first clocks.
     """
     name = f"never: {COVERS[define]} ({kind})"
-    return Claim(
-        name, "vpr_core_properties", UNITS, f"COVER_{define}", CORE_KINDS[kind], True, BOUNDED
-    )
+    files, top = _UNITS_OF_CORE, "vpr_core_properties"
+    return Claim(name, top, files, f"COVER_{define}", CORE_KINDS[kind], True, BOUNDED)
 
 
 COUNTERS = Claim(
@@ -160,11 +167,15 @@ CLAIMS = (
     ),
 )
 
-_BY_TIME, _BY_COUNT, _FILTER, _KEPT = CORE_KINDS
+_BY_TIME, _BY_COUNT, _FILTER, _KEPT, _CONTRAST = CORE_KINDS
 #: covers: a map of two places has one sequence of 2, and no second best
 REACHED = (
     *(cover(define, kind) for kind in (_BY_COUNT, _KEPT) for define in COVERS),
-    *(cover(define, _BY_TIME) for define in ("THREE", "RESET", "WAIT")),
+    *(
+        cover(define, kind)
+        for kind in (_BY_TIME, _CONTRAST)
+        for define in ("THREE", "RESET", "WAIT")
+    ),
 )
 #: broken versions: the claim that must refuse each, its file, the replaced text and its replacement
 BROKEN: dict[str, tuple[Claim, str, str, str]] = {
@@ -284,7 +295,8 @@ def holds(claim: Claim, changed: Mapping[str, str] | None = None, *, seconds: in
             (folder / file).write_text(text, encoding="ascii")
         files = [folder / file for file in claim.files]
         if claim.free_memories:
-            files.insert(0, PROPERTIES / "vpr_free_memories.sv")
+            free = ("vpr_free_memories.sv", "vpr_free_activity.sv")
+            files = [*(PROPERTIES / name for name in free), *files]
         files.append(PROPERTIES / f"{claim.top}.sv")
         run_yosys(
             [

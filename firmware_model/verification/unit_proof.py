@@ -149,13 +149,13 @@ def search(size: Size, *, induction: bool = True) -> Unit:
 #: the search of the broken versions
 SMALL_SEARCH = search(_SMALL, induction=False)
 #: each prediction is the price of the cheapest way, and at most that of a restart; with steps of 0,
-#: 1 and 2 places, and one back
+#: 1 and 2 places of any costs, and one back
 PREDICTION = Unit(
     "vpr_prediction",
     {
         "STEPS": 3,
         "BACK": 1,
-        "STEP_PRICES": f"160'h{2 | 1 << 2 * 10:040x}",
+        "COST_BITS": 4,
         "BACK_PRICES": "160'h3",
         "RESTART": 9,
         "METRIC_BITS": 4,

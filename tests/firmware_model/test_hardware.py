@@ -34,8 +34,9 @@ from firmware_model.hardware import (
 )
 from firmware_model.hardware.parameters import PACKAGE, match_bits, package, parameters, tables
 from firmware_model.hardware.simulation import Conditions
+from firmware_model.model.comparator import row_of_costs
 from firmware_model.model.descriptor import ActivityModel, Event
-from firmware_model.model.design import formats_of
+from firmware_model.model.design import ACTIVITY_COSTS, formats_of, ilog
 from firmware_model.vectors import (
     check_files,
     load_manifest,
@@ -68,6 +69,8 @@ DESIGN = Design(
 )
 FILTER = replace(DESIGN, matching="filter", length=1)
 ADAPTIVE = replace(FILTER, code="own-mean")
+#: what a map has by default
+BY_ACTIVITY = replace(FILTER, code="contrast", activity_costs=True, steps=())
 
 needs_iverilog = pytest.mark.skipif(
     not simulation.available(), reason="Icarus Verilog is not installed: apt install iverilog"
@@ -134,6 +137,9 @@ FILTER_CASES = (
     *("means_and_pauses", "means_from_the_top", "own_means_of_sequences", "usually_more_events"),
     *("spread_of_one", "spread_of_one_of_kept_distances", "means_of_halves"),
     *("by_five_places", "first_busy", "first_pauses", "spread_of_none"),
+    *("by_activity", "back_by_activity_of_kept_distances", "pauses_by_activity", "weights"),
+    *("contrasts", "contrasts_and_pauses", "contrasts_of_sequences", "contrast_rounded_up"),
+    *("costs_of_1_places_low", "costs_of_1_places_high"),
 )
 
 
@@ -160,6 +166,7 @@ def test_the_core_returns_the_place_filters_corners_under_stalls_and_a_reset(tmp
         ("corners", ("tie_of_three", "events_by_time", "all_places_equal")),
         ("filter", ("walk_of_kept_distances", "backwards", "spread_of_one")),
         ("filter", ("means_and_pauses", "own_means_of_sequences")),
+        ("filter", ("contrasts", "by_activity")),
         ("random", ("random_0",)),
     ],
 )
@@ -185,30 +192,42 @@ def test_the_core_returns_random_cases_of_random_adaptive_designs(tmp_path, seed
     assert outcome.equal["event"] == 2000
 
 
+#: clocks from a window's end until its activity stands, in which no event is counted
+SETTLING = 10 * 32 + 3
+
+
+def steps_to_a_code(design):
+    """Clocks of encoding beyond those of the model."""
+    return 2 * design.own_mean + 3 * design.contrast
+
+
 def core_cycles(design, slow_blocks=False):
     """Clocks from a window's end to its match, as docs/hardware.md says."""
-    if slow_blocks:
-        passes = 1 if not design.filters or design.keep_distances else 2
-        return core_cycles(design) + passes + (design.length > 1)
     if design.filters:
-        return filter_cycles(design)
+        return filter_cycles(design, slow_blocks)
     model = cost.cycles(design)
     period = max(design.words, design.length, 2)
     added = (design.places - 1) * (period - max(design.words, design.length))
     levels = (design.lanes - 1).bit_length()
-    around = (9 if design.length == 1 else 10) + 2 * design.own_mean
-    return model.match + added + levels - design.words + around
+    around = (9 if design.length == 1 else 10) + steps_to_a_code(design)
+    slow = slow_blocks * (1 + (design.length > 1))
+    return model.match + added + levels - design.words + around + slow
 
 
-def filter_cycles(design):
+def filter_cycles(design, slow_blocks=False):
     """Clocks of the filter after its first window, which takes a pass and two divisions more."""
-    levels = (design.lanes - 1).bit_length()
-    entries = max(len(design.steps), 3) + len(design.back)
+    levels = (design.lanes - 1).bit_length() + slow_blocks
+    entries = (design.largest_step + 1 if design.activity_costs else len(design.steps)) + len(
+        design.back
+    )
     distances = (design.places - 1) * max(design.words, 2) + levels
     kept = 2 * design.places - 4
-    passes = distances + (kept if design.keep_distances else distances + design.words)
-    around = 30 + 2 * design.own_mean + 2 * len(design.back) + (entries - 1).bit_length()
-    return design.slots + passes + formats_of(design)["distance_total"].width + around
+    metrics = kept if design.keep_distances else distances + design.words
+    around = 23 + 2 * len(design.back) + entries.bit_length()
+    # the metrics wait for the activity, which takes longer than the mean of small maps
+    encoded = cost.encoding_cycles(design) + steps_to_a_code(design)
+    mean = max(encoded + distances + 7, SETTLING)
+    return mean + formats_of(design)["distance_total"].width + metrics + around
 
 
 @needs_iverilog
@@ -242,10 +261,14 @@ def test_an_event_is_taken_in_each_clock(tmp_path, polarity, slow_blocks):
         replace(DESIGN, lanes=9, length=1, places=9),
         replace(DESIGN, lanes=16, length=4),
         replace(DESIGN, code="own-mean"),
+        replace(DESIGN, code="contrast"),
         replace(FILTER, window="count"),
         replace(ADAPTIVE, window="count", lanes=9, places=9),
+        replace(ADAPTIVE, window="count", places=90, lanes=2),
         replace(FILTER, window="count", back=(1, 2), keep_distances=True),
         replace(FILTER, window="count", back=(1,), steps=(1, 0, 0, 1, 1)),
+        replace(BY_ACTIVITY, window="count", places=70),
+        replace(BY_ACTIVITY, window="count", places=120, back=(1, 2), keep_distances=True),
     ],
 )
 def test_a_match_takes_the_clocks_that_the_documentation_says(tmp_path, design):
@@ -390,15 +413,19 @@ def test_the_package_has_every_parameter_of_the_core_with_the_models_widths():
     """No parameter of the core keeps its default."""
     core = (sources.FOLDER / "vpr_core.sv").read_text(encoding="ascii")
     declared = re.findall(r"parameter (?:int|bit|logic \[\d+:0\])\s+(\w+)", core)
-    given = parameters(ADAPTIVE)
+    given = parameters(BY_ACTIVITY)
     assert declared == list(given) == list(parameters(DESIGN))
     device = (sources.FOLDER / "vpr_device.sv").read_text(encoding="ascii")
     assert re.findall(r"\.(\w+)\(vpr_design::\1\)", device) == declared
     # quantities that are another's by another name, or no parameter
     same = {"sequence": "sum", "metric": "sum", "prediction": "sum", "price": "sum"}
-    for design in (DESIGN, ADAPTIVE):
+    # fixed in the core, or made of others
+    inner = {"event_log", "weight", "place_activity", "level_total"}
+    for design in (DESIGN, BY_ACTIVITY):
         found = parameters(design)
         for name, form in formats_of(design).items():
+            if name in inner:
+                continue
             width = found[f"{same.get(name, name).upper()}_BITS"][1]
             assert width == form.width or (name == "price" and width >= form.width)
     text = package(replace(DESIGN, tau_us=5_000_000_000, timestamp_bits=40))
@@ -507,6 +534,8 @@ KINDS = [
     replace(ADAPTIVE, trust=100, back=(1, 2), steps=(2, 0, 1, 1)),
     replace(FILTER, window="count", places=1, lanes=9, keep_distances=True, steps=(1,)),
     replace(DESIGN, code="own-mean", code_bits=8),
+    replace(BY_ACTIVITY, back=(1, 2), restart=16),
+    replace(DESIGN, code="contrast"),
 ]
 
 
@@ -572,7 +601,10 @@ def test_the_sources_are_free_of_lint(tmp_path, design):
 
 @pytest.mark.slow
 @needs_iverilog
-@pytest.mark.parametrize(("suite", "name"), [("corners", "tie_of_three"), ("filter", "own_means")])
+@pytest.mark.parametrize(
+    ("suite", "name"),
+    [("corners", "tie_of_three"), ("filter", "own_means"), ("filter", "contrasts")],
+)
 def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
     """Start time, usual events, places and events as bytes in, status and matches out."""
     (whole,) = [c for c in standard_suites(ADAPTIVE, 3, suite)[suite] if c.name == name]
@@ -603,6 +635,7 @@ def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
     [
         ("corners", "tie_of_three", replace(DESIGN, lanes=13, full_scales=(7, 3))),
         ("filter", "own_means", ADAPTIVE),
+        ("filter", "by_activity", BY_ACTIVITY),
         ("random", "random_0", replace(FILTER, timestamp_bits=40, places=5)),
     ],
 )
@@ -700,7 +733,7 @@ def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
     ):
         assert bench.found_by(changed(file, old, new)) == "filter/spread_of_one"
     assert bench.cases[0].name == "filter/spread_of_one"
-    lowest = changed("vpr_own_mean.sv", "octaves < LOWEST", "1'b0")
+    lowest = changed("vpr_own_mean.sv", "{CODE_BITS{!below}}", "'1")
     assert bench.found_by(lowest) == "filter/own_means"
     assert bench.found_by(None) is None
 
@@ -758,15 +791,18 @@ def test_the_usual_number_of_events_is_compared_by_all_its_bits(tmp_path):
     assert bench.found_by(first) == "filter/pause_by_two"
 
 
-#: a line for each window: whether it is quiet, whether it pauses, and the usual number behind it
+#: a line for each window: whether it pauses, the usual number behind it, its activity, and clocks
 ACTIVITY_BENCH = """
 module bench;
     logic clk = 0, load = 1, counted = 0, window_end = 0;
-    logic settled, quiet, pauses;
+    logic settled, pauses;
+    logic [9:0] activity_inverse;
     logic [8:0] events[WINDOWS];
+    int clocks;
     vpr_activity #(.EVENTS_BITS(6), .ACTIVITY_BITS(14)) activity (
         .clk(clk), .load(load), .start_activity(14'd START), .counted(counted),
-        .window_end(window_end), .settled(settled), .quiet(quiet), .pauses(pauses)
+        .window_end(window_end), .settled(settled), .pauses(pauses),
+        .activity_inverse(activity_inverse)
     );
     always #1 clk = !clk;
     initial begin
@@ -775,7 +811,7 @@ module bench;
         @(negedge clk) load = 0;
         window_end = 1;
         @(negedge clk) window_end = 0;
-        repeat (5) @(negedge clk);
+        repeat (STOP) @(negedge clk);
         load = 1;
         @(negedge clk) load = 0;
         for (int window = 0; window < WINDOWS; window++) begin
@@ -788,16 +824,30 @@ module bench;
             end
             counted = 0;
             repeat (2) @(negedge clk);
-            $write("%0d %0d ", quiet, pauses);
+            $write("%0d ", pauses);
             window_end = 1;
+            clocks = 0;
             @(negedge clk) window_end = 0;
-            while (!settled) @(negedge clk);
-            $display("%0d", activity.usual);
+            while (!settled) @(negedge clk) clocks++;
+            $display("%0d %0d %0d", activity.usual, $signed(~activity_inverse), clocks);
         end
         $finish;
     end
 endmodule
 """
+
+
+def simulated(tmp_path, bench, units):
+    """Lines of numbers that a testbench of some units prints."""
+    (tmp_path / "bench.sv").write_text(bench, encoding="ascii")
+    files = ["bench.sv", *(str(sources.FOLDER / unit) for unit in units)]
+    for command in (
+        ["iverilog", "-g2012", "-s", "bench", "-o", "bench.vvp", *files],
+        ["vvp", "-n", "bench.vvp"],
+    ):
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    lines = (line.split() for line in done.stdout.splitlines() if re.match(r"-?\d", line))
+    return [[int(word) for word in line] for line in lines]
 
 
 def usual_after(usual, events):
@@ -813,11 +863,11 @@ def test_the_activity_is_that_of_the_model_though_the_number_of_events_saturates
     rng = np.random.default_rng(5)
     # the first window is at a threshold, or one below it, or between both
     cases = [
-        (0, [1]), (1, [0]), (2 << 11, [2]), ((2 << 11) + 1, [2]), (2 << 12, [2]),
-        ((2 << 12) + 1, [2]), ((2 << 12) + (1 << 11), [2]), (63 << 8, [500]),
+        (0, [1]), (1, [0]), (0, [0, 0]), (2 << 12, [2]), ((2 << 12) + 1, [2]),
+        ((2 << 12) + (1 << 11), [2]), (63 << 8, [500]),
     ]  # fmt: skip
     # or the second one is, behind one with an event that moves the usual number there
-    for usual, second in ((3 << 11, 3), (4 << 11, 4), (4 << 11, 2), (6 << 11, 3)):
+    for usual, second in ((1 << 12, 1), (2 << 12, 2), (3 << 12, 3)):
         start = bisect_left(range(1 << 14), usual, key=lambda n: usual_after(n, 1))
         assert usual_after(start, 1) == usual
         cases.append((start, [1, second]))
@@ -827,23 +877,104 @@ def test_the_activity_is_that_of_the_model_though_the_number_of_events_saturates
         numbers = "\n".join(f"{n:x}" for n in events)
         (tmp_path / "events.mem").write_text(numbers, encoding="ascii")
         text = ACTIVITY_BENCH.replace("WINDOWS", str(len(events))).replace("START", str(start))
-        (tmp_path / "bench.sv").write_text(text, encoding="ascii")
-        unit = sources.FOLDER / "vpr_activity.sv"
-        for command in (
-            ["iverilog", "-g2012", "-s", "bench", "-o", "bench.vvp", "bench.sv", str(unit)],
-            ["vvp", "-n", "bench.vvp"],
-        ):
-            done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+        text = text.replace("STOP", str(rng.integers(153)))
+        units = ("vpr_rom.sv", "vpr_logarithm.sv", "vpr_activity.sv")
+        returned_lines = simulated(tmp_path, text, units)
         model, expected = ActivityModel(start), []
         for counted in events.tolist():
             number = min(counted, 63)
-            seen = model.is_quiet(number), model.pauses(number)
+            pauses, relative = int(model.pauses(number)), model.relative(number)
             model.update(number)
-            expected.append([*map(int, seen), model.usual])
-        returned_lines = [line for line in done.stdout.splitlines() if line[:1].isdigit()]
-        assert [[int(word) for word in line.split()] for line in returned_lines] == expected
-        kinds = {(quiet, pauses) for quiet, pauses, _ in expected}
-        assert kinds >= {(0, 0), (1, 1)}
+            expected.append([pauses, model.usual, relative, 10 * 15 + 3])
+        assert returned_lines == expected
+        assert {pauses for pauses, *_ in expected} == {0, 1}
+
+
+#: a line for each number: its logarithm
+LOGARITHM_BENCH = """
+module bench;
+    logic clk = 0, valid = 0, number = 0, decide = 0;
+    logic [4:0] round;
+    logic [8:0] inverse;
+    logic [22:0] n, numbers[0:NUMBERS-1];
+    vpr_logarithm logarithm (
+        .clk(clk), .round(round), .valid(valid), .number(number), .decide(decide), .inverse(inverse)
+    );
+    always #1 clk = !clk;
+    initial begin
+        $readmemh("numbers.mem", numbers);
+        for (int at = 0; at < NUMBERS; at++) begin
+            n = numbers[at];
+            round = 16;
+            for (int turn = 0; turn < 5; turn++) begin
+                repeat (1 + $urandom % 3) @(negedge clk);
+                for (int place = 0; place < 24; place++) begin
+                    valid = 1;
+                    number = place < 23 && n[place < 23 ? place : 0];
+                    @(negedge clk);
+                end
+                valid = 0;
+                round = {round[0], round[4:1]};
+                @(negedge clk) decide = 1;
+                @(negedge clk) decide = 0;
+            end
+            $display("%0d", 511 - inverse);
+        end
+        $finish;
+    end
+endmodule
+"""
+
+
+@needs_iverilog
+def test_a_logarithm_is_exact_about_every_power_of_two(tmp_path):
+    """On both sides of each of 368, of the largest and the least number, and of others."""
+    # the least number whose logarithm is so large, by its definition
+    steps = [bisect_left(range(1 << 23), step, key=ilog) for step in range(1, 369)]
+    numbers = {0, (1 << 23) - 1, *steps, *(step - 1 for step in steps)}
+    chosen = np.random.default_rng(3).permutation(sorted(numbers)).tolist()
+    (tmp_path / "numbers.mem").write_text("\n".join(f"{n:x}" for n in chosen), encoding="ascii")
+    text = LOGARITHM_BENCH.replace("NUMBERS", str(len(chosen)))
+    assert simulated(tmp_path, text, ["vpr_logarithm.sv"]) == [[ilog(n)] for n in chosen]
+
+
+#: a line for each activity of a place and of a window: the costs of steps of 0 to 3 places
+COSTS_BENCH = """
+module bench;
+    logic clk = 0;
+    logic [9:0] activity;
+    logic [27:0] costs;
+    vpr_step_costs #(.PLACES(2), .RESTART(RESTARTS), .LOADABLE(1)) step_costs (
+        .clk(clk), .load(1'b0), .load_address(20'd0), .load_word(32'd0),
+        .activity_inverse(~activity), .place(1'b1), .costs(costs)
+    );
+    always #1 clk = !clk;
+    initial begin
+        for (int place = -128; place < 128; place += 17)
+            for (int window = -368; window <= 368; window++) begin
+                step_costs.place_activity.memory[1] = place;
+                activity = window;
+                repeat (3) @(negedge clk);
+                $display("%0d %0d %0d %0d %0d %0d", place, window, costs[6:0], costs[13:7],
+                         costs[20:14], costs[27:21]);
+            end
+        $finish;
+    end
+endmodule
+"""
+
+
+@needs_iverilog
+@pytest.mark.parametrize("restart", [160, 20, 0])
+def test_step_costs_are_those_of_the_models_table(tmp_path, restart):
+    """Of any activity of a window and of some of a place; none is above that of a restart."""
+    text = COSTS_BENCH.replace("RESTARTS", str(restart))
+    found = simulated(tmp_path, text, ("vpr_rom.sv", "vpr_step_costs.sv"))
+    assert len(found) == 16 * 737
+    for place, window, *costs in found:
+        row = ACTIVITY_COSTS[row_of_costs(window - place)]
+        assert costs == [min(cost, restart) for cost in row]
+    assert {row_of_costs(window - place) for place, window, *_ in found} == set(range(17))
 
 
 @needs_iverilog

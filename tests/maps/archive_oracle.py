@@ -129,7 +129,7 @@ def _compare_matches(
 ) -> None:
     settings, places = reference.settings, reference.places.counts.tolist()
     if settings.matching == "filter":
-        if settings.smooth:
+        if settings.smooth or settings.late:
             rows = filter_oracle.smoothed(reference, coded, events)
         else:
             begin = filter_oracle.begin_of(reference)

@@ -215,6 +215,24 @@ def test_no_hot_pixels_are_searched_where_most_pixels_never_fire():
     assert made.hot.sum() == 0 and len(made.pixel_map) == 40
 
 
+def test_all_pixels_are_taken_where_few_were_published(tmp_path, capsys):
+    """Counts at pixels that somebody else selected need no flag: the map has all of them."""
+    events = sparse_drive()
+    made = ev.ReferenceMap.build(Drive(events, SPARSE), tau="100ms")
+    chosen = set(zip(made.pixel_map.x.tolist(), made.pixel_map.y.tolist(), strict=True))
+    assert chosen == set(zip(events["x"].tolist(), events["y"].tolist(), strict=True))
+    assert made.settings.pixels == len(chosen) == 60
+    ev.write_recording(tmp_path / "few.npz", events, sensor=SPARSE)
+    words = ["map", str(tmp_path / "few.npz"), "-o", str(tmp_path / "map.npz"), "--tau", "100ms"]
+    assert main(words) == 0
+    assert "has events at 60 pixels alone, of 150 that were asked for" in capsys.readouterr().err
+
+
+def test_the_published_counts_make_a_map_with_all_defaults(shared_data, tmp_path):
+    made = ev.ReferenceMap.build(shared_data / "brisbane_sparse49/sunset2.npz")
+    assert len(made.pixel_map) == 49 and not made.hot.any()
+
+
 def test_too_few_pixels_after_the_hot_ones_names_the_cause(tmp_path, capsys):
     events = sparse_drive()
     hot = np.zeros((30, 40), dtype=np.bool_)
@@ -223,7 +241,7 @@ def test_too_few_pixels_after_the_hot_ones_names_the_cause(tmp_path, capsys):
     with pytest.raises(UsageError, match=r"left out as hot: keep them \(--hot-pixels keep"):
         ev.ReferenceMap.build(Drive(events, SPARSE), hot=hot, pixels=40, tau="100ms")
     with pytest.raises(UsageError, match="ask for fewer pixels or map a longer traverse"):
-        ev.ReferenceMap.build(Drive(events, SPARSE), pixels=400, tau="100ms")
+        ev.ReferenceMap.build(Drive(events[::10], SPARSE), pixels=400, tau="100ms")
     ev.write_recording(tmp_path / "sparse.npz", events, sensor=SPARSE)
     np.savetxt(tmp_path / "hot.csv", np.argwhere(hot)[:, ::-1], fmt="%d", delimiter=",")
     words = [str(tmp_path / name) for name in ("sparse.npz", "map.npz", "hot.csv")]

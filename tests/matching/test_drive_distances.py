@@ -161,12 +161,12 @@ def test_a_report_has_metres_after_an_evaluation_and_seconds_before(drives, tmp_
     for folder in (out, online):
         page = (folder / "report.html").read_text()
         assert "time of the reference drive (s)" in page
-        assert "way along the route (m)" not in page
+        assert "distance along the route (m)" not in page
     assert "time of the query drive (s)" in (out / "report.html").read_text()
     (tmp_path / "track.csv").write_text("time_s,position_m\n-1,-10\n3,30\n")
     tracks = f"{tmp_path}/track.csv {tmp_path}/track.csv --tolerance 5"
     assert cli.main(f"evaluate {out} --ground-truth {tracks}".split()) == 0
     page = (out / "report.html").read_text()
-    assert "way along the route (m)" in page
+    assert "distance along the route (m)" in page
     assert "time of the reference drive (s)" not in page
     capsys.readouterr()

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import find_verb, main, parser_of
+from edge_vpr_tools.report.tables import with_tables
 from streams import Drive, random_events
 
 from edge_vpr.events import Sensor
@@ -211,6 +212,12 @@ def test_the_tutorial_runs_word_for_word_and_prints_what_it_says(tmp_path, monke
     (code,) = (body for _, needs, body in _BLOCK.findall(page) if needs)
     exec(compile(code, "docs/tutorial.md", "exec"), {})
     assert len(capsys.readouterr().out.splitlines()) == 3
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_tables_of_pages_are_those_of_the_files_that_they_name(page):
+    text = (ROOT / page).read_text()
+    assert with_tables(text, ROOT / "docs") == text, "run python tools/site/tables.py"
 
 
 #: rows of the README's table of accuracy, and of the figures from which they come

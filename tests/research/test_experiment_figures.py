@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import json
-import re
 from functools import partial
 from importlib import import_module
 
@@ -16,6 +15,7 @@ from edge_vpr_tools.report.style import dot_plot
 from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.experiments import (
     EXPERIMENTS,
+    PROGRAMS,
     brisbane,
     burst_filters,
     calibration,
@@ -26,6 +26,7 @@ from edge_vpr_tools.research.experiments import (
 from edge_vpr_tools.research.experiments import (
     calibration as calibration_streets,
 )
+from edge_vpr_tools.research.experiments.experiment import Experiment, open_experiment, rows_of
 from edge_vpr_tools.research.experiments.trial import Variant
 from test_datasets import write_log
 
@@ -42,32 +43,32 @@ def nothing(name):
     """Hear what begins."""
 
 
-def cells(table, row):
-    """Return the cells of a row of a Markdown table, without its name."""
-    (line,) = (line for line in table.splitlines() if line.startswith(f"| {row} |"))
-    return [cell.strip() for cell in line.removeprefix(f"| {row} |").split("|")[:-1]]
-
-
-def means(table, row):
-    """Return the first numbers of a row's cells."""
-    return [float(re.split("[ ±]", cell)[0].replace(",", "")) for cell in cells(table, row)]
-
-
 def dots(axes):
     """Return the drawn means of each series of a panel of `dot_plot`."""
     return [bars[0].get_xdata().tolist() for bars in axes.containers]
 
 
-def drawn_by(module, monkeypatch):
-    """Keep the figures that an experiment draws."""
-    kept = []
-    draw = module.draw
-    monkeypatch.setattr(module, "draw", lambda *a: kept.append(draw(*a)) or kept[-1])
-    return kept
+def measured(module, data=None, seeds=2):
+    """Return the rows of an experiment, and the axes of its figure."""
+    rows = rows_of(module.EXPERIMENT, data, seeds)
+    return rows, module.EXPERIMENT.figure(rows).axes
 
 
-@pytest.mark.parametrize("name", EXPERIMENTS)
-def test_every_experiment_has_a_figure(name):
+def mean_of(rows, measure, **names):
+    """Return the mean of a measure over the rows with these names."""
+    found = [row[measure] for row in rows if names.items() <= row.items()]
+    assert found
+    return pytest.approx(np.mean(found))
+
+
+@pytest.mark.parametrize("name", sorted(set(EXPERIMENTS) - set(PROGRAMS)))
+def test_every_experiment_is_a_declaration(name):
+    found = open_experiment(name)
+    assert isinstance(found, Experiment) and found.names
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_the_other_experiments_have_a_figure(name):
     module = import_module(f"edge_vpr_tools.research.experiments.{EXPERIMENTS[name]}")
     kinds = [parameter.kind for parameter in inspect.signature(module.run).parameters.values()]
     assert inspect.Parameter.VAR_POSITIONAL in kinds
@@ -90,21 +91,19 @@ def test_a_dot_is_the_mean_and_its_bar_the_spread():
     assert dot_plot({"events": {"": rows}}, limits=None).legends == []
 
 
-def test_variants_on_simulated_streets_are_drawn_as_the_table_says(tmp_path, monkeypatch):
+def test_variants_on_simulated_streets_are_drawn_as_the_table_says(monkeypatch):
     monkeypatch.setattr(simulated, "simulate_pair", STREET)
     some = (Variant("few", FEW), Variant("every", FEW, all_pixels=True))
     monkeypatch.setattr(simulated, "VARIANTS", some)
-    kept = drawn_by(simulated, monkeypatch)
-    table = simulated.run(None, 2, nothing, tmp_path / "a.svg", tmp_path / "a.pdf")
-    assert (tmp_path / "a.svg").stat().st_size > 10_000 and (tmp_path / "a.pdf").is_file()
-    header = table.splitlines()[0]
-    assert header.endswith("| bytes a place | operations a match | time a query |")
-    drawn = np.transpose([dots(axes)[0] for axes in kept[0].axes])
-    assert drawn[0] == pytest.approx(means(table, "few")[:3], abs=6e-4)
-    assert drawn[1] == pytest.approx(means(table, "every")[:3], abs=6e-4)
-    size, operations = means(table, "few")[3:5]
-    assert operations % 10 == 0 < operations and size == 10
-    assert cells(table, "few")[5].endswith(" us")
+    rows, axes = measured(simulated)
+    assert [(row["variant"], row["seed"]) for row in rows] == [
+        ("few", 0), ("every", 0), ("few", 1), ("every", 1),
+    ]  # fmt: skip
+    for measure, panel in zip(("P@100R", "R@99P", "Recall@5"), axes, strict=True):
+        assert panel.get_xlabel() == measure
+        means = [mean_of(rows, measure, variant=name) for name in ("few", "every")]
+        assert dots(panel)[0] == means
+    assert rows[0]["bytes per place"] == 10 and rows[0]["operations per query"] % 10 == 0
 
 
 @pytest.fixture(scope="module")
@@ -122,39 +121,34 @@ def walks(tmp_path_factory):
     return data
 
 
-def test_variants_on_walks_are_drawn_as_the_table_says(walks, tmp_path, monkeypatch):
+def test_variants_that_draw_nothing_are_run_once(walks, monkeypatch):
     top = Variant("top", {**FEW, "strategy": "top"})
     monkeypatch.setattr(speck_walks, "VARIANTS", (Variant("few", FEW), top))
-    kept = drawn_by(speck_walks, monkeypatch)
-    table = speck_walks.run(walks, 2, nothing, tmp_path / "a.pdf")
-    assert (tmp_path / "a.pdf").is_file()
-    drawn = np.transpose([dots(axes)[0] for axes in kept[0].axes])
-    for row, name in zip(drawn, ("few", "top"), strict=True):
-        assert row == pytest.approx(means(table, name)[:3], abs=6e-4)
-    assert "±" in cells(table, "few")[0] and "±" not in cells(table, "top")[0]
+    rows, axes = measured(speck_walks, walks)
+    assert [row["variant"] for row in rows] == ["few", "top", "few"]
+    assert dots(axes[0])[0] == [mean_of(rows, "P@100R", variant=name) for name in ("few", "top")]
     # differences to 29 places, since the last window is not known to be complete
-    assert means(table, "few")[4] == 10 * 29
+    assert rows[0]["operations per query"] == 10 * 29
 
 
-def test_burst_filters_are_drawn_as_the_table_says(walks, tmp_path, monkeypatch):
+def test_burst_filters_are_drawn_as_the_table_says(walks, monkeypatch):
     few = PRESETS["default"].replaced(FEW, "test")
     monkeypatch.setattr(burst_filters, "PRESETS", {"default": few})
     monkeypatch.setattr(burst_filters, "RATES", (0.0, 10.0))
-    kept = drawn_by(burst_filters, monkeypatch)
-    table = burst_filters.run(walks, 1, nothing, tmp_path / "a.svg")
-    assert (tmp_path / "a.svg").stat().st_size > 10_000
-    right, same = kept[0].axes
+    rows, (right, same) = measured(burst_filters, walks, 1)
     assert (right.get_xlabel(), same.get_xlabel()) == (burst_filters.RIGHT, burst_filters.SAME)
-    shown = [label.get_text() for label in right.get_yticklabels()]
-    assert shown == ["flashes a second: 0", "flashes a second: 10"]
+    assert [label.get_text() for label in right.get_yticklabels()] == ["0", "10"]
     for i, name in enumerate(burst_filters.FILTERS):
-        for row, rate in enumerate(("0", "10")):
-            drawn = [dots(axes)[i][row] for axes in (right, same)]
-            assert drawn == pytest.approx(means(table, f"{rate} | {name}"), abs=6e-4)
+        for axes, measure in ((right, burst_filters.RIGHT), (same, burst_filters.SAME)):
+            drawn = [
+                mean_of(rows, measure, **{"burst filter": name, "flashes per second": rate})
+                for rate in ("0", "10")
+            ]
+            assert dots(axes)[i] == drawn
     assert dots(same)[0] == [1.0, 1.0] and dots(same)[2][1] < 1
 
 
-def test_the_counts_of_brisbane_are_drawn_with_a_curve_for_each_length(tmp_path):
+def test_the_counts_of_brisbane_are_matched_by_sequences_of_each_length(tmp_path):
     folder = tmp_path / brisbane.FOLDER
     folder.mkdir()
     rng = np.random.default_rng(0)
@@ -165,29 +159,28 @@ def test_the_counts_of_brisbane_are_drawn_with_a_curve_for_each_length(tmp_path)
             pixel_x=at, pixel_y=at, window_s=1.0, sensor_width=64, sensor_height=64,
         )  # fmt: skip
         write_log(folder / f"{name}.nmea", 40)
-    table = brisbane.run(tmp_path, 1, nothing, tmp_path / "a.svg")
-    assert (tmp_path / "a.svg").stat().st_size > 10_000
-    (axes,) = brisbane.draw(brisbane.evaluate_lengths(tmp_path)).axes
-    labels = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert len(labels) == len(brisbane.LENGTHS)
-    for length, label in zip(brisbane.LENGTHS, labels, strict=True):
-        right, sure = cells(table, str(length))[:2]
-        assert label == f"sequences of {length}\nP@100R {right}, R@99P {sure}"
+    rows, _ = measured(brisbane, tmp_path)  # one trial: no pixels are drawn
+    assert [row["windows of a sequence"] for row in rows] == list(brisbane.LENGTHS)
+    found = brisbane.evaluate_lengths(tmp_path)
+    assert [row["P@100R"] for row in rows] == [
+        each.precision_at_100_recall for each in found.values()
+    ]
 
 
-def test_events_at_each_speed_are_drawn_as_the_table_says(tmp_path, monkeypatch):
+def test_events_at_each_speed_are_shares_of_those_at_the_lowest(monkeypatch):
     noisy = {"tiny": (CAMERAS["tiny"], {}), "still": (CAMERAS["tiny"], {"traffic_per_km": 0.0})}
     monkeypatch.setattr(event_speed, "cases", lambda: noisy)
     monkeypatch.setattr(event_speed, "LENGTH_M", 10.0)
-    kept = drawn_by(event_speed, monkeypatch)
-    table = event_speed.run(None, 2, nothing, tmp_path / "a.svg")
-    assert (tmp_path / "a.svg").stat().st_size > 10_000
-    drawn = dots(kept[0].axes[0])
-    assert len(drawn) == len(event_speed.SPEEDS_MPS) - 1
-    for row, name in enumerate(noisy):
-        assert [each[row] for each in drawn] == pytest.approx(means(table, name)[1:], abs=6e-4)
-    legend = [text.get_text() for text in kept[0].legends[0].get_texts()]
-    assert legend == ["share at 6 m/s", "share at 12 m/s"]
+    rows, (axes,) = measured(event_speed)
+    assert len(rows) == 2 * 2 * len(event_speed.SPEEDS_MPS)
+    events = {(row["camera"], row["speed (m/s)"], row["seed"]): row["events"] for row in rows}
+    for row in rows:
+        lowest = events[row["camera"], event_speed.SPEEDS_MPS[0], row["seed"]]
+        assert row[event_speed.SHARE] == row["events"] / lowest
+    (line, *_), *_ = (bars.lines for bars in axes.containers)
+    assert line.get_ydata()[1] == mean_of(
+        rows, event_speed.SHARE, camera="tiny", **{"speed (m/s)": event_speed.SPEEDS_MPS[1]}
+    )
 
 
 def test_the_calibration_writes_its_tables_and_draws_how_they_were_judged(
@@ -202,9 +195,13 @@ def test_the_calibration_writes_its_tables_and_draws_how_they_were_judged(
     preset = {"default": PRESETS["default"].replaced({"sigma": 1.0}, "test")}
     monkeypatch.setattr(calibration_streets, "PRESETS", preset)
     monkeypatch.setattr(calibration, "JUDGED", 1)
-    kept = drawn_by(calibration, monkeypatch)
+    kept = []
+    draw = calibration.draw
+    monkeypatch.setattr(calibration, "draw", lambda *a: kept.append(draw(*a)) or kept[-1])
     figure = tmp_path / "a.svg"
-    arguments = f"experiment calibration --seeds 2 --table {tmp_path} --figure {figure}"
+    arguments = (
+        f"experiment calibration --seeds 2 --table {tmp_path} -o {tmp_path} --figure {figure}"
+    )
     assert main(arguments.split()) == 0
     shown = capsys.readouterr().out
     assert figure.stat().st_size > 10_000

@@ -10,14 +10,12 @@ from edge_vpr_tools.research.experiments import (
     drives as counted_pairs,
 )
 from edge_vpr_tools.research.experiments import (
-    drives as drive_pairs,
-)
-from edge_vpr_tools.research.experiments import (
     frames,
 )
 from edge_vpr_tools.research.experiments import (
     frames as frame_drives,
 )
+from edge_vpr_tools.research.experiments.experiment import Draw, rows_of
 from edge_vpr_tools.research.experiments.simulated import SIMULATED
 from test_datasets import brisbane, write_bag, write_log, write_parquet
 from test_intensity import IMAGE, ros_image
@@ -32,8 +30,8 @@ STREETS = SIMULATED
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 2}, "test")
 
 
-def nothing(name):
-    """Hear what begins."""
+def read_pairs(folder):
+    return [read() for _, _, read in frame_drives.framed_pairs(folder)]
 
 
 def images_of_places(places=14, seed=0, side=96):
@@ -61,12 +59,16 @@ def own_drives(data, seconds=14):
 def test_frames_of_the_user_are_matched_and_drawn(tmp_path, monkeypatch):
     own_drives(tmp_path)
     monkeypatch.setattr(frames, "simulated_frames", lambda seed: small_pair())
-    text = frames.run(tmp_path, 2, nothing, tmp_path / "a.png", tmp_path / "a.pdf")
-    simulated, own = text.split("own frames:")
-    assert "events, all pixels | 1.000" in simulated and "frames, all pixels | 1.000" in simulated
-    assert "events" not in own and "frames, 150 by variance | 1.000" in own
-    assert "frames, 25 at random | 1.000 ± 0.000 |" in own  # of two draws
-    assert (tmp_path / "a.png").stat().st_size > 10_000 and (tmp_path / "a.pdf").is_file()
+    rows = rows_of(frames.EXPERIMENT, tmp_path, 2)
+    right = {(row["drives"], row["seen"], row["system"], row["seed"]): row for row in rows}
+    for seen in ("events", "frames"):
+        assert right[SIMULATED, seen, "all pixels", 0]["P@100R"] == 1
+    own = {key[1:]: row["P@100R"] for key, row in right.items() if key[0] == "own frames"}
+    assert {seen for seen, _, _ in own} == {"frames"}
+    assert own["frames", "150 by variance", 0] == 1
+    # drawn twice, and all pixels are the same for both draws
+    assert own["frames", "25 at random", 1] == 1 and ("frames", "all pixels", 1) not in own
+    assert len(frames.figure(rows).axes) == 2 * 2
 
 
 def small_pair():
@@ -93,15 +95,15 @@ def test_simulated_frames_are_taken_in_the_middle_of_the_windows():
     ):
         assert np.array_equal(counted.centre_us, framed.centre_us)
         assert framed.images.shape == counted.images.shape and framed.images.dtype == np.uint8
-    found = frames.score(pair, 0, drawn_only=True)
-    assert not {"events, all pixels", "frames, patch-normalised"} & set(found)
+    found = {(row["seen"], row["system"]) for row in frames.measure(Draw(pair, 1, False))}
+    assert not {("events", "all pixels"), ("frames", "patch-normalised")} & found
 
 
 def test_own_drives_that_are_incomplete_say_what_is_missing(tmp_path):
     folder = own_drives(tmp_path)
     (folder / "query_track.csv").unlink()
     with pytest.raises(UsageError, match=r"0 files of the query track.*query_track.csv"):
-        list(frame_drives.framed_pairs(tmp_path, nothing))
+        read_pairs(tmp_path)
 
 
 def test_frames_and_events_of_one_recording_share_a_clock(tmp_path):
@@ -122,7 +124,7 @@ def test_frames_and_events_of_one_recording_share_a_clock(tmp_path):
         for file in (folder / side).iterdir():
             file.unlink()
         (folder / side).rmdir()
-    ((_, counted, framed),) = frame_drives.framed_pairs(tmp_path, nothing)
+    ((_, counted, framed),) = read_pairs(tmp_path)
     assert counted.reference.centre_us.tolist() == [i * SECOND + SECOND // 2 for i in range(8)]
     assert np.array_equal(framed.reference.images, images[:8])
     assert counted.reference.images.sum(axis=(1, 2)).tolist() == [1000] * 8
@@ -145,7 +147,7 @@ def test_frames_of_published_bags_are_taken_on_the_clock_of_their_tracks(tmp_pat
         ]
         write_messages(tmp_path / traverse.file_name("bag"), 1, messages)
         write_log(tmp_path / f"{traverse.video}_concat.nmea", 12)
-    ((name, counted, framed),) = frame_drives.framed_pairs(tmp_path, nothing)
+    ((name, counted, framed),) = read_pairs(tmp_path)
     assert name == "Brisbane, morning against sunset1"
     for drive in (framed.reference, framed.query):
         assert drive.centre_us.tolist() == [i * SECOND + SECOND // 2 for i in range(10)]
@@ -153,11 +155,11 @@ def test_frames_of_published_bags_are_taken_on_the_clock_of_their_tracks(tmp_pat
     assert np.array_equal(counted.query.centre_us, framed.query.centre_us)
 
 
-def test_frames_are_compared_with_further_systems(monkeypatch):
-    monkeypatch.setattr(frames, "simulated_frames", lambda seed: small_pair())
-    text = frames.run(None, 1, nothing, baselines=["all-pixels@1,2"])
-    assert "| events, all pixels, SAD, windows 1, 2 | 1.000 |" in text
-    assert "| frames, all pixels, SAD, windows 1, 2 | 1.000 |" in text
+def test_frames_are_compared_with_further_systems():
+    draw = Draw(small_pair(), 0, True, ("all-pixels@1,2",))
+    rows = {(row["seen"], row["system"]): row for row in frames.measure(draw)}
+    for seen in ("events", "frames"):
+        assert rows[seen, "all-pixels@1,2"]["P@100R"] == 1
 
 
 @pytest.mark.parametrize("kind", ["parquet", "bag"])
@@ -196,15 +198,8 @@ def test_published_pairs_are_those_whose_files_are_there(kind, tmp_path):
     assert np.array_equal(truth.correct, expected.correct)
 
 
-def test_a_folder_without_drives_says_where_they_come_from(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        frames, "simulated_frames", lambda seed: small_pair()._replace(name=STREETS)
-    )
-    text = frames.run(tmp_path, 1, nothing)
-    assert f"{tmp_path} holds none. Name a folder with two bags" in text
-    assert "https://zenodo.org/records/4302805" in text
-    assert "no folder was given with --data" in frames.run(None, 1, nothing)
+def test_a_folder_without_drives_has_streets_only(tmp_path):
+    for folder in (tmp_path, None):
+        assert [drives.name for drives in frames.drives(folder)] == [STREETS]
+        assert [drives.name for drives in counted_pairs.counted_drives(folder)] == [STREETS]
     assert list(counted_pairs.recorded_pairs(tmp_path)) == []
-    text = drive_pairs.absent_data(tmp_path, [STREETS])
-    assert "zenodo.org/records/10494919" in text and "speck_walks: two walks" in text
-    assert drive_pairs.absent_data(tmp_path, [STREETS, "Speck walks"]) == ""

@@ -9,7 +9,13 @@ import zipfile
 
 import numpy as np
 import pytest
-from edge_vpr_tools.research.baselines import Ensemble, Member, compare, open_baseline
+from edge_vpr_tools.research.baselines import (
+    Ensemble,
+    Member,
+    compare,
+    match_distances,
+    open_baseline,
+)
 from edge_vpr_tools.research.baselines.dense import all_pixels, mean_cells, patch_normalised
 from edge_vpr_tools.research.baselines.networks import (
     Lens,
@@ -297,8 +303,8 @@ def test_lens_with_weights_of_a_file_finds_the_place_with_the_most_spikes(tmp_pa
          "output_layer.w.weight": output},
     )  # fmt: skip
     baseline = open_baseline(f"lens:{path}", 4)
-    found = compare(baseline, images, images, np.arange(places), SETTINGS)
-    assert np.array_equal(found.matches.place, found.matches.query)
+    found = compare(baseline, images, images)
+    assert np.array_equal(found.distances.argmin(axis=0), np.arange(places))
     assert found.bytes_per_place == 4 * (feature.size + output.size) // places
     assert found.operations == 1000 * (feature.size + output.size)
     with pytest.raises(UsageError, match="of 8 places, and the reference has 7 windows"):
@@ -387,8 +393,9 @@ def test_a_model_of_random_weights_finds_places_alone_and_in_an_ensemble(tmp_pat
     reference = places_of(rng)
     queries = rng.binomial(reference, 0.9).astype(np.uint16)
     for name in (f"model:{path}", f"model:{path}@1,2", f"model:{path}+patch-normalised"):
-        found = compare(open_baseline(name), reference, queries, np.arange(12), SETTINGS)
-        assert np.array_equal(found.matches.place, found.matches.query), name
+        found = compare(open_baseline(name), reference, queries)
+        matches = match_distances(found.distances, np.arange(12), SETTINGS)
+        assert np.array_equal(matches.place, matches.query), name
 
 
 @pytest.mark.usefixtures("_runtime")

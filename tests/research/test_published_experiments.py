@@ -20,6 +20,7 @@ from edge_vpr_tools.research.experiments import (
 from edge_vpr_tools.research.experiments import (
     drives as drive_pairs,
 )
+from edge_vpr_tools.research.experiments.experiment import Draw, rows_of
 from test_datasets import brisbane, qcr, write_bag, write_log, write_parquet
 
 from edge_vpr.errors import GroundTruthError, UsageError
@@ -59,8 +60,9 @@ def small(monkeypatch):
     """Short streets, few pixels, and few variants."""
     street = partial(simulate_pair, sensor="tiny", length_m=60.0)
     few = PRESETS["paper"].replaced({"pixels": 25, "sequence_length": 3, "sigma": 1.0}, "test")
-    for module in (window_length, fixed_number):
+    for module in (drive_pairs, fixed_number):
         monkeypatch.setattr(module, "simulate_pair", street)
+    for module in (window_length, fixed_number):
         monkeypatch.setattr(module, "PRESETS", {"paper": few})
     monkeypatch.setattr(window_length, "WINDOWS_S", (0.5, 1.0))
     monkeypatch.setattr(window_length, "SPANS_S", (3.0, 4.0))
@@ -72,6 +74,9 @@ def small(monkeypatch):
     monkeypatch.setattr(mount_shift, "WAYS", (mount_shift.WAYS[0], mount_shift.WAYS[-1]))
     monkeypatch.setattr(drive_pairs, "NUMBERS", (25,))
     monkeypatch.setattr(drive_pairs, "PAPER", few)
+    drive_pairs._pairs.cache_clear()
+    yield
+    drive_pairs._pairs.cache_clear()
 
 
 @pytest.mark.parametrize("kind", ["parquet", "bag"])
@@ -108,51 +113,55 @@ def test_qcr_traverses_are_pairs_too(tmp_path):
     assert fast.duration_us / reference.duration_us == pytest.approx(64 / 162)
 
 
-def test_windows_and_sequences_are_varied_on_published_traverses(downloads, small, tmp_path):
-    text = window_length.run(downloads, 1, nothing, tmp_path / "figure.png")
-    own = text.split(f"{PAIR}, P@100R:")[1]
-    assert "| 1 s | 1.000 | 1.000 |" in own and "No recorded events" not in text
-    assert (tmp_path / "figure.png").stat().st_size > 10_000
+def test_windows_and_sequences_are_varied_on_published_traverses(downloads, small):
+    rows = rows_of(window_length.EXPERIMENT, downloads, 1)
+    own = [row for row in rows if row["drives"] == PAIR]
+    assert [row["P@100R"] for row in own if row["window (s)"] == "1"] == [1.0, 1.0]
+    assert len(window_length.figure(rows).axes) == 2
 
 
 def test_spans_that_share_their_windows_are_what_single_trials_give(downloads, small):
     (pair,) = drive_pairs.event_pairs(downloads)
-    found = {}
-    drives = pair.reference, pair.query, pair.truth_of, pair.settings
-    window_length.score(*drives, 0.5, found)
+    settings = PRESETS["paper"].replaced({"pixels": 25, "sequence_length": 3, "sigma": 1.0}, "test")
+    found = {
+        (row["window (s)"], row["match (s)"]): row["P@100R"]
+        for row in window_length.measure(Draw(pair, 0, True))
+    }
     expected = {
-        (0.5, span): [
-            trial.run_trial(*drives, window_length.variant(0.5, span))
-            .evaluation.precision_at_100_recall
-        ]
+        (f"{window:g}", f"{span:g}"): trial.run_trial(
+            pair.reference, pair.query, pair.truth_of, settings,
+            window_length.variant(window, span),
+        ).evaluation.precision_at_100_recall
+        for window in window_length.WINDOWS_S
         for span in window_length.SPANS_S
     }  # fmt: skip
     assert found == expected
 
 
-def test_fixed_number_and_fixed_time_are_compared_on_published_traverses(
-    downloads, small, tmp_path
-):
-    text = fixed_number.run(downloads, 2, nothing, tmp_path / "figure.png")
-    assert (tmp_path / "figure.png").stat().st_size > 10_000
-    street, published = (line for line in text.splitlines() if line.startswith(("| sim", "| Bri")))
-    assert float(street.split("|")[2].split("±")[0]) == pytest.approx(0.5, abs=0.05)
-    # the same drive twice: the same duration, the same events, every match right
-    assert published.startswith(f"| {PAIR} | 1.000 ± 0.000 | 1.000 ± 0.000 | 1.000 ± 0.000 |")
+def test_fixed_number_and_fixed_time_are_compared_on_published_traverses(downloads, small):
+    rows = rows_of(fixed_number.EXPERIMENT, downloads, 2)
+    for row in rows:
+        if row["drives"] == PAIR:
+            # the same drive twice: the same duration, the same events, every match right
+            measures = (fixed_number.DURATION, fixed_number.EVENTS, "P@100R")
+            assert [row[measure] for measure in measures] == [1.0, 1.0, 1.0]
+        else:
+            assert row[fixed_number.DURATION] == pytest.approx(0.5, abs=0.05)
+    assert len(fixed_number.figure(rows).axes) == 2
 
 
-def test_the_camera_of_published_traverses_is_moved(downloads, small, tmp_path):
-    text = mount_shift.run(downloads, 1, nothing, tmp_path / "figure.png")
-    assert f"{PAIR}, 25 px, P@100R at each shift:" in text
-    assert "| counts | " in text and "right in" in text
-    assert (tmp_path / "figure.png").stat().st_size > 10_000
+def test_the_camera_of_published_traverses_is_moved(downloads, small):
+    rows = rows_of(mount_shift.EXPERIMENT, downloads, 1)
+    assert {row["drives"] for row in rows} == {f"{PAIR}, 25 px"}
+    assert {row["way"] for row in rows} == {way.name for way in mount_shift.WAYS}
+    assert mount_shift.EXPERIMENT.figure(rows).axes[0].get_title() == f"{PAIR}, 25 px"
 
 
 def test_codes_and_probabilities_are_judged_on_published_traverses(downloads, small, monkeypatch):
     monkeypatch.setattr(codes_frontier, "BITS", (3, 8))
     monkeypatch.setattr(codes_frontier, "FULL_SCALES", (63,))
-    text = codes_frontier.run(downloads, 1, nothing)
-    assert f"| code | {PAIR}, 25 px | mean |" in text
+    rows = rows_of(codes_frontier.EXPERIMENT, downloads, 1)
+    assert {row["drives"] for row in rows} == {f"{PAIR}, 25 px"}
     text = trust.run(downloads, 1, nothing)
     assert text.count(f"| {PAIR}, 25 px |") == 9  # three tables each: smoothed, late, at once
     for how in ("4 windows late", "window by window"):
@@ -160,10 +169,12 @@ def test_codes_and_probabilities_are_judged_on_published_traverses(downloads, sm
     assert f"Intervals along the route of {PAIR}, 25 px hold" in text
 
 
-def test_the_command_reads_published_traverses(downloads, small, capsys):
-    arguments = ["experiment", "window-length", "--seeds", "1", "--data", str(downloads)]
-    assert main(arguments) == 0
-    assert f"{PAIR}, P@100R:" in capsys.readouterr().out
+def test_published_traverses_are_compared_by_every_system_at_both_tolerances(downloads):
+    """Without the streets, which take long."""
+    *_, drives = drive_pairs.contests(downloads)
+    pair = drives.open(0)
+    assert drives.name == PAIR and list(pair.truths) == ["70 m", "25 m"]
+    assert pair.reference.images.shape == (28, 260, 346) and pair.laid_out
 
 
 def test_a_lone_traverse_is_no_pair_and_what_to_download_is_said(downloads, tmp_path):
@@ -172,9 +183,7 @@ def test_a_lone_traverse_is_no_pair_and_what_to_download_is_said(downloads, tmp_
     says = r"holds no pair, only Brisbane sunset1: name a folder .*huggingface.co/.*\*_concat.nmea"
     with pytest.raises(UsageError, match=says):
         drive_pairs.check_data(tmp_path)
-    assert "only Brisbane sunset1" in drive_pairs.absent_data(tmp_path, [])
     drive_pairs.check_logs(tmp_path)  # of one traverse, no log is needed
-    assert "speck_indoor" not in drive_pairs.absent_events(tmp_path, [])
 
 
 def test_a_missing_log_is_an_error_before_any_work(downloads, tmp_path, capsys, monkeypatch):
@@ -182,7 +191,7 @@ def test_a_missing_log_is_an_error_before_any_work(downloads, tmp_path, capsys, 
         (tmp_path / file.name).symlink_to(file)
     with pytest.raises(GroundTruthError, match=r"no GPS log of sunset1 .* download it from https"):
         drive_pairs.check_logs(tmp_path)
-    monkeypatch.setattr(rivals, "run", None)  # is not called
+    monkeypatch.setattr(rivals, "measure", None)  # is not called
     assert main(["experiment", "rivals", "--data", str(tmp_path)]) == 1
     assert "no GPS log of sunset1" in capsys.readouterr().err
 
@@ -202,6 +211,6 @@ def test_a_missing_folder_for_the_results_is_an_error_before_any_work(
 
 
 def test_counts_of_a_few_locations_are_not_shifted(tmp_path, monkeypatch):
-    monkeypatch.setattr(mount_shift, "pairs", lambda data: iter([]))
+    monkeypatch.setattr(mount_shift, "recorded_drives", lambda data, images: [])
     with pytest.raises(UsageError, match=r"no drive with counts at every pixel: .*speck_walks"):
-        mount_shift.run(tmp_path, 1, nothing)
+        mount_shift.drives(tmp_path)

@@ -7,7 +7,8 @@ from functools import partial
 
 import numpy as np
 import pytest
-from edge_vpr_tools.research.baselines import baseline_names
+from edge_vpr_tools.research.baselines import filter_distances, open_baseline
+from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
 from edge_vpr_tools.research.experiments import (
     agreement,
     event_speed,
@@ -19,11 +20,16 @@ from edge_vpr_tools.research.experiments import (
 from edge_vpr_tools.research.experiments import (
     drives as counted_pairs,
 )
-from edge_vpr_tools.research.experiments.drives import Pair
+from edge_vpr_tools.research.experiments.drives import Contest, CountedDrive, Pair
+from edge_vpr_tools.research.experiments.experiment import Draw, rows_of
 from edge_vpr_tools.research.experiments.mount_shift import ShiftedWindows, shifted
 
+from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import from_alignment
 from edge_vpr.evaluation.metrics import mean_precision, precision_recall
+from edge_vpr.matching.distances import ReferenceIndex
+from edge_vpr.matching.drive import match_descriptors
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import CAMERAS, simulate_pair
 
@@ -44,33 +50,117 @@ def drives(windows=20):
     return images, rng.binomial(images, 0.9).astype(np.uint16)
 
 
-@pytest.mark.slow
-def test_rivals_are_compared_and_set_as_a_table_and_a_figure(monkeypatch, tmp_path):
-    pair = counted_pairs.count_pair(
-        "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, truth_of
+def contest(laid_out=True, **changes):
+    images = drives(40)
+    centre_us = np.arange(40) * TAU + TAU // 2
+    counted = [CountedDrive(each[:, ::2, ::2], centre_us) for each in images]
+    return Contest(*counted, {"1 s": truth_of}, 5, laid_out, **changes)
+
+
+def rows_of_contest(pair, seed=0, systems=()):
+    return list(rivals.measure(Draw(pair, seed, seed == 0, systems)))
+
+
+def test_every_row_is_judged_on_the_same_windows_and_has_all_columns(monkeypatch):
+    judged = []
+    evaluate = rivals.evaluate
+    monkeypatch.setattr(
+        rivals, "evaluate", lambda m, t: judged.append(evaluate(m, t)) or judged[-1]
     )
-    assert np.array_equal(pair.reference.centre_us, np.arange(20) * TAU + TAU // 2)
-    monkeypatch.setattr(counted_pairs, "recorded_pairs", lambda data: iter([pair]))
-    monkeypatch.setattr(counted_pairs, "simulated_pair", lambda seed: pair)
-    started = []
-    figures = (tmp_path / "figure.png", tmp_path / "figure.pdf")
-    text = rivals.run(tmp_path, 2, started.append, *figures, baselines=["all-pixels@1,3"])
-    for figure in ("figure.png", "figure_time.png", "figure_curves.png"):
-        assert (tmp_path / figure).stat().st_size > 10_000
-    assert (tmp_path / "figure_curves.pdf").is_file()
-    assert started[0] == "street 1 of 2" and len(started) == 4
-    assert text.count("all pixels, SAD | 1.000") == 2
-    assert text.count("| all pixels, SAD, windows 1, 3 | 1.000") == 2
-    lines = [line for line in text.splitlines() if line.startswith("| ")]
-    assert len(lines) == 2 * (3 + len(baseline_names()))
-    assert "| 9,216 | 184,320 |" in text  # bytes of 96 x 96 pixels, and differences to 20 places
-    assert "| describing | matching | time a query |" in lines[0]
-    for line in lines[2 : 2 + len(baseline_names())]:
-        describing, matching, both = (
-            float(cell.replace(",", "").removesuffix(" us ")) for cell in line.split("|")[-4:-1]
-        )
-        # medians of the trials, which need not be of the same one
-        assert both >= max(describing, matching) > 0, line
+    rows = rows_of_contest(contest(), systems=("all-pixels@1,3",))
+    # sequences of 20 match the windows from 9 to 29
+    assert {found.queries for found in judged} == {40 - rivals.LONGEST + 1}
+    assert len({tuple(row) for row in rows}) == 1
+    systems = {row["system"] for row in rows}
+    for name in (rivals.OURS, "all pixels, SAD", "all pixels, SAD, windows 1, 3"):
+        ways = [row["matching"] for row in rows if row["system"] == name]
+        assert ways == [
+            "sequences of 5", "sequences of 10", "sequences of 20", "place filter, live",
+            "place filter, 4 windows late", "place filter, recorded",
+        ]  # fmt: skip
+    assert sum(name.startswith("null") for name in systems) == 5
+    assert rivals.figure([{"drives": "d", **row} for row in rows]).axes[0].get_title() == "d"
+
+
+def test_the_same_drive_is_found_and_one_that_shows_nothing_is_not():
+    rows = rows_of_contest(contest())
+    right = {(row["system"], row["matching"]): row["P@100R"] for row in rows}
+    assert right[rivals.OURS, "place filter, live"] == 1
+    assert right["all pixels, SAD", "place filter, recorded"] == 1
+    assert right["null: windows shuffled", "place filter, recorded"] < 0.3
+    assert right["null: query reversed", "place filter, recorded"] < 0.3
+    # the drives take equally long
+    assert right[f"null: {rivals.SPEED}", "none"] == 1
+
+
+def test_the_first_right_match_is_given_with_the_last_window_that_it_needs():
+    rows = {
+        row["matching"]: row
+        for row in rows_of_contest(contest())
+        if row["system"] == "all pixels, SAD"
+    }
+    for matching, seconds in (
+        ("sequences of 5", 5), ("sequences of 10", 10), ("place filter, live", 1),
+        ("place filter, 4 windows late", 5),
+    ):  # fmt: skip
+        assert rows[matching]["first right match (s)"] == seconds, matching
+        assert rows[matching]["starts with a right match"] == 1
+    assert rows["place filter, recorded"]["first right match (s)"] is None
+
+
+def test_later_draws_leave_out_what_draws_nothing():
+    systems = {row["system"] for row in rows_of_contest(contest(), seed=1)}
+    assert "all pixels, SAD" not in systems and rivals.OURS in systems
+
+
+def test_of_some_published_pixels_no_images_are_made():
+    systems = {row["system"] for row in rows_of_contest(contest(laid_out=False))}
+    assert not any("HOG" in name or "patch" in name for name in systems)
+    assert "released code: the given pixels, clipped at 10, SAD" in systems
+
+
+def test_the_default_among_rivals_is_the_default_of_a_map():
+    """The row's matches are those of `ReferenceMap.match` on the same windows."""
+    pair = contest()
+    (ours, *_) = rivals.our_systems(pair, 0)
+    windows = [ShiftedWindows(drive.images, TAU) for drive in (pair.reference, pair.query)]
+    settings = PRESETS["default"].replaced({"seed": 0, "precision": 0.99}, "test")
+    chosen = SelectedPixels("default", settings)
+    chosen.prepare(pair.reference.images)
+    mapped = ReferenceMap.build(windows[0], settings, pixel_map=chosen.pixel_map)
+    for name, changes in (
+        ("place filter, recorded", {}), ("place filter, live", {"smooth": False}),
+        ("place filter, 4 windows late", {"smooth": False, "delay": 4}),
+    ):  # fmt: skip
+        live = {"query_mean": "running"} if changes else {}
+        expected = mapped.match(windows[1], **changes, **live).matches
+        found = ours.match(rivals.decoders(5)[name].settings, 0, 40)
+        assert np.array_equal(found.place, expected.place), name
+        assert np.array_equal(found.trust, expected.trust), name
+        assert np.array_equal(found.lost, expected.lost), name
+
+
+def test_the_filter_takes_given_distances_as_it_takes_those_of_codes():
+    """The largest distance has 12 bits, so that all are taken as they are."""
+    rng = np.random.default_rng(4)
+    counts = rng.integers(0, 256, (2, 30, 12), dtype=np.uint8)
+    counts[0, 3], counts[1, 5] = 255, 0
+    places, queries = (
+        Descriptors(each, start, start + TAU, each.sum(axis=1, dtype=np.int64))
+        for each in counts
+        for start in [np.arange(30) * TAU]
+    )
+    distances = ReferenceIndex(places.counts).matrix(queries.counts)
+    assert distances.max() == 12 * 255
+    for smooth, delay in ((True, 0), (False, 0), (False, 4)):
+        changes = {"smooth": smooth, "delay": delay, "precision": 0.99}
+        settings = PRESETS["default"].replaced(changes, "test")
+        expected = match_descriptors(places, queries, settings)
+        activity = places.activity, queries.activity
+        found = filter_distances(distances.astype(float), activity, queries.centre_us, settings)
+        assert np.array_equal(found.place, expected.place)
+        assert np.array_equal(found.trust, expected.trust)
+        assert np.array_equal(found.lost, expected.lost)
 
 
 def test_a_simulated_street_is_counted_by_events():
@@ -79,12 +169,11 @@ def test_a_simulated_street_is_counted_by_events():
     assert len(pair.reference.images) >= 2 and len(pair.query.images) >= 2
     # hot pixels were taken out after the windows were counted
     assert totals.min() > 0.5 * totals.max()
-    found = rivals.compare_all(
-        counted_pairs.CountedPair("tiny", pair.reference, pair.query,
-                           pair.settings.replaced({"sequence_length": 1}, "test"), pair.truth_of),
-        0, ["all-pixels", "active-pixels"],
-    )  # fmt: skip
-    assert set(found) == {"all-pixels", "active-pixels"}
+    settings = pair.settings.replaced({"sequence_length": 1}, "test")
+    names = ("all-pixels", "active-pixels")
+    systems = [(name, open_baseline(name)) for name in names]
+    found = rivals.compare_systems(replace(pair, settings=settings), systems)
+    assert [row["system"] for row in found] == list(names)
 
 
 def test_a_curve_of_trials_is_the_mean_of_their_precision():
@@ -99,14 +188,15 @@ def test_a_curve_of_trials_is_the_mean_of_their_precision():
     assert found == pytest.approx([1 / 3, 0.5, 0.5])
 
 
-def test_a_system_that_does_not_fit_a_sensor_is_said_to(monkeypatch, tmp_path):
+def test_a_system_that_does_not_fit_a_sensor_is_left_out():
     """The released code draws 100 pixels, each 7 pixels apart."""
     images = [ShiftedWindows(drive[:, :32, :32], TAU) for drive in drives()]
     pair = counted_pairs.count_pair("drives", *images, SETTINGS, truth_of)
-    monkeypatch.setattr(counted_pairs, "simulated_pair", lambda seed: pair)
-    text = rivals.run(None, 1, lambda name: None)
-    assert "released code: 100 pixels, clipped at 10, SAD | does not fit |" in text
-    assert "| all pixels, SAD | 1.000 |" in text
+    names = ("seed-code", "all-pixels")
+    systems = [(name, open_baseline(name)) for name in names]
+    (row,) = rivals.compare_systems(pair, systems)
+    assert row["system"] == "all-pixels" and row["P@100R"] == 1
+    assert row["bytes per place"] == 32 * 32 and row["operations per query"] == 20 * 32 * 32
 
 
 def test_an_image_is_shifted_and_what_leaves_is_lost():
@@ -116,48 +206,49 @@ def test_an_image_is_shifted_and_what_leaves_is_lost():
     assert np.array_equal(shifted(image, 0, 0), image)
 
 
-def test_the_mount_shift_is_undone_and_drawn(monkeypatch, tmp_path):
+def test_the_mount_shift_is_undone(monkeypatch):
     reference, query = (ShiftedWindows(images, TAU) for images in drives())
     pair = Pair("drives", reference, query, SETTINGS, truth_of)
-    monkeypatch.setattr(mount_shift, "pairs", lambda data: iter([pair]))
     monkeypatch.setattr(mount_shift, "SHIFTS", (0, 4))
-    text = mount_shift.run(tmp_path, 1, lambda name: None, tmp_path / "figure.png")
-    assert (tmp_path / "figure.png").stat().st_size > 10_000
-    assert "| counts, registered | 1.000 | 1.000 |" in text
+    rows = list(mount_shift.measure(Draw(pair, 0, True)))
+    right = {(row["way"], row["shift"]): row["P@100R"] for row in rows}
+    assert right["counts, registered", 0] == right["counts, registered", 4] == 1
     # the places of the drives are patterns of 4 x 4 pixels: a shift by 4 shows other pixels
-    every = next(line for line in text.splitlines() if line.startswith("| all pixels, counts"))
-    same, moved = (float(cell) for cell in every.split("|")[2:4])
-    assert same == 1 > moved and "| all pixels, 3-bit logarithms | 1.000 |" in text
-    assert "off by at most" in text
+    assert right["all pixels, counts", 0] == 1 > right["all pixels, counts", 4]
+    assert right["all pixels, 3-bit logarithms", 0] == 1
+    assert {row["way"] for row in rows if mount_shift.OFF in row} == {
+        way.name for way in mount_shift.WAYS if way.registered
+    }
 
 
-def test_the_number_of_pixels_is_varied_and_what_does_not_fit_is_left_out(monkeypatch, tmp_path):
+def test_the_number_of_pixels_is_varied_and_what_does_not_fit_is_left_out(monkeypatch):
     pair = counted_pairs.count_pair(
         "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, truth_of
     )
-    monkeypatch.setattr(counted_pairs, "recorded_pairs", lambda data: iter([pair]))
-    monkeypatch.setattr(counted_pairs, "simulated_pair", lambda seed: pair)
     monkeypatch.setattr(pixel_number, "NUMBERS", (5, 150))
-    text = pixel_number.run(tmp_path, 1, lambda name: None, tmp_path / "figure.png")
-    assert (tmp_path / "figure.png").stat().st_size > 10_000
-    released = next(line for line in text.splitlines() if line.startswith("| mean"))
-    assert released.endswith("| - |")  # 150 circles of 7 pixels do not fit
-    assert "| variance |" in text and "| all pixels |  | 1.000 |" in text
+    rows = list(pixel_number.measure(Draw(pair, 0, True)))
+    numbers = {
+        name: {row["pixels"] for row in rows if row["pixels chosen by"] == name}
+        for name in (*pixel_number.STRATEGIES, pixel_number.ALL)
+    }
+    assert numbers["variance"] == {5, 150} and numbers[pixel_number.ALL] == {96 * 96}
+    assert numbers["mean (released code)"] == {5}  # 150 circles of 7 pixels do not fit
+    assert len(pixel_number.EXPERIMENT.figure([{"drives": "d", **row} for row in rows]).axes) == 2
 
 
-def test_few_pixels_are_compared_with_all(monkeypatch, tmp_path):
+def test_few_pixels_are_compared_with_all(monkeypatch):
     pair = counted_pairs.count_pair(
         "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, truth_of
     )
-    monkeypatch.setattr(agreement, "recorded_pairs", lambda data: iter([pair]))
     monkeypatch.setattr(agreement, "NUMBERS", (25, 150))
-    monkeypatch.setattr(agreement, "street", partial(agreement.street, length_m=40, sensor="tiny"))
-    text = agreement.run(tmp_path, 2, lambda name: None, tmp_path / "figure.png")
-    assert (tmp_path / "figure.png").stat().st_size > 10_000
-    streets, recorded = text.split("drives:")
-    assert "| distances, by variance |" in streets
+    rows = list(agreement.measure(Draw(pair, 0, True)))
     # the pixels stand for blocks of 4 x 4, so that every match is the same
-    assert "| same place, by variance | 1.000 ± 0.000 | 1.000 ± 0.000 |" in recorded
+    assert [row[agreement.PLACES] for row in rows] == [1.0] * 4
+    assert all(0 < row[agreement.DISTANCES] < 1 for row in rows)
+    street = list(agreement.measure(Draw(agreement.street(0, 40, "tiny"), 0, True)))
+    assert all(-1 <= row[agreement.PROFILE] <= 1 for row in street)
+    figure = agreement.figure([{"drives": "d", **row} for row in rows])
+    assert len(figure.axes[0].containers) == 2 * len(agreement.MEASURES)
 
 
 def test_all_pixels_agree_with_themselves_and_not_with_noise():
@@ -181,19 +272,17 @@ def test_what_fires_by_the_clock_makes_fewer_events_in_a_faster_drive():
     assert fast < 0.6 * slow
     slow, fast = (event_speed.events_of(quiet, still, v, 1, 20.0) for v in (3.0, 12.0))
     assert fast > 0.9 * slow
-    text = event_speed.table({"tiny": event_speed.events_at_speeds(quiet, still, 1, 20.0)})
-    assert "| tiny |" in text and "share at 12 m/s" in text
 
 
-def test_windows_and_sequences_of_equal_time_are_compared(monkeypatch, tmp_path):
+def test_windows_and_sequences_of_equal_time_are_compared(monkeypatch):
     tried = window_length.variant(0.5, 8.0).changes
     assert tried == {"tau_us": 500_000, "sequence_length": 16, "exclusion": 6}
     short = partial(simulate_pair, sensor="tiny", length_m=80.0)
-    monkeypatch.setattr(window_length, "simulate_pair", short)
+    monkeypatch.setattr(counted_pairs, "simulate_pair", short)
     monkeypatch.setattr(window_length, "WINDOWS_S", (0.5, 1.0))
     monkeypatch.setattr(window_length, "SPANS_S", (2.0,))
     few = PRESETS["paper"].replaced({"pixels": 25}, "test")
     monkeypatch.setattr(window_length, "PRESETS", {"paper": few})
-    text = window_length.run(None, 1, lambda name: None, tmp_path / "figure.png")
-    assert (tmp_path / "figure.png").stat().st_size > 10_000
-    assert "| 0.5 s |" in text and "| window | 2 s a match |" in text
+    rows = rows_of(window_length.EXPERIMENT, None, 1)
+    assert [(row["window (s)"], row["match (s)"]) for row in rows] == [("0.5", "2"), ("1", "2")]
+    assert window_length.figure(rows).axes[0].get_xticks().tolist() == [0.5, 1.0]

@@ -7,7 +7,6 @@ import json
 import os
 import re
 import signal
-from concurrent.futures import Future
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -17,17 +16,22 @@ import sweep_jobs
 from edge_vpr_tools import cli
 from edge_vpr_tools.commands import compare as compare_arguments
 from edge_vpr_tools.research.sweep import aggregation, comparison
-from edge_vpr_tools.research.sweep.comparison import draw, rows_of, write_comparison
-from edge_vpr_tools.research.sweep.plan import content_hash, read_plan, run_trial
-from edge_vpr_tools.research.sweep.running import (
-    Workers,
+from edge_vpr_tools.research.sweep.aggregation import write_comparison
+from edge_vpr_tools.research.sweep.comparison import draw, rows_of
+from edge_vpr_tools.research.sweep.plan import (
+    content_hash,
+    read_plan,
+    run_sweep,
+    run_trial,
+    sweep_store,
+)
+from edge_vpr_tools.research.trials import (
+    Inline,
     cluster,
     failures,
     processes,
     run_all,
-    run_sweep,
 )
-from edge_vpr_tools.research.sweep.store import Store
 from matplotlib.figure import Figure
 from streams import random_events
 
@@ -58,25 +62,15 @@ tolerance = 0.2
 """
 
 
-class Inline(Workers):
-    """Jobs in this thread."""
-
-    count, at_once = 1, 2
+class Counted(Inline):
+    """Counts the jobs."""
 
     def __init__(self):
         self.jobs = 0
 
     def submit(self, run, job):
         self.jobs += 1
-        future = Future()
-        try:
-            future.set_result(run(job))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-    def died(self, error):
-        return False
+        return super().submit(run, job)
 
 
 @pytest.fixture
@@ -91,7 +85,7 @@ def plan_file(tmp_path):
 
 
 def swept(plan_file, workers, folder, **more):
-    store = Store(folder)
+    store = sweep_store(folder)
     with store.opened():
         return store, run_sweep(read_plan(plan_file), store, workers, **more)
 
@@ -183,7 +177,7 @@ def test_a_wrong_plan_is_one_clear_error(old, new, words, plan_file):
 
 
 def test_nothing_is_computed_twice_and_an_interrupted_sweep_goes_on(plan_file, tmp_path):
-    workers, seen = Inline(), []
+    workers, seen = Counted(), []
 
     def stop_after_two(trial):
         if len(seen) == 2:
@@ -225,10 +219,13 @@ def test_failures_are_kept_shown_and_computed_again_when_asked(plan_file, tmp_pa
 
 
 def test_a_folder_takes_one_sweep_at_a_time_and_is_never_somebody_elses(plan_file, tmp_path):
-    store = Store(tmp_path / "out")
+    store = sweep_store(tmp_path / "out")
     with store.opened(), pytest.raises(UsageError, match="another sweep writes"), store.opened():
         pass
-    with pytest.raises(UsageError, match="not the folder of a sweep"), Store(tmp_path).opened():
+    with (
+        pytest.raises(UsageError, match="not the folder of a sweep"),
+        sweep_store(tmp_path).opened(),
+    ):
         pass
 
 
@@ -365,7 +362,7 @@ def test_the_page_starts_no_cluster_that_listens_to_strangers():
 
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
     pytest.importorskip("distributed", reason="Dask is an extra (dask)")
-    monkeypatch.setattr("edge_vpr_tools.research.sweep.running._TIMEOUT_S", 0.5)
+    monkeypatch.setattr("edge_vpr_tools.research.trials._TIMEOUT_S", 0.5)
     with (
         pytest.raises(UsageError, match="no Dask scheduler answers"),
         cluster("tcp://127.0.0.1:9"),

@@ -7,6 +7,7 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -247,8 +248,9 @@ def test_one_track_is_no_ground_truth(drive, tmp_path, capsys):
     assert "a.nmea is one track: give two" in refused(capsys, *words)
 
 
-def test_much_that_was_removed_as_bursts_is_a_warning(tmp_path, capsys):
+def test_much_that_was_removed_as_bursts_is_a_warning(tmp_path, capsys, monkeypatch):
     """Half of the events are of moments when every pixel fires."""
+    monkeypatch.setattr(compiling, "SILENT_S", 60.0)
     rng = np.random.default_rng(0)
     scene = random_events(rng, 4_000, SENSOR, 2_000_000)
     y, x = np.divmod(np.arange(SENSOR.pixels), SENSOR.width)
@@ -318,6 +320,65 @@ def test_an_interrupt_in_a_callback_is_not_lost():
     done = subprocess.run(words, capture_output=True, text=True, timeout=30)
     assert done.returncode == cli.EXIT_INTERRUPTED
     assert done.stderr == "edge-vpr: interrupted; no incomplete file was left\n"
+
+
+LOST = """
+import signal, sys
+from edge_vpr_tools import cli
+from edge_vpr_tools.progress import tracked
+
+def run(argv):
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except KeyboardInterrupt:
+        {}
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # tests in the background ignore it
+cli.run = run
+sys.exit(cli.main(["info"]))
+"""
+
+
+@pytest.mark.parametrize(
+    "then",
+    ["pass", "raise TypeError('of a library')", "[sys.exit(1) for _ in tracked([1], 'reading')]"],
+)
+def test_an_interrupt_that_a_library_loses_ends_the_command(then):
+    """Also if it makes another error of it; at the latest with the next events, or at the end."""
+    words = [sys.executable, "-c", LOST.format(then)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60)
+    assert done.returncode == cli.EXIT_INTERRUPTED, done.stderr
+    assert done.stderr == "edge-vpr: interrupted; no incomplete file was left\n"
+
+
+@pytest.mark.slow
+def test_an_interrupt_at_any_time_is_not_lost(drive, tmp_path):
+    """While libraries are imported, kernels loaded and files written."""
+    listening = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from edge_vpr_tools.cli import main; print('begun', flush=True); sys.exit(main())"
+    )
+    out = tmp_path / "out.npz"
+    words = [sys.executable, "-c", listening, "map", str(drive / "drive.npz"), *SMALL]
+    words += ["--overwrite", "-o", str(out)]
+    begin = time.monotonic()
+    assert subprocess.run(words, capture_output=True).returncode == 0
+    whole_s = time.monotonic() - begin
+    rng = np.random.default_rng()
+    for wait_s in rng.uniform(0.0, 0.8 * whole_s, 12):
+        with subprocess.Popen(
+            words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as running:
+            assert running.stdout.readline() == "begun\n"
+            time.sleep(wait_s)
+            running.send_signal(signal.SIGINT)
+            shown, said = running.communicate(timeout=60)
+        if running.returncode == cli.EXIT_INTERRUPTED:
+            assert said.splitlines()[-1] == "edge-vpr: interrupted; no incomplete file was left"
+        else:  # it was over: the signal came while the process ended, or after that
+            assert running.returncode in (0, -signal.SIGINT)
+            assert "places at" in shown, (wait_s, running.returncode, said)
+        assert "Traceback" not in said, (wait_s, said)
 
 
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
@@ -418,9 +479,8 @@ def completions(line, tmp_path):
 
 def test_completion_offers_verbs_flags_and_choices(tmp_path):
     assert {"map", "match"} <= completions("edge-vpr ma", tmp_path)
-    assert {"--pixels", "--precision", "--preset"} == completions("edge-vpr map --p", tmp_path) - {
-        "--polarity"
-    }
+    flags = {"--pixels", "--pixel-map", "--polarity", "--precision", "--preset"}
+    assert flags == completions("edge-vpr map --p", tmp_path)
     assert {"variance"} == completions("edge-vpr map --strategy v", tmp_path)
     assert {"verify"} == completions("edge-vpr golden v", tmp_path)
     assert {"--only"} == completions("edge-vpr golden verify --on", tmp_path)

@@ -5,19 +5,21 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from importlib import import_module
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.report.style import figure, save
 from edge_vpr_tools.research.experiments import (
     EXPERIMENTS,
     SOURCES,
     STREETS_ONLY,
-    event_speed,
     rivals,
+    window_length,
 )
+from edge_vpr_tools.research.experiments.experiment import Drives, Experiment
+from edge_vpr_tools.research.experiments.plots import dots
 from streams import random_events
 
 from edge_vpr.archive import read_archive, write_archive
@@ -254,59 +256,90 @@ def test_an_experiment_without_its_data(capsys, tmp_path):
     refused(capsys, *arguments, code=2, says="--data")
 
 
+#: what an experiment says of a folder without drives
+WITHOUT = {
+    **dict.fromkeys(("speck-walks", "burst-filters"), SOURCES["speck_walks"]),
+    "brisbane": SOURCES["brisbane_sparse49"],
+    **dict.fromkeys(("codes", "mount-shift", "trust", "place-filter"), "records/10494919"),
+}
+
+
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_an_experiment_says_where_its_data_come_from(name, capsys, tmp_path):
-    folder = getattr(
-        import_module(f"edge_vpr_tools.research.experiments.{EXPERIMENTS[name]}"), "FOLDER", None
-    )
-    arguments = ("experiment", name, "--data", tmp_path)
-    if folder is not None:
-        refused(capsys, *arguments, code=2, says=SOURCES[folder])
-    elif name in STREETS_ONLY:
+    arguments = ("experiment", name, "--data", tmp_path, "-o", tmp_path)
+    if name in STREETS_ONLY:
         others = f"or compare recorded drives by {STREETS_ONLY[name]}"
         refused(capsys, *arguments, code=2, says=others)
-    elif hasattr(
-        import_module(f"edge_vpr_tools.research.experiments.{EXPERIMENTS[name]}"), "check_data"
-    ):
-        refused(capsys, *arguments, code=2, says="https://zenodo.org/records/10494919")
+    elif name in WITHOUT:
+        refused(capsys, *arguments, code=2, says=WITHOUT[name])
     arguments = ("experiment", name, "--data", tmp_path / "none")
     refused(capsys, *arguments, code=2, says="none is not a folder: name the one that holds")
 
 
-def test_experiments_are_put_into_one_page(capsys, tmp_path, monkeypatch):
-    """Two small ones, with their figures."""
+def declared(name, ran):
+    """An experiment on two drives, which notes what it measures."""
+
+    def measure(draw):
+        ran.append((draw.pair, draw.seed, draw.systems))
+        for system in ("one", "two"):
+            yield {"system": system, "P@100R": 0.5 + draw.seed / 10}
+
+    return Experiment(
+        drives=lambda data: [
+            Drives("street", lambda seed: f"{name} {seed}", varied=True),
+            Drives("given", lambda seed: name, drawn=False),
+        ],
+        names=("system",),
+        measure=measure,
+        figure=partial(dots, measures=("P@100R",), row="system"),
+        takes_systems=name == "rivals",
+    )
+
+
+def test_experiments_are_written_and_no_trial_is_run_twice(capsys, tmp_path, monkeypatch):
     ran = []
-
-    def drawing(data, seeds, on_start, *figures, baselines=()):
-        ran.append((seeds, [path.suffix for path in figures], list(baselines)))
-        for path in figures:
-            with figure() as (drawn, _):
-                save(drawn, path)
-        return "pair:\n\n| way | P@100R |\n| --- | --- |\n| one | 0.500 |"
-
-    monkeypatch.setattr(rivals, "run", drawing)
-
-    def counting(data, seeds, on_start, *figures):
-        drawing(data, seeds, on_start, *figures)
-        return "| camera |\n| --- |\n| fast |\n\nText."
-
-    monkeypatch.setattr(event_speed, "run", counting)
+    for module, name in ((rivals, "rivals"), (window_length, "window-length")):
+        monkeypatch.setattr(module, "EXPERIMENT", declared(name, ran))
     page = tmp_path / "page.html"
-    arguments = ["experiment", "rivals", "event-speed", "--seeds", "2", "--report", str(page)]
-    assert main(arguments) == 0
+    results = ("--workers", "1", "-o", str(tmp_path / "results"))
+    arguments = ["experiment", "rivals", "window-length", "--seeds", "2", *results]
+    assert main([*arguments, "--report", str(page)]) == 0
     shown = capsys.readouterr().out
-    assert shown.startswith("rivals:\n\npair:") and "event-speed:\n\n| camera |" in shown
+    assert "rivals:\n\nstreet:\n\n| system | P@100R |" in shown
+    assert "| one | 0.550 ± 0.071 |" in shown and "window-length:\n" in shown
+    assert len(ran) == 2 * 3
+    written = (tmp_path / "results/rivals.csv").read_text().splitlines()
+    assert written[:2] == ["drives,system,seed,P@100R", "street,one,0,0.5"] and len(written) == 7
     html = page.read_text()
-    assert html.count("<svg ") == 2
-    for part in ("with 2 seeds", "0.500", "Systems side by side", "fast", "Text."):
+    assert html.count("<svg ") == 2 and (tmp_path / "results/rivals.svg").is_file()
+    for part in ("with 2 seeds", "0.550", "Every system beside the default"):
         assert part in html, part
-    assert main(["experiment", "rivals", "--with", "hog", "--with", "model:a.onnx"]) == 0
+    # a third seed is all that is new
+    ran.clear()
+    assert main([*arguments[:-6], "--seeds", "3", *results]) == 0
+    assert [draw[:2] for draw in ran] == [("rivals 2", 2), ("window-length 2", 2)]
+    ran.clear()
+    systems = ["--with", "hog", "--with", "model:a.onnx"]
+    assert main(["experiment", "rivals", "--seeds", "1", *systems, *results]) == 0
+    assert [draw[2] for draw in ran] == [("hog", "model:a.onnx")] * 2
     capsys.readouterr()
-    assert ran == [(2, [".svg"], []), (2, [".svg"], []), (5, [], ["hog", "model:a.onnx"])]
     refused(capsys, *arguments, "--figure", "a.png", code=2, says="use --report")
     # before any of them is run
-    refused(capsys, "experiment", "all", "--data", tmp_path, code=2, says="experiment speck-walks")
-    refused(capsys, "experiment", "event-speed", "--with", "hog", code=2, says="leave --with out")
+    refused(capsys, "experiment", "window-length", "--with", "hog", code=2, says="leave --with out")
+
+
+def test_a_trial_that_fails_is_named_and_the_others_are_kept(capsys, tmp_path, monkeypatch):
+    def measure(draw):
+        if draw.pair == "rivals 1":
+            raise ValueError("no luck")
+        yield {"system": "one", "P@100R": 0.5}
+
+    failing = replace(declared("rivals", []), measure=measure)
+    monkeypatch.setattr(rivals, "EXPERIMENT", failing)
+    arguments = ("experiment", "rivals", "--seeds", "2", "--workers", "1", "-o", tmp_path / "out")
+    refused(capsys, *arguments, code=1, says="rivals, street, seed 1: internal error, ValueError")
+    assert len(list((tmp_path / "out/.trials/results").iterdir())) == 2
+    assert not (tmp_path / "out/rivals.csv").exists()
 
 
 def test_an_interrupt_leaves_nothing_half_written(drive, capsys, tmp_path, monkeypatch):
@@ -395,7 +428,7 @@ def test_by_default_the_place_filter_matches_offline_and_online_alike(drive, cap
     mapped, query = str(tmp_path / "map.npz"), str(drive / "query.npz")
     assert main(["map", str(drive / "reference.npz"), "-o", mapped, *flags]) == 0
     settings = ReferenceMap.load(mapped).settings
-    assert (settings.matching, settings.counter_scaling) == ("filter", "own-mean")
+    assert (settings.matching, settings.counter_scaling) == ("filter", "contrast")
     whole, live = tmp_path / "whole", tmp_path / "live"
     assert (
         main(["match", mapped, query, "-o", str(whole), "--query-mean", "running", "--no-smooth"])

@@ -43,6 +43,15 @@ def test_a_library_that_is_too_old_or_missing_is_wrong_and_told_with_its_command
     assert "edge-vpr-no-such-library is missing" in missing.text
 
 
+def test_packages_are_told_with_their_sizes_and_those_of_extras_are_not_counted(monkeypatch):
+    requiring = ("numba", 'h5py; extra == "hdf5"', "edge-vpr-no-such-library")
+    sizes = packages.package_sizes(requiring)
+    assert set(sizes) == {"numba", "numpy", "llvmlite"}
+    assert sizes["llvmlite"] > 10_000_000
+    monkeypatch.setattr(packages, "package_sizes", lambda _: {"a": 1_500_000, "b": 25_000_000})
+    assert only(packages.check_packages()).text == "2 besides edge-vpr, 26 MB: b 25.0, a 1.5"
+
+
 def test_an_extra_whose_library_is_missing_is_absent_and_told_with_its_command(monkeypatch):
     requiring(monkeypatch, "numpy>=2", 'edge-vpr-no-such-library; extra == "hdf5"')
     found = {finding.text: finding for finding in packages.check_extras()}

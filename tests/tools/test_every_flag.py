@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -20,6 +21,7 @@ from edge_vpr_tools.estimate import accuracy
 from edge_vpr_tools.profile import profiling
 from edge_vpr_tools.profile.speed import Against, SparseAgainstAll, Timing
 from edge_vpr_tools.research.experiments import codes_frontier
+from edge_vpr_tools.research.experiments.experiment import Drives
 from streams import random_events
 
 from edge_vpr.events import Sensor
@@ -175,10 +177,12 @@ RUNS = [
      "--no-figures", (0, 2)),
     # 2: nothing was resolved in so short a time
     ("estimate --calibrate {f}/profile/profile.json --target raspberry-pi-4", (0, 2)),
-    ("experiment codes --data {f} --seeds 1 --figure {f}/codes.png", 0),
-    ("experiment codes --data {f} --seeds 1 --figure {f}/codes.png --figures pdf,svg", 0),
+    ("experiment codes --data {f} --seeds 1 --workers 1 -o {f}/codes --figure {f}/codes.png", 0),
+    ("experiment codes --data {f} --seeds 1 --workers 1 --output {f}/codes "
+     "--figure {f}/codes.png --figures pdf,svg", 0),
     ("experiment codes --data {f} --seeds 1 --figures pdf", 2),
-    ("experiment codes --data {f} --seeds 1 --report {f}/experiments.html", 0),
+    ("experiment codes --data {f} --seeds 1 --workers 1 -o {f}/codes "
+     "--report {f}/experiments.html", 0),
     # 2: rivals and frames alone compare systems, and drive streets for it
     ("experiment codes --data {f} --seeds 1 --with hog", 2),
     # 2: calibration alone writes a table, and drives a dozen streets for it
@@ -274,9 +278,9 @@ class _Pair:
         self.name, self.settings = name, PRESETS["tiny"]
 
 
-def scores(pair, seeds, variants):
-    rng = np.random.default_rng(0)
-    return {variant: rng.random(seeds).tolist() for variant in variants}
+def scores(pair, seed, variants):
+    rng = np.random.default_rng(seed)
+    return {variant: float(rng.random()) for variant in variants}
 
 
 @pytest.fixture
@@ -287,7 +291,9 @@ def small_loads(monkeypatch):
     monkeypatch.setattr(profiling, "sparse_against_all", lambda *unused: timed)
     monkeypatch.setattr(accuracy, "PIXELS", (5,))
     monkeypatch.setattr("firmware_model.vectors.standard_suites", lambda *unused: {})
-    monkeypatch.setattr(codes_frontier, "pairs", lambda data: map(_Pair, "abcdef"))
+    pairs = [Drives(name, lambda seed, name=name: _Pair(name)) for name in "ab"]
+    declared = replace(codes_frontier.EXPERIMENT, drives=lambda data: pairs)
+    monkeypatch.setattr(codes_frontier, "EXPERIMENT", declared)
     monkeypatch.setattr(codes_frontier, "score", scores)
     monkeypatch.setattr("edge_vpr_tools.report.traverse.write_report", lambda *unused, **more: None)
     street = partial(simulate_pair, length_m=60.0)

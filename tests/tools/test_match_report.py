@@ -23,7 +23,8 @@ from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
-from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.reference_map import MatchResult, ReferenceMap, read_queries
+from edge_vpr.results import WINDOWS
 from edge_vpr.settings import PRESETS
 
 
@@ -121,6 +122,25 @@ def test_the_report_shows_route_error_and_the_worst_windows(street):
         figure = page[: page.index(f"<figcaption>{number}. At")].rpartition("<figure")[2]
         assert f"matched: place {matches.place[j]}<" in figure
         assert "correct: place" in figure
+
+
+def test_the_worst_windows_of_live_matches_are_shown_too(street):
+    """The last window that was complete before each of them."""
+    folder = street / "online_windows"
+    drive = street / "pair/query.npz"
+    run("match", street / "map.npz", drive, "-o", folder, "--online", "--every", "300ms")
+    evaluated(street, folder)
+    page = (folder / "report.html").read_text()
+    shown = re.findall(r"<figcaption>(\d)\. At ([\d.]+) s, ([\d,]+) m off", page)
+    assert [number for number, *_ in shown] == list("12345")
+    for number, *_ in shown:
+        figure = page[: page.index(f"<figcaption>{number}. At")].rpartition("<figure")[2]
+        assert "query" in figure and "matched: place" in figure and "correct: place" in figure
+    # the same windows as of a recorded match, and no queries of this one
+    windows = read_queries(folder, WINDOWS)
+    recorded = read_queries(street / "results")
+    assert np.array_equal(windows.end_us, recorded.end_us)
+    assert MatchResult.load(folder).queries is None
 
 
 def test_warnings_of_the_console_stand_in_the_report(street, capsys):

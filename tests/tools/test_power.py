@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+import tracemalloc
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -498,6 +499,9 @@ EXPORTS = {
     "Joulescope": (
         "#time (s),current (A),voltage (V)\n0.0,0.5,5.0\n0.5,1.0,5.0\n", None
     ),
+    "Joulescope, statistics": (
+        "#time,current,voltage,power,charge,energy\n0.0,0.5,5,2.5,0,0\n0.5,1,5,5,0.5,2.5\n", None
+    ),
     "Joulescope, Unix microseconds": (
         "timestamp,power\n1767261600000000,2.5\n1767261600500000,5.0\n", None
     ),
@@ -543,6 +547,32 @@ def test_samples_of_the_same_second_are_averaged(tmp_path):
     path.write_text("Date,W\n2026-01-01 10:00:00,2\n2026-01-01 10:00:00,4\n2026-01-01 10:00:01,5\n")
     when, watts = read_csv(path)
     assert when.tolist() == [0.0, 1.0] and watts.tolist() == [3.0, 5.0]
+
+
+def test_a_trace_of_any_length_takes_the_same_memory(tmp_path, monkeypatch):
+    """Neighbours are averaged; a PPK2 writes 100,000 samples a second."""
+    monkeypatch.setattr(profiling, "MOST_SAMPLES", 5_000)
+    monkeypatch.setattr(profiling, "_BLOCK_CHARS", 50_000)
+    n, path = 200_003, tmp_path / "ppk.csv"
+    ua = np.where(np.arange(n) // 40_000 % 2, 1_000_000, 500_000)
+    rows = (f"{i / 100:.2f},{x}.000,00000000\n" for i, x in enumerate(ua.tolist()))
+    path.write_text("Timestamp(ms),Current(uA),D0-D7\n" + "".join(rows))
+    tracemalloc.start()
+    when, watts = read_csv(path, 5.0)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < path.stat().st_size / 2
+    assert 2_500 < len(when) <= 5_001
+    assert when[-1] == pytest.approx((n - 1) / 1e5, abs=1e-3)
+    exact = np.interp(when, np.arange(n) / 1e5, ua * 5e-6)
+    assert np.mean(np.abs(watts - exact) > 0.01) < 0.01  # but at the steps
+    assert watts.mean() == pytest.approx(ua.mean() * 5e-6, rel=1e-3)
+    path.write_text(path.read_text() + "0.00,1,0\n")
+    with pytest.raises(UsageError, match="time does not increase"):
+        read_csv(path, 5.0)
+    path.write_text("time,power\n" + "1" * 200_000)
+    with pytest.raises(UsageError, match="a line has no end"):
+        read_csv(path)
 
 
 def test_power_that_no_board_takes_is_refused(tmp_path):

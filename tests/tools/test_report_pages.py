@@ -49,7 +49,7 @@ def test_a_page_escapes_what_it_is_told(tmp_path):
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in text
     assert "5 &lt; 6 windows" in text
     assert "<title>A drive &amp; its matches</title>" in text
-    assert "the &#34;best&#34; matches" in text
+    assert "the &quot;best&quot; matches" in text
 
 
 def test_control_characters_are_escaped_in_a_page(tmp_path):

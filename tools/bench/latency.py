@@ -62,12 +62,12 @@ def row(name: str, reference: ReferenceMap, events: Events, chunk: int) -> tuple
 
 
 def filtered() -> ReferenceMap:
-    """Return the map of counts as the place filter has it, in own-mean codes."""
+    """Return the map of counts as the place filter has it, in contrast codes."""
     counted = scene(PLACES).reference
     chosen = counted.settings.replaced(
         {
             "matching": "filter", "query_mean": "running",
-            "counter_code": "log", "counter_scaling": "own-mean",
+            "counter_code": "log", "counter_scaling": "contrast",
         },
         "latency",
     )  # fmt: skip
@@ -131,7 +131,7 @@ def main() -> None:
     )
     lines = [header, ("---",) * len(header)]
     maps = {f"sequences, L = {length}": scene(PLACES, length).reference for length in (1, 5)}
-    for name, reference in {**maps, "place filter, own-mean codes": filtered()}.items():
+    for name, reference in {**maps, "place filter, contrast codes": filtered()}.items():
         for chunk in (1, 100, 10_000):
             lines.append(row(name, reference, events, chunk))
     print("\n## From an event's arrival to its match\n")
@@ -145,7 +145,7 @@ def main() -> None:
         print("| " + " | ".join(line) + " |")
     print("\nEvents at selected pixels, one a call, each with its match, microseconds.\n")
     print("| matched by | p10 | p50 | p99 |\n| --- | --- | --- | --- |")
-    for name, reference in {**maps, "place filter, own-mean codes": filtered()}.items():
+    for name, reference in {**maps, "place filter, contrast codes": filtered()}.items():
         print(one_a_call(name, reference))
     print(
         "\nFrom the write of a frame of 1 ms on a pseudo-terminal to the arrival of the line with "

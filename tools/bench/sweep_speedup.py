@@ -13,9 +13,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from edge_vpr_tools.research.sweep.plan import Plan, read_plan
-from edge_vpr_tools.research.sweep.running import SweepRun, processes, run_sweep
-from edge_vpr_tools.research.sweep.store import Store
+from edge_vpr_tools.research.sweep.plan import Plan, read_plan, run_sweep, sweep_store
+from edge_vpr_tools.research.trials import TrialsRun, processes
 from table import machine
 
 from edge_vpr.recordings import write_recording
@@ -56,9 +55,9 @@ def make_plan(folder: Path, seeds: int) -> Plan:
     return read_plan(path)
 
 
-def run_once(plan: Plan, folder: Path, workers: int) -> tuple[float, SweepRun]:
+def run_once(plan: Plan, folder: Path, workers: int) -> tuple[float, TrialsRun]:
     """Run the sweep into a new folder; seconds that it took, and what it did."""
-    store = Store(folder)
+    store = sweep_store(folder)
     begin = time.perf_counter()
     with store.opened(), processes(workers) as started:
         done = run_sweep(plan, store, started)

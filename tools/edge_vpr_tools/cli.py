@@ -19,7 +19,16 @@ from typing import Any, NoReturn
 from edge_vpr import __version__
 from edge_vpr.compile_report import COMPILE_ALL
 from edge_vpr.errors import EdgeVprError, UsageError, did_you_mean, printable
-from edge_vpr_tools.console import Verbosity, compiling_noted, error_line, verbosity, warning
+from edge_vpr_tools.console import (
+    Verbosity,
+    check_interrupted,
+    compiling_noted,
+    error_line,
+    interrupts_kept,
+    verbosity,
+    warning,
+    was_interrupted,
+)
 
 # The commands (verbs) of the command line, by group, each with its one line of help.
 
@@ -39,7 +48,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "replay": "show a match as a film: events, cost of each place, position, probability",
         "sweep": "run many settings on many drives, on this machine or on a cluster",
         "compare": "show the results of several runs and sweeps in one table and one figure",
-        "calibrate": "learn how probable right matches are, from a drive with ground truth",
+        "calibrate": "learn how probable correct matches are, from a drive with ground truth",
     },
     "recordings": {
         "info": "show what a recording holds: sensor, events, duration, rate, polarity, faults",
@@ -122,7 +131,6 @@ class VerbParser(argparse.ArgumentParser):
 
     Parameters
     ----------
-    verb : str
     examples : str, optional
         Example commands, one in each line, shown at the end of the help.
     """
@@ -324,13 +332,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if "_ARGCOMPLETE" in os.environ:
             answer()
-        with warnings.catch_warnings():
+        with interrupts_kept(), warnings.catch_warnings():
             warnings.showwarning = lambda message, *_: warning(str(message))
             run(argv)
+            check_interrupted()
         sys.stdout.flush()
     except KeyboardInterrupt:
-        error_line("interrupted; no incomplete file was left")
-        return EXIT_INTERRUPTED
+        return _interrupted()
     except BrokenPipeError:
         # the program that reads our output has closed the pipe, for example `head`
         sys.stderr.close()
@@ -338,10 +346,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if "--debug" in argv:
             traceback.print_exc()
-        return _report(error)
+        # a library can make another error of an interrupt
+        return _interrupted() if was_interrupted() else _report(error)
     finally:
         sys.unraisablehook = hook
+        while _repeated:  # one that comes while the process ends would kill it
+            _repeated.pop().cancel()
     return 0
+
+
+def _interrupted() -> int:
+    error_line("interrupted; no incomplete file was left")
+    return EXIT_INTERRUPTED
 
 
 def _open_closed_streams() -> None:
@@ -350,6 +366,10 @@ def _open_closed_streams() -> None:
         if getattr(sys, name) is None:
             # takes the closed number, which otherwise the first file of the command would have
             setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115
+
+
+#: interrupts that are to come again
+_repeated: list[threading.Timer] = []
 
 
 def _interrupt_again(ignored: Any) -> None:
@@ -361,7 +381,9 @@ def _interrupt_again(ignored: Any) -> None:
         sys.__unraisablehook__(ignored)
         return
     # from another thread and later: here, it would be ignored once more
-    threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT)).start()
+    again = threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT))
+    _repeated.append(again)
+    again.start()
 
 
 def run(argv: Sequence[str]) -> None:

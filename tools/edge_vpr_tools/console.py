@@ -39,7 +39,6 @@ def verbosity(level: Verbosity, command: Sequence[str] = ()) -> Iterator[None]:
 
     Parameters
     ----------
-    level : Verbosity
     command : sequence of str, optional
         Words of the command that runs in the block; by default those of the process.
     """
@@ -119,27 +118,36 @@ def stopped_by_signals(stopping: threading.Event) -> Iterator[None]:
 _interrupted = threading.Event()
 
 
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    _interrupted.set()
+    raise KeyboardInterrupt
+
+
 @contextmanager
-def terminated_as_interrupted() -> Iterator[None]:
-    """Let SIGTERM end the block as Ctrl-C does, so that no incomplete file is left.
+def interrupts_kept(*more: signal.Signals) -> Iterator[None]:
+    """Keep each interrupt for `check_interrupted`, beside raising it.
 
-    Python drops an interrupt that is raised in a callback from C, which Numba makes when it loads
-    and looks up kernels. The interrupt is therefore stored for `check_interrupted`.
+    Libraries lose some: Python drops what is raised in a callback from C, which NumPy makes while
+    it is imported, and Numba when it loads and looks up kernels.
+
+    Parameters
+    ----------
+    *more : Signals
+        Signals that are interrupts too.
     """
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        _interrupted.set()
-        raise KeyboardInterrupt
-
-    caught = [signal.SIGTERM]
+    caught = list(more)
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # and not ignored
         caught.append(signal.SIGINT)
-    with _handled(caught, interrupt):
         _interrupted.clear()
-        try:
-            yield
-        finally:
-            _interrupted.clear()
+    with _handled(caught, _interrupt):
+        yield
+
+
+@contextmanager
+def terminated_as_interrupted() -> Iterator[None]:
+    """Let SIGTERM end the block as Ctrl-C does, so that no incomplete file is left."""
+    with interrupts_kept(signal.SIGTERM):
+        yield
 
 
 @contextmanager
@@ -159,9 +167,14 @@ def _handled(
 
 
 def check_interrupted() -> None:
-    """Raise KeyboardInterrupt if one was dropped within `terminated_as_interrupted`."""
-    if _interrupted.is_set():
+    """Raise KeyboardInterrupt if a library has lost one within `interrupts_kept`."""
+    if was_interrupted():
         raise KeyboardInterrupt
+
+
+def was_interrupted() -> bool:
+    """Return whether an interrupt came within `interrupts_kept`."""
+    return _interrupted.is_set()
 
 
 # Tables and lines on the terminal, with a fixed width if the output is a file.
@@ -183,9 +196,8 @@ def table(
 
     Parameters
     ----------
-    header : sequence of str
     rows : iterable of sequence of str
-    title : str, optional
+        Cells of each row, one a column.
     width : int
         In columns, where the output is no terminal.
     quiet : bool

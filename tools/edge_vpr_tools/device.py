@@ -71,11 +71,8 @@ def recorded_case(
 
     Parameters
     ----------
-    reference : ReferenceMap
     design : Design
         Design of this map.
-    recording : EventSource
-    most_windows : int
     most_bytes : float
         Of a microcontroller's flash with the case: image, events, and expected records.
 

@@ -15,6 +15,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import PackageNotFoundError, distribution, version
 from itertools import product
 from pathlib import Path
@@ -26,6 +27,7 @@ from numba import njit
 from numba.core import caching
 from numba.core.registry import cpu_target
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 from serial.tools import list_ports
 
 import edge_vpr
@@ -39,7 +41,8 @@ from edge_vpr.online.state import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import processor_name
 from edge_vpr.settings import PRESETS, resolve_settings
-from edge_vpr.simulation import simulate_pair
+from edge_vpr.simulation import SimulatedRecording, simulate_pair
+from edge_vpr.warm_up import WarmUpStep, warm_up
 from edge_vpr_tools.profile.conditions import Conditions
 from edge_vpr_tools.profile.sensors.search import find_sensors
 from edge_vpr_tools.profile.sensors.sensor import ROOT
@@ -60,6 +63,7 @@ class Finding:
     topic : str
         What was checked.
     state : {"good", "absent", "wrong"}
+        "absent": an extra or a device is missing; "wrong": something will fail or mislead.
     text : str
         What was found.
     remedy : str
@@ -115,7 +119,7 @@ def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
     Parameters
     ----------
     show : callable
-        Called with a description of each step before it begins.
+        See `warm_up`.
     """
     try:
         kept = list(_indexes(_cache_folder()))
@@ -128,28 +132,35 @@ def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
         if state in ("older", "damaged"):
             for file in (*_compiled(index), index):
                 file.unlink(missing_ok=True)
-    first, second = simulate_pair(0, length_m=20.0)
+    drives = simulate_pair(0, length_m=20.0)
     # sums of few pixels have narrower integers, and therefore kernels of their own
-    for preset, pixels in product(PRESETS, (25, None)):
-        show(f"mapping and matching with preset {preset}")
-        # 20 m have only a few of the default windows
-        settings = resolve_settings(preset, flags={"tau_us": 200_000, "pixels": pixels})
-        reference = ReferenceMap.build(first, settings)
-        reference.match(second)
-        for causal_bursts in (False, True):
-            live = LiveLocaliser(
-                open_decoder("evpr", first.sensor),
-                reference,
-                MatchSchedule(interval_us=50_000),
-                causal_bursts=causal_bursts,
-            )
-            live.finish()
-        if settings.matching == "filter":
-            late = replace(reference.settings, smooth=False, delay=1)
-            LiveLocaliser(live.decoder, reference.matched_with(late)).finish()
+    steps = [
+        WarmUpStep(
+            f"preset {preset}, {pixels or 'its'} pixels", partial(_run, *drives, preset, pixels)
+        )
+        for preset, pixels in product(PRESETS, (25, None))
+    ]
     for protocol in PROTOCOLS:
-        show(f"decoding protocol {protocol}")
-        open_decoder(protocol, first.sensor).warm_up()
+        decoder = open_decoder(protocol, drives[0].sensor)
+        steps.append(WarmUpStep(f"protocol {protocol}", decoder.warm_up))
+    warm_up(steps, show)
+
+
+def _run(
+    first: SimulatedRecording, second: SimulatedRecording, preset: str, pixels: int | None
+) -> None:
+    """Map one drive and match another with a preset, recorded and live."""
+    # 20 m have only a few of the default windows
+    settings = resolve_settings(preset, flags={"tau_us": 200_000, "pixels": pixels})
+    reference = ReferenceMap.build(first, settings)
+    reference.match(second)
+    decoder = open_decoder("evpr", first.sensor)
+    schedule = MatchSchedule(interval_us=50_000)
+    for causal_bursts in (False, True):
+        LiveLocaliser(decoder, reference, schedule, causal_bursts=causal_bursts).finish()
+    if settings.matching == "filter":
+        late = replace(reference.settings, smooth=False, delay=1)
+        LiveLocaliser(decoder, reference.matched_with(late)).finish()
 
 
 def _indexes(folder: Path) -> Iterator[tuple[Path, _State]]:
@@ -175,7 +186,6 @@ def _state_of(index: Path, source: Path, processor: object, changed_s: float) ->
 
     Parameters
     ----------
-    index, source : Path
     processor : object
         As Numba describes it.
     changed_s : float
@@ -394,6 +404,37 @@ def check_versions() -> Iterator[Finding]:
     yield Finding("versions", "good", ", ".join(found))
 
 
+def check_packages() -> Iterator[Finding]:
+    """Tell the number and the sizes of the packages that edge-vpr needs, the largest first."""
+    sizes = package_sizes(distribution("edge-vpr").requires or ())
+    largest_first = sorted(sizes.items(), key=lambda item: -item[1])
+    listed = ", ".join(f"{name} {size / 1e6:.1f}" for name, size in largest_first)
+    text = f"{len(sizes)} besides edge-vpr, {sum(sizes.values()) / 1e6:.0f} MB: {listed}"
+    yield Finding("packages", "good", text)
+
+
+def package_sizes(requirements: Iterable[str]) -> dict[str, int]:
+    """Return the sizes in bytes of the installed packages that requirements lead to, by name.
+
+    Parameters
+    ----------
+    requirements : iterable of str
+        Those of an extra are left out, and so are packages that are missing.
+    """
+    sizes: dict[str, int] = {}
+    pending = [Requirement(text) for text in requirements]
+    while pending:
+        requirement = pending.pop()
+        name = canonicalize_name(requirement.name)
+        needed = requirement.marker is None or requirement.marker.evaluate({"extra": ""})
+        if name in sizes or not needed or _installed(requirement) is None:
+            continue
+        found = distribution(name)
+        sizes[name] = sum(file.size or 0 for file in found.files or ())
+        pending += [Requirement(text) for text in found.requires or ()]
+    return sizes
+
+
 def check_extras() -> Iterator[Finding]:
     """Check for the libraries of each extra for users."""
     needed = [Requirement(text) for text in distribution("edge-vpr").requires or ()]
@@ -444,6 +485,7 @@ _MARKS = {"good": "ok", "absent": "--", "wrong": "!!"}
 #: checks by their topic
 CHECKS: Mapping[str, Callable[[], Iterable[Finding]]] = {
     "versions": check_versions,
+    "packages": check_packages,
     "extras": check_extras,
     "compiled kernels": check_kernels,
     "processor": check_processor,

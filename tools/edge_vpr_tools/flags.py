@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import UsageError, did_you_mean
 from edge_vpr.settings import PRESETS, SETTING_FIELDS, SettingField, Settings, resolve_settings
 from edge_vpr_tools.console import warning
 
@@ -103,6 +104,7 @@ def add_match_flags(parser: argparse._ActionsContainer, default: str = "") -> No
     Parameters
     ----------
     parser : parser or group
+        Parser, or group of one, that gets the flags.
     default : str, optional
         Text that the help shows as the default; empty for the value of the preset.
     """
@@ -145,8 +147,6 @@ def with_match_flags(
 
     Parameters
     ----------
-    args : argparse.Namespace
-    settings : Settings
     online : bool
         Match while the events come, so that nothing is smoothed.
 
@@ -194,7 +194,13 @@ def _add_flags(parser: argparse._ActionsContainer, group: str, default: str = ""
         preset = field.word(getattr(PRESETS[DEFAULT_PRESET], field.name))
         names = [field.flag] if field.short is None else [field.flag, field.short]
         text = f"{field.help} (default: {default or preset})"
-        parser.add_argument(*names, dest=field.key, help=text, **_form(field))
+        action = parser.add_argument(*names, dest=field.key, help=text, **_form(field))
+        if field.plugins:  # argparse knows no choices, and argcomplete offers these
+            action.completer = partial(_offered, field.choices)  # type: ignore[attr-defined]
+
+
+def _offered(choices: Sequence[str], **_: object) -> Sequence[str]:
+    return choices
 
 
 def _form(field: SettingField) -> dict[str, Any]:
@@ -223,8 +229,11 @@ def _checked(field: SettingField) -> Callable[[str], str]:
             if field.choices:
                 field.check(value)
         except UsageError:
-            expected = ", ".join(field.choices) or field.accepted
-            raise argparse.ArgumentTypeError(f"{given!r}: expected {expected}") from None
+            expected = f": expected {field.accepted}"
+            if field.choices:
+                listed = ", ".join((*field.choices, "plugin:NAME"))
+                expected = did_you_mean(given, field.choices) or f": choose from {listed}"
+            raise argparse.ArgumentTypeError(f"{given!r}{expected}") from None
         return given
 
     return word
@@ -249,8 +258,8 @@ def add_truth_flags(group: argparse._ActionsContainer) -> None:
         "--tolerance",
         type=float,
         metavar="T",
-        help="largest error of a right match: in metres for tracks, in the unit of the file for an "
-        "alignment; needed for both",
+        help="largest error of a correct match: in metres for tracks, in the unit of the file for "
+        "an alignment; needed for both",
     )
     group.add_argument(
         "--rows", choices=("reference", "query"),

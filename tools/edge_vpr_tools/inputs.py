@@ -68,8 +68,6 @@ def open_source(
 
     Parameters
     ----------
-    args : argparse.Namespace
-    path : path
     default_period : Fraction, optional
         Seconds a frame, if neither the file nor the flag says; as of the map.
 
@@ -98,11 +96,11 @@ def describe_faults(recording: Recording | PublishedWindows) -> str:
 
 #: places times queries of the ground truth: 64 MB
 _MOST_CELLS = 1 << 26
-#: swapped logs are reported if this share of the matches becomes right by it; chosen by judgement
+#: swapped logs are reported if this share of the matches becomes correct by it; chosen by judgement
 _SWAPPED_BY = 0.3
 
 
-def _share_right(matches: Matches, truth: GroundTruth) -> float:
+def _share_correct(matches: Matches, truth: GroundTruth) -> float:
     return float(truth.correct[matches.place, matches.query].mean())
 
 
@@ -138,15 +136,15 @@ def load_evaluated(args: argparse.Namespace) -> tuple[ReferenceMap, Matches, Gro
     truth = truth_of(args.ground_truth, offset_s=args.offset)
     for line in truth.notes:
         warning(line)
-    right = _share_right(matches, truth)
-    if len(args.ground_truth) == 2 and right < 1 - _SWAPPED_BY:
+    share = _share_correct(matches, truth)
+    if len(args.ground_truth) == 2 and share < 1 - _SWAPPED_BY:
         offsets = None if args.offset is None else args.offset[::-1]
         with suppress(GroundTruthError):  # the tracks fit these drives in one order only
-            swapped = _share_right(matches, truth_of(args.ground_truth[::-1], offset_s=offsets))
-            if swapped > right + _SWAPPED_BY:
+            swapped = _share_correct(matches, truth_of(args.ground_truth[::-1], offset_s=offsets))
+            if swapped > share + _SWAPPED_BY:
                 warning(
                     f"with the two logs in the other order, {swapped:.0%} of the matches would be "
-                    f"correct instead of {right:.0%}: name the log of the reference first"
+                    f"correct instead of {share:.0%}: name the log of the reference first"
                 )
     return reference, matches, truth
 

@@ -177,6 +177,7 @@ class View:
     as_json : bool
         JSON lines on standard output.
     log : text file or None
+        Open file that gets each match as a line of JSON.
     reference : ReferenceMap or None
         Where it has positions, matches have the columns of `matches_csv`.
     panel : Panel or None
@@ -225,7 +226,6 @@ class View:
 
         Parameters
         ----------
-        result : LiveResult
         at_s : float
             When the bytes came, on the clock of `time.monotonic`.
         host_us : int
@@ -360,7 +360,7 @@ class View:
             ratio, probability = last["ratio"], last["probability"]
             said["certainty"] = "ratio -" if ratio is None else f"ratio {ratio:.3f}"
             if probability is not None:
-                said["certainty"] = f"right with probability {probability:.2f}"
+                said["certainty"] = f"correct with probability {probability:.2f}"
             if last["lost"]:
                 said["certainty"] += ", lost"
             if last["incomplete"]:
@@ -502,7 +502,6 @@ def open_rerun(target: str | None, sensor: Sensor) -> Iterator[RerunView | None]
     ----------
     target : str or None
         ``viewer``, or a file ``.rrd`` to look at later; None: nothing.
-    sensor : Sensor
 
     Raises
     ------

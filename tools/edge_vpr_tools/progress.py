@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
@@ -14,7 +14,8 @@ from edge_vpr.events import Events
 from edge_vpr.pipeline import Removed, WindowSource
 from edge_vpr.settings import Settings
 from edge_vpr.simulation import SimulatedRecording
-from edge_vpr_tools.console import is_quiet, warning
+from edge_vpr.warm_up import WarmUpStep, warm_up
+from edge_vpr_tools.console import check_interrupted, is_quiet, warning
 
 
 class Tracked:
@@ -34,9 +35,12 @@ class Tracked:
 
     def __iter__(self) -> Iterator[Events]:
         console = Console(stderr=True)
-        if is_quiet() or not console.is_terminal:
-            return iter(self._recording)
-        return self._shown(console)
+        shown = self._recording
+        if not is_quiet() and console.is_terminal:
+            shown = self._shown(console)
+        for events in shown:
+            check_interrupted()
+            yield events
 
     def _shown(self, console: Console) -> Iterator[Events]:
         columns = (
@@ -86,6 +90,13 @@ def status(text: str) -> Iterator[Callable[[str], None]]:
     """Show the present stage on a terminal; yield a function that shows the next one."""
     with Console(stderr=True, quiet=is_quiet()).status(text) as shown:
         yield shown.update
+
+
+def warmed_up(steps: Sequence[WarmUpStep]) -> None:
+    """Compile kernels, or load them, before the work; show the present one on a terminal."""
+    with status("kernels") as show:
+        warm_up(steps, show)
+    check_interrupted()
 
 
 # Texts on what cleaning removed from a recording, with a warning if it was much.

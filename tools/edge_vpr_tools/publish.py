@@ -330,11 +330,8 @@ class Broker(NamedTuple):
 
     Attributes
     ----------
-    host : str
-    port : int
     topic : str
         Of matches; other rows go to ``TOPIC/KIND``, and ``TOPIC/status`` is retained.
-    user : str or None
     tls : bool
         Encrypt the connection, and check the certificate of the broker.
     authority : str or None
@@ -639,7 +636,6 @@ class MatchRows:
 
         Parameters
         ----------
-        result : LiveResult
         host_us : int
             When the bytes came that gave these matches, in microseconds since 1970 by the clock of
             this machine; `time_s` is the time of the event by the camera's.

@@ -20,8 +20,6 @@ def write_spreadsheet(
 
     Parameters
     ----------
-    path : Path
-    header : sequence of str
     lines : iterable of sequence of str, float or None
         None is an empty cell, which was not measured. Text that a spreadsheet would compute has an
         apostrophe before it.

@@ -163,7 +163,7 @@ def pipeline(folder: Path, path: Path) -> None:
         for axes, values in ((distance, distances), (cost, replay.cost[:, i])):
             axes.plot(along, values, color=BLUE, lw=1.2)
             axes.scatter([along[place]], [values[place]], s=50, color=ORANGE, zorder=3)
-            axes.set(xlabel="way (m)", yticks=[])
+            axes.set(xlabel="distance (m)", yticks=[])
         distance.set_title(f"distance to each\nof {len(reference)} places")
         cost.set_title(f"cost by the place filter:\nplace {place}, at {along[place]:.0f} m")
         for before, after in pairwise(row):

@@ -60,10 +60,10 @@ def detect(data: bytes, bits: Iterable[int], syncs: Iterable[int]) -> tuple[int,
 
     Parameters
     ----------
-    data : bytes
     bits : iterable of int
         Candidates for the number of bits of the time.
     syncs : iterable of {0, 1}
+        Candidates for the sync bit.
     """
     raw, bits = np.frombuffer(data, dtype=np.uint8), set(bits)
     fits = []
@@ -274,7 +274,6 @@ class EdvsDecoder(Decoder):
 
     Parameters
     ----------
-    sensor : Sensor
     bits : sequence of int
         Candidates for the number of bits of the time, longest first.
     syncs : sequence of {0, 1}

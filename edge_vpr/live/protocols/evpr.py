@@ -24,10 +24,11 @@ from edge_vpr.live.clock import (
     start_clock,
 )
 from edge_vpr.live.health import EXACT
-from edge_vpr.live.protocols.protocol import Decoder, Encoder, OptionReader, synthetic_events
+from edge_vpr.live.protocols.protocol import Decoder, Encoder, OptionReader
 from edge_vpr.online.localiser import Follower, Step, follow_kept
 from edge_vpr.online.state import CHUNK_EVENTS
 from edge_vpr.recordings.recording import Columns
+from edge_vpr.warm_up import synthetic_events
 
 # Layout of this project's own frames; see docs/protocol_evpr.md.
 
@@ -126,6 +127,7 @@ def crc32(data: Any, start: Any, stop: Any) -> Any:
     Parameters
     ----------
     data : ndarray of uint8, shape (n,)
+        Bytes, of which a part is checked.
     start, stop : int
         From 0 to n.
     """
@@ -193,7 +195,9 @@ class FrameRoom(NamedTuple):
     columns : Columns
         Events of all frames.
     memory : ndarray of MEMORY, shape (1,)
+        State that is kept between chunks.
     brought : ndarray of BROUGHT, shape (1,)
+        Counts of what the chunk held.
     """
 
     plain: Bytes
@@ -376,7 +380,6 @@ class EvprEncoder(Encoder):
 
     Parameters
     ----------
-    sensor : Sensor
     width : {3, 4}
         Bytes an event.
     boot : int

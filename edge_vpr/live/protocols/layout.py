@@ -59,8 +59,6 @@ class WordDecoder(Decoder):
 
     Parameters
     ----------
-    sensor : Sensor
-    clock : Clock
     size : int
         Bytes of a word.
     search_words : int

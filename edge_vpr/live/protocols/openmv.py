@@ -283,7 +283,6 @@ class Records(ABC):
         Bytes of one record.
     most : int
         Largest number of events in one record.
-    clock : Clock
     """
 
     name: str
@@ -506,10 +505,8 @@ class ListeningDecoder(PacketDecoder):
 
     Parameters
     ----------
-    sensor : Sensor
     channel : int
         Number of the channel.
-    records : Records
     """
 
     def __init__(self, sensor: Sensor, channel: int, records: Records) -> None:
@@ -580,10 +577,8 @@ class AskingDecoder(PacketDecoder):
 
     Parameters
     ----------
-    sensor : Sensor
     channel : str
         Name of the channel.
-    records : Records
     acknowledge : bool
         Ask the camera to repeat lost packets. This is slower, as only one fragment is sent at a
         time.

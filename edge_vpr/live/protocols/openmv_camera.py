@@ -286,8 +286,6 @@ class CameraEncoder(Encoder):
 
     Parameters
     ----------
-    sensor : Sensor
-    channel : str
     make : callable
         Function that encodes events as records.
     buffer_events : int

@@ -9,6 +9,12 @@ Sources, for all of ``openmv*.py``: the camera's side is `protocol/omv_protocol.
 package `openmv` 1.0.7 on PyPI, and the scripts that run on the camera and those that read their
 data on a computer are `tools/genx320-event-streaming` of https://github.com/openmv/openmv-projects.
 Where the pages on docs.openmv.io differ from the code of both sides, the code is followed.
+
+The maker's package is not used, although its host reads the simulated camera to the bit. After a
+fragment is lost it reads the buffer again, which the camera has freed, and returns the zeros that
+come instead: 3,000 events that never were, and no word of the 3,000 that are gone. Python 3.11 has
+no `in` for its enumerations, an unknown refusal ends the program by `sys.exit(0)`, it reads 0.6
+million events a second (this module, 4.9 million), and it requires pygame.
 """
 
 from __future__ import annotations
@@ -234,7 +240,6 @@ class PacketFinder:
 
         Parameters
         ----------
-        data : bytes
         trust : int
             An incomplete packet that begins before this byte is invalid.
         """

@@ -5,19 +5,16 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from importlib import import_module
 from types import ModuleType
 
-import numpy as np
-
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Events, Sensor, join_events, make_events
+from edge_vpr.events import Events, Sensor, join_events
 from edge_vpr.live.clock import Clock, TimestampFilter
 from edge_vpr.live.health import UNKNOWN, Health
 from edge_vpr.online.localiser import Follower, Step
-from edge_vpr.plugins import load_plugin, names_with_plugins
+from edge_vpr.plugins import Registry
 from edge_vpr.recordings.recording import Columns
+from edge_vpr.warm_up import synthetic_events
 
 # Interface of protocols: decoders from pieces of bytes of any size to events, and encoders.
 
@@ -31,14 +28,11 @@ class Decoder:
 
     Parameters
     ----------
-    sensor : Sensor
-    clock : Clock
     accounting : {"exact", "bound", "unknown"}
         How well the number of events that never arrived is known.
 
     Attributes
     ----------
-    health : Health
     resync_bytes : int
         Number of undamaged bytes after a fault that suffice to find the next event.
     baud : int
@@ -138,7 +132,6 @@ class Decoder:
         ----------
         data, host_us
             See `feed`.
-        follower : Follower
 
         Returns
         -------
@@ -242,11 +235,6 @@ class Encoder(ABC):
     capacity: int = 0
 
 
-def synthetic_events(n: int = 1_000) -> Events:
-    """Make events that fit any sensor, to encode as a sample."""
-    return make_events(np.arange(n) * 10, np.zeros(n), np.zeros(n), np.arange(n) % 2)
-
-
 def damaged_sample(encoder: Encoder) -> bytes:
     """Encode the synthetic events, without a byte in the middle."""
     words = encoder.encode(synthetic_events())
@@ -308,28 +296,17 @@ class OptionReader:
 GROUP = "edge_vpr.protocols"
 
 
-@dataclass(frozen=True)
-class Protocol:
-    """A protocol and its module, which is imported when first used."""
-
-    name: str
-    title: str
-    module: str
-
-
-#: The protocols of this package, by the name that ``--protocol`` takes.
-PROTOCOLS: dict[str, Protocol] = {
-    entry.name: entry
-    for entry in (
-        Protocol("evpr", "this project's frames: sequence numbers, drop counts, CRC-32", "evpr"),
-        Protocol("edvs", "eDVS E0 to E4", "edvs"),
-        Protocol("evt2", "raw Prophesee EVT 2.0 words", "evt"),
-        Protocol("evt21", "raw Prophesee EVT 2.1 words", "evt"),
-        Protocol("evt3", "raw Prophesee EVT 3.0 words", "evt"),
-        Protocol("openmv", "OpenMV protocol v2", "openmv"),
-        Protocol("aer", "address-event words, described by a TOML layout", "aer"),
-    )
+#: The protocols of this package, by the name that ``--protocol`` takes, and their modules.
+PROTOCOLS: dict[str, str] = {
+    "evpr": "edge_vpr.live.protocols.evpr",  # this project's frames: numbers, drop counts, CRC-32
+    "edvs": "edge_vpr.live.protocols.edvs",  # eDVS E0 to E4
+    "evt2": "edge_vpr.live.protocols.evt",  # raw Prophesee words
+    "evt21": "edge_vpr.live.protocols.evt",
+    "evt3": "edge_vpr.live.protocols.evt",
+    "openmv": "edge_vpr.live.protocols.openmv",  # OpenMV protocol v2
+    "aer": "edge_vpr.live.protocols.aer",  # address-event words, described by a TOML layout
 }
+_REGISTRY = Registry(GROUP, PROTOCOLS)
 
 
 def parse_protocol(text: str) -> tuple[str, dict[str, str]]:
@@ -355,7 +332,7 @@ def parse_protocol(text: str) -> tuple[str, dict[str, str]]:
 
 def protocol_names() -> list[str]:
     """Return the names of all protocols, those of other packages last."""
-    return names_with_plugins(PROTOCOLS, GROUP)
+    return _REGISTRY.names()
 
 
 def open_decoder(protocol: str, sensor: Sensor) -> Decoder:
@@ -365,7 +342,6 @@ def open_decoder(protocol: str, sensor: Sensor) -> Decoder:
     ----------
     protocol : str
         Name, with options after a colon: ``edvs:format=E3,sync=1``.
-    sensor : Sensor
 
     Raises
     ------
@@ -389,9 +365,7 @@ def open_encoder(protocol: str, sensor: Sensor) -> Encoder:
 
 
 def _module(name: str) -> ModuleType:
-    if name in PROTOCOLS:
-        return import_module(f"edge_vpr.live.protocols.{PROTOCOLS[name].module}")
-    module: ModuleType | None = load_plugin(name, GROUP)
+    module: ModuleType | None = _REGISTRY.load(name)
     if module is None:
         raise UsageError(
             f"protocol {name!r} is unknown: choose one of {', '.join(protocol_names())}"

@@ -27,7 +27,7 @@ from cocotb.triggers import FallingEdge, RisingEdge
 
 #: clocks without a word after which a core stands still, and after the last word
 PATIENCE = int(os.environ.get("VPR_PATIENCE", "20000"))
-QUIET = 200
+QUIET = 500
 
 
 class Stream(NamedTuple):

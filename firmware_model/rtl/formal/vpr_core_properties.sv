@@ -1,5 +1,6 @@
 // What the streams of vpr_core must do, for any inputs, tables and places: properties for the model
-// checker pdr. The core's memories are replaced by vpr_free_memories.
+// checker pdr. The core's memories are replaced by vpr_free_memories, and its activity by
+// vpr_free_activity.
 //
 // Windows and matches are seen at the ports alone. A window is complete with the word of m_window
 // that has tlast; from the LENGTH-th on, exactly one match follows it before the next one is, and
@@ -9,6 +10,8 @@ module vpr_core_properties #(
     parameter FILTER         = 0,
     parameter KEEP_DISTANCES = 0,
     parameter OWN_MEAN       = 0,
+    parameter CONTRAST       = 0,
+    parameter ACTIVITY_COSTS = 0,
     parameter LENGTH         = 2,
     parameter WORDS          = 2,
     parameter LANES          = 1,
@@ -44,8 +47,8 @@ module vpr_core_properties #(
     vpr_core #(
         .HEIGHT(2), .PIXELS(SLOTS), .LOOKUP_DEPTH(2), .SLOTS(SLOTS), .COUNT_MAX(1),
         .BY_TIME(BY_TIME), .TAU_US(3), .WINDOW_EVENTS(2), .PLACES(PLACES), .WORDS(WORDS),
-        .LANES(LANES), .LENGTH(LENGTH), .OWN_MEAN(OWN_MEAN), .FILTER(FILTER),
-        .KEEP_DISTANCES(KEEP_DISTANCES), .STEPS(1), .BACK(BACK), .RESTART(2), .TRUST(1),
+        .LANES(LANES), .LENGTH(LENGTH), .OWN_MEAN(OWN_MEAN), .CONTRAST(CONTRAST), .FILTER(FILTER),
+        .KEEP_DISTANCES(KEEP_DISTANCES), .STEPS(ACTIVITY_COSTS ? 4 : 1), .BACK(BACK), .ACTIVITY_COSTS(ACTIVITY_COSTS), .RESTART(2), .TRUST(1),
         .EXCLUSION(0), .BY_MARGIN(1), .MARGIN(1), .EVENT_TIME_BITS(4), .TIMESTAMP_BITS(4),
         .COLUMN_BITS(1), .ROW_BITS(1), .ADDRESS_BITS(1), .OWNER_BITS(2), .SLOT_BITS(1),
         .COUNT_BITS(1), .WINDOW_COUNT_BITS(2), .ENTRY_BITS(OWN_MEAN ? 9 : 1), .CODE_BITS(1), .DISTANCE_BITS(2),
@@ -53,7 +56,7 @@ module vpr_core_properties #(
         .ACTIVITY_BITS(10), .DISTANCE_TOTAL_BITS(3), .RECIPROCAL_BITS(RECIPROCAL_BITS), .EVIDENCE_BITS(2), .TRUST_BITS(6),
         .MATCH_BITS(MATCH_BITS), .SLOW_BLOCKS(SLOW_BLOCKS)
     ) core (
-        .clk(clk), .rst(rst), .load(5'd0), .load_address(20'd0), .load_word(32'd0),
+        .clk(clk), .rst(rst), .load(6'd0), .load_address(20'd0), .load_word(32'd0),
         .start_time(start_time), .start_activity(10'd0),
         .s_place_tvalid(s_place_tvalid), .s_place_tready(s_place_tready),
         .s_place_tdata(s_place_tdata),

@@ -1,8 +1,9 @@
 // What vpr_prediction must compute, for any metrics at any times: properties for yosys-smtbmc.
 //
 // The metrics of the last places are kept here as they came, and the cheapest way is taken from them
-// with as many bits as it may need. Metrics come two clocks apart at least. The entries are seen
-// through a port that the proof's script adds.
+// with as many bits as it may need. Metrics come two clocks apart at least, and the costs of steps
+// are any, but those of the clock that counts are not above RESTART. The entries are seen through a
+// port that the proof's script adds.
 module vpr_prediction_properties #(
     parameter METRIC_BITS = 4,
     parameter RESTART     = 9
@@ -11,14 +12,14 @@ module vpr_prediction_properties #(
     input logic                   clear,
     input logic                   shift,
     input logic                   off,
-    input logic [METRIC_BITS-1:0] metric
+    input logic [METRIC_BITS-1:0] metric,
+    input logic [11:0]            costs
 );
-    // prices of steps of 0, 1 and 2 places, and of one back, as the script sets them
+    // steps of 0, 1 and 2 places with costs of 4 bits, and one back for 3, as the script sets them
     localparam ENTRIES = 4;
     localparam LATENCY = 5;  // of a tree of three levels, from the clock behind the one that shifts
     localparam WIDE    = 12;
 
-    (* anyconst *) logic                   quiet;
     (* anyconst *) logic                   placed;
     (* anyconst *) logic [METRIC_BITS-1:0] least;
 
@@ -27,7 +28,7 @@ module vpr_prediction_properties #(
     logic [ENTRIES*BITS-1:0] entries;
 
     vpr_prediction predictions (
-        .clk(clk), .clear(clear), .shift(shift), .off(off), .metric(metric), .quiet(quiet),
+        .clk(clk), .clear(clear), .shift(shift), .off(off), .metric(metric), .costs(costs),
         .placed(placed), .least(least), .prediction(prediction), .entries(entries)
     );
 
@@ -59,6 +60,7 @@ module vpr_prediction_properties #(
     always_comb begin
         if (!begun) assume (clear);
         if (shift) assume (!shifted && (off || metric >= least));
+        assume (costs[3:0] <= RESTART && costs[7:4] <= RESTART && costs[11:8] <= RESTART);
     end
 
     function automatic [WIDE-1:0] way(input is, input [METRIC_BITS-1:0] from, input [WIDE-1:0] price);
@@ -70,11 +72,9 @@ module vpr_prediction_properties #(
 
     // the newest is the place ahead
     wire [WIDE-1:0] moving = lesser(
-        lesser(way(there[0], come_0, 3), way(there[1], come_1, 2)),
-        lesser(way(there[2], come_2, 0), way(there[3], come_3, 1)));
-    wire [WIDE-1:0] standing = lesser(
-        lesser(way(there[1], come_1, 0), way(there[2], come_2, 0)), way(there[3], come_3, 4));
-    wire [WIDE-1:0] cheapest = lesser(quiet ? standing : moving, WIDE'(RESTART));
+        lesser(way(there[0], come_0, 3), way(there[1], come_1, WIDE'(costs[3:0]))),
+        lesser(way(there[2], come_2, WIDE'(costs[7:4])), way(there[3], come_3, WIDE'(costs[11:8]))));
+    wire [WIDE-1:0] cheapest = lesser(moving, WIDE'(RESTART));
 
     logic [WIDE-1:0]    due_1, due_2, due_3, due_4, due_5;
     logic [LATENCY-1:0] follows = '0;

@@ -1,22 +1,26 @@
-"""`edge-vpr experiment`: compute the figures that the documentation quotes."""
+"""`edge-vpr experiment`: compute the results that the documentation shows."""
 
 from __future__ import annotations
 
 import argparse
-import inspect
+import os
+import time
+from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import summary
-from edge_vpr_tools.research.experiments import EXPERIMENTS, SOURCES, STREETS_ONLY
+from edge_vpr_tools.console import note, summary, warning
+from edge_vpr_tools.research.experiments import EXPERIMENTS, PROGRAMS, STREETS_ONLY
 
 EXAMPLES = """\
   edge-vpr experiment simulated
-  edge-vpr experiment codes --data recordings --figure codes.png
+  edge-vpr experiment rivals --data recordings -o results/rivals --seeds 3
   edge-vpr experiment rivals frames --data recordings --report paper.html
   edge-vpr experiment rivals --with model:netvlad.onnx@1,2,4"""
+#: folder of the stored trials in that of the results
+_STORE = ".trials"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,6 +37,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"names, or others (docs/datasets.md); {', '.join(STREETS_ONLY)} read none, since all of "
         "their drives are simulated",
     )
+    group.add_argument(
+        "--with",
+        dest="baselines",
+        action="append",
+        default=[],
+        metavar="SYSTEM",
+        help="compare this system too (rivals, frames): lens:FILE.pth, model:FILE.onnx, "
+        "NAME@1,2,4 for an ensemble of windows, NAME+NAME of systems; repeatable",
+    )
+    group.add_argument(
+        "--seeds", type=int, default=5, metavar="N", help="number of trials with different seeds"
+    )
+    group.add_argument(
+        "--workers", type=int, metavar="N",
+        help="number of processes (default: the number of cores)",
+    )  # fmt: skip
+    group = parser.add_argument_group("output")
+    group.add_argument(
+        "-o", "--output", metavar="DIR", default="docs/results",
+        help="folder to write NAME.csv and NAME.svg to; trials that it has already are not run "
+        "again (default: %(default)s)",
+    )  # fmt: skip
     group.add_argument("--figure", metavar="FILE", help="also draw the figure of the experiment")
     group.add_argument(
         "--figures",
@@ -44,32 +70,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--report", metavar="FILE", help="also write tables and figures to one page of HTML"
     )
     group.add_argument(
-        "--with",
-        dest="baselines",
-        action="append",
-        default=[],
-        metavar="SYSTEM",
-        help="compare this system too (rivals, frames): lens:FILE.pth, model:FILE.onnx, "
-        "NAME@1,2,4 for an ensemble of windows, NAME+NAME of systems; repeatable",
-    )
-    group.add_argument(
         "--table", metavar="DIR",
         help="folder to write the tables of probabilities to (calibration only)",
     )  # fmt: skip
-    group.add_argument(
-        "--seeds", type=int, default=5, metavar="N", help="number of trials with different seeds"
-    )
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run experiments and print their tables as Markdown."""
-    from importlib import import_module
-
+    """Run experiments, write their tables and figures, and print the tables as Markdown."""
     from edge_vpr.results import check_parent
-    from edge_vpr_tools.progress import status
-    from edge_vpr_tools.report.experiment_page import ExperimentPage
     from edge_vpr_tools.research.experiments.drives import check_logs
 
+    begin = time.perf_counter()
     if args.seeds < 1:
         raise UsageError(f"{args.seeds} seeds: expected 1 or more")
     if args.figures is not None and args.figure is None:
@@ -88,55 +99,117 @@ def run(args: argparse.Namespace) -> None:
             f"{', '.join(names)} drives simulated streets only and reads no --data: leave it out, "
             f"or compare recorded drives by {others}"
         )
-    modules = {
-        name: import_module(f"edge_vpr_tools.research.experiments.{EXPERIMENTS[name]}")
-        for name in names
-    }
-    for name, module in modules.items():  # before hours of work
-        _check(name, module, args, data)
+    if args.table is not None and names != ["calibration"]:
+        raise UsageError(f"experiment {', '.join(names)} writes no table: leave --table out")
+    names = _with_drives(names, args, data)
+    folder = Path(args.output)
     if data is not None:
         check_logs(data)
     for written in (args.figure, args.report, args.table and Path(args.table, "tables")):
         if written is not None:
             check_parent(Path(written))
-    page = None if args.report is None else ExperimentPage(args.seeds)
-    for name, module in modules.items():
-        more: dict[str, Any] = {"baselines": args.baselines} if args.baselines else {}
-        if args.table is not None:
-            more["table"] = Path(args.table)
-        files = [] if args.figure is None else _figure_files(Path(args.figure), args.figures)
-        with status("starting") as show:
-            if page is None:
-                table = module.run(data, args.seeds, show, *files, **more)
-            else:
-                with page.figures() as kept:
-                    table = module.run(data, args.seeds, show, *files, kept, **more)
-                    page.add(name, _summary(module), table)
-        for line in (f"{name}:\n\n{table}\n" if len(names) > 1 else table).split("\n"):
+    folder.mkdir(parents=True, exist_ok=True)
+    pages = _declared([name for name in names if name not in PROGRAMS], data, args)
+    pages |= {name: _program(name, data, args) for name in names if name in PROGRAMS}
+    for name in names:
+        shown = f"{name}:\n\n{pages[name]}\n" if len(names) > 1 else pages[name]
+        for line in shown.split("\n"):
             summary(line)
-        if page is not None:  # what is done is kept, if a later one fails
-            page.write(Path(args.report))
+    if args.report is not None:
+        _write_report(Path(args.report), folder, pages, args.seeds)
+    summary(f"{folder}: {len(names)} experiments in {time.perf_counter() - begin:,.0f} s")
 
 
-def _check(name: str, module: ModuleType, args: argparse.Namespace, data: Path | None) -> None:
-    """Refuse what the experiment has not got."""
-    folder = getattr(module, "FOLDER", None)
-    if args.table is not None and "table" not in inspect.signature(module.run).parameters:
-        raise UsageError(f"experiment {name} writes no table: leave --table out")
-    if args.baselines and "baselines" not in inspect.signature(module.run).parameters:
-        raise UsageError(f"experiment {name} compares no systems: leave --with out")
+def _with_drives(names: list[str], args: argparse.Namespace, data: Path | None) -> list[str]:
+    """Return the experiments whose drives are there; of ``all``, the others are named."""
+    from edge_vpr_tools.research.experiments.experiment import trials_of
+
+    found = []
+    for name in names:
+        try:
+            if name in PROGRAMS:
+                _check_program(name, args, data)
+            else:
+                trials_of(name, data, args.seeds, tuple(args.baselines))
+        except UsageError as error:
+            if "all" not in args.names:
+                raise UsageError(f"experiment {name}: {error}") from None
+            warning(f"experiment {name} is left out: {error}")
+            continue
+        found.append(name)
+    return found
+
+
+def _declared(names: list[str], data: Path | None, args: argparse.Namespace) -> dict[str, str]:
+    """Run declared experiments, write their tables and figures, and return their tables."""
+    if not names:
+        return {}
+    from edge_vpr_tools.progress import status
+    from edge_vpr_tools.report.style import save
+    from edge_vpr_tools.research.experiments.experiment import run_experiments, store_of
+    from edge_vpr_tools.research.trials import Inline, processes
+
+    folder, count = Path(args.output), args.workers or os.cpu_count() or 1
+    store = store_of(folder / _STORE)
+    started = nullcontext(Inline()) if count == 1 else processes(count)
+    with store.opened(), started as workers, status("starting") as show:
+        done, measured = run_experiments(
+            names, data, args.seeds, tuple(args.baselines), store, workers,
+            lambda n, of, failed: show(f"{n} of {of} trials"),
+        )  # fmt: skip
+    for each in measured:
+        each.write(folder)
+        files = [] if args.figure is None else _figure_files(Path(args.figure), args.figures)
+        save(each.figure(), folder / f"{each.name}.svg", *files)
+    for each in measured:
+        note(f"{each.name}: {each.elapsed_s:,.0f} s of work")
+    note(
+        f"{done.trials} trials, {done.known} of them known; {done.computed} computed by "
+        f"{done.workers} workers in {done.elapsed_s:,.0f} s"
+    )
+    return {each.name: each.markdown() for each in measured}
+
+
+def _program(name: str, data: Path | None, args: argparse.Namespace) -> str:
+    """Run an experiment that is no declaration, and return its tables."""
+    from importlib import import_module
+
+    from edge_vpr_tools.progress import status
+
+    module = import_module(f"edge_vpr_tools.research.experiments.{EXPERIMENTS[name]}")
+    files = [Path(args.output) / f"{name}.svg"]
+    files += [] if args.figure is None else _figure_files(Path(args.figure), args.figures)
+    more: dict[str, Any] = {} if args.table is None else {"table": Path(args.table)}
+    begin = time.perf_counter()
+    with status("starting") as show:
+        found: str = module.run(data, args.seeds, show, *files, **more)
+    (Path(args.output) / f"{name}.md").write_text(f"{found}\n", encoding="utf-8")
+    note(f"{name}: {time.perf_counter() - begin:,.0f} s of work")
+    return found
+
+
+def _check_program(name: str, args: argparse.Namespace, data: Path | None) -> None:
+    from importlib import import_module
+
+    if args.baselines:
+        raise UsageError("it compares no systems: leave --with out")
+    module = import_module(f"edge_vpr_tools.research.experiments.{EXPERIMENTS[name]}")
     if hasattr(module, "check_data"):
         module.check_data(data)
-    if folder is not None and (data is None or not (data / folder).is_dir()):
-        raise UsageError(
-            f"experiment {name} reads the folder {folder}, {SOURCES[folder]}, which is not in "
-            f"{args.data or 'any folder given'}: name the folder that holds it with --data"
-        )
 
 
-def _summary(module: ModuleType) -> str:
-    """Return the first line of a module's docstring."""
-    return (module.__doc__ or "").strip().split("\n")[0]
+def _write_report(path: Path, folder: Path, pages: Mapping[str, str], seeds: int) -> None:
+    """Write tables and figures of experiments to one page."""
+    from importlib import import_module
+
+    from edge_vpr_tools.report.experiment_page import ExperimentPage
+
+    page = ExperimentPage(seeds)
+    for name, tables in pages.items():
+        module = import_module(f"edge_vpr_tools.research.experiments.{EXPERIMENTS[name]}")
+        title = (module.__doc__ or "").strip().split("\n")[0]
+        page.add(name, title, tables, folder / f"{name}.svg")
+    page.write(path)
 
 
 def _figure_files(named: Path, formats: str | None) -> list[Path]:

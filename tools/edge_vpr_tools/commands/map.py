@@ -173,12 +173,16 @@ def _mapped(
     """Make the map of the reference drive."""
     from edge_vpr.descriptors.cleaning import load_hot_pixels
     from edge_vpr.evaluation.tracks import load_odometry
-    from edge_vpr_tools.progress import tracked
+    from edge_vpr.pipeline import WindowSource
+    from edge_vpr.warm_up import mapping_steps
+    from edge_vpr_tools.progress import tracked, warmed_up
     from edge_vpr_tools.runs.mapping import map_recording
 
     settings, listed = map_settings(args), _hot_pixel_file(args)
     detail_settings(settings.to_dict())
-    return map_recording(
+    if not isinstance(recording, WindowSource):
+        warmed_up(mapping_steps(settings))
+    run = map_recording(
         tracked(recording, "mapping"),
         settings,
         pixel_map=args.pixel_map,
@@ -187,6 +191,13 @@ def _mapped(
         odometry=None if args.odometry is None else load_odometry(args.odometry),
         jumps=args.jumps,
     )
+    found = len(run.reference.pixel_map)
+    if args.pixel_map is None and found < settings.pixels:
+        warning(
+            f"{args.recording} has events at {found} pixels alone, of {settings.pixels} that were "
+            "asked for: all of them are taken"
+        )
+    return run
 
 
 def _hot_pixel_file(args: argparse.Namespace) -> str | None:

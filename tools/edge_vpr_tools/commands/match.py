@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -99,9 +100,12 @@ def match_online(
         If an argument is wrong or the recording cannot be matched.
     """
     from edge_vpr import results
-    from edge_vpr.reference_map import OnlineMetrics
+    from edge_vpr.descriptors.cleaning import BurstFilter
+    from edge_vpr.pipeline import describe_query
+    from edge_vpr.reference_map import OnlineMetrics, write_queries
+    from edge_vpr.warm_up import localising_steps
     from edge_vpr_tools.inputs import describe_faults, open_from
-    from edge_vpr_tools.progress import describe_removed, tracked, warn_if_much
+    from edge_vpr_tools.progress import describe_removed, tracked, warmed_up, warn_if_much
     from edge_vpr_tools.report.formats import read_formats
     from edge_vpr_tools.runs.matching import export_tracks, report_shift
 
@@ -112,10 +116,14 @@ def match_online(
     output, settings = Path(args.output), reference.causal().settings
     every = args.every or ("window" if settings.late else "event")
     recording = open_from(args, args.recording, default_period=reference.frame_period)
+    bursts = BurstFilter(reference.pixel_map.sensor)
+    odometer = odometry is not None
+    warmed_up(localising_steps(reference.causal(), every, bursts, odometry=odometer))
     found = reference.match(
         tracked(recording, "localising"), every=every, odometry=odometry, registered=args.register
     )
     report_shift(reference, found)
+    faults = describe_faults(recording)
     matches, metrics = found.matches, found.metrics
     assert isinstance(metrics, OnlineMetrics)
     warn_if_much(found.removed, args.recording, "make the map with --bursts keep")
@@ -124,12 +132,15 @@ def match_online(
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_report
 
+            with contextlib.suppress(UsageError):  # of a drive without a whole window
+                windows = describe_query(found.reference, tracked(recording, "counting"))
+                write_queries(folder / results.WINDOWS, windows)
             write_report(folder, formats=read_formats(args.figures))
     duration_s = metrics.times_real_time * metrics.localising_s
     summary(
         f"{output}: {len(matches):,} matches of {metrics.events:,} events over "
         f"{duration_s:.1f} s{describe_removed(found.removed, settings)}"
-        f"{describe_faults(recording)}"
+        f"{faults}"
     )
     summary(
         f"localising took {metrics.localising_s:.2f} s, {metrics.times_real_time:,.0f} times real "
@@ -147,8 +158,9 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.map_record import KIND as MAP_KIND
     from edge_vpr.pipeline import query_distances
     from edge_vpr.reference_map import MatchMetrics, ReferenceMap
+    from edge_vpr.warm_up import matching_steps
     from edge_vpr_tools.inputs import describe_faults, open_source
-    from edge_vpr_tools.progress import describe_removed, tracked, warn_if_much
+    from edge_vpr_tools.progress import describe_removed, tracked, warmed_up, warn_if_much
     from edge_vpr_tools.report.formats import read_formats
     from edge_vpr_tools.runs.matching import export_tracks, report_shift
 
@@ -179,6 +191,7 @@ def run(args: argparse.Namespace) -> None:
         match_online(args, asked, odometry)
         return
     recording = open_source(args, args.recording, reference.frame_period)
+    warmed_up(matching_steps(asked, odometry=odometry is not None))
     found = reference.match(
         tracked(recording, "counting"),
         odometry=odometry,

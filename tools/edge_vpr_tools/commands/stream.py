@@ -4,11 +4,22 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError, printable
 from edge_vpr.settings import duration_us
 from edge_vpr_tools.console import summary
-from edge_vpr_tools.flags import add_map_flags, given_map_flags, map_settings, with_match_flags
+from edge_vpr_tools.flags import (
+    DEFAULT_PRESET,
+    add_map_flags,
+    given_map_flags,
+    map_settings,
+    with_match_flags,
+)
+
+if TYPE_CHECKING:
+    from edge_vpr.reference_map import ReferenceMap
+    from edge_vpr.settings import Settings
 
 EXAMPLES = """\
   edge-vpr stream --port /dev/ttyACM0 --protocol openmv --map monday.npz
@@ -99,9 +110,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     output.add_argument("--overwrite", action="store_true", help="replace files that exist")
     learning = parser.add_argument_group("learning")
-    learning.add_argument("--learn", action="store_true", help="make a map of this drive instead")
+    learning.add_argument("--learn", action="store_true", help="make a map of this drive")
     learning.add_argument(
-        "-o", "--output", metavar="MAP.npz", help="with --learn, the map to write"
+        "-o",
+        "--output",
+        metavar="MAP.npz",
+        help="with --learn, the map to write; with --map, the drive is matched with that meanwhile",
     )
     add_map_flags(parser)
 
@@ -121,8 +135,6 @@ def check_arguments(args: argparse.Namespace) -> None:
 
     if args.learn == (args.output is None):
         raise UsageError("--learn and -o MAP.npz belong together: give both, or neither")
-    if args.learn and args.map:
-        raise UsageError("--learn makes a map and --map uses one: give one of them")
     if args.sensor is None and args.map is None:
         raise UsageError("the size of the sensor is not known: pass --sensor WIDTHxHEIGHT or --map")
     if not args.learn and (flags := given_map_flags(args)):
@@ -183,6 +195,15 @@ def _check_files(args: argparse.Namespace) -> None:
             raise UsageError(f"{path.absolute().parent} is not a folder: make it first")
 
 
+def _learnt_with(args: argparse.Namespace, reference: ReferenceMap | None) -> Settings | None:
+    """Return the settings of the map to learn: those of the flags, or without any of the map."""
+    if not args.learn or (
+        reference and args.preset == DEFAULT_PRESET and not given_map_flags(args)
+    ):
+        return None
+    return map_settings(args)
+
+
 def run(args: argparse.Namespace) -> None:
     """Follow the stream to its end, or until Ctrl-C or SIGTERM.
 
@@ -206,7 +227,7 @@ def run(args: argparse.Namespace) -> None:
         args.port, protocol=args.protocol, reference=reference, every=args.every,
         sensor=args.sensor, baud=args.baud, flow_control=args.flow_control,
         reconnect=not args.once, odometry=args.odometry, burst_filter=args.burst_filter,
-        record=args.record, learn=args.output, settings=map_settings(args) if args.learn else None,
+        record=args.record, learn=args.output, settings=_learnt_with(args, reference),
         overwrite=args.overwrite, on_overload=args.on_overload, max_lag=args.max_lag,
     )  # fmt: skip
     output = LiveOutput(

@@ -41,13 +41,12 @@ def run(args: argparse.Namespace) -> None:
     """Run the missing trials, and print the table of all."""
     from edge_vpr_tools.progress import status
     from edge_vpr_tools.research.sweep.comparison import markdown, rows_of
-    from edge_vpr_tools.research.sweep.plan import read_plan
-    from edge_vpr_tools.research.sweep.running import cluster, failures, processes, run_sweep
-    from edge_vpr_tools.research.sweep.store import Store
+    from edge_vpr_tools.research.sweep.plan import read_plan, run_sweep, sweep_store
+    from edge_vpr_tools.research.trials import cluster, failures, processes
 
     if args.workers is not None and args.scheduler is not None:
         raise UsageError("--workers are of this machine, --scheduler of a cluster: leave one out")
-    plan, store = read_plan(Path(args.plan)), Store(Path(args.output))
+    plan, store = read_plan(Path(args.plan)), sweep_store(Path(args.output))
     if args.scheduler is not None:
         started = cluster(args.scheduler)
     else:

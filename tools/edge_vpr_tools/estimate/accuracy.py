@@ -37,7 +37,6 @@ class Drives:
     ----------
     name : str
         For the answer.
-    reference, query : EventSource
     truth_of : callable
         Ground truth of places and queries at such times.
     """
@@ -62,11 +61,10 @@ class _Run:
 
     Attributes
     ----------
-    name : str
-    reference : ReferenceMap
     start_us, end_us : ndarray of int64, shape (n,)
         Of the query windows, in order.
     correct : ndarray of bool, shape (n,)
+        Whether each match is correct.
     """
 
     name: str
@@ -94,7 +92,6 @@ def try_designs(
 
     Parameters
     ----------
-    drives : Drives
     designs : sequence of Design
         All but their pixels, bits and places is their own.
     on_start : callable
@@ -161,7 +158,7 @@ def _draw(drives: Drives, design: Design, pixels: int, seed: int) -> Iterator[_R
     }
     if design.filters:
         changes |= {
-            "filter_steps": design.steps,
+            "filter_steps": None if design.activity_costs else design.steps,
             "filter_back": design.back,
             "filter_restart": max(design.restart, 1),
         }
@@ -174,7 +171,7 @@ def _draw(drives: Drives, design: Design, pixels: int, seed: int) -> Iterator[_R
     truth = drives.truth_of(mapped.places.centre_us, queries.centre_us)
     code = {
         "counter_code": "log" if design.own_mean else design.code,
-        "counter_scaling": "own-mean" if design.own_mean else "shared",
+        "counter_scaling": design.code if design.own_mean else "shared",
     }
     for bits in BITS:
         coded = mapped.settings.replaced(code | {"counter_bits": bits}, "the design")

@@ -71,7 +71,6 @@ class Comparison:
 
     Attributes
     ----------
-    ours, theirs : Side
     counts : dict of str to Pair
         Exact counts, by name.
     costs : tuple of Costs
@@ -101,8 +100,6 @@ def compare(
 
     Parameters
     ----------
-    ours, theirs : Side
-    targets : iterable of Target
     measured : Constant, optional
         See `cost`.
     """
@@ -178,15 +175,12 @@ class Question:
 
     Attributes
     ----------
-    design : Design
     beside : Design or None
         One of the same size that matches by sequences, to show beside it.
     choose_distances : bool
         See `fit.on_target`.
-    mission : Mission
     places_per_metre : float
         Density of the route.
-    targets : tuple of Target
     budgets : tuple of Budget
         Held against the design on a single target, and against those of `tried`.
     measured : Constant or None
@@ -228,6 +222,7 @@ class Answers:
     Attributes
     ----------
     recommended : dict of str to Recommendation
+        Best design of each target, by its name.
     candidates : dict of str to list of Candidate
         Best first.
     unknown : dict of str to str
@@ -258,13 +253,11 @@ class Estimation:
 
     Attributes
     ----------
-    question : Question
     design : Design
         That the counts and sizes are of: with a single target the recommended one, if designs were
         tried and one fits; else the question's.
     mission : Mission
         Of that design.
-    sizes : Sizes
     counts : mapping of str to Work
         Of an event, a window's end and a search.
     on : dict of str to DesignOnTarget
@@ -273,8 +266,6 @@ class Estimation:
         The design that matches by sequences.
     fit : tuple of Fit
         The largest designs within the budgets of a single target, if none were tried.
-    comparison : Comparison or None
-    answers : Answers or None
     """
 
     question: Question

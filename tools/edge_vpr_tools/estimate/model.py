@@ -120,7 +120,6 @@ def event_work(design: Design, selected: bool) -> Work:
 
     Parameters
     ----------
-    design : Design
     selected : bool
         Whether it is at a selected pixel.
     """
@@ -139,11 +138,12 @@ def event_work(design: Design, selected: bool) -> Work:
 def window_work(design: Design) -> Work:
     """Count what the end of a window does: code, and clear, every counter.
 
-    Of own-mean codes the difference to the mean and the mean's own step, and both limits.
+    Of own-mean codes the difference to the mean and the mean's own step, and both limits; of
+    contrast codes also the sum of the differences, and each less their mean.
     """
     own = design.slots if design.own_mean else 0
     return Work(
-        additions=3 * own,
+        additions=3 * own + (2 * own if design.contrast else 0),
         comparisons=2 * own,
         traffic=_traffic(
             design,
@@ -152,6 +152,7 @@ def window_work(design: Design) -> Work:
             code=(design.slots, 0),
             query=(0, design.words),
             mean=(own, own),
+            deviation=(own, own) if design.contrast else (0, 0),
         ),
     )
 
@@ -184,6 +185,7 @@ def _filter_traffic(design: Design) -> dict[str, Traffic]:
         places=(words, 0),
         # those of the steps' other places are at hand
         metric=(places, places),
+        place_activity=(places if design.activity_costs else 0, 0),
         distance=(kept, kept),
         delay=(max(0, places - design.exclusion - 1), places),
     )
@@ -235,6 +237,7 @@ def flash_bytes(design: Design) -> int:
         design.places * stride(design),
         2 * len(prices(design)),
         2 * design.slots if design.own_mean else 0,
+        design.places if design.activity_costs else 0,
     )
     return HEADER_WORDS * 4 + sum(-(-size // ALIGNMENT) * ALIGNMENT for size in tables)
 
@@ -244,7 +247,6 @@ def block_memories(design: Design, shapes: Shapes) -> int:
 
     Parameters
     ----------
-    design : Design
     shapes : sequence of (depth, width)
         In which a block can be used.
     """
@@ -285,7 +287,6 @@ class Mission:
         Of the whole sensor.
     selected_share : float
         Of those, at selected pixels.
-    matches_per_s : float
     events_per_call : int
         How many events the program takes in one call.
     """
@@ -368,7 +369,9 @@ class Cost:
     logic_cells : int, optional
         Of the core, predicted from measured netlists; FPGAs that there are such of.
     cycles : dict of str to Spread
+        By the unit of work.
     seconds : dict of str to Spread
+        By the unit of work.
     load : Spread
         Share of the time that it is busy at the mission's rates; it must stay below 1.
     energy_j : dict of str to Spread, optional
@@ -407,9 +410,6 @@ def cost(
 
     Parameters
     ----------
-    design : Design
-    target : Target
-    mission : Mission
     cycle_energy : Constant, optional
         Measured on the user's own board, instead of the target's; pJ/cycle.
     """

@@ -89,7 +89,9 @@ class Fit:
     matching : str
         How the design matches.
     parameter : {"pixels", "places", "code_bits"}
+        Which one is largest.
     code_bits : int
+        Bits of a counter code.
     value : int
         0 if not even one fits.
     limited_by : str
@@ -109,10 +111,6 @@ class DesignOnTarget:
 
     Attributes
     ----------
-    design : Design
-    mission : Mission
-    cost : Cost
-    memory_bytes : int
     limited_by : str
         What keeps it from fitting; empty if it fits.
     """
@@ -151,7 +149,6 @@ def fit(
     ----------
     design : Design
         The parameters that are not searched.
-    target : Target
     mission : Mission
         Its share of selected events grows with J.
     budgets : sequence of Budget
@@ -200,10 +197,6 @@ def on_target(
 
     Parameters
     ----------
-    design : Design
-    target : Target
-    mission : Mission
-    budgets : sequence of Budget
     cycle_energy : Constant, optional
         See `cost`.
     choose_distances : bool
@@ -340,7 +333,6 @@ class Evaluated:
         Share of the queries that are correct when every one is matched (P@100R).
     queries : int
         That were evaluated.
-    reference : ReferenceMap
     """
 
     name: str
@@ -413,8 +405,6 @@ class Asked:
 
     Attributes
     ----------
-    target : Target
-    budgets : sequence of Budget
     places : int, optional
         K of the mission's route, in place of each map's.
     matches_per_s : float, optional
@@ -475,13 +465,13 @@ def evaluation_of(metrics: Path) -> tuple[float, int] | None:
     remedy = "match and evaluate again"
     values = read_json(metrics, "metrics", remedy)
     with damaged(metrics, remedy):
-        told = from_json(Metrics, values).evaluation
-        if told is None:
+        evaluation = from_json(Metrics, values).evaluation
+        if evaluation is None:
             return None
-        right, queries = told.precision_at_100_recall, told.queries
-        if not 0 <= right <= 1 or queries < 1:
-            raise MapError(f"P@100R is {right} of {queries} queries")
-    return right, queries
+        precision, queries = evaluation.precision_at_100_recall, evaluation.queries
+        if not 0 <= precision <= 1 or queries < 1:
+            raise MapError(f"P@100R is {precision} of {queries} queries")
+    return precision, queries
 
 
 def evaluated_runs(folder: Path) -> list[Evaluated]:

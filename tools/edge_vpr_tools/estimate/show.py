@@ -34,7 +34,6 @@ def show_comparison(found: Comparison, name: str) -> None:
 
     Parameters
     ----------
-    found : Comparison
     name : str
         Of the other design.
     """
@@ -131,7 +130,6 @@ def show(found: Estimation, *, with_sources: bool = False) -> None:
 
     Parameters
     ----------
-    found : Estimation
     with_sources : bool
         Print the assumptions and the cited constants too.
     """

@@ -50,9 +50,8 @@ class Constant:
 
     Attributes
     ----------
-    name, unit : str
-    value : Spread
     year : int or "unknown"
+        Of the measurement.
     node, source, uncertainty : str
         What was measured, who says so, and what low and high stand for.
     """
@@ -72,14 +71,12 @@ class Target:
 
     Attributes
     ----------
-    name : str
     kind : {"processor", "fpga", "datapath"}
-    clock_hz : float
+        What computes.
     core : str
         Row of the table of instructions; processors only.
     cpi : tuple of three floats
         Cycles per instruction, an assumption; low, central, high.
-    cpi_source, note : str
     cycle_energy, cell_energy, idle_power : str
         Names of constants; empty where none is known. Of an FPGA whose `cell_energy` is known, a
         cycle takes that for each logic cell of the core besides.
@@ -90,6 +87,7 @@ class Target:
     blocks, large_blocks : int
         Block memories, of the shapes (depth, width) that follow.
     block_shapes, large_block_shapes : tuple of pairs
+        Depth and width of each shape that a block can take.
     """
 
     name: str

@@ -19,7 +19,6 @@ class Conditions:
 
     Attributes
     ----------
-    governor : str or None
     frequency_hz : float or None
         Clock of the first core.
     temperature_c : float or None

@@ -22,8 +22,6 @@ def write_profile(found: Profile, folder: Path, *, report: bool, name: str = PRO
 
     Parameters
     ----------
-    found : Profile
-    folder : path
     report : bool
         Also write the report with figures.
     name : str
@@ -46,7 +44,7 @@ def write_report(found: Profile, folder: Path) -> None:
     if found.designs:
         page.heading("Accuracy and cost of designs")
         page.table(DESIGNS, designs(found))
-        caption = "Share of right matches of each design against what a match of it took here."
+        caption = "Share of correct matches of each design against what a match of it took here."
         _add(page, folder / "accuracy.png", figures.accuracy(found.designs), caption)
     energy = found.energy
     if isinstance(energy, Energy) and energy.readings is not None and energy.figures is not None:

@@ -39,6 +39,7 @@ class Trace:
     Attributes
     ----------
     time_s : ndarray of float64, shape (n,)
+        Times of the readings.
     energy_j : ndarray of float64, shape (n,)
         Energy since the first sample.
     fresh : ndarray of bool, shape (n,)
@@ -176,10 +177,10 @@ class Estimate:
 
     Attributes
     ----------
-    value : float
     low, high : float
         95 % interval by block bootstrap.
     pairs : int
+        Number of differences.
     """
 
     value: float
@@ -221,7 +222,6 @@ def paired_energy(trace: Trace, windows: Sequence[Window]) -> tuple[Floats, Floa
 
     Parameters
     ----------
-    trace : Trace
     windows : sequence of Window
         An even number: each two consecutive windows are a pair, in either order.
 
@@ -249,6 +249,7 @@ def interval(differences: Floats) -> Estimate:
     Parameters
     ----------
     differences : ndarray of float64, shape (pairs,)
+        Of each pair of windows.
 
     Raises
     ------
@@ -383,12 +384,10 @@ class Readings:
 
     Attributes
     ----------
-    sensor : About
     differences_w : tuple of float
         Power under load minus power at rest, one value for each pair.
     windows : tuple of Window
         Times are in seconds since the first window.
-    trace : PowerTrace
     """
 
     sensor: About
@@ -472,7 +471,6 @@ class NotMeasured:
 
     Attributes
     ----------
-    not_measured_because : tuple of str
     windows : tuple of Window
         Windows that were run for an external meter, on the monotonic clock.
     """
@@ -540,10 +538,8 @@ class Plan:
 
         Parameters
         ----------
-        pairs : int
         window_s : float, optional
             10 s by default, or 1 s if `quick`.
-        quick : bool
 
         Raises
         ------
@@ -580,7 +576,6 @@ def take_turns(
 
     Parameters
     ----------
-    plan : Plan
     load : callable
         Must be warm: compiled, and in the caches.
     sleep, clock : callable
@@ -606,9 +601,8 @@ def measure(sensor: Sensor, plan: Plan, load: Load, rate: float) -> Energy:
 
     Parameters
     ----------
-    sensor : Sensor
-    plan : Plan
     load : callable
+        Works for the seconds that it is given, and returns the number of matches.
     rate : float
         Matches per second of the mission.
 
@@ -645,7 +639,6 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) 
 
     Parameters
     ----------
-    trace : Trace
     windows : sequence of Window
         Pairs of an idle and a load window.
     about : About

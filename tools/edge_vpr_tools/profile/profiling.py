@@ -5,11 +5,12 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TextIO
 
 import numpy as np
 import numpy.typing as npt
@@ -80,6 +81,8 @@ _MOST_PREFACE = 50
 #: Unix times without a unit: as many milliseconds, or microseconds, have passed since 1970
 _UNIX_MS, _UNIX_US = 1e11, 1e14
 _DAY_S = 86_400.0
+#: characters that are read at a time, and samples of a trace that are kept
+_BLOCK_CHARS, MOST_SAMPLES = 1 << 22, 1 << 20
 _DAY = re.compile(r"\d[-/]\d|\d\.\d+\.\d")
 _GERMAN_DAY = re.compile(r"^(\d{1,2})\.(\d{1,2})\.(\d{4})")
 
@@ -102,7 +105,8 @@ def read_csv(path: Path, voltage: float | None = None) -> tuple[Floats, Floats]:
         header that names columns of time and of power, or of voltage and current, with or without
         units: ``time_s,power_w``, ``Timestamp(ms),Current(uA)``, ``Date;Voltage (V);Current (A)``.
         Rows before the header are skipped. Times are numbers, ISO 8601 or a time of day. Rows of
-        the same time, as of clocks with whole seconds, are averaged.
+        the same time, as of clocks with whole seconds, are averaged, and neighbours in a file of
+        more than `MOST_SAMPLES` rows.
     voltage : float, optional
         Supply in volts, for a meter that writes current alone.
 
@@ -117,44 +121,20 @@ def read_csv(path: Path, voltage: float | None = None) -> tuple[Floats, Floats]:
         If columns are missing, a cell is not a number, time decreases, or the power is more than
         any board takes.
     """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = [line for line in file.read().splitlines() if line.strip(" ,;\t")]
-    except (OSError, ValueError) as error:
-        raise UsageError(
-            f"cannot read a power trace from {path}: {error}: name a CSV with a header of time "
-            "and power"
-        ) from error
-    if not lines:
-        raise UsageError(f"cannot read a power trace from {path}: it is empty")
-    header, delimiter, columns = _find_header(path, lines, voltage)
-    try:
-        rows = list(csv.reader(lines[header + 1 :], delimiter=delimiter))
-    except csv.Error as error:
-        raise UsageError(f"cannot read a power trace from {path}: {error}") from error
-    if len(rows) < 2:
+    samples = _Samples(path)
+    with _opened(path) as file:
+        blocks = _blocks(path, file)
+        lines = next(blocks, [])
+        if not lines:
+            raise UsageError(f"cannot read a power trace from {path}: it is empty")
+        header, delimiter, columns = _find_header(path, lines, voltage)
+        table = _Table(path, lines[header], delimiter, columns, voltage)
+        samples.add(*table.read(lines[header + 1 :]))
+        for lines in blocks:
+            samples.add(*table.read(lines))
+    if samples.read < 2:
         raise UsageError(f"{path}: a power trace needs two samples or more")
-    width = len(next(csv.reader([lines[header]], delimiter=delimiter)))
-    for number, row in enumerate(rows):
-        if len(row) < width or any(cell.strip() for cell in row[width:]):
-            raise _bad_row(path, number, row)
-    cells = {name: [row[column.at].strip() for row in rows] for name, column in columns.items()}
-    clock = cells.pop("time")
-    if "date" in cells:
-        clock = [f"{day} {time}" for day, time in zip(cells.pop("date"), clock, strict=True)]
-    when = _times(path, rows, clock, columns["time"])
-    decimal_comma = delimiter != ","
-    found = {
-        name: _numbers(path, rows, texts, decimal_comma) * columns[name].factor
-        for name, texts in cells.items()
-    }
-    watts = found.get("power")
-    if watts is None:
-        volts = found["voltage"] if voltage is None else voltage
-        watts = found["current"] * volts
-    if not np.isfinite(when).all() or not np.isfinite(watts).all() or (np.diff(when) < 0).any():
-        raise UsageError(f"{path}: time does not increase from row to row, or a cell is no number")
-    when, watts = _averaged(when, watts)
+    when, watts = _averaged(*samples.kept())
     if len(when) < 2:
         raise UsageError(f"{path}: time does not increase from row to row")
     typical = float(np.median(watts))
@@ -164,6 +144,210 @@ def read_csv(path: Path, voltage: float | None = None) -> tuple[Floats, Floats]:
             "no board of this kind takes: name the unit in the header, such as power_mw"
         )
     return when, watts
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[TextIO]:
+    """Open a text, and report what cannot be read of it."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            yield file
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(
+            f"cannot read a power trace from {path}: {error}: name a CSV with a header of time "
+            "and power"
+        ) from error
+
+
+def _blocks(path: Path, file: TextIO) -> Iterator[list[str]]:
+    """Yield the lines of a text that are not empty, some at a time."""
+    rest = ""
+    while text := file.read(_BLOCK_CHARS):
+        *lines, rest = f"{rest}{text}".split("\n")
+        if len(rest) > _BLOCK_CHARS:
+            raise UsageError(f"cannot read a power trace from {path}: a line has no end")
+        if lines := _filled(lines):
+            yield lines
+    if lines := _filled([rest]):
+        yield lines
+
+
+def _filled(lines: list[str]) -> list[str]:
+    return [line for line in lines if line.strip(" ,;\t")]
+
+
+class _Samples:
+    """Times and watts; of a long trace, the means of so many neighbours that few are kept.
+
+    A meter with 100,000 samples a second writes 10**8 of them in 17 minutes. The load changes each
+    few seconds.
+
+    Parameters
+    ----------
+    path : path
+        For messages.
+
+    Attributes
+    ----------
+    read : int
+        Samples so far.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.read = 0
+        self._last_s = -math.inf
+        # rows: time and watts
+        self._parts: list[Floats] = []
+        self._rest = np.empty((2, 0))
+        self._each = 1  # samples in a mean
+
+    def add(self, when: Floats, watts: Floats) -> None:
+        """Take the next samples.
+
+        Raises
+        ------
+        UsageError
+            If time decreases, or a value is not finite.
+        """
+        rows = np.stack([when, watts])
+        if not np.isfinite(rows).all() or (np.diff(when, prepend=self._last_s) < 0).any():
+            raise UsageError(
+                f"{self._path}: time does not increase from row to row, or a cell is no number"
+            )
+        self.read += when.size
+        self._last_s = when[-1] if when.size else self._last_s
+        self._mean_of(np.concatenate([self._rest, rows], axis=1))
+        while sum(part.shape[1] for part in self._parts) > MOST_SAMPLES:
+            means, rest = np.concatenate(self._parts, axis=1), self._rest
+            self._parts, each, self._each = [], self._each, 2 * self._each
+            # in a mean of twice as many, each of the old means counts as often as before
+            odd = np.repeat(means[:, means.shape[1] // 2 * 2 :], each, axis=1)
+            self._parts.append(_means(means, 2))
+            self._mean_of(np.concatenate([odd, rest], axis=1))
+
+    def _mean_of(self, rows: Floats) -> None:
+        self._parts.append(_means(rows, self._each))
+        self._rest = rows[:, rows.shape[1] // self._each * self._each :]
+
+    def kept(self) -> tuple[Floats, Floats]:
+        """Return the times and watts."""
+        last = [self._rest.mean(axis=1, keepdims=True)] if self._rest.size else []
+        when, watts = np.concatenate([*self._parts, *last], axis=1)
+        return when, watts
+
+
+def _means(rows: Floats, each: int) -> Floats:
+    """Return the means of `each` columns, of as many as are whole."""
+    whole = rows.shape[1] // each
+    return rows[:, : whole * each].reshape(2, whole, each).mean(axis=2)
+
+
+class _Table:
+    """Reads the rows of a meter's file, some at a time.
+
+    Parameters
+    ----------
+    path : path
+    header : str
+    delimiter : str
+    columns : dict of str to _Column
+        By quantity.
+    voltage : float or None
+        See `read_csv`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        header: str,
+        delimiter: str,
+        columns: dict[str, _Column],
+        voltage: float | None,
+    ) -> None:
+        self._path, self._delimiter, self._voltage = path, delimiter, voltage
+        self._columns = columns
+        self._width = len(next(csv.reader([header], delimiter=delimiter)))
+        self._before = 0  # rows of earlier blocks
+        self._factor: float | None = None  # of times in numbers; None of clocks
+        self._first_s = 0.0  # of clocks
+        self._clock_s, self._days = -math.inf, 0
+
+    def read(self, lines: Sequence[str]) -> tuple[Floats, Floats]:
+        """Return the times and watts of the next lines, which may be none."""
+        if not lines:
+            return np.empty(0), np.empty(0)
+        try:
+            rows = list(csv.reader(lines, delimiter=self._delimiter))
+        except csv.Error as error:
+            raise UsageError(f"cannot read a power trace from {self._path}: {error}") from error
+        for number, row in enumerate(rows):
+            if len(row) < self._width or any(cell.strip() for cell in row[self._width :]):
+                raise self._bad_row(number, row)
+        cells = {
+            name: [row[column.at].strip() for row in rows] for name, column in self._columns.items()
+        }
+        clock = cells.pop("time")
+        if "date" in cells:
+            clock = [f"{day} {time}" for day, time in zip(cells.pop("date"), clock, strict=True)]
+        when = self._times(rows, clock)
+        decimal_comma = self._delimiter != ","
+        found = {
+            name: self._numbers(rows, texts, decimal_comma) * self._columns[name].factor
+            for name, texts in cells.items()
+        }
+        self._before += len(rows)
+        watts = found.get("power")
+        if watts is None:
+            volts = found["voltage"] if self._voltage is None else self._voltage
+            watts = found["current"] * volts
+        return when, watts
+
+    def _bad_row(self, number: int, row: Sequence[str]) -> UsageError:
+        shown = ",".join(row)[:80]
+        return UsageError(
+            f"cannot read a power trace from {self._path}, sample {self._before + number + 1}, "
+            f"{shown!r}: expected numbers, and a time in numbers, as ISO 8601 or as a time of day"
+        )
+
+    def _numbers(
+        self, rows: Sequence[Sequence[str]], cells: Sequence[str], decimal_comma: bool
+    ) -> Floats:
+        try:
+            return _as_numbers(cells, decimal_comma)
+        except ValueError:
+            for number, cell in enumerate(cells):
+                try:
+                    _number(cell, decimal_comma)
+                except ValueError:
+                    raise self._bad_row(number, rows[number]) from None
+            raise
+
+    def _times(self, rows: Sequence[Sequence[str]], cells: Sequence[str]) -> Floats:
+        """Return times in seconds: numbers in the column's unit, ISO 8601, or times of day."""
+        column = self._columns["time"]
+        if self._before == 0:
+            with suppress(ValueError):
+                first = float(_as_numbers(cells[:1], decimal_comma=True)[0])
+                self._factor = column.factor
+                if not column.unit and first > _UNIX_MS:
+                    self._factor = 1e-6 if first > _UNIX_US else 1e-3
+        if self._factor is not None:
+            return self._numbers(rows, cells, decimal_comma=True) * self._factor
+        values = np.empty(len(cells))
+        for number, cell in enumerate(cells):
+            try:
+                now_s = _clock(cell)
+            except ValueError:
+                raise self._bad_row(number, rows[number]) from None
+            # a time of day begins again at midnight
+            if ":" in cell and not _DAY.search(cell):
+                self._days += now_s - self._clock_s < -_DAY_S / 2
+                self._clock_s = now_s
+            values[number] = now_s + self._days * _DAY_S
+        if self._before == 0:
+            self._first_s = values[0]
+        return values - self._first_s
 
 
 def _find_header(
@@ -221,24 +405,10 @@ def _columns(names: Sequence[str]) -> dict[str, _Column]:
     return found
 
 
-def _bad_row(path: Path, number: int, row: Sequence[str]) -> UsageError:
-    shown = ",".join(row)[:80]
-    return UsageError(
-        f"cannot read a power trace from {path}, sample {number + 1}, {shown!r}: expected numbers, "
-        "and a time in numbers, as ISO 8601 or as a time of day"
-    )
-
-
-def _numbers(
-    path: Path, rows: Sequence[Sequence[str]], cells: Sequence[str], decimal_comma: bool
-) -> Floats:
-    values = np.empty(len(cells))
-    for number, cell in enumerate(cells):
-        try:
-            values[number] = _number(cell, decimal_comma)
-        except ValueError:
-            raise _bad_row(path, number, rows[number]) from None
-    return values
+def _as_numbers(cells: Sequence[str], decimal_comma: bool) -> Floats:
+    if decimal_comma and any("," in cell for cell in cells):
+        return np.array([_number(cell, decimal_comma) for cell in cells])
+    return np.array(cells, dtype=np.float64)
 
 
 def _number(cell: str, decimal_comma: bool) -> float:
@@ -246,30 +416,6 @@ def _number(cell: str, decimal_comma: bool) -> float:
     if decimal_comma and "," in cell:
         cell = cell.replace(".", "").replace(",", ".")
     return float(cell)
-
-
-def _times(
-    path: Path, rows: Sequence[Sequence[str]], cells: Sequence[str], column: _Column
-) -> Floats:
-    """Return times in seconds: numbers in the column's unit, ISO 8601, or times of day."""
-    values = np.empty(len(cells))
-    try:
-        values[:] = [_number(cell, decimal_comma=True) for cell in cells]
-    except ValueError:
-        for number, cell in enumerate(cells):
-            try:
-                values[number] = _clock(cell)
-            except ValueError:
-                raise _bad_row(path, number, rows[number]) from None
-        # a time of day begins again at midnight
-        if ":" in cells[0] and not _DAY.search(cells[0]):
-            values += _DAY_S * np.concatenate([[0], np.cumsum(np.diff(values) < -_DAY_S / 2)])
-        return values - values[0]
-    if not column.unit and values[0] > _UNIX_US:
-        return values * 1e-6
-    if not column.unit and values[0] > _UNIX_MS:
-        return values * 1e-3
-    return values * column.factor
 
 
 def _clock(cell: str) -> float:
@@ -315,8 +461,8 @@ def align(windows: Sequence[Window], time_s: Floats, watts: Floats) -> float:
 
     Parameters
     ----------
-    windows : sequence of Window
     time_s, watts : ndarray of float64, shape (n,)
+        Trace of the meter, on its own clock.
 
     Returns
     -------
@@ -430,9 +576,6 @@ def profile(
 
     Parameters
     ----------
-    load : Load
-    request : Request
-    plan : Plan
     sensor : Sensor, optional
         Sensor of power or energy; it is not closed.
     missing : sequence of Missing

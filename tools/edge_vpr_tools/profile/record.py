@@ -46,7 +46,6 @@ class Moments:
 
     Attributes
     ----------
-    before, loaded, after : Conditions
     void_because : str
         Reason why the figures are void; empty if none is known.
     """
@@ -84,8 +83,6 @@ class Provenance:
             Root of the file system.
         loaded : Conditions
             Conditions under load.
-        energy : Energy or NotMeasured
-        run : RunRecord
         """
         board = read_text(root / "proc/device-tree/model").rstrip("\0")
         readings = energy.readings if isinstance(energy, Energy) else None
@@ -108,19 +105,10 @@ class Profile:
 
     Attributes
     ----------
-    schema : int
     quick : bool
         Whether windows were too short for a figure that can be published.
-    throughput : Throughput
-    map : MapSize
-    energy : Energy or NotMeasured
     designs : tuple of DesignResult
         Empty if no designs were compared.
-    conditions : Moments
-    sparse_against_all : SparseAgainstAll
-    load : LoadRecord
-    provenance : Provenance
-    run : RunRecord
     """
 
     schema: int = SCHEMA

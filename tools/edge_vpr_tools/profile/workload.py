@@ -51,7 +51,6 @@ class Workload:
 
     Parameters
     ----------
-    reference : ReferenceMap
     events : iterable of ndarray
         Cleaned events of the recording; held in memory.
     every : MatchSchedule
@@ -67,7 +66,6 @@ class Workload:
         Time in the localiser since the last `reset`.
     latencies_s : list of float
         Latencies of the calls that gave a match.
-    recorded_s : float
     events_a_round : int
         Number of events in the recording.
 
@@ -218,13 +216,10 @@ class Load:
     ----------
     name : str
         Name of the recording.
-    reference : ReferenceMap
     events : list of ndarray
         Cleaned events of the query drive.
-    query : EventSource
-    designs : iterable of Compared
     truth_of : callable, optional
-    inputs : sequence of path
+        Makes the ground truth from the times of places and queries; None where it is not known.
     """
 
     name: str
@@ -263,8 +258,6 @@ class DesignResult:
 
     Attributes
     ----------
-    name : str
-    pixels, counter_bits, bytes_per_place, places : int
     precision_at_100_recall : float
         Over `queries` matches.
     cpu_s_per_match : float
@@ -299,7 +292,6 @@ def compare(
 
     Parameters
     ----------
-    designs : iterable of Compared
     query : EventSource
         The query drive.
     events : sequence of ndarray
@@ -308,7 +300,6 @@ def compare(
         Returns the ground truth for the times of places and queries.
     sensor : Sensor, optional
         Measures joules; without it, only processor time is measured.
-    plan : Plan
     rate : float
         Matches per second of the mission.
     known : tuple of ReferenceMap and Energy
@@ -375,7 +366,6 @@ class Throughput:
     ----------
     seconds : float
         Duration of the measurement.
-    events_per_s, matches_per_s, times_real_time : float
     latency_p50_s, latency_p99_s : float
         Latency of the calls that gave a match; `calls_with_a_match` is their number.
     cpu_s_per_match, cpu_share : float
@@ -404,7 +394,6 @@ def measure_throughput(workload: Workload, seconds: float) -> Throughput:
 
     Parameters
     ----------
-    workload : Workload
     seconds : float
         Duration of the measurement.
 

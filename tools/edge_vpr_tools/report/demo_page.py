@@ -86,6 +86,7 @@ def write_report(
     trials : dict of str to Trial
         By variant.
     latencies : dict of str to Latency
+        Times to the first correct match, by the name of the trial.
     track : Track
         Of the reference drive.
     """

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from edge_vpr_tools.report.page import Page
@@ -25,26 +22,18 @@ class ExperimentPage:
             f"Each experiment was run with {seeds} seed{'s' * (seeds > 1)}; figures after ± are "
             "the standard deviation over them. Times are of this machine, as busy as it was."
         )
-        self._folder: Path | None = None
 
-    @contextmanager
-    def figures(self) -> Iterator[Path]:
-        """Give the file to draw to, while an experiment runs."""
-        with tempfile.TemporaryDirectory() as folder:
-            self._folder = Path(folder)
-            yield self._folder / "figure.svg"
-        self._folder = None
-
-    def add(self, name: str, summary: str, markdown: str) -> None:
-        """Add an experiment, with the figures that were drawn in the meantime.
+    def add(self, name: str, summary: str, markdown: str, figure: Path) -> None:
+        """Add an experiment.
 
         Parameters
         ----------
-        name : str
         summary : str
             What it shows, in a line.
         markdown : str
             Paragraphs and tables.
+        figure : path
+            SVG.
         """
         self._page.heading(name)
         self._page.text(summary)
@@ -55,8 +44,7 @@ class ExperimentPage:
                 self._page.table(header, rows)
             elif block.strip():
                 self._page.text(" ".join(lines))
-        for path in sorted(self._folder.glob("*.svg")) if self._folder else ():
-            self._page.picture(path.read_bytes(), f"Figure of experiment {name}.")
+        self._page.picture(figure.read_bytes(), f"Figure of experiment {name}.")
 
     def write(self, path: Path) -> None:
         """Write the page, atomically."""

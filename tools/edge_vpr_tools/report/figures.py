@@ -88,9 +88,8 @@ def draw_outcomes(axes: Axes, x: Floats, y: Floats, outcome: Outcome) -> None:
 
     Parameters
     ----------
-    axes : Axes
     x, y : ndarray of float64, shape (n,)
-    outcome : Outcome
+        Position of the mark of each match.
     """
     for group in _groups(outcome):
         axes.scatter(
@@ -105,13 +104,13 @@ def seen_from_above(outcome: Outcome, place: Floats, at: Floats, kind: Kind) -> 
 
     Parameters
     ----------
-    outcome : Outcome
     place : ndarray of float64, shape (K, d)
         Positions of the places, d of 2 or more; NaN where not known.
     at : ndarray of float64, shape (n, d)
         Position of each match to draw: of the query where it is known, else of the place. A line
         leads from it to the place, if the match is wrong.
     kind : {"metric", "geographic"}
+        What the positions are.
     """
     origin = place[np.isfinite(place).all(axis=1)][0]
     route, shown = (local_metres(kind, values, origin)[:, :2] for values in (place, at))
@@ -134,14 +133,13 @@ def seen_from_above(outcome: Outcome, place: Floats, at: Floats, kind: Kind) -> 
     return drawing
 
 
-def along_the_way(outcome: Outcome, at: Floats, label: str) -> Figure:
-    """Draw where on the way each match was made, a row for each of correct, wrong and so on.
+def outcomes_along(outcome: Outcome, at: Floats, label: str) -> Figure:
+    """Draw where along the route each match was made, a row for each of correct, wrong and so on.
 
     Parameters
     ----------
-    outcome : Outcome
     at : ndarray of float64, shape (n,)
-        Position of each match along the way.
+        Position of each match along the route.
     label : str
         Of the axis, with the unit.
     """
@@ -166,7 +164,6 @@ def over_time(outcome: Outcome, place: Floats | None = None, label: str = "") ->
 
     Parameters
     ----------
-    outcome : Outcome
     place : ndarray of float64, shape (n,), optional
         Position of each matched place along the route, needed before an evaluation; by default its
         number.
@@ -230,10 +227,8 @@ def draw_window(axes: Axes, reference: ReferenceMap, window: Window, most: float
 
     Parameters
     ----------
-    axes : Axes
     reference : ReferenceMap
         Whose pixels they are.
-    window : Window
     most : float
         Count of the largest dot.
 
@@ -322,8 +317,8 @@ def distance_matrix(
         D_seq of every few places and queries.
     strides : (int, int)
         Of the places and of the queries.
-    matches : Matches
     truth, found : GroundTruth and Evaluation, optional
+        Given after an evaluation.
     query_scale, place_scale : Scale, optional
         Of the query's windows and of the map's places: a second axis for each.
     """

@@ -8,9 +8,8 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from string import Template
+from typing import Any, Protocol
 
 from edge_vpr import __version__
 from edge_vpr.errors import escaped
@@ -31,53 +30,83 @@ _LONGEST_NUMBER = 28
 _NUMBER = re.compile(r"(-?\d[\d,.]*(e[+-]?\d+)?|-)([ %]|$)")
 
 
+class _Part(Protocol):
+    def html(self) -> str: ...
+
+
 @dataclass(frozen=True)
 class _Text:
-    kind: ClassVar[str] = "text"
     text: str
+
+    def html(self) -> str:
+        return f"<p>{as_html(self.text)}</p>\n"
 
 
 @dataclass(frozen=True)
 class _Table:
-    kind: ClassVar[str] = "table"
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
 
-    @property
-    def is_number(self) -> tuple[bool, ...]:
-        """Return whether each column holds numbers, which are aligned on the right."""
+    def html(self) -> str:
+        # columns of numbers are aligned on the right
         columns = zip(*self.rows, strict=True) if self.rows else [()] * len(self.header)
-        return tuple(any(column) and all(map(_is_number, column)) for column in columns)
+        numbers = [any(column) and all(map(_is_number, column)) for column in columns]
+        classes = [' class="number"' if number else "" for number in numbers]
+
+        def row(cells: Sequence[str], tag: str, scope: str = "") -> str:
+            marked = zip(cells, classes, strict=True)
+            inner = (f"<{tag}{scope}{kind}>{as_html(text)}</{tag}>\n" for text, kind in marked)
+            return f"<tr>\n{''.join(inner)}</tr>"
+
+        label = ", ".join(map(as_html, self.header))
+        head = row(self.header, "th", ' scope="col"')
+        body = "".join(f"{row(cells, 'td')}\n" for cells in self.rows)
+        return (
+            f'<div class="scroll" role="region" tabindex="0" aria-label="{label}">\n<table>\n'
+            f"<thead>{head}</thead>\n"
+            f"<tbody>\n{body}</tbody>\n</table>\n</div>\n"
+        )
 
 
 @dataclass(frozen=True)
 class _Picture:
-    kind: ClassVar[str] = "picture"
     svg: str
     caption: str
     width: int
 
+    def html(self) -> str:
+        return (
+            f'<figure style="max-width: {self.width}px">\n{self.svg}\n'
+            f"<figcaption>{as_html(self.caption)}</figcaption>\n</figure>\n"
+        )
+
 
 @dataclass(frozen=True)
 class _Warning:
-    kind: ClassVar[str] = "warning"
     text: str
+
+    def html(self) -> str:
+        return f'<p class="warning"><strong>Warning:</strong> {as_html(self.text)}</p>\n'
 
 
 @dataclass(frozen=True)
 class _Verdict:
-    kind: ClassVar[str] = "verdict"
     text: str
+
+    def html(self) -> str:
+        return f'<p class="verdict">{as_html(self.text)}</p>\n'
 
 
 @dataclass(frozen=True)
 class _Folded:
-    kind: ClassVar[str] = "folded"
     summary: str
     text: str
 
-
-_Part = _Text | _Table | _Picture | _Folded | _Warning | _Verdict
+    def html(self) -> str:
+        return (
+            f"<details>\n<summary>{as_html(self.summary)}</summary>\n"
+            f"<pre>{as_html(self.text)}</pre>\n</details>\n"
+        )
 
 
 @dataclass
@@ -89,9 +118,14 @@ class _Section:
     def anchor(self) -> str:
         return re.sub(r"[^a-z0-9]+", "-", self.title.lower()).strip("-")
 
+    def html(self) -> str:
+        begin = f'<section id="{self.anchor}">\n' if self.anchor else "<section>\n"
+        title = f"<h2>{as_html(self.title)}</h2>\n" if self.title else ""
+        return f"{begin}{title}{''.join(part.html() for part in self.parts)}</section>\n"
+
 
 class Page:
-    """Gathers the parts of a page and writes it at once, by ``templates/page.html.jinja``."""
+    """Gathers the parts of a page and writes it at once, by ``templates/page.html``."""
 
     def __init__(self, title: str) -> None:
         self._title = title
@@ -123,8 +157,7 @@ class Page:
         """Add an SVG of Matplotlib, which becomes a part of the page and has its colours."""
         self._pictures += 1
         drawn = _themed(svg.decode("utf-8"), f"f{self._pictures}-")
-        label = html.escape(str(_without_controls(caption)))
-        drawn = drawn.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
+        drawn = drawn.replace("<svg", f'<svg role="img" aria-label="{as_html(caption)}"', 1)
         size = _VIEW.search(drawn)
         width = round(float(size[1]) * _PIXELS * _ENLARGED) if size else 0
         self._sections[-1].parts.append(_Picture(drawn, caption, width))
@@ -135,21 +168,43 @@ class Page:
 
     def write(self, path: Path) -> None:
         """Write the page, atomically."""
-        pages = Environment(
-            loader=PackageLoader(__package__),
-            autoescape=True,
-            finalize=_without_controls,
-            undefined=StrictUndefined,
-            trim_blocks=True,
-            lstrip_blocks=True,
-            keep_trailing_newline=True,
-        )
         sections = [each for each in self._sections if each.parts or each.title]
-        text = pages.get_template("page.html.jinja").render(
-            title=self._title, sections=sections, version=__version__
+        links = "".join(
+            f'<a href="#{each.anchor}">{as_html(each.title)}</a>\n'
+            for each in sections
+            if each.title
+        )
+        menu = f'<nav aria-label="Sections">\n{links}</nav>\n' if len(sections) > 2 else ""
+        text = fill(
+            "page.html",
+            title=as_html(self._title),
+            menu=menu,
+            sections="".join(each.html() for each in sections),
         )
         with replacing(path) as temporary:
-            temporary.write_text(text.lstrip(), encoding="utf-8")
+            temporary.write_text(text, encoding="utf-8")
+
+
+def fill(name: str, **values: str) -> str:
+    """Return a page of ``templates`` with values in its places, which are HTML already.
+
+    Parameters
+    ----------
+    name : str
+        File of the page.
+    **values : str
+        By the names of the places, without those of the style and the version.
+    """
+    folder = Path(__file__).parent / "templates"
+    style = (folder / "page.css").read_text(encoding="utf-8").removesuffix("\n")
+    page = Template((folder / name).read_text(encoding="utf-8"))
+    return page.substitute(values, style=style, version=__version__)
+
+
+def as_html(text: str) -> str:
+    """Escape a text for HTML, and control characters in it, such as those of a file name."""
+    lines = (line.split("\u00a0") for line in text.split("\n"))
+    return html.escape("\n".join("\u00a0".join(map(escaped, parts)) for parts in lines))
 
 
 _VIEW = re.compile(r'viewBox="0 0 ([0-9.]+) ')
@@ -178,14 +233,6 @@ def _themed(svg: str, prefix: str) -> str:
     return _COLOUR.sub(lambda found: _THEMED[found[0]], element)
 
 
-def _without_controls(value: object) -> object:
-    """Escape control characters, such as those of a file name, in what a page shows."""
-    if type(value) is not str:  # markup of macros contains what was escaped before
-        return value
-    lines = (line.split("\u00a0") for line in value.split("\n"))
-    return "\n".join("\u00a0".join(map(escaped, parts)) for parts in lines)
-
-
 def _is_number(cell: str) -> bool:
     """Return whether a cell is a short number, perhaps with unit, bounds or spread."""
     return not cell or (len(cell) <= _LONGEST_NUMBER and _NUMBER.match(cell) is not None)
@@ -203,7 +250,6 @@ def add_run(page: Page, record: Mapping[str, Any]) -> None:
 
     Parameters
     ----------
-    page : Page
     record : mapping
         A `RunRecord`, as read from the file. What an older file lacks is left out.
     """
@@ -264,7 +310,6 @@ def quantity(
     ----------
     value : float
         Tells the prefix, from pico to none.
-    unit : str
     low, high : float, optional
         Left out where both are equal.
     digits : int

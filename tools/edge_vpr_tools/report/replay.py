@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,6 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PathCollection
@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
-from edge_vpr import __version__, results
+from edge_vpr import results
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import local_metres
@@ -31,6 +31,7 @@ from edge_vpr.pipeline import EventSource, WindowSource, describe_query, query_d
 from edge_vpr.reference_map import ReferenceMap, read_queries
 from edge_vpr.route import Odometry
 from edge_vpr_tools.report.figures import Window, dot_sizes, draw_window, total_counts
+from edge_vpr_tools.report.page import as_html, fill
 from edge_vpr_tools.report.style import BLUE, GREY, ORANGE, along_route, panels
 from edge_vpr_tools.report.verdict import Outcome, outcome_of
 
@@ -50,7 +51,6 @@ class Replay:
 
     Attributes
     ----------
-    reference : ReferenceMap
     outcome : Outcome
         Of n matches, one a frame.
     queries : Descriptors
@@ -133,7 +133,7 @@ class _Film:
         every = np.concatenate([self._seen.ravel(), self._mapped.ravel()])
         self._most = max(float(np.percentile(every, 99.5)), 1.0)
         self._title = drawing.suptitle(self._texts[0], fontsize=11)
-        (query, place, where), (left, right, sure) = axes
+        (query, place, where), (left, right, confidence) = axes
         grid = left.get_gridspec()
         left.remove()
         right.remove()
@@ -149,14 +149,14 @@ class _Film:
         self._place = self._sensor(place, "the matched place", self._mapped[0])
         scale = along_route(reference, reference.route)
         self._x = scale.values
-        label = "way (m)" if reference.route is not None else "reference (s)"
+        label = "distance (m)" if reference.route is not None else "reference (s)"
         self._draw_cost(cost, label)
         self._draw_position(where, label)
-        sure.set(title="probability", xlabel="time (s)", ylim=(-0.05, 1.05))
-        sure.set_xlim(*self._span())
-        (self._sure,) = sure.plot([], [], color=BLUE, lw=1.5)
-        self._sure_now = sure.scatter([], [], s=30, color=ORANGE, zorder=3)
-        for each in (query, place, cost, where, sure):
+        confidence.set(title="probability", xlabel="time (s)", ylim=(-0.05, 1.05))
+        confidence.set_xlim(*self._span())
+        (self._probability,) = confidence.plot([], [], color=BLUE, lw=1.5)
+        self._probability_now = confidence.scatter([], [], s=30, color=ORANGE, zorder=3)
+        for each in (query, place, cost, where, confidence):
             each.title.set_fontsize(10)
             each.tick_params(labelsize=8)
             each.xaxis.label.set_fontsize(9)
@@ -178,7 +178,7 @@ class _Film:
         axes.set_ylim(low - 0.06 * (high - low), max(high, low + 1e-9))
 
     def _draw_position(self, axes: Axes, label: str) -> None:
-        """Draw the route from above where it has two dimensions, and else the way over time."""
+        """Draw the route from above if it has two dimensions, else the distance over time."""
         route, places = self._replay.reference.route, self._replay.outcome.matches.place
         axes.set_title("position")
         self._path: Floats
@@ -210,8 +210,8 @@ class _Film:
         self._trail.set_offsets(self._path[: i + 1])
         self._now.set_offsets(self._path[i : i + 1])
         probability = outcome.matches.probability[: i + 1]
-        self._sure.set_data(outcome.time_s[: i + 1], probability)
-        self._sure_now.set_offsets([(outcome.time_s[i], probability[-1])])
+        self._probability.set_data(outcome.time_s[: i + 1], probability)
+        self._probability_now.set_offsets([(outcome.time_s[i], probability[-1])])
         self._title.set_text(self._texts[i])
         self._drawing.set_dpi(_DPI)
         self._canvas.draw()  # type: ignore[no-untyped-call]
@@ -225,7 +225,6 @@ def write_gif(path: Path, pictures: Sequence[Image.Image], fps: float) -> None:
 
     Parameters
     ----------
-    path : path
     pictures : sequence of Image
         At least one.
     fps : float
@@ -245,7 +244,6 @@ def write_html(
 
     Parameters
     ----------
-    path : path
     pictures : sequence of Image
         At least one.
     captions : sequence of str
@@ -253,17 +251,19 @@ def write_html(
     fps : float
         Frames per second.
     """
-    pages = Environment(
-        loader=PackageLoader(__package__), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
-    )  # fmt: skip
-    text = pages.get_template("replay.html.jinja").render(
-        version=__version__,
-        pictures=[base64.b64encode(_png(one)).decode("ascii") for one in pictures],
-        captions=list(captions),
-        width=pictures[0].width,
-        height=pictures[0].height,
-        pause_ms=round(1000 / fps),
+    encoded = [base64.b64encode(_png(one)).decode("ascii") for one in pictures]
+    # within a script, nothing may look like markup
+    markup = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&'"}
+    text = fill(
+        "replay.html",
+        picture=encoded[0],
+        pictures="".join(f'"{one}",\n' for one in encoded),
+        caption=as_html(captions[0]),
+        captions=json.dumps(list(captions)).translate(markup),
+        last=str(len(pictures) - 1),
+        width=str(pictures[0].width),
+        height=str(pictures[0].height),
+        pause_ms=str(round(1000 / fps)),
     )
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -303,7 +303,6 @@ def load_replay(
 
     Parameters
     ----------
-    folder : path
     inputs : MatchInputs
         Of the match. The recording is read if it was matched online, or for `all_events`.
     most : int
@@ -376,7 +375,6 @@ def event_images(
 
     Parameters
     ----------
-    recording : EventSource
     start_us, end_us : ndarray of int64, shape (n,)
         Events at the start are counted, those at the end are not.
     """

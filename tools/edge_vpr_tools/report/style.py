@@ -106,7 +106,6 @@ def mean_line(
 
     Parameters
     ----------
-    axes : Axes
     across : sequence of float
         Points of the horizontal axis.
     trials : sequence of sequence of float
@@ -188,7 +187,6 @@ def drawn(drawing: Figure, kind: str) -> bytes:
 
     Parameters
     ----------
-    drawing : Figure
     kind : str
         One of `FORMATS`.
     """
@@ -321,13 +319,12 @@ def along_route(reference: ReferenceMap, route: Route | None) -> Scale:
 
     Parameters
     ----------
-    reference : ReferenceMap
     route : Route or None
         Positions of its places.
     """
     if route is None:
         return seconds(reference.places.centre_us, "reference")
-    return Scale(route.along_m, "way along the route (m)")
+    return Scale(route.along_m, "distance along the route (m)")
 
 
 def add_scale(axes: Axes, side: str, scale: Scale) -> None:
@@ -338,7 +335,7 @@ def add_scale(axes: Axes, side: str, scale: Scale) -> None:
     axes : Axes
         With windows or places, from 0, on the opposite axis.
     side : {"top", "right"}
-    scale : Scale
+        Edge of the axes along which it is drawn.
     """
     positions, values = scale.ticks()
     if not positions.size:

@@ -19,9 +19,9 @@ from edge_vpr.reference_map import ReferenceMap, read_queries
 from edge_vpr.route import Route
 from edge_vpr_tools.report.figures import (
     Window,
-    along_the_way,
     distance_matrix,
     event_rate,
+    outcomes_along,
     over_time,
     precision_recall,
     reliability_diagram,
@@ -88,8 +88,14 @@ def write_report(
         page.text(f"Ground truth: {truth.description}.")
     page.text(_described(reference, matches))
     _add_outcome(add, reference, outcome, route)
-    if queries is not None:
-        _add_wrong_windows(page, reference, queries, outcome)
+    windows, at = queries, matches.query
+    if windows is None:  # of a drive that was matched event by event: the last before each match
+        windows = read_queries(folder, results.WINDOWS)
+        if windows is not None:
+            before = np.searchsorted(windows.end_us, matches.time_us, side="right") - 1
+            at = np.maximum(before, 0)
+    if windows is not None:
+        _add_wrong_windows(page, reference, windows, at, outcome)
     if found is not None:
         page.heading("Metrics")
         page.table(("figure", "value", "what it says"), _figures_of(found))
@@ -148,11 +154,12 @@ def _add_outcome(
                 " according to a match.") + accepted)  # fmt: skip
     elif positions is not None and positions.query.shape[1] == 1:
         unit = positions.unit
-        label = "way along the route (m)" if unit == "m" else f"true reference place ({unit})"
-        add("route", along_the_way(outcome, positions.query[query, 0], label),
+        label = "distance along the route (m)" if unit == "m" else f"true reference place ({unit})"
+        add("route", outcomes_along(outcome, positions.query[query, 0], label),
              f"Where on the route each match was made.{accepted}")  # fmt: skip
     elif along_mm is not None:
-        add("route", along_the_way(outcome, along_mm[places] / 1e3, "way along the route (m)"),
+        along_m = along_mm[places] / 1e3
+        add("route", outcomes_along(outcome, along_m, "distance along the route (m)"),
              f"The place of each match along the route.{accepted}")  # fmt: skip
     scale = along_route(reference, route)
     upper = "How far each match is from the true place" if outcome.truth else "The place"
@@ -161,9 +168,23 @@ def _add_outcome(
 
 
 def _add_wrong_windows(
-    page: Page, reference: ReferenceMap, queries: Descriptors, outcome: Outcome
+    page: Page,
+    reference: ReferenceMap,
+    queries: Descriptors,
+    at: npt.NDArray[np.integer],
+    outcome: Outcome,
 ) -> None:
-    """Show the windows of the worst matches, first one of each part of the drive."""
+    """Show the windows of the worst matches, first one of each part of the drive.
+
+    Parameters
+    ----------
+    page : Page
+    reference : ReferenceMap
+    queries : Descriptors
+    at : ndarray of int, shape (n,)
+        Which of them belongs to each match.
+    outcome : Outcome
+    """
     errors, truth = outcome.errors, outcome.truth
     if errors is None or truth is None or not outcome.wrong.any():
         return
@@ -187,7 +208,7 @@ def _add_wrong_windows(
     for number, i in enumerate(chosen, 1):
         j, k = int(matches.query[i]), int(matches.place[i])
         windows = [
-            shown("query", queries, j),
+            shown("query", queries, int(at[i])),
             shown(f"matched: place {k}", reference.places, k),
         ]
         right = np.flatnonzero(truth.correct[:, j])

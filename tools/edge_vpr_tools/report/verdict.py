@@ -31,10 +31,10 @@ class Outcome:
 
     Attributes
     ----------
-    matches : Matches
     precision : float or None
         At which matches are accepted; None where no probability is known.
     accepted : ndarray of bool, shape (n,)
+        Whether each match is accepted.
     truth, found : GroundTruth and Evaluation, or None
         None before an evaluation.
     """
@@ -143,8 +143,6 @@ def outcome_of(
 
     Parameters
     ----------
-    reference : ReferenceMap
-    matches : Matches
     truth, found : GroundTruth and Evaluation, optional
         After an evaluation.
     """

@@ -10,7 +10,7 @@ from edge_vpr.live.session import LiveSession, nothing_valid
 from edge_vpr.pipeline import Removed
 from edge_vpr_tools.console import error_line, stopped_by_signals
 from edge_vpr_tools.live_view import open_rerun, open_view
-from edge_vpr_tools.progress import warn_if_much
+from edge_vpr_tools.progress import status, warn_if_much
 from edge_vpr_tools.publish import open_publishers
 
 
@@ -41,11 +41,6 @@ class LiveOutput:
 def show_session(session: LiveSession, output: LiveOutput) -> None:
     """Open a session, show it to its end, and close everything in any case, the session last.
 
-    Parameters
-    ----------
-    session : LiveSession
-    output : LiveOutput
-
     Raises
     ------
     EdgeVprError
@@ -66,6 +61,8 @@ def _show(session: LiveSession, output: LiveOutput) -> None:
         rerun = stack.enter_context(open_rerun(output.rerun, session.sensor))
         stack.enter_context(stopped_by_signals(session.stopping))
         publishers = stack.enter_context(open_publishers(output.serve, output.mqtt))
+        with status("kernels") as shown:
+            session.warm_up(shown)
         session.open()
         # opened last, so that a missing camera does not overwrite the run before
         view = stack.enter_context(

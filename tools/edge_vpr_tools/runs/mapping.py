@@ -45,8 +45,6 @@ def map_recording(
 
     Parameters
     ----------
-    recording : EventSource or WindowSource
-    settings : Settings
     pixel_map : str, optional
         File of the pixels, or a map that has them; by default they are selected.
     hot : ndarray of bool, shape (height, width), optional
@@ -79,13 +77,12 @@ class Calibrated(NamedTuple):
 
     Attributes
     ----------
-    reference : ReferenceMap
     confidence : Confidence
         The table, as the map has it.
     settings_changed : bool
         Whether the map took over the settings that the drive was matched with.
     matches, right, off_map : int
-        That were learnt from, those of them that are right, and queries off the map.
+        That were learnt from, those of them that are correct, and queries off the map.
     error_before : float or None
         Expected calibration error of the table used before.
     error : float
@@ -103,14 +100,12 @@ class Calibrated(NamedTuple):
 
 
 def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> Calibrated:
-    """Learn the probability that a match is right.
+    """Learn the probability that a match is correct.
 
     Parameters
     ----------
-    reference : ReferenceMap
     matches : Matches
         Of a drive against this map.
-    truth : GroundTruth
 
     Raises
     ------

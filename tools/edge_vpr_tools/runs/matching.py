@@ -17,7 +17,6 @@ def report_shift(reference: ReferenceMap, found: MatchResult) -> None:
     ----------
     reference : ReferenceMap
         Before its pixels were moved.
-    found : MatchResult
     """
     shift = found.shift
     if shift is None:

@@ -42,8 +42,7 @@ def load_truth(
     ----------
     files : sequence of str
         Two tracks, reference first; or one file.
-    places_us : ndarray of int64, shape (K,)
-    queries_us : ndarray of int64, shape (Q,)
+    places_us, queries_us : ndarray of int64, shapes (K,) and (Q,)
         Centres of the windows.
     tolerance : float, optional
         Needed for tracks (metres) and alignments (their unit).

@@ -73,8 +73,6 @@ class PowerFiles(Sensor):
 
     Parameters
     ----------
-    about : About
-    *paths : path
     unit : float
         Unit of the product in watts.
     """

@@ -49,7 +49,6 @@ def choose_sensor(
     ----------
     root : path
         Root of the file system; replaced in tests.
-    name, meter_port : str, optional
     shunt_mohm : float, optional
         Real shunt of the monitor.
 

@@ -33,7 +33,6 @@ class Model:
 
     Parameters
     ----------
-    name : str
     volts, amperes : float
         Steps of its numbers.
     end : bytes

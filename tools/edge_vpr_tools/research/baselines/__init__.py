@@ -5,6 +5,7 @@ from edge_vpr_tools.research.baselines.baseline import (
     Compared,
     VectorBaseline,
     compare,
+    filter_distances,
     match_distances,
 )
 from edge_vpr_tools.research.baselines.dense import Ensemble, Member
@@ -20,6 +21,7 @@ __all__ = [
     "VectorBaseline",
     "baseline_names",
     "compare",
+    "filter_distances",
     "map_all_pixels",
     "match_distances",
     "open_baseline",

@@ -6,12 +6,15 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.confidence import Acceptance
+from edge_vpr.confidence import Acceptance, default_confidence
+from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.matching.distances import ReferenceIndex
+from edge_vpr.matching.drive import filter_drive, filter_of
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.sequences import BestSequences, sequence_matches, sequence_sums
 from edge_vpr.settings import Settings
@@ -71,86 +74,74 @@ class VectorBaseline:
         return int(places.shape[1])
 
 
-# Match one pair of drives with a baseline and sequences, and measure the cost of a match.
+# Compare the windows of two drives by a baseline, and match by sequences or the place filter.
 
 
 #: sequences add up integers; the largest distance is below 2 to this power
 _BITS = 30
-#: how often the same work is timed
-_REPETITIONS = 3
+#: the same for the place filter, whose spread of distances must stay below 2 to the power of 16
+_FILTER_BITS = 12
+#: how often the same work is timed; work that takes longer than `_LONG_S` once less
+_REPETITIONS, _LONG_S = 3, 1.0
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """Matches of a baseline, and their cost.
+    """Distances of a baseline, and their cost.
 
     Attributes
     ----------
-    matches : Matches
+    distances : ndarray of float64, shape (K, Q)
     bytes_per_place : int
         Size of one stored description in bytes, rounded up.
     operations : int
         Number of differences, products or words of bits to compare one query with the whole map.
-    describe_us, match_us : float
+    describe_us, compare_us : float
         Time of one query in microseconds, measured on this computer: to describe its counted
         window, and to compare it with the map. The shortest of three measurements.
     """
 
-    matches: Matches
+    distances: npt.NDArray[np.float64]
     bytes_per_place: int
     operations: int
     describe_us: float
-    match_us: float
+    compare_us: float
 
     @property
     def query_us(self) -> float:
-        """Time to describe and to match one query, in microseconds."""
-        return self.describe_us + self.match_us
+        """Time to describe and to compare one query, in microseconds."""
+        return self.describe_us + self.compare_us
 
 
-def compare(
-    baseline: Baseline,
-    reference: Images,
-    queries: Images,
-    query_us: npt.NDArray[np.int64],
-    settings: Settings,
-) -> Compared:
-    """Match every window of a query drive with a baseline.
+def compare(baseline: Baseline, reference: Images, queries: Images) -> Compared:
+    """Compare every window of a query drive with every place by a baseline.
 
     Parameters
     ----------
     baseline : Baseline
     reference, queries : ndarray of int, shape (K, height, width) and (Q, height, width)
         Event counts of windows at all pixels.
-    query_us : ndarray of int64, shape (Q,)
-        Centre of each query window.
-    settings : Settings
-        `sequence_length`, `anchor` and `exclusion` are used.
-
-    Raises
-    ------
-    UsageError
-        If the sequence is longer than a traverse.
     """
     baseline.prepare(reference)
     places = baseline.describe(reference)
     described, describe_s = fastest(lambda: baseline.describe(queries))
-    distances, match_s = fastest(lambda: baseline.distances(places, described))
+    distances, compare_s = fastest(lambda: baseline.distances(places, described))
     return Compared(
-        match_distances(distances, query_us, settings),
+        distances,
         -(-baseline.bits_per_place(places) // 8),
         baseline.operations_per_place(places) * len(places),
         1e6 * describe_s / len(queries),
-        1e6 * match_s / len(queries),
+        1e6 * compare_s / len(queries),
     )
 
 
 def fastest(work: Callable[[], T]) -> tuple[T, float]:
     """Do the same work three times, and return its result and the shortest time in seconds.
 
-    What a first call compiles, and other programs on the computer, can only make it slower.
+    What a first call compiles, and other programs on the computer, can only make it slower. Work of
+    more than a second is done twice.
 
     Parameters
     ----------
@@ -158,10 +149,12 @@ def fastest(work: Callable[[], T]) -> tuple[T, float]:
         Returns the same each time.
     """
     shortest = math.inf
-    for _ in range(_REPETITIONS):
+    for repetition in range(_REPETITIONS):
         start = time.perf_counter()
         result = work()
         shortest = min(shortest, time.perf_counter() - start)
+        if repetition == _REPETITIONS - 2 and shortest > _LONG_S:
+            break
     return result, shortest
 
 
@@ -176,10 +169,85 @@ def match_distances(
         0 or more, finite. Rounding errors are at most 2**-29 of the largest distance.
     query_us : ndarray of int64, shape (Q,)
     settings : Settings
+        `sequence_length`, `anchor` and `exclusion` are used.
+
+    Raises
+    ------
+    UsageError
+        If the sequence is longer than a traverse.
     """
-    # scaled by a power of two, so that integers stay integers and ties stay ties
-    _, exponent = math.frexp(float(distances.max()))
-    whole = np.rint(np.ldexp(distances, _BITS - exponent)).astype(np.int64)
-    sums = sequence_sums(whole, settings.sequence_length)
+    sums = sequence_sums(_whole(distances, _BITS), settings.sequence_length)
     found = BestSequences.of(sums, settings.exclusion)
     return sequence_matches([found], settings, len(distances), query_us, Acceptance(None, None))
+
+
+def filter_distances(
+    distances: npt.NDArray[np.floating],
+    activity: tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]],
+    query_us: npt.NDArray[np.int64],
+    settings: Settings,
+) -> Matches:
+    """Match by the place filter over a matrix of distances, with its shipped probabilities.
+
+    Parameters
+    ----------
+    distances : ndarray of float, shape (K, Q)
+        0 or more, finite; rounded to 12 bits.
+    activity : (ndarray of int64, ndarray of int64), shapes (K,) and (Q,)
+        Events of each place and of each query window.
+    query_us : ndarray of int64, shape (Q,)
+    settings : Settings
+        Of the filter, `precision` among them.
+    """
+    given = _GivenDistances(_whole(distances, _FILTER_BITS))
+    # the only counter of a window says which column of the matrix it is
+    places, queries = (_numbered(events) for events in activity)
+    found = filter_drive(
+        filter_of(places, settings, None, None), cast(ReferenceIndex, given), queries,
+        smooth=settings.smooth, delay=settings.late,
+    )  # fmt: skip
+    place, metric, second, second_metric, ties, trust = found.columns.T
+    accepted = Acceptance(default_confidence(settings.smooth, settings.late), settings.precision)
+    probability, lost = accepted.acceptance(trust)
+    return Matches(
+        settings=settings,
+        places_in_map=len(distances),
+        query=np.arange(len(place), dtype=np.int64),
+        time_us=query_us,
+        place=place,
+        distance_sum=metric,
+        second=second,
+        second_sum=second_metric,
+        ties=ties,
+        candidates=found.candidates,
+        trust=trust,
+        probability=probability,
+        lost=lost,
+    )
+
+
+class _GivenDistances:
+    """Distances in place of those that `ReferenceIndex` would compute."""
+
+    def __init__(self, whole: npt.NDArray[np.int64]) -> None:
+        self._rows = np.ascontiguousarray(whole.T, dtype=np.int32)
+        self.places = len(whole)
+
+    def rows(self, windows: npt.NDArray[np.integer]) -> npt.NDArray[np.int32]:
+        """Return the distances of windows, shape (n, K)."""
+        return self._rows[windows[:, 0]]
+
+
+def _numbered(events: npt.NDArray[np.int64]) -> Descriptors:
+    """Return windows that count their own number."""
+    numbers, none = np.arange(len(events), dtype=np.uint32), np.zeros(len(events), dtype=np.int64)
+    return Descriptors(numbers[:, None], none, none, events, events)
+
+
+def _whole(distances: npt.NDArray[np.floating], bits: int) -> npt.NDArray[np.int64]:
+    """Return distances as integers below 2 to the power of `bits`."""
+    # scaled by a power of two, so that integers stay integers and ties stay ties
+    _, exponent = math.frexp(float(distances.max()))
+    return np.minimum(
+        np.rint(np.ldexp(distances, bits - exponent)).astype(np.int64), (1 << bits) - 1
+    )

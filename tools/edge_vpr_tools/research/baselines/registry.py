@@ -10,13 +10,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
-from importlib import import_module
 from pathlib import Path
 
 from edge_vpr.errors import UsageError, did_you_mean
-from edge_vpr.plugins import load_plugin, names_with_plugins
+from edge_vpr.plugins import Registry
 from edge_vpr_tools.console import warning
 from edge_vpr_tools.research.baselines.baseline import Baseline
 from edge_vpr_tools.research.baselines.dense import Ensemble, Member
@@ -26,34 +24,29 @@ GROUP = "edge_vpr.baselines"
 _WINDOWS = re.compile(r"@(\d{1,3}(?:,\d{1,3})*)$")
 
 
-@dataclass(frozen=True)
-class Entry:
-    """Baseline of this package, which is imported when it is first used."""
-
-    name: str
-    module: str
-    factory: str
-
-
-BASELINES: dict[str, Entry] = {
-    entry.name: entry
-    for entry in (
-        Entry("paper", "selected_pixels", "paper"),
-        Entry("seed-code", "selected_pixels", "released_code"),
-        Entry("all-pixels", "dense", "all_pixels"),
-        Entry("patch-normalised", "dense", "patch_normalised"),
-        Entry("active-pixels", "selected_pixels", "active_pixels"),
-        Entry("hog", "dense", "hog"),
-        Entry("ensemble-windows", "dense", "windows_ensemble"),
-        Entry("ensemble-descriptors", "dense", "descriptors_ensemble"),
-    )
-}
+_PACKAGE = "edge_vpr_tools.research.baselines"
+_BASELINES = Registry(
+    GROUP,
+    {
+        "paper": f"{_PACKAGE}.selected_pixels:paper",
+        "seed-code": f"{_PACKAGE}.selected_pixels:released_code",
+        "all-pixels": f"{_PACKAGE}.dense:all_pixels",
+        "patch-normalised": f"{_PACKAGE}.dense:patch_normalised",
+        "active-pixels": f"{_PACKAGE}.selected_pixels:active_pixels",
+        "active-overlap": f"{_PACKAGE}.selected_pixels:active_overlap",
+        "hog": f"{_PACKAGE}.dense:hog",
+        "ensemble-windows": f"{_PACKAGE}.dense:windows_ensemble",
+        "ensemble-descriptors": f"{_PACKAGE}.dense:descriptors_ensemble",
+    },
+)
 #: baselines with weights of the user; their factories also take the file
-WITH_FILE: dict[str, Entry] = {
-    entry.name: entry
-    for entry in (Entry("lens", "networks", "lens"), Entry("model", "networks", "model"))
-}
-_STRATEGY = Entry("strategy", "selected_pixels", "by_strategy")
+_WITH_FILE = Registry(
+    f"{GROUP}.files", {"lens": f"{_PACKAGE}.networks:lens", "model": f"{_PACKAGE}.networks:model"}
+)
+#: baselines that select pixels by a strategy, which is named behind a colon
+_BY_STRATEGY = Registry(
+    f"{GROUP}.strategies", {"strategy": f"{_PACKAGE}.selected_pixels:by_strategy"}
+)
 
 
 def baseline_names() -> list[str]:
@@ -61,14 +54,14 @@ def baseline_names() -> list[str]:
 
     Those whose import fails are left out with a warning.
     """
-    names = names_with_plugins(BASELINES, GROUP)
-    return [name for name in names if name in BASELINES or _can_be_imported(name)]
+    names = _BASELINES.names()
+    return [name for name in names if name in _BASELINES or _can_be_imported(name)]
 
 
 @cache  # warns once
 def _can_be_imported(name: str) -> bool:
     try:
-        load_plugin(name, GROUP)
+        _BASELINES.load(name)
     except UsageError as error:
         warning(f"baseline left out: {error}")
         return False
@@ -116,28 +109,18 @@ def open_baseline(name: str, seed: int = 0) -> Baseline:
 
 def _open(name: str, seed: int) -> Baseline:
     kind, _, file = name.partition(":")
-    if kind in WITH_FILE:
+    with_file: Callable[[int, Path], Baseline] | None = _WITH_FILE.load(kind)
+    if with_file is not None:
         if not file:
             raise UsageError(f"baseline {kind!r} needs a file: write {kind}:FILE")
-        entry = WITH_FILE[kind]
-        with_file: Callable[[int, Path], Baseline] = _factory(entry)
         return with_file(seed, Path(file))
-    if kind == _STRATEGY.name and file:
-        with_strategy: Callable[[int, str], Baseline] = _factory(_STRATEGY)
+    with_strategy: Callable[[int, str], Baseline] | None = _BY_STRATEGY.load(kind)
+    if with_strategy is not None and file:
         return with_strategy(seed, file)
-    factory: Callable[[int], Baseline] | None = (
-        _factory(BASELINES[name]) if name in BASELINES else load_plugin(name, GROUP)
-    )
+    factory: Callable[[int], Baseline] | None = _BASELINES.load(name)
     if factory is None:
         raise UsageError(
             f"baseline {name!r} is unknown{did_you_mean(name, baseline_names())}: choose one of "
             f"{', '.join(baseline_names())}, strategy:NAME, lens:FILE, model:FILE"
         )
     return factory(seed)
-
-
-def _factory(entry: Entry) -> Callable[..., Baseline]:
-    found: Callable[..., Baseline] = getattr(
-        import_module(f"edge_vpr_tools.research.baselines.{entry.module}"), entry.factory
-    )
-    return found

@@ -139,7 +139,7 @@ def map_all_pixels(
 class ActivePixels(VectorBaseline):
     """Frames of one bit a pixel; distance is 1 less ``|A and B| / sqrt(|A| |B|)``."""
 
-    title = "active pixels, overlap"
+    title = "active pixels, overlap by activity"
 
     def describe(self, images: Images) -> Described:
         """Return packed bits, shape (n, ceil(pixels / 8)), uint8."""
@@ -148,16 +148,41 @@ class ActivePixels(VectorBaseline):
     def distances(self, places: Described, queries: Described) -> npt.NDArray[np.float64]:
         """Return the distances, shape (K, Q); 1 to a frame without an active pixel."""
         active = [np.bitwise_count(bits).sum(axis=1, dtype=np.int64) for bits in (places, queries)]
-        overlap = np.empty((len(places), len(queries)), dtype=np.int64)
-        for j, query in enumerate(queries):
-            overlap[:, j] = np.bitwise_count(places & query).sum(axis=1, dtype=np.int64)
+        overlap = self._overlap(places, queries)
         scale = np.sqrt(active[0][:, None] * active[1].astype(np.float64))
         like = np.divide(overlap, scale, out=np.zeros(overlap.shape), where=scale > 0)
         return np.maximum(1.0 - like, 0.0)
 
+    @staticmethod
+    def _overlap(places: Described, queries: Described) -> npt.NDArray[np.int64]:
+        """Return the numbers of pixels that are active in both, shape (K, Q)."""
+        overlap = np.empty((len(places), len(queries)), dtype=np.int64)
+        for j, query in enumerate(queries):
+            overlap[:, j] = np.bitwise_count(places & query).sum(axis=1, dtype=np.int64)
+        return overlap
+
     def operations_per_place(self, places: Described) -> int:
         """Return the number of 64-bit words to combine."""
         return -(-places.shape[1] // 8)
+
+
+class ActiveOverlap(ActivePixels):
+    """The same frames; distance is the largest overlap of the query less this one.
+
+    Without the activity's normalisation: the more pixels are active, the more overlap.
+    """
+
+    title = "active pixels, overlap alone"
+
+    def distances(self, places: Described, queries: Described) -> npt.NDArray[np.float64]:
+        """Return the largest overlap of each query less that with each place, shape (K, Q)."""
+        overlap = self._overlap(places, queries)
+        return (overlap.max(axis=0) - overlap).astype(np.float64)
+
+
+def active_overlap(seed: int) -> ActiveOverlap:
+    """Make the baseline; it draws no random numbers."""
+    return ActiveOverlap()
 
 
 def active_pixels(seed: int) -> ActivePixels:

@@ -1,20 +1,8 @@
-"""Experiments whose figures the README and the documentation quote.
+"""Experiments whose results the README and the documentation show.
 
-Each is a module of this package with two functions. ``run(data, seeds, on_start, *figures)``
-returns its tables as Markdown; ``draw`` returns its figure.
-
-data : path, optional
-    Folder of the recorded drives (see `drive_pairs.pairs`) or of the one that the module names as
-    ``FOLDER``; not used by an experiment of `STREETS_ONLY`.
-seeds : int
-    Number of trials: simulated streets, and draws of pixels.
-on_start : callable
-    Called with a description before each part begins.
-*figures : path
-    Files to which the figure is written.
-baselines : sequence of str
-    In `rivals` and `frames`, systems in addition to those that are always compared; see
-    `edge_vpr_tools.research.baselines.open_baseline`.
+Each is a module of this package that declares an `experiment.Experiment` as ``EXPERIMENT``. The
+`PROGRAMS` have two functions instead: ``run(data, seeds, on_start, *figures)`` returns their tables
+as Markdown, and ``draw`` returns their figure.
 """
 
 #: module of each experiment by its name on the command line
@@ -35,7 +23,11 @@ EXPERIMENTS = {
     "burst-filters": "burst_filters",
     "window-length": "window_length",
     "fixed-number": "fixed_number",
+    "joules": "joules",
 }
+
+#: experiments that are no declarations
+PROGRAMS = ("place-filter", "calibration", "trust")
 
 #: experiments that simulate all of their drives, with those that do the same on recorded drives
 STREETS_ONLY = {
@@ -48,6 +40,8 @@ STREETS_ONLY = {
 SOURCES = {
     "brisbane_sparse49": "event counts at 49 pixels of Brisbane-Event-VPR, sunset 1 and 2 "
     "(https://zenodo.org/records/4302805 has the data set)",
+    "brisbane_lens49": "the same drives at 49 other pixels, and weights of LENS trained with them "
+    "(A. D. Hines, M. Milford and T. Fischer, 2025)",
     "speck_indoor": "two walks with a Speck, 80 x 80, one frame a second (A. D. Hines, M. Milford "
     "and T. Fischer)",
     "speck_walks": "two walks with a Speck, 128 x 128, in short frames (A. D. Hines, M. Milford "

@@ -1,22 +1,29 @@
-"""Brisbane-Event-VPR at 49 published locations: a car, two drives of one route at sunset."""
+"""Brisbane-Event-VPR at 49 published locations: a car, two drives of one route at sunset.
+
+Each value of this data sums a 3 x 3 patch in 8 bits and has wrapped past 255 in busy seconds. The
+route's start and end lie beside each other, so that the first queries may rightly match the last
+places.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
-
-import numpy as np
-import numpy.typing as npt
-from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.windows import PublishedWindows
 from edge_vpr.evaluation.metrics import RECALL_AT, Evaluation
 from edge_vpr.evaluation.tracks import load_nmea
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
-from edge_vpr_tools.report.figures import precision_recall
-from edge_vpr_tools.report.style import save
-from edge_vpr_tools.research.experiments.trial import markdown_table
+from edge_vpr_tools.research.experiments.experiment import (
+    Draw,
+    Drives,
+    Experiment,
+    Row,
+    recorded_folder,
+)
+from edge_vpr_tools.research.experiments.plots import dots
 
 FOLDER = "brisbane_sparse49"
 TOLERANCE_M = 70.0
@@ -39,42 +46,26 @@ def evaluate_lengths(data: Path) -> dict[int, Evaluation]:
     return found
 
 
-def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Return the figures of each sequence length as a Markdown table."""
-    on_start("matching sunset 1 against sunset 2")
-    by_length = evaluate_lengths(data)
-    if figures:
-        save(draw(by_length), *figures)
-    rows = [
-        [
-            str(length),
-            f"{found.precision_at_100_recall:.3f}",
-            f"{found.recall_at_99_precision:.3f}",
-            *(f"{found.recall_at[n]:.3f}" for n in RECALL_AT),
-        ]
-        for length, found in by_length.items()
-    ]
-    header = ("L", "P@100R", "R@99P", *(f"Recall@{n}" for n in RECALL_AT))
-    return markdown_table(header, rows) + "\n\n" + _faults(data)
+def measure(draw: Draw) -> Iterator[Row]:
+    """Match with sequences of each length."""
+    for length, found in evaluate_lengths(draw.pair).items():
+        yield {
+            "windows of a sequence": length,
+            "P@100R": found.precision_at_100_recall,
+            "R@99P": found.recall_at_99_precision,
+            **{f"Recall@{n}": found.recall_at[n] for n in RECALL_AT},
+        }
 
 
-def draw(found: Mapping[int, Evaluation]) -> Figure:
-    """Draw precision against recall for each length of a sequence."""
-    return precision_recall({f"sequences of {length}": each for length, each in found.items()})
+def drives(data: Path | None) -> list[Drives]:
+    """Return the drives in a folder, of which all published pixels are used."""
+    folder = recorded_folder(data, FOLDER)
+    return [Drives("Brisbane, 49 px", lambda seed: folder.parent, [folder], drawn=False)]
 
 
-def _faults(data: Path) -> str:
-    """Describe the faults of the data, with their number if they can be counted."""
-    counts = [np.load(data / FOLDER / f"{name}.npz")["counts"] for name in ("sunset2", "sunset1")]
-    neighbours = [_jumps(traverse) for traverse in counts]
-    return (
-        "Faults of this data: each value sums a 3 x 3 patch in 8 bits and has wrapped past 255 in "
-        f"busy seconds ({neighbours[0]} and {neighbours[1]} values of the reference and the query "
-        "fall or rise by more than 200 from one second to the next, as a wrap does); the route's "
-        "start and end lie beside each other, so that the first queries may rightly match the last "
-        "places."
-    )
-
-
-def _jumps(counts: npt.NDArray[np.uint8]) -> int:
-    return int(np.count_nonzero(np.abs(np.diff(counts.astype(np.int64), axis=0)) > 200))
+EXPERIMENT = Experiment(
+    drives=drives,
+    names=("windows of a sequence",),
+    measure=measure,
+    figure=partial(dots, measures=("P@100R", "R@99P"), row="windows of a sequence"),
+)

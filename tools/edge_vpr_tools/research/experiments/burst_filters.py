@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
+from collections.abc import Iterator, Mapping
+from functools import partial
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
 from edge_vpr.evaluation.metrics import evaluate
@@ -17,9 +16,9 @@ from edge_vpr.online.state import MatchSchedule
 from edge_vpr.pipeline import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
-from edge_vpr_tools.report.style import dot_plot, save
-from edge_vpr_tools.research.experiments.speck_walks import FOLDER, open_walks, truth_of_walks
-from edge_vpr_tools.research.experiments.trial import Summary, markdown_table
+from edge_vpr_tools.research.experiments.experiment import Draw, Experiment, Row
+from edge_vpr_tools.research.experiments.plots import dots
+from edge_vpr_tools.research.experiments.speck_walks import walks
 
 #: Flashes per second that are added to the query: from none over a failing lamp to a strobe.
 RATES = (0.0, 0.1, 1.0, 10.0)
@@ -33,8 +32,6 @@ FILTERS: Mapping[str, type[BurstFilter] | type[CausalBurstFilter] | None] = {
 }
 
 
-#: values of each draw, by flashes per second and name of the filter
-Scores = dict[tuple[float, str], list[float]]
 RIGHT, SAME = "P@100R", "places as with the exact filter"
 
 
@@ -93,51 +90,29 @@ def matched(reference: ReferenceMap, query: EventSource, name: str) -> Matches:
     return Matches.of_rows(np.concatenate(rows), reference.settings, len(reference))
 
 
-def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Match the query under flashes with each filter, and return a Markdown table."""
-    on_start("reading the walks")
-    folder = data / FOLDER
-    walked, query = open_walks(folder)
-    truth_of = truth_of_walks(folder)
-    scores: dict[str, Scores] = {RIGHT: {}, SAME: {}}
-    for seed in range(seeds):
-        settings = PRESETS["default"].replaced({"seed": seed}, "seed")
-        reference = ReferenceMap.build(walked, settings).causal()
-        for rate in RATES:
-            on_start(f"{rate:g} flashes a second, draw {seed + 1} of {seeds}")
-            flashed = Flashed(query, rate, seed)
-            exact = None
-            for name in FILTERS:
-                matches = matched(reference, flashed, name)
-                exact = matches if exact is None else exact
-                truth = truth_of(reference.places.centre_us, matches.time_us)
-                found = evaluate(matches, truth)
-                equal = float(np.mean(matches.place == exact.place))
-                for measure, value in ((RIGHT, found.precision_at_100_recall), (SAME, equal)):
-                    scores[measure].setdefault((rate, name), []).append(value)
-    if figures:
-        save(draw(scores), *figures)
-    rows = [
-        [f"{rate:g}", name, *(str(Summary(found[rate, name])) for found in scores.values())]
-        for rate in RATES
-        for name in FILTERS
-    ]
-    return markdown_table(("flashes a second", "burst filter", *scores), rows)
-
-
-def draw(scores: Mapping[str, Scores]) -> Figure:
-    """Draw each measure against the flashes, for each filter."""
-    return dot_plot(
-        {
-            measure: {
-                f"filter: {name}": {
-                    f"flashes a second: {rate:g}": found[rate, name] for rate in RATES
-                }
-                for name in FILTERS
+def measure(draw: Draw) -> Iterator[Row]:
+    """Match the query under flashes with each filter."""
+    walked, query, truth_of = draw.pair
+    settings = PRESETS["default"].replaced({"seed": draw.seed}, "seed")
+    reference = ReferenceMap.build(walked, settings).causal()
+    for rate in RATES:
+        flashed = Flashed(query, rate, draw.seed)
+        exact = None
+        for name in FILTERS:
+            matches = matched(reference, flashed, name)
+            exact = matches if exact is None else exact
+            truth = truth_of(reference.places.centre_us, matches.time_us)
+            yield {
+                "flashes per second": f"{rate:g}",
+                "burst filter": name,
+                RIGHT: evaluate(matches, truth).precision_at_100_recall,
+                SAME: float(np.mean(matches.place == exact.place)),
             }
-            for measure, found in scores.items()
-        }
-    )
 
 
-__all__ = ["FOLDER", "run"]
+EXPERIMENT = Experiment(
+    drives=walks,
+    names=("flashes per second", "burst filter"),
+    measure=measure,
+    figure=partial(dots, measures=(RIGHT, SAME), row="flashes per second", series="burst filter"),
+)

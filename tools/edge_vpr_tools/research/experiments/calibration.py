@@ -34,7 +34,7 @@ from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import QUERY, REFERENCE, Drive, Light, SimulatedRecording, simulate_pair
 from edge_vpr_tools.report.figures import reliability_diagram
 from edge_vpr_tools.report.style import save
-from edge_vpr_tools.research.experiments.trial import markdown_table
+from edge_vpr_tools.report.tables import markdown_table
 
 # Drives that leave the map: pieces cut out of a map, a jump, and windows of another street.
 

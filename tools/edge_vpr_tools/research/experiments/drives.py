@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,11 +27,13 @@ from edge_vpr_tools.research.datasets import (
     BRISBANE_PAGE,
     QCR_PAGE,
     BrisbaneTraverse,
+    PublishedPair,
     found_traverses,
     published_pairs,
 )
 from edge_vpr_tools.research.experiments import SOURCES, brisbane, speck_walks
-from edge_vpr_tools.research.experiments.simulated import SIMULATED, truth_of_pair
+from edge_vpr_tools.research.experiments.experiment import Drives
+from edge_vpr_tools.research.experiments.simulated import SIMULATED, TOLERANCE_M, truth_of_pair
 from edge_vpr_tools.research.experiments.trial import Times, TruthOf, truth_of_tracks
 
 # Pairs of recorded drives that lie in a folder: the stand-ins, and the published traverses.
@@ -69,6 +72,8 @@ class Pair:
         Whether pixels are drawn, so that several draws differ.
     tracks : Tracks, optional
         Tracks of the drives, where the truth comes from them.
+    files : tuple of path
+        Files and folders of the drives.
     """
 
     drives: str
@@ -78,6 +83,7 @@ class Pair:
     truth_of: TruthOf
     drawn: bool = True
     tracks: Tracks | None = None
+    files: tuple[Path, ...] = ()
 
     @property
     def name(self) -> str:
@@ -118,14 +124,16 @@ def pairs(data: Path | None, *, needed: bool = True) -> Iterator[Pair]:
         return
     for folder, open_pairs in _STAND_INS.items():
         if (data / folder).is_dir():
-            yield from open_pairs(data / folder)
+            for stand_in in open_pairs(data / folder):
+                yield replace(stand_in, files=(data / folder,))
     for pair in published_pairs(data):
         tracks = Tracks(pair.reference.track, pair.query.track)
         truth_of = truth_of_tracks(*tracks, pair.tolerance_m)
         drives = pair.reference.recording, pair.query.recording
+        files = pair.reference.path, pair.query.path
         for pixels in NUMBERS:
             settings = PAPER.replaced({"pixels": pixels}, "published traverses")
-            yield Pair(pair.name, *drives, settings, truth_of, tracks=tracks)
+            yield Pair(pair.name, *drives, settings, truth_of, tracks=tracks, files=files)
 
 
 class EventPair(NamedTuple):
@@ -137,17 +145,19 @@ class EventPair(NamedTuple):
     settings: Settings
     truth_of: TruthOf
     tracks: Tracks | None
+    files: tuple[Path, ...] = ()
 
 
 def event_pairs(data: Path | None) -> Iterator[EventPair]:
     """Open the pairs of `pairs` whose events were recorded, each once; perhaps none."""
-    for pair in pairs(data, needed=False):
+    for pair in _pairs(data) if data is not None else ():
         if isinstance(pair.reference, WindowSource) or isinstance(pair.query, WindowSource):
             continue
         if pair.settings.pixels == PAPER.pixels:  # else the same drives with other pixels
             yield EventPair(
-                pair.drives, pair.reference, pair.query, pair.settings, pair.truth_of, pair.tracks
-            )
+                pair.drives, pair.reference, pair.query, pair.settings, pair.truth_of, pair.tracks,
+                pair.files,
+            )  # fmt: skip
 
 
 def check_data(data: Path | None) -> None:
@@ -204,32 +214,6 @@ def without_pairs(data: Path | None, folders: Collection[str] = tuple(SOURCES)) 
         f"{BRISBANE_BAGS_PAGE}) or of QCR-Event-VPR (*_denoised.parquet of {QCR_PAGE}) under "
         f"their published names, or with one of the folders {listed}"
     )
-
-
-def absent_data(data: Path | None, matched: Collection[str]) -> str:
-    """Return the sources of recorded drives as a paragraph; empty if a recorded pair was matched.
-
-    Parameters
-    ----------
-    data : path, optional
-        Folder that the user gave.
-    matched : collection of str
-        Names of the pairs that were matched.
-    """
-    return _absent("drives", data, matched, tuple(SOURCES))
-
-
-def absent_events(data: Path | None, matched: Collection[str]) -> str:
-    """Return the sources of recorded events as a paragraph; see `absent_data`."""
-    return _absent("events", data, matched, (speck_walks.FOLDER,))
-
-
-def _absent(
-    what: str, data: Path | None, matched: Collection[str], folders: tuple[str, ...]
-) -> str:
-    if set(matched) - {SIMULATED}:
-        return ""
-    return f"\n\nNo recorded {what} were compared: {without_pairs(data, folders)}."
 
 
 def _indoor(folder: Path) -> Iterator[Pair]:
@@ -364,46 +348,226 @@ def recorded_pairs(data: Path) -> Iterator[CountedPair]:
     data : Path
         Folder of the drives; see `drive_pairs.pairs`. Absent data are skipped.
     """
-    for pair in pairs(data, needed=False):
+    for pair in _pairs(data):
         if pair.has_images and pair.settings.pixels == PAPER.pixels:  # each pair of drives once
             yield count_pair(pair.drives, pair.reference, pair.query, pair.settings, pair.truth_of)
 
 
-class Draw(NamedTuple):
-    """Pair of drives, and the seed of a draw of pixels.
-
-    Attributes
-    ----------
-    name : str
-        Name of the pair, or `SIMULATED`.
-    pair : CountedPair
-    seed : int
-    is_new : bool
-        Whether the pair is yielded for the first time. Later, systems that draw nothing need not be
-        matched again.
-    """
-
-    name: str
-    pair: CountedPair
-    seed: int
-    is_new: bool
+# Drives as experiments declare them.
 
 
-def draws(data: Path | None, seeds: int, on_start: Callable[[str], None]) -> Iterator[Draw]:
-    """Yield a simulated pair for each seed, and each recorded pair with all seeds.
+def recorded_drives(data: Path | None, *, images: bool = False) -> list[Drives]:
+    """Return the recorded pairs of a folder, each with some numbers of pixels.
 
     Parameters
     ----------
     data : path, optional
-        Folder of the recordings; without it, no recorded pairs are yielded.
-    seeds : int
-    on_start : callable
-        Called with a description before each part begins.
+    images : bool
+        Leave out those of which only some pixels were published.
+
+    Raises
+    ------
+    UsageError
+        If the folder holds none.
     """
-    for seed in range(seeds):
-        on_start(f"street {seed + 1} of {seeds}")
-        yield Draw(SIMULATED, simulated_pair(seed), seed, is_new=True)
-    for pair in recorded_pairs(data) if data is not None else ():
-        for seed in range(seeds):
-            on_start(f"{pair.name}, draw {seed + 1} of {seeds}")
-            yield Draw(pair.name, pair, seed, is_new=seed == 0)
+    check_data(data)
+    assert data is not None
+    return [
+        Drives(pair.name, partial(_opened, data, pair.name), pair.files, drawn=pair.drawn)
+        for pair in _pairs(data)
+        if pair.has_images or not images
+    ]
+
+
+def counted_drives(data: Path | None) -> list[Drives]:
+    """Return streets, and the recorded pairs of a folder, as windows of all pixels."""
+    streets = Drives(SIMULATED, simulated_pair, varied=True)
+    if data is None:
+        return [streets]
+    recorded = (
+        Drives(pair.drives, partial(_counted_draw, data, pair.drives), pair.files)
+        for pair in _pairs(data)
+        if pair.has_images and pair.settings.pixels == PAPER.pixels
+    )
+    return [streets, *recorded]
+
+
+def event_drives(data: Path | None) -> list[Drives]:
+    """Return streets, and the pairs of a folder whose events were recorded."""
+    streets = Drives(SIMULATED, _event_street, varied=True)
+    recorded = (
+        Drives(pair.name, lambda seed, pair=pair: pair, pair.files)  # type: ignore[misc]
+        for pair in event_pairs(data)
+    )
+    return [streets, *recorded]
+
+
+@lru_cache(maxsize=1)
+def _pairs(data: Path) -> tuple[Pair, ...]:
+    """Open the pairs of a folder once, for as many draws of pixels as there are."""
+    return tuple(pairs(data, needed=False))
+
+
+def _opened(data: Path, name: str, seed: int) -> Pair:
+    return next(pair for pair in _pairs(data) if pair.name == name)
+
+
+def _counted_draw(data: Path, name: str, seed: int) -> CountedPair:
+    return _counted(data, name)
+
+
+def _event_street(seed: int) -> EventPair:
+    reference, query = (drive.keep() for drive in simulate_pair(seed))
+    truth_of = truth_of_pair(reference, query)
+    return EventPair(SIMULATED, reference, query, PAPER, truth_of, None)
+
+
+# Pairs of drives for the experiment on rivals: of all pixels, or of those that were published.
+
+
+#: first seed of the streets, which no parameter was chosen on
+RIVAL_SEED = 70
+LENS_FOLDER = "brisbane_lens49"
+#: largest distances of a right match on the streets of Brisbane, as in the literature
+_BRISBANE_M = (70.0, 25.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """Two counted drives that systems are compared on.
+
+    Attributes
+    ----------
+    reference, query : CountedDrive
+    truths : mapping of str to callable
+        Truth by tolerance.
+    length : int
+        Windows of a sequence.
+    laid_out : bool
+        Whether all pixels were counted, so that images can be made of them.
+    weights : tuple of path
+        Of LENS, trained with the reference.
+    """
+
+    reference: CountedDrive
+    query: CountedDrive
+    truths: Mapping[str, TruthOf]
+    length: int
+    laid_out: bool = True
+    weights: tuple[Path, ...] = ()
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels."""
+        _, height, width = self.reference.images.shape
+        return int(height * width)
+
+
+def contests(data: Path | None) -> list[Drives]:
+    """Return the drives of the experiment on rivals: streets, and recorded ones of a folder."""
+    found = [
+        Drives(f"{SIMULATED}, windows of {name}", partial(_street_contest, window), varied=True)
+        for window, name in (("time", "1 s"), ("count", "N events"))
+    ]
+    if data is None:
+        return found
+    for folder, open_one in (
+        (_INDOOR, _indoor_contest), (speck_walks.FOLDER, _walks_contest)
+    ):  # fmt: skip
+        if (data / folder).is_dir():
+            found.append(Drives(_CONTEST_NAMES[folder], partial(open_one, data), [data / folder]))
+    sparse = data / brisbane.FOLDER
+    if sparse.is_dir():
+        for names in (("sunset2", "sunset1"), ("sunset1", "sunset2")):
+            open_sparse = partial(_brisbane_contest, sparse, sparse, names)
+            found.append(
+                Drives(
+                    f"Brisbane, 49 pixels, {names[1]} on {names[0]}",
+                    open_sparse,
+                    [sparse],
+                    drawn=False,
+                )
+            )
+        lens = data / LENS_FOLDER
+        if lens.is_dir():
+            open_lens = partial(_brisbane_contest, lens, sparse, ("sunset2", "sunset1"))
+            found.append(
+                Drives(
+                    "Brisbane, LENS's 49 pixels, sunset1 on sunset2",
+                    open_lens,
+                    [lens, sparse],
+                    drawn=False,
+                )
+            )
+    for pair in published_pairs(data):
+        opened = partial(_published_contest, pair)
+        files = (pair.reference.path, pair.query.path)
+        found.append(Drives(pair.name, opened, files))
+    return found
+
+
+_CONTEST_NAMES = {_INDOOR: "Speck indoor", speck_walks.FOLDER: "Speck walks"}
+
+
+def _street_contest(window: str, seed: int) -> Contest:
+    reference, query = _kept_street(RIVAL_SEED + seed)
+    settings = PAPER.replaced({"window": window}, "rivals")
+    truth_of = truth_of_pair(reference, query)
+    pair = count_pair(SIMULATED, reference, query, settings, truth_of)
+    return _contest(pair, {f"{TOLERANCE_M:g} m": truth_of})
+
+
+@lru_cache(maxsize=1)
+def _kept_street(seed: int) -> tuple[SimulatedRecording, SimulatedRecording]:
+    """Simulate a street, which is counted in several ways."""
+    reference, query = simulate_pair(seed, length_m=LENGTH_M)
+    return reference.keep(), query.keep()
+
+
+def _contest(pair: CountedPair, truths: Mapping[str, TruthOf]) -> Contest:
+    return Contest(pair.reference, pair.query, truths, pair.settings.sequence_length)
+
+
+def _indoor_contest(data: Path, seed: int) -> Contest:
+    return _contest(_counted(data, "Speck indoor"), {"3 frames of 1 s": _truth_indoor})
+
+
+def _walks_contest(data: Path, seed: int) -> Contest:
+    truth_of = speck_walks.truth_of_walks(data / speck_walks.FOLDER)
+    return _contest(_counted(data, "Speck walks"), {"60 frames, about 2 s": truth_of})
+
+
+@lru_cache(maxsize=1)
+def _counted(data: Path, name: str) -> CountedPair:
+    """Count a recorded pair, for as many draws of pixels as there are."""
+    return next(pair for pair in recorded_pairs(data) if pair.name == name)
+
+
+def _brisbane_contest(folder: Path, logs: Path, names: tuple[str, str], seed: int) -> Contest:
+    tracks = [load_nmea(logs / f"{name}.nmea") for name in names]
+    drives = [_published_counts(folder / f"{name}.npz") for name in names]
+    truths = {
+        f"{metres:g} m": truth_of_tracks(tracks[0], tracks[1], metres) for metres in _BRISBANE_M
+    }
+    return Contest(
+        drives[0], drives[1], truths, brisbane.SETTINGS.sequence_length, laid_out=False,
+        weights=tuple(sorted(folder.glob("*.pth"))),
+    )  # fmt: skip
+
+
+def _published_counts(path: Path) -> CountedDrive:
+    """Read counts of some pixels in windows of a second, as a square if they are in one."""
+    with np.load(path) as arrays:
+        counts = arrays["frames"] if "frames" in arrays else arrays["counts"][:, None, :]
+    second = 1_000_000
+    centre_us = np.arange(len(counts), dtype=np.int64) * second + second // 2
+    return CountedDrive(counts.astype(np.uint16), centre_us)
+
+
+def _published_contest(pair: PublishedPair, seed: int) -> Contest:
+    tracks = pair.reference.track, pair.query.track
+    tolerances = _BRISBANE_M if pair.tolerance_m in _BRISBANE_M else (pair.tolerance_m,)
+    truths = {f"{metres:g} m": truth_of_tracks(*tracks, metres) for metres in tolerances}
+    drives = pair.reference.recording, pair.query.recording
+    counted = count_pair(pair.name, *drives, PAPER, truths[f"{tolerances[0]:g} m"])
+    return _contest(counted, truths)

@@ -7,23 +7,17 @@ faster drive.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from pathlib import Path
+from functools import partial
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-from matplotlib.figure import Figure
-
 from edge_vpr.simulation import CAMERAS, Camera, Drive, SimulatedRecording, World
-from edge_vpr_tools.report.style import dot_plot, save
-from edge_vpr_tools.research.experiments.trial import Summary, markdown_table
+from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
+from edge_vpr_tools.research.experiments.plots import lines
 
 LENGTH_M = 40.0
 SPEEDS_MPS = (3.0, 6.0, 12.0)
-#: number of events of each street at each speed, shape (seeds, speeds)
-Events = npt.NDArray[np.int64]
 _STILL = {"traffic_per_km": 0.0, "shake_px": 0.0}
 
 
@@ -49,57 +43,23 @@ def events_of(
     return sum(int(events.size) for events in street)
 
 
-def run(data: object, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Drive several streets at each speed, and return a Markdown table."""
-    found: dict[str, Events] = {}
+def measure(draw: Draw) -> Iterator[Row]:
+    """Drive a street at each speed with each camera."""
     for name, (camera, changes) in cases().items():
-        on_start(name)
-        found[name] = events_at_speeds(camera, changes, seeds, LENGTH_M)
-    if figures:
-        save(draw(found), *figures)
-    return table(found)
+        slowest = None
+        for speed in SPEEDS_MPS:
+            events = events_of(camera, changes, speed, draw.seed, LENGTH_M)
+            slowest = slowest or events
+            row = {"camera": name, "speed (m/s)": speed}
+            yield {**row, "events": events, SHARE: events / slowest}
 
 
-def events_at_speeds(
-    camera: Camera, changes: Mapping[str, Any], seeds: int, length_m: float
-) -> Events:
-    """Count the events of several streets at each of `SPEEDS_MPS`, as an array (seeds, speeds)."""
-    return np.array(
-        [
-            [events_of(camera, changes, speed, seed, length_m) for speed in SPEEDS_MPS]
-            for seed in range(seeds)
-        ],
-        dtype=np.int64,
-    )
-
-
-def table(found: Mapping[str, Events]) -> str:
-    """Return the events of each camera as a Markdown table, relative to the lowest speed."""
-    rows = [
-        [
-            name,
-            f"{events[:, 0].mean():,.0f}",
-            *(str(Summary(values)) for values in _shares(events).values()),
-        ]
-        for name, events in found.items()
-    ]
-    header = ("camera", f"events at {SPEEDS_MPS[0]:g} m/s", *_shares(next(iter(found.values()))))
-    return markdown_table(header, rows)
-
-
-def draw(found: Mapping[str, Events]) -> Figure:
-    """Draw the events of each camera at the higher speeds, relative to the lowest."""
-    shares = {name: _shares(events) for name, events in found.items()}
-    speeds = next(iter(shares.values()))
-    series = {
-        speed: {name: by_speed[speed] for name, by_speed in shares.items()} for speed in speeds
-    }
-    label = f"events, share of those at {SPEEDS_MPS[0]:g} m/s"
-    return dot_plot({label: series}, limits=None)  # the shares lie close together
-
-
-def _shares(events: Events) -> dict[str, list[float]]:
-    """Return the events at the higher speeds as shares of those at the lowest, by speed."""
-    shares = (events / events[:, :1]).T.tolist()
-    names = (f"share at {speed:g} m/s" for speed in SPEEDS_MPS)
-    return dict(list(zip(names, shares, strict=True))[1:])
+#: events, compared with the same street and camera at the lowest speed
+SHARE = f"share of those at {SPEEDS_MPS[0]:g} m/s"
+EXPERIMENT = Experiment(
+    drives=lambda data: [Drives(f"streets of {LENGTH_M:g} m", lambda seed: None, varied=True)],
+    names=("camera", "speed (m/s)"),
+    measure=measure,
+    figure=partial(lines, x="speed (m/s)", y=SHARE, line="camera"),
+    reads_data=False,
+)

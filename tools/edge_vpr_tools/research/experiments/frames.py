@@ -5,8 +5,9 @@ Frames are taken at the centres of the windows of events, so that both show the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,10 +20,9 @@ from edge_vpr.pipeline import EventSource
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
-from edge_vpr_tools.report.style import CYCLE, save
 from edge_vpr_tools.research.baselines import Baseline, open_baseline
 from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
-from edge_vpr_tools.research.datasets import BRISBANE_BAGS_PAGE, PublishedDrive, published_pairs
+from edge_vpr_tools.research.datasets import PublishedDrive, PublishedPair, published_pairs
 from edge_vpr_tools.research.experiments.drives import (
     LENGTH_M,
     CountedDrive,
@@ -30,12 +30,10 @@ from edge_vpr_tools.research.experiments.drives import (
     count_pair,
     count_simulated,
 )
+from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
+from edge_vpr_tools.research.experiments.plots import dots
 from edge_vpr_tools.research.experiments.rivals import (
-    Result,
-    Results,
     compare_systems,
-    draw_curves,
-    systems_table,
 )
 from edge_vpr_tools.research.experiments.simulated import SIMULATED
 from edge_vpr_tools.research.experiments.trial import Times, truth_of_tracks
@@ -86,28 +84,33 @@ class FramedDrive:
     track: Track
 
 
-def framed_pairs(data: Path, on_start: Callable[[str], None]) -> Iterator[FramedPair]:
-    """Yield the pairs of drives that have frames.
-
-    Parameters
-    ----------
-    data : Path
-    on_start : callable
-        Called with a description before each part begins.
+def framed_pairs(
+    data: Path,
+) -> Iterator[tuple[str, Sequence[Path], Callable[[], FramedPair]]]:
+    """Yield the pairs of drives that have frames: their names, files, and a function that reads.
 
     Raises
     ------
-    UsageError
-        If the folder of own drives holds only half of a pair.
+    GroundTruthError
+        If the GPS log of a published traverse is missing.
     """
     folder = data / FRAMES
     if folder.is_dir():
-        on_start("reading frames")
-        yield _read("own frames", _own_drive(folder, "reference"), _own_drive(folder, "query"))
+        yield (
+            "own frames",
+            [folder],
+            lambda: _read(
+                "own frames", _own_drive(folder, "reference"), _own_drive(folder, "query")
+            ),
+        )
     for pair in published_pairs(data, ("bag",)):
-        on_start(f"reading {pair.name}")
-        reference, query = (_published_drive(drive) for drive in (pair.reference, pair.query))
-        yield _read(pair.name, reference, query, pair.tolerance_m)
+        files = (pair.reference.path, pair.query.path)
+        yield pair.name, files, partial(_read_published, pair)
+
+
+def _read_published(pair: PublishedPair) -> FramedPair:
+    reference, query = (_published_drive(drive) for drive in (pair.reference, pair.query))
+    return _read(pair.name, reference, query, pair.tolerance_m)
 
 
 def _read(
@@ -164,8 +167,6 @@ STRATEGIES = {"by variance": "variance", "by mean": "seed-code", "at random": "r
 NUMBERS = (25, 150)
 #: systems that use every pixel
 DENSE = {"all pixels": "all-pixels", "patch-normalised": "patch-normalised"}
-#: rows of the figure, in which all rows would be too many
-SHOWN = ("all pixels", "patch-normalised", "150 by variance", "150 at random", "25 by variance")
 
 
 def simulated_frames(seed: int, length_m: float = LENGTH_M, sensor: str = "default") -> FramedPair:
@@ -207,84 +208,29 @@ def systems(
             yield f"{number} {name}", SelectedPixels(name, settings)
 
 
-def titles(baselines: Sequence[str] = ()) -> Mapping[str, str]:
-    """Return the titles of all rows by their keys, those of events first."""
-    names = {name: name for name in DENSE}
-    names |= {name: open_baseline(name).title for name in baselines}
-    names |= {f"{j} {name}": f"{j} {name}" for j in NUMBERS for name in STRATEGIES}
-    return {
-        f"{what}, {name}": f"{what}, {title}"
-        for what in ("events", "frames")
-        for name, title in names.items()
-    }
-
-
-def score(
-    pair: FramedPair, seed: int, drawn_only: bool, baselines: Sequence[str] = ()
-) -> dict[str, Result]:
+def measure(draw: Draw) -> Iterator[Row]:
     """Match a pair with every choice of pixels, as events and as frames."""
-    found: dict[str, Result] = {}
-    for what, counted in (("events", pair.events), ("frames", pair.frames)):
+    pair: FramedPair = draw.pair
+    for seen, counted in (("events", pair.events), ("frames", pair.frames)):
         if counted is not None:
-            results = compare_systems(counted, systems(seed, drawn_only, baselines))
-            found |= {f"{what}, {name}": result for name, result in results.items()}
+            every = systems(draw.seed, not draw.is_new, draw.systems)
+            for row in compare_systems(counted, every):
+                yield {"seen": seen, **row}
+
+
+def drives(data: Path | None) -> list[Drives]:
+    """Return streets, and the drives of a folder that have frames."""
+    found = [Drives(SIMULATED, simulated_frames, varied=True)]
+    for name, files, opened in framed_pairs(data) if data is not None else ():
+        found.append(Drives(name, lambda seed, opened=opened: opened(), files))  # type: ignore[misc]
     return found
 
 
-def run(
-    data: Path | None,
-    seeds: int,
-    on_start: Callable[[str], None],
-    *figures: Path,
-    baselines: Sequence[str] = (),
-) -> str:
-    """Compare frames with events on simulated pairs, and on the user's if a folder is given."""
-    rows = titles(baselines)
-    results: dict[str, dict[str, list[Result]]] = {}
-
-    def add(pair: FramedPair, seed: int, drawn_only: bool) -> None:
-        kept = results.setdefault(pair.name, {})
-        for name, result in score(pair, seed, drawn_only, baselines).items():
-            kept.setdefault(name, []).append(result)
-
-    for seed in range(seeds):
-        on_start(f"street {seed + 1} of {seeds}")
-        add(simulated_frames(seed), seed, drawn_only=False)
-    for pair in framed_pairs(data, on_start) if data is not None else ():
-        for seed in range(seeds):
-            on_start(f"{pair.name}, draw {seed + 1} of {seeds}")
-            add(pair, seed, drawn_only=seed > 0)
-    if figures:
-        save(draw(results, rows), *figures)
-    tables = "\n\n".join(
-        f"{pair}:\n\n"
-        + systems_table(found, {key: title for key, title in rows.items() if key in found})
-        for pair, found in results.items()
-    )
-    if set(results) - {SIMULATED}:
-        return tables
-    where = "no folder was given with --data" if data is None else f"{data} holds none"
-    return (
-        f"{tables}\n\nNo recorded frames were compared: {where}. Name a folder with two bags or "
-        f"more of Brisbane-Event-VPR ({BRISBANE_BAGS_PAGE}) under their published names and their "
-        f"GPS logs, or with own drives in its folder {FRAMES} (docs/results.md says how)."
-    )
+def figure(rows: Rows) -> Figure:
+    """Draw right matches of every choice, as events and as frames."""
+    return dots(rows, measures=("P@100R", "R@99P"), row="system", series="seen")
 
 
-def draw(results: Mapping[str, Results], rows: Mapping[str, str]) -> Figure:
-    """Draw precision against recall of selected rows, with a panel for each pair."""
-    hidden = {f"{j} {name}" for j in NUMBERS for name in STRATEGIES} - set(SHOWN)
-    shown = {key: title for key, title in rows.items() if _choice(key) not in hidden}
-    choices = list(dict.fromkeys(map(_choice, shown)))
-    looks = {
-        key: {
-            "color": CYCLE[choices.index(_choice(key)) % len(CYCLE)],
-            "linestyle": "-" if key.startswith("events") else "--",
-        }
-        for key in shown
-    }
-    return draw_curves(results, shown, looks)
-
-
-def _choice(key: str) -> str:
-    return key.split(", ", 1)[1]
+EXPERIMENT = Experiment(
+    drives=drives, names=("seen", "system"), measure=measure, figure=figure, takes_systems=True
+)

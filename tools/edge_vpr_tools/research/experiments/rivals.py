@@ -1,234 +1,460 @@
-"""Systems side by side on the same windows: how often each is right, and what a match costs.
+"""Every system beside the default, on the same windows: how often it is right, and what it costs.
 
-All systems get the same counted and cleaned windows, sequence length and ground truth (see
-`counted_pairs`).
+All systems get the same counted and cleaned windows and the same truth. The distances of each are
+matched by sequences and by the place filter, so that the choice of pixels can be told from the
+matching. Only windows that every row matches are judged. The ``null`` rows are the place filter on
+a query whose windows or pixels were shuffled, and a constant speed without any look at the query:
+what they find, the filter assumes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from operator import attrgetter
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.figure import Figure
 
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.metrics import Evaluation, evaluate, mean_precision
-from edge_vpr_tools.report.style import (
-    CYCLE,
-    MARKERS,
-    legend_below,
-    look,
-    mean_and_spread,
-    name_label,
-    panels,
-    save,
-)
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.matching.matches import Matches
+from edge_vpr.matching.sequences import anchor_offset
+from edge_vpr.pipeline import coded_map, match_query
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import PRESETS, Settings
+from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.baselines import (
     Baseline,
-    Compared,
     baseline_names,
     compare,
+    filter_distances,
+    match_distances,
     open_baseline,
 )
-from edge_vpr_tools.research.experiments.drives import CountedPair, absent_data, draws
-from edge_vpr_tools.research.experiments.trial import Summary, markdown_table
+from edge_vpr_tools.research.baselines.baseline import fastest
+from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
+from edge_vpr_tools.research.experiments.drives import Contest, CountedDrive, CountedPair, contests
+from edge_vpr_tools.research.experiments.experiment import Draw, Experiment, Row, Rows
+from edge_vpr_tools.research.experiments.plots import costs
 
-# What systems did on pairs of drives: a table, right matches against cost, and their curves.
-
-
-Result = tuple[Compared, Evaluation]
-#: trials by the name of the system
-Results = Mapping[str, Sequence[Result]]
-#: recall of the points of a curve, from 0 to 1
-_RECALL = np.linspace(0.0, 1.0, 501)
-_HEADER = (
-    "system", "P@100R", "R@99P", "bytes a place", "operations a match", "describing",
-    "matching", "time a query",
-)  # fmt: skip
-#: of a `Compared`: the last columns
-_TIMES = tuple(map(attrgetter, ("describe_us", "match_us", "query_us")))
+# How a matrix of distances becomes matches.
 
 
-def compare_systems(
-    pair: CountedPair, systems: Iterable[tuple[str, Baseline]]
-) -> dict[str, Result]:
-    """Match a pair with every system that can be used on its sensor.
+#: wanted share of right matches among the accepted ones
+PRECISION = 0.99
+#: sequences that are compared beside those of the drives; windows that the longest one does not
+#: match are not judged
+LENGTHS = (10, 20)
+LONGEST = max(LENGTHS)
+_DEFAULT = PRESETS["default"].replaced({"precision": PRECISION}, "rivals")
 
-    Returns
-    -------
-    dict of name to (Compared, Evaluation)
-        Without the systems that do not fit: pixels with large surrounds do not fit every sensor.
+
+class Decoder(NamedTuple):
+    """Way to match windows, given their distances.
+
+    Attributes
+    ----------
+    settings : Settings
+        Of sequences or of the filter.
+    lag : int or None
+        Windows after each one that it needs; None needs the whole drive.
     """
-    reference, query = pair.reference, pair.query
-    truth = pair.truth_of(reference.centre_us, query.centre_us)
+
+    settings: Settings
+    lag: int | None
+
+
+def decoders(length: int) -> dict[str, Decoder]:
+    """Return the ways to match, by name.
+
+    Parameters
+    ----------
+    length : int
+        Windows of a sequence for these drives.
+    """
     found = {}
-    for name, system in systems:
-        try:
-            compared = compare(
-                system, reference.images, query.images, query.centre_us, pair.settings
-            )
-        except UsageError:
-            continue
-        found[name] = compared, evaluate(compared.matches, truth)
+    for windows in sorted({length, *LENGTHS}):
+        sequences = PRESETS["paper"].replaced({"sequence_length": windows}, "rivals")
+        lag = windows - 1 - anchor_offset(windows, sequences.anchor)
+        found[f"sequences of {windows}"] = Decoder(sequences, lag)
+    for name, changes, filter_lag in (
+        ("place filter, live", {"smooth": False}, 0),
+        ("place filter, 4 windows late", {"smooth": False, "delay": 4}, 4),
+        ("place filter, recorded", {}, None),
+    ):
+        mean = "own" if filter_lag is None else "running"
+        changed = _DEFAULT.replaced({**changes, "query_mean": mean}, name)
+        found[name] = Decoder(changed, filter_lag)
     return found
 
 
-def systems_table(results: Results, titles: Mapping[str, str]) -> str:
-    """Return a Markdown table with a row for each system, and the spread of its trials.
+# What is matched: the default, a rival, or nothing.
 
-    Times are medians over the trials.
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """A system on one pair of drives.
 
     Parameters
     ----------
-    results : mapping of name to sequence of (Compared, Evaluation)
-    titles : mapping of name to str
-        Titles of all systems, in the order of the rows. A system without results did not fit the
-        sensor.
+    name : str
+    chosen_on : str
+        Data that chose its parameters.
+    match : callable
+        Maps settings, and the first and last window of a part of the query, to the matches of this
+        part; its windows count from 0.
+    bytes_per_place, operations : int or None
+        Of `Compared`.
+    query_us : float or None
+        Time to describe one query and to compare it.
+    only : sequence of str, optional
+        Ways to match it, if not all.
     """
-    rows = []
-    for name, title in titles.items():
-        if name not in results:
-            rows.append([title, "does not fit", *["-"] * (len(_HEADER) - 2)])
+
+    name: str
+    chosen_on: str
+    match: Callable[[Settings, int, int], Matches]
+    bytes_per_place: int | None = None
+    operations: int | None = None
+    query_us: float | None = None
+    only: Sequence[str] | None = None
+
+
+OURS = "edge-vpr (default)"
+_BY_US, _BY_AUTHORS = "streets and the real drives", "its authors"
+
+
+def ours(pair: Contest, seed: int) -> tuple[ReferenceMap, Descriptors]:
+    """Map the reference at the default's pixels, and count the query there."""
+    pixels = min(_DEFAULT.pixels, pair.pixels)
+    every = {"strategy": "top"} if pixels == pair.pixels else {}
+    settings = _DEFAULT.replaced({"pixels": pixels, "seed": seed, **every}, OURS)
+    chosen = SelectedPixels(OURS, settings)
+    chosen.prepare(pair.reference.images)
+    return map_of(pair.reference, chosen.pixel_map, settings), windows_at(
+        pair.query, chosen.pixel_map
+    )
+
+
+def map_of(drive: CountedDrive, pixel_map: PixelMap, settings: Settings) -> ReferenceMap:
+    """Map a counted drive at these pixels."""
+    size = drive.images.shape[1:]
+    nothing = np.zeros(size, dtype=np.float32), np.zeros(size, dtype=np.bool_)
+    places = windows_at(drive, pixel_map)
+    return coded_map(ReferenceMap(settings.uncoded, pixel_map, places, *nothing), settings)
+
+
+def windows_at(drive: CountedDrive, pixel_map: PixelMap) -> Descriptors:
+    """Return the counts of a drive's windows at some pixels."""
+    counts, centre = drive.images[:, pixel_map.y, pixel_map.x], drive.centre_us
+    events = drive.images.sum(axis=(1, 2), dtype=np.int64)
+    return Descriptors(narrow(counts), centre, centre + 1, events)
+
+
+def our_systems(pair: Contest, seed: int) -> Iterator[System]:
+    """Yield the default, and the default on queries that show nothing of the route."""
+    mapped, counted = ours(pair, seed)
+
+    def system(name: str, queries: Descriptors, only: Sequence[str] | None = None) -> System:
+        def match(settings: Settings, first: int, last: int) -> Matches:
+            changed = mapped.settings.replaced(
+                {
+                    each: getattr(settings, each)
+                    for each in (
+                        "matching", "smooth", "delay", "query_mean", "precision", "score",
+                        "sequence_length", "anchor",
+                    )
+                },
+                name,
+            )  # fmt: skip
+            reference = replace(mapped, settings=changed)
+            return match_query(reference, reference.coded(queries.take(slice(first, last))))
+
+        return System(name, _BY_US, match, only=only)
+
+    _, coding_s = fastest(lambda: mapped.coded(counted))
+    yield replace(
+        system(OURS, counted),
+        bytes_per_place=mapped.packed_bytes_per_place,
+        operations=mapped.places.counts.size,
+        query_us=1e6 * coding_s / len(counted),
+    )
+    rng = np.random.default_rng(seed)
+    windows = len(counted)
+    filters = [name for name in decoders(LONGEST) if "filter" in name]
+    for name, shown in (
+        ("windows shuffled", counted.take(rng.permutation(windows))),
+        ("query reversed", counted.take(np.arange(windows)[::-1])),
+        # independent permutations, and one: the latter keeps how many events each window has
+        (
+            "pixels shuffled in each window",
+            replace(counted, counts=rng.permuted(counted.counts, axis=1)),
+        ),
+        (
+            "pixels shuffled once",
+            replace(counted, counts=rng.permutation(counted.counts, axis=1)),
+        ),
+    ):
+        # at the times of the query, so that only what is seen differs
+        timed = replace(shown, start_us=counted.start_us, end_us=counted.end_us)
+        yield system(f"null: {name}", timed, filters)
+
+
+def rivals_of(pair: Contest, seed: int, is_new: bool, systems: Sequence[str]) -> Iterator[System]:
+    """Yield the rivals that can be used on these drives, and that this seed makes a difference to.
+
+    Parameters
+    ----------
+    pair : Contest
+    seed : int
+    is_new : bool
+        Yield those too that draw nothing.
+    systems : sequence of str
+        Baselines in addition, for drives whose pixels are known.
+    """
+    for name, baseline in _baselines(pair, seed, is_new, systems):
+        try:
+            found = compare(baseline, pair.reference.images, pair.query.images)
+        except UsageError:  # as where the surrounds of the pixels do not fit the sensor
             continue
-        trials = results[name]
-        rows.append(
-            [
-                title,
-                str(Summary([e.precision_at_100_recall for _, e in trials])),
-                str(Summary([e.recall_at_99_precision for _, e in trials])),
-                f"{max(c.bytes_per_place for c, _ in trials):,}",
-                f"{trials[0][0].operations:,}",
-                *(_time([time_us(c) for c, _ in trials]) for time_us in _TIMES),
-            ]
+        events = tuple(
+            d.images.sum(axis=(1, 2), dtype=np.int64) for d in (pair.reference, pair.query)
         )
-    return markdown_table(_HEADER, rows)
 
+        def match(
+            settings: Settings,
+            first: int,
+            last: int,
+            distances: npt.NDArray[np.float64] = found.distances,
+            activity: Sequence[npt.NDArray[np.int64]] = events,
+        ) -> Matches:
+            part, centre_us = distances[:, first:last], pair.query.centre_us[first:last]
+            if settings.matching == "filter":
+                windows = activity[0], activity[1][first:last]
+                return filter_distances(part, windows, centre_us, settings)
+            return match_distances(part, centre_us, settings)
 
-def _time(trials_us: Sequence[float]) -> str:
-    """Return the median of some times, in microseconds."""
-    median = float(np.median(trials_us))
-    return f"{median:,.{0 if median >= 10 else 1}f} us"
-
-
-def draw_memory(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figure:
-    """Draw right matches against bytes a place, with a panel for each pair of drives."""
-    return _draw_costs(found, titles, "bytes a place", attrgetter("bytes_per_place"))
-
-
-def draw_time(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figure:
-    """Draw right matches against the time of a query, with a panel for each pair of drives."""
-    return _draw_costs(found, titles, "time a query, us", attrgetter("query_us"))
-
-
-def _draw_costs(
-    found: Mapping[str, Results],
-    titles: Mapping[str, str],
-    label: str,
-    cost_of: Callable[[Compared], float],
-) -> Figure:
-    with panels(1, len(found), 4.2 * len(found) + 1.5, 4.8) as (drawing, (row,)):
-        for axes, (pair, results) in zip(row, found.items(), strict=True):
-            for i, (name, title) in enumerate(titles.items()):
-                if name not in results:
-                    continue
-                mean, spread = mean_and_spread(
-                    [e.precision_at_100_recall for _, e in results[name]]
-                )
-                axes.errorbar(
-                    float(np.median([cost_of(compared) for compared, _ in results[name]])),
-                    mean,
-                    spread,
-                    color=CYCLE[i % len(CYCLE)],
-                    marker=MARKERS[i % len(MARKERS)],
-                    ms=7,
-                    linestyle="none",
-                    label=name_label(title),
-                )
-            axes.set_xscale("log")
-            axes.set(title=pair, xlabel=label, ylim=(0, 1.03))
-        row[0].set_ylabel("P@100R")
-        legend_below(drawing, row, 2)
-    return drawing
-
-
-def draw_curves(
-    found: Mapping[str, Results],
-    titles: Mapping[str, str],
-    looks: Mapping[str, Mapping[str, Any]] | None = None,
-) -> Figure:
-    """Draw precision against recall of every system, with a panel for each pair of drives.
-
-    A curve is the mean of the trials' precision at each recall.
-
-    Parameters
-    ----------
-    found : mapping of pair to mapping of name to sequence of (Compared, Evaluation)
-    titles : mapping of name to str
-        Titles of the systems that are drawn.
-    looks : mapping of name to colour and dashes, optional
-        See `edge_vpr_tools.report.style.look`.
-    """
-    width = 4.2 * max(len(found), 2) + 1.5
-    with panels(1, len(found), width, 5.4, sharey=True) as (drawing, (row,)):
-        lowest = 1.0
-        for axes, (pair, results) in zip(row, found.items(), strict=True):
-            for i, (name, title) in enumerate(titles.items()):
-                if name not in results:
-                    continue
-                drawn = look(i) if looks is None else looks[name]
-                curves = [evaluation.curve for _, evaluation in results[name]]
-                precision = mean_precision(curves, _RECALL)
-                # at low recall, a curve of few matches has jumps
-                lowest = min(lowest, float(precision[_RECALL > 0.05].min()))
-                axes.plot(_RECALL, precision, lw=1.8, label=name_label(title), **drawn)
-            axes.axhline(0.99, color="gray", lw=0.8)
-            axes.set(title=pair, xlabel="recall", xlim=(0, 1.01))
-        row[0].set(ylabel="precision", ylim=(max(0.0, np.floor(10 * lowest) / 10), 1.01))
-        legend_below(drawing, row, 2)
-    return drawing
+        yield System(
+            name, _BY_AUTHORS, match, found.bytes_per_place, found.operations, found.query_us
+        )
 
 
 #: baselines that draw pixels, so that several draws differ
 DRAWN = ("paper", "seed-code")
+#: rivals on drives of which only some pixels were published
+_ANYWHERE = ("all-pixels", "all-pixels@1,2,4", "active-pixels", "active-overlap")
 
 
-def compare_all(pair: CountedPair, seed: int, names: Sequence[str]) -> dict[str, Result]:
-    """Match a pair with every baseline of these names that can be used on its sensor."""
-    return compare_systems(pair, ((name, open_baseline(name, seed)) for name in names))
+def _baselines(
+    pair: Contest, seed: int, is_new: bool, systems: Sequence[str]
+) -> Iterator[tuple[str, Baseline]]:
+    names = [*baseline_names(), *systems] if pair.laid_out else list(_ANYWHERE)
+    for name in names:
+        if is_new or name in DRAWN:
+            baseline = open_baseline(name, seed)
+            yield baseline.title, baseline
+    if not pair.laid_out and is_new:
+        given = {"pixels": pair.pixels, "strategy": "top"}
+        settings = PRESETS["seed-code"].replaced(given, "released code")
+        title = "released code: the given pixels, clipped at 10, SAD"
+        yield title, SelectedPixels(title, settings)
+    for path in pair.weights if is_new else ():
+        baseline = open_baseline(f"lens:{path}", seed)
+        yield f"LENS, {path.name.split('_')[0]}", baseline
 
 
-def run(
-    data: Path | None,
-    seeds: int,
-    on_start: Callable[[str], None],
-    *figures: Path,
-    baselines: Sequence[str] = (),
-) -> str:
-    """Compare systems on simulated pairs, and on recorded ones if a folder is given.
+# What is measured of each row.
 
-    The figure is that of `draw`. Right matches against the time of a query, and the curves of
-    precision and recall, are written beside it, with ``_time`` and ``_curves`` in their names.
-    """
-    titles = {name: open_baseline(name).title for name in [*baseline_names(), *baselines]}
-    found: dict[str, dict[str, list[Result]]] = {}
-    for each in draws(data, seeds, on_start):
-        drawn = [n for n in titles if each.is_new or n in DRAWN]
-        results = found.setdefault(each.name, {})
-        for name, result in compare_all(each.pair, each.seed, drawn).items():
-            results.setdefault(name, []).append(result)
-    if figures:
-        save(draw(found, titles), *figures)
-        save(draw_time(found, titles), *(p.with_stem(f"{p.stem}_time") for p in figures))
-        save(draw_curves(found, titles), *(p.with_stem(f"{p.stem}_curves") for p in figures))
-    tables = "\n\n".join(
-        f"{pair}:\n\n{systems_table(results, titles)}" for pair, results in found.items()
+
+#: windows between two starts in mid-route, most windows after a start, and least to the end
+START_EVERY, GIVEN, LEFT = 20, 120, 20
+SPEED = "constant speed from start to end"
+#: measured columns, in their order
+_NOT_MEASURED: dict[str, Any] = dict.fromkeys(
+    (
+        "P@100R", "R@99P", "accepted at 0.99", "correct of accepted", "first right match (s)",
+        "starts with a right match", "bytes per place", "operations per query",
+        "time per query (us)",
     )
-    return tables + absent_data(data, found)
+)  # fmt: skip
 
 
-def draw(found: Mapping[str, Results], titles: Mapping[str, str]) -> Figure:
-    """Draw right matches against bytes a place, with a panel for each pair of drives."""
-    return draw_memory(found, titles)
+def measure(draw: Draw) -> Iterator[Row]:
+    """Match a pair of drives by every system in every way, and judge the matches."""
+    pair: Contest = draw.pair
+    ways = decoders(pair.length)
+    truths = {
+        tolerance: truth_of(pair.reference.centre_us, pair.query.centre_us)
+        for tolerance, truth_of in pair.truths.items()
+    }
+    places, windows = (len(drive.centre_us) for drive in (pair.reference, pair.query))
+    rivals = rivals_of(pair, draw.seed, draw.is_new, draw.systems)
+    for system in (*our_systems(pair, draw.seed), *rivals):
+        for way, decoder in ways.items():
+            if system.only is not None and way not in system.only:
+                continue
+            matches, matching_s = fastest(partial(system.match, decoder.settings, 0, windows))
+            starts = _starts(system, decoder, windows) if decoder.lag is not None else None
+            for tolerance, truth in truths.items():
+                row = {
+                    "system": system.name,
+                    "matching": way,
+                    "tolerance": tolerance,
+                    "parameters chosen on": _chosen_on(system, decoder),
+                    **_NOT_MEASURED,
+                    **judge(matches, _judged(truth)),
+                }
+                if starts is not None:
+                    row |= first_right(starts, decoder, pair.query.centre_us, truth)
+                if system.query_us is not None:
+                    row |= {
+                        "bytes per place": system.bytes_per_place,
+                        "operations per query": system.operations,
+                        "time per query (us)": system.query_us + 1e6 * matching_s / windows,
+                    }
+                yield row
+    along = np.rint(np.arange(windows) * (places - 1) / max(windows - 1, 1)).astype(np.int64)
+    for tolerance, truth in truths.items():
+        right = truth.correct[along, np.arange(windows)][_judged(truth).known]
+        yield {
+            "system": f"null: {SPEED}",
+            "matching": "none",
+            "tolerance": tolerance,
+            "parameters chosen on": "none",
+            **_NOT_MEASURED,
+            "P@100R": float(right.mean()),
+        }
+
+
+def _chosen_on(system: System, decoder: Decoder) -> str:
+    """Return the data that chose the parameters of a system, and of the filter on top of it."""
+    if system.chosen_on == _BY_US or decoder.settings.matching == "sequence":
+        return system.chosen_on
+    return f"{system.chosen_on}; filter: {_BY_US}"
+
+
+def _judged(truth: GroundTruth) -> GroundTruth:
+    """Leave out the windows at the ends, which not every sequence matches."""
+    known = truth.known.copy()
+    before = anchor_offset(LONGEST, PRESETS["paper"].anchor)
+    known[:before] = False
+    known[len(known) - (LONGEST - 1 - before) :] = False
+    return GroundTruth(truth.correct & known, known, truth.description)
+
+
+def judge(matches: Matches, truth: GroundTruth) -> dict[str, Any]:
+    """Return how often matches are right, and how surely the right ones can be told."""
+    found = evaluate(matches, truth)
+    rejection = found.rejection
+    row: dict[str, Any] = {
+        "P@100R": found.precision_at_100_recall,
+        "R@99P": found.recall_at_99_precision,
+    }
+    if rejection.accepted is not None:
+        row["accepted at 0.99"] = rejection.accepted / found.queries
+        row["correct of accepted"] = rejection.precision
+    return row
+
+
+class _Start(NamedTuple):
+    """Matches from a window on, as after switching on there."""
+
+    first: int
+    matches: Matches
+
+
+def _starts(system: System, decoder: Decoder, windows: int) -> list[_Start]:
+    """Match from many windows on."""
+    found = []
+    for first in range(0, windows - LEFT, START_EVERY):
+        last = min(first + GIVEN, windows)
+        found.append(_Start(first, system.match(decoder.settings, first, last)))
+    return found
+
+
+def first_right(
+    starts: Sequence[_Start],
+    decoder: Decoder,
+    centre_us: npt.NDArray[np.int64],
+    truth: GroundTruth,
+) -> dict[str, Any]:
+    """Return the median time from switching on to the first right match, and how often it comes.
+
+    The time ends when the match is given: with the last window that it needs.
+    """
+    assert decoder.lag is not None
+    window_us = float(np.median(np.diff(centre_us)))
+    waits = []
+    for first, matches in starts:
+        at = first + matches.query
+        right = np.flatnonzero(truth.correct[matches.place, at])
+        if not truth.known[at].any():
+            continue
+        if not right.size:
+            waits.append(np.inf)
+            continue
+        given = min(int(at[right[0]]) + decoder.lag, len(centre_us) - 1)
+        waits.append((centre_us[given] - centre_us[first] + window_us) / 1e6)
+    median = float(np.median(waits)) if waits else np.inf
+    return {
+        "first right match (s)": median if np.isfinite(median) else None,
+        "starts with a right match": float(np.isfinite(waits).mean()) if waits else None,
+    }
+
+
+def compare_systems(
+    pair: CountedPair, systems: Iterable[tuple[str, Baseline]]
+) -> Iterator[dict[str, Any]]:
+    """Match a pair by sequences with every system that can be used on its sensor.
+
+    Yields
+    ------
+    dict
+        Row of a system. Those that do not fit are left out: pixels with large surrounds do not fit
+        every sensor.
+    """
+    truth = pair.truth_of(pair.reference.centre_us, pair.query.centre_us)
+    for name, system in systems:
+        try:
+            found = compare(system, pair.reference.images, pair.query.images)
+            part = found.distances, pair.query.centre_us, pair.settings
+            matches, matching_s = fastest(partial(match_distances, *part))
+        except UsageError:
+            continue
+        judged = evaluate(matches, truth)
+        yield {
+            "system": name,
+            "P@100R": judged.precision_at_100_recall,
+            "R@99P": judged.recall_at_99_precision,
+            "bytes per place": found.bytes_per_place,
+            "operations per query": found.operations,
+            "time per query (us)": found.query_us + 1e6 * matching_s / len(matches),
+        }
+
+
+def figure(rows: Rows) -> Figure:
+    """Draw right matches against bytes per place: a panel each pair of drives."""
+    shown = [
+        {**row, "label": f"{row['system']}; {row['matching']}"}
+        for row in rows
+        if row.get("bytes per place") and row["matching"] in SHOWN
+    ]
+    return costs(shown, x="bytes per place", y="P@100R", label="system", series="matching")
+
+
+#: ways to match in the figure
+SHOWN = ("sequences of 20", "place filter, live", "place filter, recorded")
+EXPERIMENT = Experiment(
+    drives=contests,
+    names=("system", "matching", "tolerance", "parameters chosen on"),
+    measure=measure,
+    figure=figure,
+    view=TableView({}),
+    takes_systems=True,
+)

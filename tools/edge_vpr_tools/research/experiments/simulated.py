@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.figure import Figure
 
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.online.localiser import Localiser
@@ -17,69 +16,16 @@ from edge_vpr.pipeline import EventSource, cleaned
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import SimulatedRecording, simulate_pair
-from edge_vpr_tools.report.style import dot_plot, save
+from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
+from edge_vpr_tools.research.experiments.plots import dots
 from edge_vpr_tools.research.experiments.trial import (
     DEFAULT_MATCHING,
-    Summary,
     Trial,
     TruthOf,
     Variant,
-    markdown_table,
     run_trial,
     truth_of_tracks,
 )
-
-# Variants of the method side by side: how often each is right, and what a match costs.
-
-
-#: trials by the name of the variant
-Trials = Mapping[str, Sequence[Trial]]
-_HEADER = (
-    "variant", "P@100R", "R@99P", "Recall@5", "bytes a place", "operations a match",
-    "time a query",
-)  # fmt: skip
-
-
-def variants_table(found: Trials) -> str:
-    """Return a Markdown table with a row for each variant, and the spread of its trials.
-
-    Operations are differences of two counters. The time of a query is the median over the trials of
-    what it takes to match one described window with all places.
-    """
-    rows = []
-    for name, trials in found.items():
-        measures = (str(Summary(values)) for values in _measures(trials).values())
-        rows.append(
-            [
-                name,
-                *measures,
-                f"{max(t.reference.packed_bytes_per_place for t in trials):,}",
-                f"{max(t.operations for t in trials):,}",
-                f"{np.median([t.microseconds_per_match for t in trials]):,.0f} us",
-            ]
-        )
-    return markdown_table(_HEADER, rows)
-
-
-def draw_variants(found: Trials) -> Figure:
-    """Draw each measure of every variant, with the spread of its trials."""
-    by_variant = {name: _measures(trials) for name, trials in found.items()}
-    return dot_plot(
-        {
-            measure: {"": {name: values[measure] for name, values in by_variant.items()}}
-            for measure in next(iter(by_variant.values()))
-        }
-    )
-
-
-def _measures(trials: Sequence[Trial]) -> dict[str, list[float]]:
-    found = [trial.evaluation for trial in trials]
-    return {
-        "P@100R": [each.precision_at_100_recall for each in found],
-        "R@99P": [each.recall_at_99_precision for each in found],
-        "Recall@5": [each.recall_at[5] for each in found],
-    }
-
 
 # How soon a place is recognised after it was entered: event by event against window by window.
 
@@ -212,12 +158,6 @@ def run_variants(
     return trials
 
 
-def run_pair(seed: int) -> dict[str, Trial]:
-    """Simulate the pair of this seed, and run every variant on it."""
-    reference, query = (drive.keep() for drive in simulate_pair(seed))
-    return run_variants(reference, query, seed)
-
-
 def compare_latencies(
     reference: SimulatedRecording, query: SimulatedRecording, trial: Trial
 ) -> dict[str, Latency]:
@@ -234,16 +174,23 @@ def compare_latencies(
     }
 
 
-def run(data: object, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Simulate several pairs, and return the figures of every variant as a Markdown table."""
-    pairs = []
-    for seed in range(seeds):
-        on_start(f"pair {seed + 1} of {seeds}")
-        pairs.append(run_pair(seed))
-    found = {variant.name: [pair[variant.name] for pair in pairs] for variant in VARIANTS}
-    if figures:
-        save(draw(found), *figures)
-    return variants_table(found)
+def measure(draw: Draw) -> Iterator[Row]:
+    """Run every variant on one pair."""
+    reference, query = draw.pair
+    for name, trial in run_variants(reference, query, draw.seed).items():
+        yield {"variant": name, **trial.row()}
 
 
-draw = draw_variants
+def kept_pair(seed: int) -> tuple[SimulatedRecording, SimulatedRecording]:
+    """Simulate the pair of this seed."""
+    reference, query = simulate_pair(seed)
+    return reference.keep(), query.keep()
+
+
+EXPERIMENT = Experiment(
+    drives=lambda data: [Drives(SIMULATED, kept_pair, varied=True)],
+    names=("variant",),
+    measure=measure,
+    figure=partial(dots, measures=("P@100R", "R@99P", "Recall@5"), row="variant"),
+    reads_data=False,
+)

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from fractions import Fraction
+from functools import lru_cache, partial
 from pathlib import Path
 
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_alignment, load_alignment
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
-from edge_vpr_tools.report.style import save
-from edge_vpr_tools.research.experiments.simulated import draw_variants, variants_table
+from edge_vpr_tools.research.experiments.experiment import (
+    Draw,
+    Drives,
+    Experiment,
+    Row,
+    recorded_folder,
+)
+from edge_vpr_tools.research.experiments.plots import dots
 from edge_vpr_tools.research.experiments.trial import (
     Kept,
     Times,
-    Trial,
     TruthOf,
     Variant,
     run_trial,
@@ -69,26 +75,36 @@ def truth_of_walks(folder: Path) -> TruthOf:
     return truth_of
 
 
-def run(data: Path, seeds: int, on_start: Callable[[str], None], *figures: Path) -> str:
-    """Run every variant with several draws of pixels, and return a Markdown table."""
-    folder = data / FOLDER
-    on_start("reading the walks")
-    reference, query = open_walks(folder)
-    truth_of = truth_of_walks(folder)
-    found: dict[str, list[Trial]] = {}
+def open_pair(folder: Path, seed: int) -> tuple[Kept, Kept, TruthOf]:
+    """Read the walks and their truth."""
+    return *_kept_walks(folder), truth_of_walks(folder)
+
+
+@lru_cache(maxsize=1)
+def _kept_walks(folder: Path) -> tuple[Kept, Kept]:
+    return open_walks(folder)
+
+
+def measure(draw: Draw) -> Iterator[Row]:
+    """Run every variant with one draw of pixels."""
     for variant in VARIANTS:
-        on_start(variant.name)
-        # without a draw, all trials would be the same
-        drawn = not variant.all_pixels and variant.changes.get("strategy") != "top"
-        found[variant.name] = [
-            run_trial(
-                reference, query, truth_of, SETTINGS.replaced({"seed": seed}, "seed"), variant
-            )
-            for seed in range(seeds if drawn else 1)
-        ]
-    if figures:
-        save(draw(found), *figures)
-    return variants_table(found)
+        draws_nothing = variant.all_pixels or variant.changes.get("strategy") == "top"
+        if draw.is_new or not draws_nothing:
+            settings = SETTINGS.replaced({"seed": draw.seed}, "seed")
+            reference, query, truth_of = draw.pair
+            trial = run_trial(reference, query, truth_of, settings, variant)
+            yield {"variant": variant.name, **trial.row()}
 
 
-draw = draw_variants
+def walks(data: Path | None) -> list[Drives]:
+    """Return the walks in a folder."""
+    folder = recorded_folder(data, FOLDER)
+    return [Drives("Speck walks", partial(open_pair, folder), [folder])]
+
+
+EXPERIMENT = Experiment(
+    drives=walks,
+    names=("variant",),
+    measure=measure,
+    figure=partial(dots, measures=("P@100R", "R@99P", "Recall@5"), row="variant"),
+)

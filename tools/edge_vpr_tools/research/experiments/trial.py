@@ -23,7 +23,7 @@ from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.research.baselines import map_all_pixels
 from edge_vpr_tools.research.baselines.baseline import fastest
 
-#: matching of the default: the place filter with own-mean codes
+#: matching of the default: the place filter with contrast codes
 DEFAULT_MATCHING = {
     name: getattr(PRESETS["default"], name)
     for name in ("matching", "smooth", "counter_code", "counter_scaling", "anchor", "score")
@@ -39,13 +39,16 @@ def truth_of_tracks(reference: Track, query: Track, tolerance_m: float) -> Truth
 
 
 class Kept:
-    """Recording whose events are held in memory, for the many passes of an experiment."""
+    """Recording whose events are held in memory from the first of many passes on."""
 
     def __init__(self, recording: EventSource) -> None:
         self.sensor: Sensor = recording.sensor
-        self._chunks = list(recording)
+        self._recording = recording
+        self._chunks: list[Events] | None = None
 
     def __iter__(self) -> Iterator[Events]:
+        if self._chunks is None:
+            self._chunks = list(self._recording)
         return iter(self._chunks)
 
 
@@ -88,6 +91,18 @@ class Trial:
     def operations(self) -> int:
         """Number of differences of counters to compare one query window with the whole map."""
         return self.reference.places.counts.size
+
+    def row(self) -> dict[str, Any]:
+        """Return the measured columns of an experiment's table."""
+        found = self.evaluation
+        return {
+            "P@100R": found.precision_at_100_recall,
+            "R@99P": found.recall_at_99_precision,
+            "Recall@5": found.recall_at[5],
+            "bytes per place": self.reference.packed_bytes_per_place,
+            "operations per query": self.operations,
+            "time per query (us)": self.microseconds_per_match,
+        }
 
     def to_json(self) -> dict[str, Any]:
         """Return the figures as values that JSON can hold."""
@@ -148,9 +163,3 @@ class Summary:
             return f"{mean:.3f}"
         # standard deviation of the sample of trials, and not of their mean
         return f"{mean:.3f} ± {float(np.std(self.values, ddof=1)):.3f}"
-
-
-def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Format a table as Markdown."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

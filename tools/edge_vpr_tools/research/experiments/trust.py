@@ -17,6 +17,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.report.figures import reliability_diagram
 from edge_vpr_tools.report.style import save
+from edge_vpr_tools.report.tables import markdown_table
 from edge_vpr_tools.research.experiments.calibration import (
     HEADER,
     MATCHINGS,
@@ -33,7 +34,7 @@ from edge_vpr_tools.research.experiments.calibration import (
     without_places,
 )
 from edge_vpr_tools.research.experiments.drives import Pair, Tracks, check_data, pairs
-from edge_vpr_tools.research.experiments.trial import Summary, markdown_table
+from edge_vpr_tools.research.experiments.trial import Summary
 
 __all__ = ["check_data", "run"]
 

@@ -7,7 +7,7 @@ import itertools
 import json
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -22,14 +22,19 @@ from edge_vpr.recordings.recording import TimeCrop, seconds_us
 from edge_vpr.reference_map import MatchMetrics
 from edge_vpr.results import RecordError, from_json
 from edge_vpr.settings import SETTING_FIELDS, Settings, resolve_settings
+from edge_vpr_tools.research.trials import (
+    SCHEMA,
+    NamedTrial,
+    Progress,
+    Store,
+    TrialsRun,
+    Workers,
+    compute,
+)
 from edge_vpr_tools.runs.mapping import map_recording
 from edge_vpr_tools.runs.truth_files import load_truth
 
 # One trial of a sweep: a variant of the method on one pair of drives with one seed.
-
-
-#: version of the key and of the result's file
-SCHEMA = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,35 +172,6 @@ class TrialResult:
     elapsed_s: float
 
 
-@dataclass(frozen=True, kw_only=True)
-class KeptResult:
-    """Stored result, with its trial."""
-
-    key: str
-    trial: Trial
-    found: TrialResult
-    schema: int = SCHEMA
-
-
-@dataclass(frozen=True, kw_only=True)
-class KeptFailure:
-    """Stored failure of a trial.
-
-    Attributes
-    ----------
-    error : str
-        One-line message.
-    where : str
-        Traceback; empty if the worker died.
-    """
-
-    key: str
-    trial: Trial
-    error: str
-    where: str = ""
-    schema: int = SCHEMA
-
-
 def run_trial(trial: Trial) -> TrialResult:
     """Map, match and evaluate one trial.
 
@@ -258,16 +234,6 @@ _MOST_TRIALS = 100_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class NamedTrial:
-    """Trial with its names in the plan."""
-
-    variant: str
-    drives: str
-    seed: int
-    trial: Trial
-
-
-@dataclass(frozen=True, kw_only=True)
 class Plan:
     """All combinations of variants, drives and seeds."""
 
@@ -275,7 +241,7 @@ class Plan:
     drives: Mapping[str, PairOfDrives]
     seeds: tuple[int, ...]
 
-    def trials(self) -> Iterator[NamedTrial]:
+    def trials(self) -> Iterator[NamedTrial[Trial]]:
         """Hash every input once, and yield all trials.
 
         Raises
@@ -436,3 +402,25 @@ def _check_names(values: Mapping[str, Any], known: tuple[str, ...], where: str) 
 
 def _word(value: object) -> str:
     return ",".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+# Run a sweep.
+
+
+def sweep_store(folder: Path) -> Store[Trial, TrialResult]:
+    """Return the store of a sweep in a folder."""
+    return Store(folder, Trial, TrialResult)
+
+
+def run_sweep(
+    plan: Plan,
+    store: Store[Trial, TrialResult],
+    workers: Workers,
+    *,
+    retry_failed: bool = False,
+    progress: Progress = lambda done, of, failed: None,
+    run: Callable[[Trial], TrialResult] = run_trial,
+) -> TrialsRun:
+    """Compute every trial of a plan whose result is not stored yet; see `compute`."""
+    trials = list(plan.trials())
+    return compute(trials, run, store, workers, retry_failed=retry_failed, progress=progress)

@@ -1,6 +1,6 @@
 """The reference page of all settings, made from their descriptions.
 
-``python -m edge_vpr_tools.settings_page > docs/settings.md``
+``python tools/site/settings_page.py > docs/settings.md``
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ values. The settings of matching are flags of `edge-vpr match` too. A flag overr
 the file overrides the preset (`--preset`, or `preset = "tiny"` in the file). A map stores its
 settings, and the query is described with the same settings.
 
-This page is made by `python -m edge_vpr_tools.settings_page`.
+This page is made by `python tools/site/settings_page.py`.
 
 ```toml
 preset = "default"

@@ -1,0 +1,88 @@
+// Costs of steps of 0 to 3 places to a place, in quarters, by the activity of the window less that
+// of the place that is reached, in sixteenths of an octave: a row of the table for each half octave
+// from -6 to +2, to which the difference is rounded and limited.
+//
+// `place` stands for two clocks at least. `costs` are those of a place that came with an edge at the
+// third edge behind it: its activity, the difference, and the row are a clock each. They stay for as
+// many clocks as the place. No cost is above RESTART.
+module vpr_step_costs #(
+    parameter int         PLACES     = 1,
+    parameter int         PLACE_BITS = 1,
+    parameter logic [9:0] RESTART    = 0,
+    parameter int         COST_BITS  = 7,
+    parameter bit         LOADABLE   = 0,
+    parameter             FILE       = "place_activity.mem"
+) (
+    input  logic                       clk,
+    input  logic                       load,  // see vpr_rom
+    input  logic [19:0]                load_address,
+    input  logic [31:0]                load_word,
+    input  logic [9:0]                 activity_inverse,
+    input  logic [PLACE_BITS-1:0]      place,
+    output logic [4*COST_BITS-1:0]     costs
+);
+    localparam int STEPS    = 4;
+    localparam int ROWS     = 17;
+    localparam int ROW_BITS = 6;
+
+    // rows from +2 octaves down to -6, each of steps of 3, 2, 1 and 0 places
+    localparam logic [ROWS*STEPS*COST_BITS-1:0] TABLE = {
+        7'd15, 7'd4,  7'd4,  7'd22,
+        7'd16, 7'd5,  7'd3,  7'd19,
+        7'd17, 7'd5,  7'd1,  7'd15,
+        7'd18, 7'd5,  7'd0,  7'd11,
+        7'd20, 7'd6,  7'd0,  7'd9,
+        7'd22, 7'd8,  7'd0,  7'd7,
+        7'd26, 7'd10, 7'd1,  7'd5,
+        7'd30, 7'd13, 7'd3,  7'd4,
+        7'd34, 7'd17, 7'd5,  7'd4,
+        7'd38, 7'd20, 7'd7,  7'd4,
+        7'd43, 7'd24, 7'd10, 7'd4,
+        7'd48, 7'd28, 7'd12, 7'd4,
+        7'd52, 7'd32, 7'd15, 7'd4,
+        7'd57, 7'd36, 7'd17, 7'd4,
+        7'd61, 7'd39, 7'd20, 7'd4,
+        7'd66, 7'd43, 7'd22, 7'd4,
+        7'd71, 7'd47, 7'd24, 7'd4
+    };
+
+    // The address is the difference in quarters of an octave, of 6 bits with sign
+    (* ram_style = "block" *)
+    logic [STEPS*COST_BITS-1:0] rows[0:(1<<ROW_BITS)-1];
+
+    function automatic [COST_BITS-1:0] cost_at(input integer address, input integer step);
+        integer quarters, row;
+        quarters = address < 32 ? address : address - 64;
+        // half octaves, rounded, from -12 to 4
+        row      = quarters < -24 ? 0 : quarters > 7 ? ROWS - 1 : (quarters + 25) / 2;
+        cost_at  = TABLE[COST_BITS*(STEPS*row+step)+:COST_BITS];
+        if (10'(cost_at) > RESTART) cost_at = RESTART[COST_BITS-1:0];
+    endfunction
+
+    integer at;
+    initial
+        for (at = 0; at < (1 << ROW_BITS); at = at + 1)
+            rows[at] = {cost_at(at, 3), cost_at(at, 2), cost_at(at, 1), cost_at(at, 0)};
+
+    logic [7:0]          of_place;
+    logic [ROW_BITS-1:0] difference;
+
+    vpr_rom #(
+        .DEPTH(PLACES), .BITS(8), .ADDRESS_BITS(PLACE_BITS), .FILE(FILE), .LOADABLE(LOADABLE)
+    ) place_activity (
+        .clk(clk), .enable(1'b1), .address(place), .word(of_place),
+        .load(load), .load_address(load_address), .load_word(load_word)
+    );
+
+    // the place's less the window's, less 1: the inverse of the window's less the place's
+    wire [9:0] less = {{2{of_place[7]}}, of_place} + activity_inverse;
+    wire       fits = less[8:7] == {2{less[9]}};
+
+    always_ff @(posedge clk) begin
+        // beyond 8 octaves it is as far as 6 bits can tell, which is behind the last row
+        difference <= fits ? ~less[7:2] : {!less[9], {(ROW_BITS - 1){less[9]}}};
+        costs      <= rows[difference];
+    end
+
+    wire unused = &{1'b0, less};
+endmodule

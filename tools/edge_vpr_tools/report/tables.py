@@ -1,0 +1,191 @@
+"""Tables of results: CSV files with a row per trial, and the Markdown tables of pages from them.
+
+The columns before ``seed`` name what was tried, those after it were measured. Trials that differ in
+their seed alone are one row of a page, with the mean and the sample standard deviation of each
+measurement. A file without the column ``seed`` is shown as it is.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from edge_vpr.errors import UsageError, did_you_mean
+
+SEED = "seed"
+#: cell of a page where nothing was measured
+NOTHING = "-"
+
+#: cells by column; an empty cell was not measured
+Row = Mapping[str, str]
+_MARKER = re.compile(r"^(<!-- table: (\S+?)(?: (.*?))? -->)\n(?:\n(?:\|.*\n)+)?", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class TableView:
+    """Part of a table that a page shows.
+
+    Parameters
+    ----------
+    only : mapping of column to str
+        Rows that have these values, whose columns are left out.
+    columns : sequence of str
+        Columns, in this order; by default all.
+    across : str, optional
+        Column whose values become columns, each with the only other measured column.
+    """
+
+    only: Mapping[str, str]
+    columns: Sequence[str] = ()
+    across: str | None = None
+
+    @classmethod
+    def parse(cls, text: str) -> TableView:
+        """Read ``key = value`` pairs, separated by semicolons.
+
+        Examples
+        --------
+        >>> TableView.parse("drives = Brisbane; columns = method, P@100R")
+        TableView(only={'drives': 'Brisbane'}, columns=('method', 'P@100R'), across=None)
+        """
+        pairs = (part.partition("=") for part in text.split(";") if part.strip())
+        only = {key.strip(): value.strip() for key, _, value in pairs}
+        columns = tuple(map(str.strip, only.pop("columns").split(","))) if "columns" in only else ()
+        return cls(only, columns, only.pop("across", None))
+
+
+def with_tables(page: str, folder: Path) -> str:
+    """Return a page of Markdown with the tables that its markers name.
+
+    A marker is a line ``<!-- table: FILE VIEW -->``; FILE is a CSV file, and VIEW, which may be
+    absent, a `TableView`. The table behind it is replaced.
+
+    Parameters
+    ----------
+    page : str
+    folder : Path
+        Where the files are.
+
+    Raises
+    ------
+    UsageError
+        If a file cannot be read, or does not have what the view names.
+    """
+
+    def replaced(found: re.Match[str]) -> str:
+        marker, file, view = found.groups()
+        try:
+            table = table_of(read_rows(folder / file), TableView.parse(view or ""))
+        except UsageError as error:
+            raise UsageError(f"{marker}: {error}") from None
+        # without the empty line, some readers of Markdown take the table for a part of the comment
+        return f"{marker}\n\n{table}\n"
+
+    return _MARKER.sub(replaced, page)
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Read a CSV file with a header.
+
+    Raises
+    ------
+    UsageError
+        If it is missing or has no rows.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read ({error.strerror}): check the path") from error
+    if not rows:
+        raise UsageError(f"{path} has no rows: run the experiment that writes it")
+    return rows
+
+
+def table_of(rows: Sequence[Row], view: TableView | None = None) -> str:
+    """Return a Markdown table with the trials of each row joined.
+
+    Raises
+    ------
+    UsageError
+        If the rows do not have what the view names.
+
+    Examples
+    --------
+    >>> two = [{"pixels": "25", "seed": "0", "P": "0.5"}, {"pixels": "25", "seed": "1", "P": "0.7"}]
+    >>> print(table_of(two))
+    | pixels | P |
+    | --- | --- |
+    | 25 | 0.600 ± 0.141 |
+    """
+    view = view or TableView({})
+    header = list(rows[0])
+    for name in (*view.only, *view.columns, view.across):
+        if name is not None and name not in header:
+            raise UsageError(
+                f"no column {name!r}{did_you_mean(name, header)} (there are {', '.join(header)})"
+            )
+    rows = [row for row in rows if all(row[name] == value for name, value in view.only.items())]
+    if not rows:
+        raise UsageError(f"no row has {dict(view.only)}")
+    names = header[: header.index(SEED)] if SEED in header else header
+    shown = [name for name in view.columns or header if name not in (SEED, view.across, *view.only)]
+    named = [name for name in shown if name in names]
+    measured = [name for name in shown if name not in names]
+    across = view.across
+    if across is not None and len(measured) != 1:
+        raise UsageError(f"{len(measured)} measured columns beside {across!r}: name one to show")
+    # of each row of the page: trials by the value across it
+    joined: dict[tuple[str, ...], dict[str, list[Row]]] = {}
+    for row in rows:
+        group = joined.setdefault(tuple(row[name] for name in named), {})
+        group.setdefault(row[across] if across else "", []).append(row)
+    values = list(dict.fromkeys(row[across] for row in rows)) if across else [""]
+    body = [
+        [
+            *(name or NOTHING for name in key),
+            *(
+                mean_and_deviation([trial[name] for trial in group.get(value, ())])
+                for value in values
+                for name in measured
+            ),
+        ]
+        for key, group in joined.items()
+    ]
+    return markdown_table([*named, *(values if across else measured)], body)
+
+
+def mean_and_deviation(cells: Sequence[str]) -> str:
+    """Return the mean of some cells, with the sample standard deviation of several that differ.
+
+    Examples
+    --------
+    >>> [mean_and_deviation(cells) for cells in (["1234"], ["0.5", ""], ["1", "2"])]
+    ['1,234', '0.500', '1.500 ± 0.707']
+    """
+    found = [cell for cell in cells if cell]
+    if not found:
+        return NOTHING
+    try:
+        numbers = [float(cell) for cell in found]
+    except ValueError:  # text, which is the same in all trials
+        return " / ".join(dict.fromkeys(found))
+    if len(set(found)) == 1 and found[0].removeprefix("-").isdigit():
+        return f"{int(found[0]):,}"
+    mean = float(np.mean(numbers))
+    decimals = 3 if abs(mean) < 10 else 1 if abs(mean) < 100 else 0
+    if len(numbers) == 1:
+        return f"{mean:,.{decimals}f}"
+    # of the sample of trials, and not of their mean
+    return f"{mean:,.{decimals}f} ± {np.std(numbers, ddof=1):,.{decimals}f}"
+
+
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Format a table as Markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

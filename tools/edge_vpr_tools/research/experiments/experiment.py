@@ -1,0 +1,381 @@
+"""An experiment is a declaration: drives, what is measured on them, and the figure of the rows.
+
+Each pair of drives with each seed is a trial, which runs on a worker and is stored
+(`research.trials`). The rows of all trials are a table with a row per variant and seed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from matplotlib.figure import Figure
+
+import edge_vpr
+import fixedpoint
+from edge_vpr.errors import EdgeVprError, UsageError
+from edge_vpr_tools import research
+from edge_vpr_tools.report.tables import SEED, TableView, table_of
+from edge_vpr_tools.research.experiments import EXPERIMENTS, SOURCES
+from edge_vpr_tools.research.trials import (
+    SCHEMA,
+    NamedTrial,
+    Progress,
+    Store,
+    TrialsRun,
+    Workers,
+    compute,
+    failures,
+)
+from edge_vpr_tools.spreadsheets import write_spreadsheet
+
+#: what a row is named by, and what was measured
+Row = Mapping[str, Any]
+Rows = Sequence[Row]
+DRIVES = "drives"
+
+
+@dataclass(frozen=True)
+class Drives:
+    """Drives of an experiment, which a worker opens when it needs them.
+
+    Parameters
+    ----------
+    name : str
+    open : callable
+        Maps a seed to what the experiment measures: a pair of drives.
+    files : sequence of path
+        Files and folders that are read.
+    varied : bool
+        Whether a seed makes other drives, as of simulated streets. Else it draws other pixels.
+    drawn : bool
+        Whether seeds differ at all.
+    """
+
+    name: str
+    open: Callable[[int], Any]
+    files: Sequence[Path] = ()
+    varied: bool = False
+    drawn: bool = True
+
+
+class Draw(NamedTuple):
+    """What one trial measures.
+
+    Attributes
+    ----------
+    pair : object
+        As `Drives.open` returns it.
+    seed : int
+    is_new : bool
+        Whether no earlier seed has these drives. Else variants that draw nothing are left out.
+    systems : tuple of str
+        Baselines that the user added.
+    """
+
+    pair: Any
+    seed: int
+    is_new: bool
+    systems: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """Declaration of an experiment.
+
+    Parameters
+    ----------
+    drives : callable
+        Maps the folder of recorded drives, or None, to the drives. Raises UsageError if it needs
+        drives that are not there.
+    names : sequence of str
+        Columns that name a row, in addition to the drives.
+    measure : callable
+        Maps a `Draw` to its rows, each with all columns of `names`. What was not measured may be
+        left out.
+    figure : callable
+        Maps the rows of all trials to the figure.
+    view : TableView
+        How the table of each pair of drives is printed.
+    takes_systems : bool
+        Whether the user can add baselines.
+    reads_data : bool
+        Whether a folder of recorded drives makes a difference.
+    """
+
+    drives: Callable[[Path | None], Sequence[Drives]]
+    names: Sequence[str]
+    measure: Callable[[Draw], Iterator[Row]]
+    figure: Callable[[Rows], Figure]
+    view: TableView = field(default_factory=lambda: TableView({}))
+    takes_systems: bool = False
+    reads_data: bool = True
+
+
+def open_experiment(name: str) -> Experiment:
+    """Import an experiment by its name on the command line."""
+    module = import_module(f"{__package__}.{EXPERIMENTS[name]}")
+    found: Experiment = module.EXPERIMENT
+    return found
+
+
+def recorded_folder(data: Path | None, folder: str) -> Path:
+    """Return the folder of recorded drives that an experiment needs.
+
+    Raises
+    ------
+    UsageError
+        If it is not there.
+    """
+    if data is None or not (data / folder).is_dir():
+        raise UsageError(
+            f"the folder {folder}, {SOURCES[folder]}, is not in {data or 'any folder given'}: name "
+            "the folder that holds it with --data"
+        )
+    return data / folder
+
+
+def rows_of(
+    experiment: Experiment, data: Path | None, seeds: int, systems: tuple[str, ...] = ()
+) -> list[dict[str, Any]]:
+    """Measure all drives of an experiment with all seeds, in this process."""
+    rows = []
+    for drives in experiment.drives(data):
+        for seed in range(seeds if drives.drawn else 1):
+            draw = Draw(drives.open(seed), seed, drives.varied or seed == 0, systems)
+            rows += [{DRIVES: drives.name, **row, SEED: seed} for row in experiment.measure(draw)]
+    return rows
+
+
+# Trials of experiments.
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExperimentTrial:
+    """Everything that determines the rows of one pair of drives and one seed.
+
+    Attributes
+    ----------
+    experiment, drives : str
+    seed : int
+    systems : tuple of str
+    data : str or None
+        Folder of recorded drives.
+    inputs : str
+        Hash of the code, and of the names, sizes and times of change of the files.
+    version : str
+        Version of edge-vpr.
+    """
+
+    experiment: str
+    drives: str
+    seed: int
+    systems: tuple[str, ...]
+    data: str | None
+    inputs: str
+    version: str = edge_vpr.__version__
+
+    @property
+    def key(self) -> str:
+        """Key of the result; the folder's name has no effect on it."""
+        decides = [SCHEMA, self.version, self.experiment, self.drives, self.seed, *self.systems]
+        text = json.dumps([*decides, self.inputs], separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExperimentResult:
+    """Rows of a trial, and the time that it took on its worker."""
+
+    rows: tuple[Mapping[str, Any], ...]
+    elapsed_s: float
+
+
+def run_trial(trial: ExperimentTrial) -> ExperimentResult:
+    """Measure one pair of drives with one seed."""
+    begin = time.perf_counter()
+    experiment = open_experiment(trial.experiment)
+    data = None if trial.data is None else Path(trial.data)
+    (drives,) = (each for each in experiment.drives(data) if each.name == trial.drives)
+    pair = drives.open(trial.seed)
+    draw = Draw(pair, trial.seed, drives.varied or trial.seed == 0, trial.systems)
+    rows = tuple(
+        {**{name: row[name] for name in experiment.names}, **row}
+        for row in experiment.measure(draw)
+    )
+    return ExperimentResult(rows=rows, elapsed_s=time.perf_counter() - begin)
+
+
+def trials_of(
+    name: str, data: Path | None, seeds: int, systems: tuple[str, ...] = ()
+) -> list[NamedTrial[ExperimentTrial]]:
+    """Return the trials of an experiment: its drives times seeds.
+
+    Raises
+    ------
+    UsageError
+        If it needs drives that are not there, or takes no other systems.
+    """
+    experiment = open_experiment(name)
+    if systems and not experiment.takes_systems:
+        raise UsageError(f"experiment {name} compares no systems: leave --with out")
+    weights = [Path(one.partition(":")[2]) for one in systems if ":" in one]
+    return [
+        NamedTrial(
+            variant=name,
+            drives=drives.name,
+            seed=seed,
+            trial=ExperimentTrial(
+                experiment=name,
+                drives=drives.name,
+                seed=seed,
+                systems=systems,
+                data=None if data is None else str(data.absolute()),
+                inputs=_fingerprint([*drives.files, *weights]),
+            ),
+        )
+        for drives in experiment.drives(data if experiment.reads_data else None)
+        for seed in range(seeds if drives.drawn else 1)
+    ]
+
+
+def store_of(folder: Path) -> Store[ExperimentTrial, ExperimentResult]:
+    """Return the store of the trials of experiments in a folder."""
+    return Store(folder, ExperimentTrial, ExperimentResult)
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Rows of an experiment, and the work in them.
+
+    Attributes
+    ----------
+    name : str
+    rows : list of mapping
+        With the columns `DRIVES`, those of the experiment's names, `SEED`, and what was measured.
+    elapsed_s : float
+        Time of all trials on their workers.
+    """
+
+    name: str
+    rows: list[dict[str, Any]]
+    elapsed_s: float
+
+    def write(self, folder: Path) -> None:
+        """Write the rows as a CSV file, `write_figure` its figure."""
+        cells = ([_cell(row.get(name)) for name in self.columns] for row in self.rows)
+        write_spreadsheet(folder / f"{self.name}.csv", self.columns, cells)
+
+    @property
+    def columns(self) -> list[str]:
+        """Columns of all rows."""
+        named = [DRIVES, *open_experiment(self.name).names, SEED]
+        return list(dict.fromkeys([*named, *(name for row in self.rows for name in row)]))
+
+    def figure(self) -> Figure:
+        """Draw the figure."""
+        return open_experiment(self.name).figure(self.rows)
+
+    def markdown(self) -> str:
+        """Return a table for each pair of drives."""
+        view = open_experiment(self.name).view
+        cells = [{name: _cell(row.get(name)) for name in self.columns} for row in self.rows]
+        drives = dict.fromkeys(row[DRIVES] for row in cells)
+        return "\n\n".join(
+            f"{name}:\n\n{table_of(cells, TableView({DRIVES: name}, view.columns, view.across))}"
+            for name in drives
+        )
+
+
+def run_experiments(
+    names: Sequence[str],
+    data: Path | None,
+    seeds: int,
+    systems: tuple[str, ...],
+    store: Store[ExperimentTrial, ExperimentResult],
+    workers: Workers,
+    progress: Progress = lambda done, of, failed: None,
+) -> tuple[TrialsRun, list[Measured]]:
+    """Compute the trials of experiments that are not stored, and return all their rows.
+
+    Parameters
+    ----------
+    names : sequence of str
+    data : path, optional
+        Folder of recorded drives.
+    seeds : int
+    systems : tuple of str
+        Baselines in addition.
+    store : Store
+        Must be opened.
+    workers : Workers
+    progress : callable
+        See `Progress`.
+
+    Raises
+    ------
+    EdgeVprError
+        If a trial failed.
+    """
+    named = [one for name in names for one in trials_of(name, data, seeds, systems)]
+    run = compute(named, run_trial, store, workers, retry_failed=True, progress=progress)
+    lost = failures(store)
+    if lost:
+        (trial, error), *more = lost
+        raise EdgeVprError(
+            f"{trial.variant}, {trial.drives}, seed {trial.seed}: {error} ({len(more)} more trials "
+            f"failed; {store.folder}/failures says where)"
+        )
+    measured = []
+    for name in names:
+        rows: list[dict[str, Any]] = []
+        elapsed_s = 0.0
+        for one in named:
+            if one.variant != name:
+                continue
+            found = store.result(one.trial.key)
+            assert found is not None
+            elapsed_s += found.elapsed_s
+            rows += [{DRIVES: one.drives, **row, SEED: one.seed} for row in found.rows]
+        measured.append(Measured(name, rows, elapsed_s))
+    return run, measured
+
+
+def _cell(value: object) -> str:
+    """Return a value of a row as text, with as many digits as can matter."""
+    if value is None:
+        return ""
+    if not isinstance(value, float):
+        return str(value)
+    # a point tells a measured 1.0 from a number of things
+    return f"{value:.1f}" if value.is_integer() else f"{value:.9g}"
+
+
+def _fingerprint(files: Sequence[Path]) -> str:
+    """Return a hash of the code, and of the names, sizes and times of change of files."""
+    whole = hashlib.sha256(_code_hash().encode())
+    for file in sorted(files):
+        inner = sorted(file.rglob("*")) if file.is_dir() else [file]
+        for one in inner:
+            if one.is_file():
+                found = one.stat()
+                whole.update(f"{one.name}\0{found.st_size}\0{found.st_mtime_ns}\n".encode())
+    return whole.hexdigest()
+
+
+@cache
+def _code_hash() -> str:
+    """Return a hash of the code that can have an effect on the rows."""
+    whole = hashlib.sha256()
+    for package in (edge_vpr, fixedpoint, research):
+        for folder in package.__path__:
+            for file in sorted(Path(folder).rglob("*.py")):
+                whole.update(file.read_bytes())
+    return whole.hexdigest()

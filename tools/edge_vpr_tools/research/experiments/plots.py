@@ -1,0 +1,166 @@
+"""Figures of experiments: three kinds, each declared by the columns that it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from edge_vpr_tools.report.style import (
+    CYCLE,
+    MARKERS,
+    dot_plot,
+    legend_below,
+    log_ticks,
+    look,
+    mean_and_spread,
+    mean_line,
+    name_label,
+    panels,
+)
+
+Rows = Sequence[Mapping[str, Any]]
+_COLUMNS = 4
+
+
+def dots(rows: Rows, measures: Sequence[str], row: str, series: str | None = None) -> Figure:
+    """Draw a panel for each measure and pair of drives: means of trials as dots, spreads as bars.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+    measures : sequence of str
+        Columns of the panels.
+    row : str
+        Column that names the lines of a panel.
+    series : str, optional
+        Column that has a colour for each of its values.
+    """
+    drives = list(_by(rows, "drives"))
+    labels = list(dict.fromkeys(str(each[row]) for each in rows))
+
+    def means(of: Rows, measure: str) -> dict[str, list[float]]:
+        found = {str(label): _values(those, measure) for label, those in _by(of, row)}
+        return {label: found.get(label) or [float("nan")] for label in labels}
+
+    return dot_plot(
+        {
+            measure if len(drives) == 1 else f"{measure}\n{name}": {
+                str(title): means(those, measure)
+                for title, those in (_by(of, series) if series else [("", of)])
+            }
+            for measure in measures
+            for name, of in drives
+        }
+    )
+
+
+def lines(
+    rows: Rows,
+    x: str,
+    y: str,
+    line: str,
+    *,
+    panel: Sequence[str] = ("drives",),
+    log: bool = False,
+    label: str | None = None,
+) -> Figure:
+    """Draw the mean of the trials over a number: a panel each pair of drives, a line each variant.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+    x, y : str
+        Columns of numbers.
+    line : str
+        Column that names the lines.
+    panel : sequence of str
+        Columns that have a panel for each of their values.
+    log : bool
+        Whether the horizontal axis is logarithmic.
+    label : str, optional
+        Of the horizontal axis; by default the name of its column.
+    """
+    found = list(
+        _by([{**row, "": "\n".join(str(row[each]) for each in panel)} for row in rows], "")
+    )
+    names = list(dict.fromkeys(row[line] for row in rows))
+    columns = min(len(found), _COLUMNS)
+    across = -(-len(found) // columns)
+    size = 4.0 * columns + 1.5, 3.6 * across + 1.2
+    with panels(across, columns, *size, sharey=True) as (drawing, grid):
+        for empty in grid.flat[len(found) :]:
+            empty.remove()
+        for axes, (drives, of) in zip(grid.flat, found, strict=False):
+            for name, those in _by(of, line):
+                points = [(at, _values(each, y)) for at, each in _by(those, x)]
+                points = [(at, values) for at, values in points if values]
+                if points:
+                    style = look(names.index(name))
+                    mean_line(axes, *zip(*points, strict=True), label=_title(name), **style)
+            if log:
+                log_ticks(axes, sorted({row[x] for row in of if row.get(y) is not None}))
+            axes.set(title=_title(drives), xlabel=label or x)
+        for row in grid:
+            row[0].set_ylabel(y)
+        legend_below(drawing, grid.flat[: len(found)], 3)
+    return drawing
+
+
+def costs(rows: Rows, x: str, y: str, label: str, series: str) -> Figure:
+    """Draw a measure against a cost: a panel each pair of drives, a mark each system.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+    x, y : str
+        Columns of the cost and of the measure.
+    label : str
+        Column that has a colour for each of its values.
+    series : str
+        Column that has a marker for each of its values.
+    """
+    found = list(_by(rows, "drives"))
+    colours = list(dict.fromkeys(row[label] for row in rows))
+    markers = list(dict.fromkeys(row[series] for row in rows))
+    columns = min(len(found), _COLUMNS)
+    across = -(-len(found) // columns)
+    size = 4.2 * columns + 1.5, 3.9 * across + 2.2
+    with panels(across, columns, *size, sharey=True) as (drawing, grid):
+        for empty in grid.flat[len(found) :]:
+            empty.remove()
+        for axes, (drives, of) in zip(grid.flat, found, strict=False):
+            for name, those in _by(of, label):
+                for kind, each in _by(those, series):
+                    mean, spread = mean_and_spread(_values(each, y))
+                    axes.errorbar(
+                        float(np.median(_values(each, x))), mean, spread,
+                        color=CYCLE[colours.index(name) % len(CYCLE)],
+                        marker=MARKERS[markers.index(kind) % len(MARKERS)],
+                        markerfacecolor="none" if colours.index(name) >= len(CYCLE) else None,
+                        ms=7, linestyle="none", label=_title(f"{name}; {kind}"),
+                    )  # fmt: skip
+            axes.set_xscale("log")
+            axes.set(title=_title(drives), xlabel=x, ylim=(0, 1.03))
+        for row in grid:
+            row[0].set_ylabel(y)
+        legend_below(drawing, grid.flat[: len(found)], 3, fontsize=8)
+    return drawing
+
+
+def _by(rows: Rows, column: str) -> Iterable[tuple[Any, Rows]]:
+    """Group rows by the value of a column, in the order in which the values appear."""
+    groups: dict[Any, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault(row[column], []).append(row)
+    return groups.items()
+
+
+def _values(rows: Rows, column: str) -> list[float]:
+    return [float(row[column]) for row in rows if row.get(column) is not None]
+
+
+def _title(name: object) -> str:
+    return name_label(str(name))
