@@ -200,7 +200,7 @@ def did_you_mean(given: str, known: Iterable[str]) -> str:
 
     names = list(known)
     longer = [name for name in names if name.startswith(given)]
-    similar = longer[:1] or get_close_matches(given, names, n=1, cutoff=0.6)
+    similar = sorted(longer, key=len)[:1] or get_close_matches(given, names, n=1, cutoff=0.6)
     return f": did you mean {similar[0]}?" if similar else ""
 
 

@@ -610,7 +610,7 @@ def test_a_truth_of_many_cells_keeps_the_true_ones_and_says_the_same(monkeypatch
     assert np.array_equal(
         alone.errors(place[:, 0], at[:, 0]), dense.errors(place[:, 0], at[:, 0]), equal_nan=True
     )
-    with pytest.raises(GroundTruthError, match="unknown truth has a right place"):
+    with pytest.raises(GroundTruthError, match="unknown truth has a correct place"):
         GroundTruth(few.correct, np.zeros(35, np.bool_), "none known")
 
 

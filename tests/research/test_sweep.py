@@ -16,7 +16,8 @@ import sweep_jobs
 from edge_vpr_tools import cli
 from edge_vpr_tools.commands import compare as compare_arguments
 from edge_vpr_tools.research.sweep import aggregation, comparison
-from edge_vpr_tools.research.sweep.comparison import draw, rows_of, write_comparison
+from edge_vpr_tools.research.sweep.aggregation import write_comparison
+from edge_vpr_tools.research.sweep.comparison import draw, rows_of
 from edge_vpr_tools.research.sweep.plan import (
     content_hash,
     read_plan,

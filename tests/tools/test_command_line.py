@@ -479,9 +479,8 @@ def completions(line, tmp_path):
 
 def test_completion_offers_verbs_flags_and_choices(tmp_path):
     assert {"map", "match"} <= completions("edge-vpr ma", tmp_path)
-    assert {"--pixels", "--precision", "--preset"} == completions("edge-vpr map --p", tmp_path) - {
-        "--polarity"
-    }
+    flags = {"--pixels", "--pixel-map", "--polarity", "--precision", "--preset"}
+    assert flags == completions("edge-vpr map --p", tmp_path)
     assert {"variance"} == completions("edge-vpr map --strategy v", tmp_path)
     assert {"verify"} == completions("edge-vpr golden v", tmp_path)
     assert {"--only"} == completions("edge-vpr golden verify --on", tmp_path)

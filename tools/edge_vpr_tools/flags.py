@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import UsageError, did_you_mean
 from edge_vpr.settings import PRESETS, SETTING_FIELDS, SettingField, Settings, resolve_settings
 from edge_vpr_tools.console import warning
 
@@ -193,7 +194,13 @@ def _add_flags(parser: argparse._ActionsContainer, group: str, default: str = ""
         preset = field.word(getattr(PRESETS[DEFAULT_PRESET], field.name))
         names = [field.flag] if field.short is None else [field.flag, field.short]
         text = f"{field.help} (default: {default or preset})"
-        parser.add_argument(*names, dest=field.key, help=text, **_form(field))
+        action = parser.add_argument(*names, dest=field.key, help=text, **_form(field))
+        if field.plugins:  # argparse knows no choices, and argcomplete offers these
+            action.completer = partial(_offered, field.choices)  # type: ignore[attr-defined]
+
+
+def _offered(choices: Sequence[str], **_: object) -> Sequence[str]:
+    return choices
 
 
 def _form(field: SettingField) -> dict[str, Any]:
@@ -222,8 +229,11 @@ def _checked(field: SettingField) -> Callable[[str], str]:
             if field.choices:
                 field.check(value)
         except UsageError:
-            expected = ", ".join(field.choices) or field.accepted
-            raise argparse.ArgumentTypeError(f"{given!r}: expected {expected}") from None
+            expected = f": expected {field.accepted}"
+            if field.choices:
+                listed = ", ".join((*field.choices, "plugin:NAME"))
+                expected = did_you_mean(given, field.choices) or f": choose from {listed}"
+            raise argparse.ArgumentTypeError(f"{given!r}{expected}") from None
         return given
 
     return word

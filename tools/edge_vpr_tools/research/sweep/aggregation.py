@@ -4,15 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from edge_vpr.errors import UsageError, did_you_mean, printable
+from edge_vpr.files import replacing
+from edge_vpr.results import RUN, run_record, write_json
 from edge_vpr.settings import SETTING_FIELDS
-from edge_vpr_tools.report.style import figure, legend_below, look, name_label
-from edge_vpr_tools.research.sweep.comparison import MEASURES, Row, digits_of
+from edge_vpr_tools.report.style import figure, legend_below, look, name_label, save
+from edge_vpr_tools.research.sweep.comparison import (
+    MEASURES,
+    Row,
+    digits_of,
+    draw,
+    markdown,
+    spreadsheet_of,
+)
+from edge_vpr_tools.spreadsheets import write_spreadsheet
 
 #: resamples of a bootstrap, and the share of them that its interval holds
 RESAMPLES, SHARE = 10_000, 0.95
@@ -289,3 +300,52 @@ def draw_over(rows: Sequence[Row], measure: str, over: str) -> Figure:
         axes.set(xlabel=SETTING_FIELDS[name].key, ylabel=MEASURES[measure])
         legend_below(drawing, [axes], 1, fontsize=9)
     return drawing
+
+
+# Files of a comparison, for papers and programs.
+
+
+NAME = "compare"
+
+
+def write_comparison(
+    folder: Path,
+    rows: Sequence[Row],
+    formats: Sequence[str],
+    measure: str,
+    over: str | None = None,
+) -> None:
+    """Write ``compare.csv``, ``.json``, ``.md``, ``.tex``, and the figure in each format.
+
+    ``compare_tidy.csv`` has a line for each result with all its settings; ``compare_means.csv`` and
+    the table in LaTeX have a line for each variant, with means over drives.
+
+    Parameters
+    ----------
+    folder : Path
+    rows : sequence of Row
+    formats : sequence of str
+        Names from `report.formats.FORMATS`.
+    measure : str
+        Measure of the figure and of the differences, one of `MEASURES`.
+    over : str, optional
+        Setting over which the figure shows the measure; see `draw_over`.
+
+    Raises
+    ------
+    UsageError
+        If the rows do not differ in this setting.
+    """
+    drawing = draw(rows, measure) if over is None else draw_over(rows, measure, over)
+    means = averages(rows, measure)
+    head, lines = spreadsheet_of(rows)
+    write_spreadsheet(folder / f"{NAME}.csv", head, lines)
+    write_spreadsheet(folder / f"{NAME}_tidy.csv", *tidy(rows))
+    write_spreadsheet(folder / f"{NAME}_means.csv", *averages_table(means, measure))
+    with replacing(folder / f"{NAME}.tex") as temporary:
+        temporary.write_text(latex(means, measure), encoding="utf-8")
+    with replacing(folder / f"{NAME}.md") as temporary:
+        temporary.write_text(markdown(rows), encoding="utf-8")
+    write_json(folder / f"{NAME}.json", {"schema": 1, "measures": MEASURES, "rows": list(rows)})
+    write_json(folder / RUN, run_record({}, []))
+    save(drawing, *(folder / f"{NAME}.{kind}" for kind in formats))

@@ -13,12 +13,10 @@ from matplotlib.figure import Figure
 
 from edge_vpr import results
 from edge_vpr.errors import UsageError, printable
-from edge_vpr.files import read_json, replacing, understood
-from edge_vpr.results import RUN, run_record, write_json
-from edge_vpr_tools.report.style import CYCLE, figure, name_label, save
+from edge_vpr.files import read_json, understood
+from edge_vpr_tools.report.style import CYCLE, figure, name_label
 from edge_vpr_tools.research.sweep.plan import sweep_store
 from edge_vpr_tools.research.trials import SWEEP
-from edge_vpr_tools.spreadsheets import write_spreadsheet
 
 # Comparison of runs: sweeps, and folders of `edge-vpr match` that were evaluated.
 
@@ -249,12 +247,6 @@ def _cells(row: Row) -> list[str]:
     return cells
 
 
-# Files of a comparison, for papers and programs.
-
-
-NAME = "compare"
-
-
 def markdown(rows: Sequence[Row]) -> str:
     """Return the table as Markdown."""
     head, lines = table_of(rows)
@@ -262,48 +254,3 @@ def markdown(rows: Sequence[Row]) -> str:
     cells = [[printable(cell, 200).replace("|", "\\|") for cell in line] for line in [head, *lines]]
     cells.insert(1, ["---"] * len(head))
     return "".join(f"| {' | '.join(line)} |\n" for line in cells)
-
-
-def write_comparison(
-    folder: Path,
-    rows: Sequence[Row],
-    formats: Sequence[str],
-    measure: str,
-    over: str | None = None,
-) -> None:
-    """Write ``compare.csv``, ``.json``, ``.md``, ``.tex``, and the figure in each format.
-
-    ``compare_tidy.csv`` has a line for each result with all its settings; ``compare_means.csv`` and
-    the table in LaTeX have a line for each variant, with means over drives.
-
-    Parameters
-    ----------
-    folder : Path
-    rows : sequence of Row
-    formats : sequence of str
-        Names from `report.formats.FORMATS`.
-    measure : str
-        Measure of the figure and of the differences, one of `MEASURES`.
-    over : str, optional
-        Setting over which the figure shows the measure; see `aggregation.draw_over`.
-
-    Raises
-    ------
-    UsageError
-        If the rows do not differ in this setting.
-    """
-    from edge_vpr_tools.research.sweep import aggregation
-
-    drawing = draw(rows, measure) if over is None else aggregation.draw_over(rows, measure, over)
-    means = aggregation.averages(rows, measure)
-    head, lines = spreadsheet_of(rows)
-    write_spreadsheet(folder / f"{NAME}.csv", head, lines)
-    write_spreadsheet(folder / f"{NAME}_tidy.csv", *aggregation.tidy(rows))
-    write_spreadsheet(folder / f"{NAME}_means.csv", *aggregation.averages_table(means, measure))
-    with replacing(folder / f"{NAME}.tex") as temporary:
-        temporary.write_text(aggregation.latex(means, measure), encoding="utf-8")
-    with replacing(folder / f"{NAME}.md") as temporary:
-        temporary.write_text(markdown(rows), encoding="utf-8")
-    write_json(folder / f"{NAME}.json", {"schema": 1, "measures": MEASURES, "rows": list(rows)})
-    write_json(folder / RUN, run_record({}, []))
-    save(drawing, *(folder / f"{NAME}.{kind}" for kind in formats))
