@@ -161,7 +161,7 @@ def test_a_localiser_of_a_map_gives_what_online_matching_gives(folder, route):
 
 
 def test_names_of_a_match_are_the_same_in_every_form(folder, route, tmp_path):
-    """As docs/commands.md lists them: arrays have whole microseconds, all else has seconds."""
+    """As docs/outputs.md lists them: arrays have whole microseconds, all else has seconds."""
     pytest.importorskip("pandas", reason="pandas is an extra")
     result = route.match(folder / "tuesday.npz", every="100ms", precision=0.2)
     result.save(tmp_path / "results")

@@ -63,7 +63,7 @@ def names_for(page: str) -> dict[str, Any]:
             "places": codes,
             "codes": codes[0],
         }
-    if page == "docs/stream.md":
+    if page == "docs/live.md":
         events = random_events(np.random.default_rng(3), 4_000, Sensor(32, 24), 2_000_000)
         settings = Settings(pixels=20, sigma=1.0, tau_us=100_000)
         encoder = open_encoder("evpr", Sensor(32, 24))
@@ -209,9 +209,15 @@ def test_the_tutorial_runs_word_for_word_and_prints_what_it_says(tmp_path, monke
             (words, figures), (page_words, page_figures) = map(words_and_figures, (found, said))
             assert words == page_words, line
             assert figures == pytest.approx(page_figures, rel=_CLOSE, abs=_CLOSE), line
-    (code,) = (body for _, needs, body in _BLOCK.findall(page) if needs)
+    ((code, told),) = re.findall(
+        r"^```python after[^\n]*\n(.*?)^```$\n\n```\n(.*?)^```$", page, re.MULTILINE | re.DOTALL
+    )
     exec(compile(code, "docs/tutorial.md", "exec"), {})
-    assert len(capsys.readouterr().out.splitlines()) == 3
+    (words, figures), (page_words, page_figures) = map(
+        words_and_figures, (capsys.readouterr().out, told)
+    )
+    assert words == page_words
+    assert figures == pytest.approx(page_figures, rel=_CLOSE, abs=_CLOSE)
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -220,38 +226,15 @@ def test_tables_of_pages_are_those_of_the_files_that_they_name(page):
     assert with_tables(text, ROOT / "docs") == text, "run python tools/site/tables.py"
 
 
-#: rows of the README's table of accuracy, and of the figures from which they come
-SHOWN = {
-    "Brisbane-Event-VPR, car, 49 pixels, GPS at 70 m": "Brisbane, 49 px",
-    "two walks with a Speck, 25 pixels": "Speck walks, 25 px",
-    "one walk indoors with a Speck, 150 pixels": "Speck indoor, 150 px",
-    "simulated street, half to double speed, 150 pixels, 10 m": "street, 150 px",
-    "the same in low sun": "street, low sun, 150 px",
-    "the same with three stops": "street, 3 stops, 150 px",
-}
-COLUMNS = (
-    "sequences of 5, counts (the paper)",
-    "sequences of 10, own mean",
-    "place filter, running mean (robot)",
-    "place filter, running mean (robot), 4 windows late",
-    "place filter, own mean, smoothed (default)",
-)
+_FIELD = re.compile(r"(\w+) += \{+(.*?)\}+,?$", re.MULTILINE)
 
 
-def table_rows(text: str) -> list[list[str]]:
-    """Give the cells of each row of a page's tables."""
-    return [
-        [cell.strip() for cell in line.strip("|").split("|")]
-        for line in text.splitlines()
-        if line.startswith("|")
-    ]
-
-
-def test_the_accuracy_in_the_readme_is_that_of_the_experiment():
-    figures = table_rows((ROOT / "docs/place_filter_figures.md").read_text())
-    head = next(row for row in figures if row[0] == "drives" and COLUMNS[0] in row)
-    at = [head.index(name) for name in COLUMNS]
-    found = {row[0]: row for row in table_rows((ROOT / "README.md").read_text())}
-    for shown, name in SHOWN.items():
-        of = next(row for row in figures if row[0] == name and len(row) == len(head))
-        assert found[shown][1:6] == [of[column].split(" /")[0] for column in at], shown
+def test_the_bibtex_of_the_readme_is_that_of_the_citation_file():
+    """Another test holds the version of the citation file equal to that of the package."""
+    readme, cited = (ROOT / "README.md").read_text(), (ROOT / "CITATION.cff").read_text()
+    (bibtex,) = (body for kind, _, body in _BLOCK.findall(readme) if kind == "bibtex")
+    program, paper = (dict(_FIELD.findall(entry)) for entry in bibtex.split("@article"))
+    for name in ("title", "author", "version", "url"):
+        assert f": {program[name]}\n" in cited, name
+    for name in ("title", "journal", "volume", "number", "year", "url"):
+        assert paper[name] in cited, name

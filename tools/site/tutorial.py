@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -20,6 +21,10 @@ PICTURES = {
     "tutorial_online.svg": "live/matches.svg",
 }
 _CONSOLE = re.compile(r"^```console\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+#: the program at the end of the page, and what it prints
+_PYTHON = re.compile(
+    r"^(```python after[^\n]*\n(.*?)^```$\n\n)```\n(.*?)^```$", re.MULTILINE | re.DOTALL
+)
 
 
 def commands(block: str) -> list[tuple[str, str]]:
@@ -49,7 +54,14 @@ def rerun(text: str, folder: Path) -> str:
             shown += [f"$ {line}", *kept]
         return "\n".join(["```console", *shown, "```"])
 
-    return _CONSOLE.sub(again, text)
+    def program(found: re.Match[str]) -> str:
+        run = subprocess.run(
+            [sys.executable, "-c", found[2]],
+            cwd=folder, text=True, check=True, stdout=subprocess.PIPE,
+        )  # fmt: skip
+        return f"{found[1]}```\n{run.stdout}```"
+
+    return _PYTHON.sub(program, _CONSOLE.sub(again, text))
 
 
 def main() -> None:

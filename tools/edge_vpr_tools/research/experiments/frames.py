@@ -267,7 +267,7 @@ def run(
     return (
         f"{tables}\n\nNo recorded frames were compared: {where}. Name a folder with two bags or "
         f"more of Brisbane-Event-VPR ({BRISBANE_BAGS_PAGE}) under their published names and their "
-        f"GPS logs, or with own drives in its folder {FRAMES} (docs/results.md says how)."
+        f"GPS logs, or with own drives in its folder {FRAMES} (docs/results_methods.md says how)."
     )
 
 
