@@ -246,7 +246,7 @@ def test_map_prints_the_packed_size_and_records_every_input(folder, tmp_path, ca
     said = capsys.readouterr().out
     made = ev.ReferenceMap.load(tmp_path / "map.npz")
     assert made.packed_bytes_per_place == 2 and made.bytes_per_place == 5
-    size = "2 bytes a place packed at 3 bits (5 in memory)"
+    size = "2 bytes per place packed at 3 bits (5 in memory)"
     assert f"{len(made)} places at 5 pixels of 16x12, {size}" in said
     record = json.loads((tmp_path / "map.run.json").read_text())
     assert {each["path"] for each in record["inputs"]} == set(map(str, inputs))

@@ -174,7 +174,7 @@ def test_every_page_of_docs_is_reached_from_the_readme():
 _FIGURE = re.compile(r"\d[\d,]*(?:\.\d+)?")
 #: what depends on the machine always: how long something took
 _TIMES = re.compile(
-    r"(?<=\bin )[\d,.]+ s\b|(?<=\btook )[\d,.]+ s\b|[\d,.]+ us\b|[\d,.]+ times real\b"
+    r"(?<=\bin )[\d,.]+ s\b|(?<=\btook )[\d,.]+ s\b|[\d,.]+ [uµ]s\b|[\d,.]+ times real\b"
 )
 #: some events, and what follows from them, depend on its logarithm
 _CLOSE = 0.002

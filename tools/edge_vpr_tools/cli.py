@@ -39,7 +39,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "replay": "show a match as a film: events, cost of each place, position, probability",
         "sweep": "run many settings on many drives, on this machine or on a cluster",
         "compare": "show the results of several runs and sweeps in one table and one figure",
-        "calibrate": "learn how probable right matches are, from a drive with ground truth",
+        "calibrate": "learn how probable correct matches are, from a drive with ground truth",
     },
     "recordings": {
         "info": "show what a recording holds: sensor, events, duration, rate, polarity, faults",
@@ -61,7 +61,7 @@ GROUPS: dict[str, dict[str, str]] = {
     },
     "this program": {
         "doctor": "check this machine: libraries, kernels, ports, sensors; show what is missing",
-        "experiment": "repeat an experiment whose figures the documentation quotes",
+        "experiment": "reproduce a result of the documentation",
         "completion": "print a script by which a shell completes commands and flags",
     },
 }

@@ -237,14 +237,14 @@ def add_truth_flags(group: argparse._ActionsContainer) -> None:
         help="two tracks, first that of the reference (NMEA, GPX, or CSV with the columns time_s "
         "and position_m, x_m[,y_m[,z_m]] or latitude,longitude); or one alignment "
         "(CSV with the columns query_s,reference_s or query_frame,reference_frame); or one matrix "
-        "of 0 and 1 (.npz, .npy)",
+        "of 0 and 1 (.npz, .npy, .csv)",
     )
     group.add_argument(
         "--tolerance",
         type=float,
         metavar="T",
-        help="largest error of a right match: in metres for tracks, in the unit of the file for an "
-        "alignment; needed for both",
+        help="largest error of a correct match: in metres for tracks, in the unit of the file for "
+        "an alignment; needed for both",
     )
     group.add_argument(
         "--rows", choices=("reference", "query"),

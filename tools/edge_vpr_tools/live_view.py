@@ -360,7 +360,7 @@ class View:
             ratio, probability = last["ratio"], last["probability"]
             said["certainty"] = "ratio -" if ratio is None else f"ratio {ratio:.3f}"
             if probability is not None:
-                said["certainty"] = f"right with probability {probability:.2f}"
+                said["certainty"] = f"correct with probability {probability:.2f}"
             if last["lost"]:
                 said["certainty"] += ", lost"
             if last["incomplete"]:
