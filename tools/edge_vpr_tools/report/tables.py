@@ -168,8 +168,8 @@ def mean_and_deviation(cells: Sequence[str]) -> str:
 
     Examples
     --------
-    >>> mean_and_deviation(["1234"]), mean_and_deviation(["0.5", ""]), mean_and_deviation(["1", "2"])
-    ('1,234', '0.500', '1.500 ± 0.707')
+    >>> [mean_and_deviation(cells) for cells in (["1234"], ["0.5", ""], ["1", "2"])]
+    ['1,234', '0.500', '1.500 ± 0.707']
     """
     found = [cell for cell in cells if cell]
     if not found:
