@@ -303,8 +303,8 @@ class Mission:
             )
         if not self.matches_per_s > 0 or self.events_per_call < 1:
             raise UsageError(
-                f"{self.matches_per_s:g} matches per second, {self.events_per_call} events per call: "
-                "expected positive numbers"
+                f"{self.matches_per_s:g} matches per second, {self.events_per_call} events per "
+                "call: expected positive numbers"
             )
 
     @property

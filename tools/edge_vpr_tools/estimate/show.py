@@ -173,8 +173,8 @@ def _design(found: Estimation) -> None:
         f"{size_text(size.flash_bytes)} of tables, RAM {size_text(size.ram_bytes)}"
     )
     say(
-        f"at {mission.events_per_s:,.0f} events per second, {mission.selected_share:.3%} of them at "
-        f"selected pixels, and {mission.matches_per_s:g} matches per second"
+        f"at {mission.events_per_s:,.0f} events per second, {mission.selected_share:.3%} of them "
+        f"at selected pixels, and {mission.matches_per_s:g} matches per second"
     )
 
 
