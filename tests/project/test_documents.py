@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
 import subprocess
 import tomllib
+from dataclasses import fields
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,12 +18,17 @@ import pytest
 from edge_vpr_tools.cli import find_verb, main, parser_of
 from edge_vpr_tools.report.tables import with_tables
 from streams import Drive, random_events
+from test_rooms import STAGES
 
 from edge_vpr.events import Sensor
+from edge_vpr.live.health import Health
 from edge_vpr.live.protocols import open_encoder
+from edge_vpr.live.session import LiveMatch
 from edge_vpr.pipeline import map_traverse
 from edge_vpr.recordings import write_recording
+from edge_vpr.reference_map import OnlineMetrics, ReferenceMap
 from edge_vpr.settings import Settings
+from edge_vpr.simulation import simulate_pair
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
@@ -238,3 +245,48 @@ def test_the_bibtex_of_the_readme_is_that_of_the_citation_file():
         assert f": {program[name]}\n" in cited, name
     for name in ("title", "journal", "volume", "number", "year", "url"):
         assert paper[name] in cited, name
+
+
+def named_on(page: str) -> set[str]:
+    """Give what the page has between backticks, without code blocks."""
+    text = _BLOCK.sub("", (ROOT / page).read_text())
+    return set(re.findall(r"`([^`\n]+)`", text))
+
+
+def test_the_page_of_outputs_names_every_column_and_key(tmp_path):
+    """Of a matched, evaluated drive, and of what a live view writes."""
+    first, second = simulate_pair(0, "tiny", length_m=60)
+    route = ReferenceMap.build(first, pixels=50, track=first.track)
+    result = route.match(second)
+    result.save(tmp_path / "results")
+    route.save(tmp_path / "map.npz")
+    for name, recording in (("monday", first), ("tuesday", second)):
+        track = recording.track
+        rows = np.column_stack([track.time_us / 1e6, track.position])
+        header = "time_s,position_m"
+        np.savetxt(tmp_path / f"{name}.csv", rows, "%.6f", ",", header=header, comments="")
+    tracks = [str(tmp_path / f"{name}.csv") for name in ("monday", "tuesday")]
+    words = ["evaluate", str(tmp_path / "results"), "--ground-truth", *tracks, "--tolerance", "10"]
+    assert main([*words, "--quiet"]) == 0
+    metrics = json.loads((tmp_path / "results/metrics.json").read_text())
+    header = (tmp_path / "results/matches.csv").read_text().splitlines()[0].split(",")
+    with np.load(tmp_path / "map.npz") as archive:
+        arrays = list(archive.files)
+    written = {
+        *header, *metrics, *metrics["evaluation"], *arrays,
+        *metrics["evaluation"]["rejection"], *metrics["evaluation"]["reliability"],
+        *metrics["faults_dropped"], *metrics["evaluated_by"],
+        *(field.name for field in fields(Health)), *LiveMatch._fields,
+        *(field.name for field in fields(OnlineMetrics)),
+        *json.loads((tmp_path / "results/run.json").read_text()),
+    }  # fmt: skip
+    named = " ".join(named_on("docs/outputs.md"))
+    assert {name for name in written if not re.search(rf"\b{name}\b", named)} == set()
+
+
+def test_the_architecture_page_has_every_stage_in_its_order():
+    page = (ROOT / "docs/architecture.md").read_text().split("| stage | content |")[1]
+    cells = [line.split("|")[1] for line in page.splitlines()[2:] if line.startswith("|")]
+    shown = [name for cell in cells for name in re.findall(r"`(\w+)/?`", cell)]
+    assert set(shown) >= set(STAGES)
+    assert [name for name in shown if name in STAGES[10:]] == STAGES[10:]
