@@ -123,12 +123,12 @@ def memory(reference: ReferenceMap, events: Events) -> int:
 
 #: files by what they hold, with their columns
 TABLES = {
-    "latency_chunks": (
+    "latency-chunks": (
         "matched by", "events per chunk", "matches", "p50 (µs)", "p99 (µs)", "worst (µs)",
         "times real time",
     ),
-    "latency_calls": ("matched by", "p10 (µs)", "p50 (µs)", "p99 (µs)"),
-    "latency_stream": ("events/s", "burst filter", "p50 (µs)", "p99 (µs)", "worst (µs)"),
+    "latency-calls": ("matched by", "p10 (µs)", "p50 (µs)", "p99 (µs)"),
+    "latency-stream": ("events/s", "burst filter", "p50 (µs)", "p99 (µs)", "worst (µs)"),
 }  # fmt: skip
 
 
@@ -138,17 +138,17 @@ def main(folder: str | None = None) -> None:
     maps = {f"sequences, L = {length}": scene(PLACES, length).reference for length in (1, 5)}
     maps["place filter, own-mean codes"] = filtered()
     rows = {
-        "latency_chunks": [
+        "latency-chunks": [
             row(name, reference, events, chunk)
             for name, reference in maps.items()
             for chunk in (1, 100, 10_000)
         ],
-        "latency_calls": [one_a_call(name, reference) for name, reference in maps.items()],
-        "latency_stream": line_rows(),
+        "latency-calls": [one_a_call(name, reference) for name, reference in maps.items()],
+        "latency-stream": line_rows(),
     }
     print(
         f"{machine()}: {EVENTS_PER_SECOND:,} events/s of {SENSOR}, K = {PLACES:,}, a match for "
-        f"every selected event; latency_stream: 1,000 matches after the first {WARM}"
+        f"every selected event; latency-stream: 1,000 matches after the first {WARM}"
     )
     for name, header in TABLES.items():
         table = [header, *rows[name]]
