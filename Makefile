@@ -67,8 +67,9 @@ site: $(call STAMP,docs)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 bench: $(call STAMP,bench)
-	$(BIN)/python -m pytest tools/bench --write=docs/benchmarks.md
-	$(BIN)/python tools/bench/latency.py >> docs/benchmarks.md
+	$(BIN)/python -m pytest tools/bench --write=docs/results/benchmarks.csv
+	$(BIN)/python tools/bench/latency.py docs/results
+	$(BIN)/python tools/site/tables.py
 
 # tables and figures of the pages: all experiments that need no downloads, and with DATA=DIR those on recorded drives;
 # trials that docs/results/.trials holds already are not run again

@@ -285,8 +285,8 @@ class MapRecord(EqualByValue):
         """Size of a descriptor for messages: packed as on a device, and in memory if it differs."""
         packed, stored = self.packed_bytes_per_place, self.bytes_per_place
         if packed == stored:
-            return f"{stored} bytes a place"
-        return f"{packed} bytes a place packed at {self.counter_bits} bits ({stored} in memory)"
+            return f"{stored} bytes per place"
+        return f"{packed} bytes per place packed at {self.counter_bits} bits ({stored} in memory)"
 
     @property
     def packed_bytes_per_place(self) -> int:

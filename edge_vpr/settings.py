@@ -404,7 +404,7 @@ _COUNTERS = _group(
         kind=bool, help="count ON and OFF events separately, in two counters for each pixel"
     ),
     clip=SettingField(
-        help="largest count in a descriptor, larger ones become N; none: no limit",
+        help="cap counts at N; none: no cap",
         kind=int,
         metavar="N",
         words={"none": None},
@@ -415,8 +415,8 @@ _COUNTERS = _group(
         "counts too.",
     ),
     counter_code=SettingField(
-        help="how a count is turned into a number of few bits, which is compared in its place; "
-        "none: counts are compared",
+        help="how counts are compressed to a few bits before they are compared; none: counts are "
+        "compared",
         choices=get_args(CounterCodeName),
         more="See docs/codes.md. The code changes neither which pixels are selected nor where "
         "fixed-count windows end.",
@@ -495,14 +495,14 @@ _MATCHING = _group(
     ),
     smooth=SettingField(
         kind=bool,
-        help="place filter: match each window of a recording with the windows after it too",
+        help="place filter: also use the windows after each one of a recording",
         more="Live and online matching have no later windows, and never smooth.",
         needs=_FILTER,
     ),
     delay=SettingField(
         kind=int,
-        help="place filter without smoothing: number of windows after each one that decide with, "
-        "so that a match comes N windows late",
+        help="place filter without smoothing: wait for N later windows before deciding, so that "
+        "matches arrive N windows late",
         metavar="N",
         most=MOST_DELAY,
         more="For live and online matching, and for recordings with --no-smooth. See "
@@ -528,7 +528,7 @@ _MATCHING = _group(
         metavar="R",
     ),
     score=SettingField(
-        help="figure by which matches are accepted or rejected in an evaluation; auto: trust with "
+        help="score by which matches are accepted or rejected in an evaluation; auto: trust with "
         "the place filter, ratio with sequences",
         words={"auto": None},
         choices=get_args(Score),
@@ -536,7 +536,7 @@ _MATCHING = _group(
         "second-best. margin: second-best less best. trust: see docs/trust.md.",
     ),
     precision=SettingField(
-        help="mark unsure matches as lost, such that a share of P of the others is right, for "
+        help="mark matches as lost so that a share P of the others is expected to be correct, for "
         "example 0.99; none: mark none",
         kind=float,
         metavar="P",

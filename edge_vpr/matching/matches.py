@@ -276,7 +276,7 @@ class Matches(EqualByValue):
         Returns
         -------
         pandas.DataFrame
-            The columns of ``matches.csv`` (see docs/commands.md), then ``margin`` and ``ties``; NaN
+            The columns of ``matches.csv`` (see docs/outputs.md), then ``margin`` and ``ties``; NaN
             where there is no second, no probability or no position.
 
         Raises

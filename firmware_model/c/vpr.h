@@ -1,7 +1,7 @@
 /* Visual place recognition from the event counts of a few pixels.
  *
  * Reference firmware: portable C11, no heap, no floating point, no library. It computes what
- * firmware_model specifies, bit for bit; docs/firmware.md says what that is.
+ * firmware_model specifies, bit for bit; docs/specification.md says what that is.
  *
  * One image in flash (see vpr_open) holds the design and its tables; one block of RAM from the
  * caller holds the state. The caller's loop is

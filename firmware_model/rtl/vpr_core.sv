@@ -1,4 +1,4 @@
-// The place recogniser: events in, matches out, as docs/firmware.md specifies it.
+// The place recogniser: events in, matches out, as docs/specification.md specifies it.
 //
 // All streams are AXI-Stream; a word is a line of the file of golden vectors with its name:
 //   s_event   events.mem            s_place    places.mem, after reset, before the first match

@@ -671,13 +671,16 @@ def test_a_broken_firmware_fails_the_vectors(name, mutated, cases, expected):
     assert finds(broken, cases["corners"], expected), name
 
 
-def test_the_page_says_how_many_corners_and_faults_there_are():
+def test_the_pages_say_how_many_corners_and_faults_there_are():
     """Of the filter, too."""
-    page = Path(__file__).parents[2] / "docs" / "firmware.md"
-    text = " ".join(page.read_text(encoding="utf-8").split())
-    assert f"the {len(FILTER_CORNERS)} corners of the filter" in text
-    assert f"All {len(MUTATIONS)} of these fail the suite `corners`" in text
-    assert f"and {len(FILTER_MUTATIONS)} with faults of the filter" in text
+    docs = Path(__file__).parents[2] / "docs"
+    vectors, testing = (
+        " ".join((docs / page).read_text(encoding="utf-8").split())
+        for page in ("vectors.md", "testing.md")
+    )
+    assert f"the {len(FILTER_CORNERS)} corners of the filter" in vectors
+    assert f"`corners` finds all {len(MUTATIONS)} faults" in testing
+    assert f"`filter` all {len(FILTER_MUTATIONS)} faults of the filter" in testing
 
 
 @pytest.mark.slow

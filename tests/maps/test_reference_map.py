@@ -161,7 +161,7 @@ def test_a_localiser_of_a_map_gives_what_online_matching_gives(folder, route):
 
 
 def test_names_of_a_match_are_the_same_in_every_form(folder, route, tmp_path):
-    """As docs/commands.md lists them: arrays have whole microseconds, all else has seconds."""
+    """As docs/outputs.md lists them: arrays have whole microseconds, all else has seconds."""
     pytest.importorskip("pandas", reason="pandas is an extra")
     result = route.match(folder / "tuesday.npz", every="100ms", precision=0.2)
     result.save(tmp_path / "results")
@@ -264,7 +264,7 @@ def test_map_prints_the_packed_size_and_records_every_input(folder, tmp_path, ca
     said = capsys.readouterr().out
     made = ev.ReferenceMap.load(tmp_path / "map.npz")
     assert made.packed_bytes_per_place == 2 and made.bytes_per_place == 5
-    size = "2 bytes a place packed at 3 bits (5 in memory)"
+    size = "2 bytes per place packed at 3 bits (5 in memory)"
     assert f"{len(made)} places at 5 pixels of 16x12, {size}" in said
     record = json.loads((tmp_path / "map.run.json").read_text())
     assert {each["path"] for each in record["inputs"]} == set(map(str, inputs))

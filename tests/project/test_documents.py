@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
 import subprocess
 import tomllib
+from dataclasses import fields
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,12 +18,17 @@ import pytest
 from edge_vpr_tools.cli import find_verb, main, parser_of
 from edge_vpr_tools.report.tables import with_tables
 from streams import Drive, random_events
+from test_rooms import STAGES
 
 from edge_vpr.events import Sensor
+from edge_vpr.live.health import Health
 from edge_vpr.live.protocols import open_encoder
+from edge_vpr.live.session import LiveMatch
 from edge_vpr.pipeline import map_traverse
 from edge_vpr.recordings import write_recording
+from edge_vpr.reference_map import OnlineMetrics, ReferenceMap
 from edge_vpr.settings import Settings
+from edge_vpr.simulation import simulate_pair
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
@@ -63,7 +70,7 @@ def names_for(page: str) -> dict[str, Any]:
             "places": codes,
             "codes": codes[0],
         }
-    if page == "docs/stream.md":
+    if page == "docs/live.md":
         events = random_events(np.random.default_rng(3), 4_000, Sensor(32, 24), 2_000_000)
         settings = Settings(pixels=20, sigma=1.0, tau_us=100_000)
         encoder = open_encoder("evpr", Sensor(32, 24))
@@ -174,7 +181,7 @@ def test_every_page_of_docs_is_reached_from_the_readme():
 _FIGURE = re.compile(r"\d[\d,]*(?:\.\d+)?")
 #: what depends on the machine always: how long something took
 _TIMES = re.compile(
-    r"(?<=\bin )[\d,.]+ s\b|(?<=\btook )[\d,.]+ s\b|[\d,.]+ us\b|[\d,.]+ times real\b"
+    r"(?<=\bin )[\d,.]+ s\b|(?<=\btook )[\d,.]+ s\b|[\d,.]+ [uµ]s\b|[\d,.]+ times real\b"
 )
 #: some events, and what follows from them, depend on its logarithm
 _CLOSE = 0.002
@@ -203,21 +210,21 @@ def test_the_tutorial_runs_word_for_word_and_prints_what_it_says(tmp_path, monke
             shown = subprocess.run(
                 [program, *words], capture_output=True, text=True, check=True
             ).stdout
-        assert_printed(shown, told, line)
-    (code,) = (body for _, needs, body in _BLOCK.findall(page) if needs)
+        kept = [text for text in shown.splitlines() if "compiling the kernels" not in text]
+        assert len(kept) == len(told.splitlines()), line
+        for found, said in zip(kept, told.splitlines(), strict=True):
+            (words, figures), (page_words, page_figures) = map(words_and_figures, (found, said))
+            assert words == page_words, line
+            assert figures == pytest.approx(page_figures, rel=_CLOSE, abs=_CLOSE), line
+    ((code, told),) = re.findall(
+        r"^```python after[^\n]*\n(.*?)^```$\n\n```\n(.*?)^```$", page, re.MULTILINE | re.DOTALL
+    )
     exec(compile(code, "docs/tutorial.md", "exec"), {})
-    _, _, after = page.partition(f"{code}```\n\n```\n")
-    assert_printed(capsys.readouterr().out, after.partition("```")[0], "the code")
-
-
-def assert_printed(shown: str, told: str, line: str) -> None:
-    """Compare what a step prints with what the page says that it prints."""
-    kept = [text for text in shown.splitlines() if "compiling the kernels" not in text]
-    assert len(kept) == len(told.splitlines()), line
-    for found, said in zip(kept, told.splitlines(), strict=True):
-        (words, figures), (page_words, page_figures) = map(words_and_figures, (found, said))
-        assert words == page_words, line
-        assert figures == pytest.approx(page_figures, rel=_CLOSE, abs=_CLOSE), line
+    (words, figures), (page_words, page_figures) = map(
+        words_and_figures, (capsys.readouterr().out, told)
+    )
+    assert words == page_words
+    assert figures == pytest.approx(page_figures, rel=_CLOSE, abs=_CLOSE)
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -226,38 +233,60 @@ def test_tables_of_pages_are_those_of_the_files_that_they_name(page):
     assert with_tables(text, ROOT / "docs") == text, "run python tools/site/tables.py"
 
 
-#: rows of the README's table of accuracy, and of the figures from which they come
-SHOWN = {
-    "Brisbane-Event-VPR, car, 49 pixels, GPS at 70 m": "Brisbane, 49 px",
-    "two walks with a Speck, 25 pixels": "Speck walks, 25 px",
-    "one walk indoors with a Speck, 150 pixels": "Speck indoor, 150 px",
-    "simulated street, half to double speed, 150 pixels, 10 m": "street, 150 px",
-    "the same in low sun": "street, low sun, 150 px",
-    "the same with three stops": "street, 3 stops, 150 px",
-}
-COLUMNS = (
-    "sequences of 5, counts (the paper)",
-    "sequences of 10, own mean",
-    "place filter, running mean (robot)",
-    "place filter, running mean (robot), 4 windows late",
-    "place filter, own mean, smoothed (default)",
-)
+_FIELD = re.compile(r"(\w+) += \{+(.*?)\}+,?$", re.MULTILINE)
 
 
-def table_rows(text: str) -> list[list[str]]:
-    """Give the cells of each row of a page's tables."""
-    return [
-        [cell.strip() for cell in line.strip("|").split("|")]
-        for line in text.splitlines()
-        if line.startswith("|")
-    ]
+def test_the_bibtex_of_the_readme_is_that_of_the_citation_file():
+    """Another test holds the version of the citation file equal to that of the package."""
+    readme, cited = (ROOT / "README.md").read_text(), (ROOT / "CITATION.cff").read_text()
+    (bibtex,) = (body for kind, _, body in _BLOCK.findall(readme) if kind == "bibtex")
+    program, paper = (dict(_FIELD.findall(entry)) for entry in bibtex.split("@article"))
+    for name in ("title", "author", "version", "url"):
+        assert f": {program[name]}\n" in cited, name
+    for name in ("title", "journal", "volume", "number", "year", "url"):
+        assert paper[name] in cited, name
 
 
-def test_the_accuracy_in_the_readme_is_that_of_the_experiment():
-    figures = table_rows((ROOT / "docs/place_filter_figures.md").read_text())
-    head = next(row for row in figures if row[0] == "drives" and COLUMNS[0] in row)
-    at = [head.index(name) for name in COLUMNS]
-    found = {row[0]: row for row in table_rows((ROOT / "README.md").read_text())}
-    for shown, name in SHOWN.items():
-        of = next(row for row in figures if row[0] == name and len(row) == len(head))
-        assert found[shown][1:6] == [of[column].split(" /")[0] for column in at], shown
+def named_on(page: str) -> set[str]:
+    """Give what the page has between backticks, without code blocks."""
+    text = _BLOCK.sub("", (ROOT / page).read_text())
+    return set(re.findall(r"`([^`\n]+)`", text))
+
+
+def test_the_page_of_outputs_names_every_column_and_key(tmp_path):
+    """Of a matched, evaluated drive, and of what a live view writes."""
+    first, second = simulate_pair(0, "tiny", length_m=60)
+    route = ReferenceMap.build(first, pixels=50, track=first.track)
+    result = route.match(second)
+    result.save(tmp_path / "results")
+    route.save(tmp_path / "map.npz")
+    for name, recording in (("monday", first), ("tuesday", second)):
+        track = recording.track
+        rows = np.column_stack([track.time_us / 1e6, track.position])
+        header = "time_s,position_m"
+        np.savetxt(tmp_path / f"{name}.csv", rows, "%.6f", ",", header=header, comments="")
+    tracks = [str(tmp_path / f"{name}.csv") for name in ("monday", "tuesday")]
+    words = ["evaluate", str(tmp_path / "results"), "--ground-truth", *tracks, "--tolerance", "10"]
+    assert main([*words, "--quiet"]) == 0
+    metrics = json.loads((tmp_path / "results/metrics.json").read_text())
+    header = (tmp_path / "results/matches.csv").read_text().splitlines()[0].split(",")
+    with np.load(tmp_path / "map.npz") as archive:
+        arrays = list(archive.files)
+    written = {
+        *header, *metrics, *metrics["evaluation"], *arrays,
+        *metrics["evaluation"]["rejection"], *metrics["evaluation"]["reliability"],
+        *metrics["faults_dropped"], *metrics["evaluated_by"],
+        *(field.name for field in fields(Health)), *LiveMatch._fields,
+        *(field.name for field in fields(OnlineMetrics)),
+        *json.loads((tmp_path / "results/run.json").read_text()),
+    }  # fmt: skip
+    named = " ".join(named_on("docs/outputs.md"))
+    assert {name for name in written if not re.search(rf"\b{name}\b", named)} == set()
+
+
+def test_the_architecture_page_has_every_stage_in_its_order():
+    page = (ROOT / "docs/architecture.md").read_text().split("| stage | content |")[1]
+    cells = [line.split("|")[1] for line in page.splitlines()[2:] if line.startswith("|")]
+    shown = [name for cell in cells for name in re.findall(r"`(\w+)/?`", cell)]
+    assert set(shown) >= set(STAGES)
+    assert [name for name in shown if name in STAGES[10:]] == STAGES[10:]

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from designs import random_stream
 
+from edge_vpr import __version__
 from edge_vpr.evaluation.tracks import with_positions
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.reference_map import ReferenceMap
@@ -262,6 +263,28 @@ def test_the_platformio_project_finds_them_on_an_stm32_from_reset_on(expected, t
     program = compiled("nucleo_f446re", header, tmp_path, *board)
     values = boot(program, flash=0x0800_0000, ram_bytes=128 << 10)
     assert values == {"refused": 0, "matches": matches, "place": place}
+
+
+def test_the_library_for_platformio_compiles_and_is_of_this_version(tmp_path):
+    root = EXAMPLES.parent
+    library = json.loads((root / "library.json").read_text())
+    assert library["version"] == __version__
+    assert all((root / name).is_file() for name in library["export"]["include"])
+    folder = root / library["build"]["srcDir"]
+    first, *taken = re.findall(r"([+-])<([^>]*)>", library["build"]["srcFilter"])
+    assert first == ("-", "*")
+    sources = [folder / name for _, name in taken]
+    assert {f"{path.relative_to(root)}" for path in sources} <= set(library["export"]["include"])
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    program = tmp_path / "program.c"
+    includes = "".join(f'#include "{name}"\n' for name in library["headers"])
+    program.write_text(f"{includes}int main(void) {{ return 0; }}\n")
+    words = ["gcc", "-std=c11", "-Wall", "-Werror", f"-I{folder}", program, *sources]
+    done = subprocess.run(
+        [*words, "-o", tmp_path / "program"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def test_platformio_reads_the_project_as_the_tests_do(tmp_path):

@@ -1,4 +1,4 @@
-"""What SECURITY.md promises of every kernel."""
+"""What docs/testing.md promises of every kernel."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def modules_with_kernels():
 
 
 def test_every_kernel_has_a_door_with_a_name():
-    page = (ROOT / "SECURITY.md").read_text(encoding="utf-8").split("## Kernels")[1]
+    page = (ROOT / "docs/testing.md").read_text(encoding="utf-8").split("## Kernels")[1]
     named = set()
     for row in page.splitlines():
         if row.startswith("| `"):

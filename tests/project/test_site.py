@@ -110,7 +110,7 @@ def test_no_page_of_the_site_is_wider_than_a_phone(site, tmp_path):
         pytest.skip("no Chromium is installed: apt-get install chromium")
     with open_browser(tmp_path / "profile") as browser:
         browser.look(width=390, height=800)
-        for name in ("index", "tutorial", "settings", "place_filter_figures", "api/matching"):
+        for name in ("index", "tutorial", "settings", "results", "api/matching"):
             browser.open(site / f"{name}.html")
             assert browser.value("document.documentElement.scrollWidth") <= 390, name
     assert [problem for problem in browser.problems if "file:" not in problem] == []

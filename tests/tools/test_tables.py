@@ -47,6 +47,11 @@ def test_rows_of_one_value_are_shown_without_its_column():
     ]
 
 
+def test_rows_of_several_values_are_shown_with_their_column():
+    view = TableView.parse("method = ours | dense; drives = street; columns = method, bytes")
+    assert table_of(ROWS, view).split("\n")[2:] == ["| ours | 57 |", "| dense | 16,384 |"]
+
+
 def test_a_table_without_seeds_is_shown_as_it_is():
     assert table_of([{"system": "LENS", "P@100R": "0.8"}]).endswith("| LENS | 0.8 |")
 

@@ -1,6 +1,6 @@
 """What the benchmarks share: a race between libraries on one work, and the table of its results.
 
-``python -m pytest tools/bench`` prints the table; ``--write=FILE`` also writes it as a page.
+``python -m pytest tools/bench`` prints the table; ``--write=FILE`` also writes it as CSV.
 Every contestant runs on one thread. Its result is compared with ours before it is timed.
 """
 
@@ -16,13 +16,13 @@ for variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
-from table import OURS, Entry, page, table  # noqa: E402
+from table import HEADER, OURS, Entry, machine, rows, versions, write_csv  # noqa: E402
 
 Race = Callable[..., None]
 
 
 def pytest_addoption(parser):
-    parser.addoption("--write", type=Path, metavar="FILE", help="write the table to a page, too")
+    parser.addoption("--write", type=Path, metavar="FILE", help="write the table as CSV, too")
 
 
 @pytest.fixture
@@ -64,9 +64,10 @@ def pytest_terminal_summary(terminalreporter, config):
     if not any(entry.library == OURS for entry in entries):
         return
     terminalreporter.section("edge-vpr against its peers and its limits")
-    terminalreporter.write_line(table(entries))
+    terminalreporter.write_line(f"{machine()}. {versions()}")
+    for line in (HEADER, *rows(entries)):
+        terminalreporter.write_line(" | ".join(line))
     if config.option.write:
-        skipped = [str(report.longrepr[2]) for report in terminalreporter.stats.get("skipped", [])]
         config.option.write.parent.mkdir(parents=True, exist_ok=True)
-        config.option.write.write_text(page(entries, skipped), encoding="utf-8")
+        write_csv(config.option.write, entries)
         terminalreporter.write_line(f"written to {config.option.write}")

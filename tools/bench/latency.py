@@ -1,15 +1,19 @@
 """From an event's arrival to its match: a camera of a million events a second, on one core.
 
-``python tools/bench/latency.py`` prints the table in Markdown; `make bench` adds it to the page.
+``python tools/bench/latency.py [FOLDER]`` prints the tables; `make bench` writes them to
+`docs/results`.
 From the byte on a line on, `byte_to_match.py` measures.
 """
 
 from __future__ import annotations
 
+import csv
 import gc
+import sys
 import time
 import tracemalloc
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from bench_localiser import SENSOR, scene
@@ -74,7 +78,7 @@ def filtered() -> ReferenceMap:
     return coded_map(replace(counted, settings=chosen.uncoded), chosen)
 
 
-def line_rows(rates: tuple[float, ...] = (20_000.0, 296_000.0)) -> list[str]:
+def line_rows(rates: tuple[float, ...] = (20_000.0, 296_000.0)) -> list[tuple[str, ...]]:
     """Say how long it takes from a frame on a pseudo-terminal to the line with its match."""
     rows = []
     for burst_filter in ("causal", "exact"):
@@ -82,11 +86,11 @@ def line_rows(rates: tuple[float, ...] = (20_000.0, 296_000.0)) -> list[str]:
             taken = byte_to_match(rate, 1_000, burst_filter)
             p50, p99, worst = np.percentile(taken, [50, 99, 100])
             cells = (f"{rate:,.0f}", burst_filter, f"{p50:,.0f}", f"{p99:,.0f}", f"{worst:,.0f}")
-            rows.append(f"| {' | '.join(cells)} |")
+            rows.append(cells)
     return rows
 
 
-def one_a_call(name: str, reference: ReferenceMap) -> str:
+def one_a_call(name: str, reference: ReferenceMap) -> tuple[str, ...]:
     """Feed events at selected pixels one by one, each of which gives a match."""
     rng, pixels = np.random.default_rng(1), reference.pixel_map
     slots = rng.integers(0, len(pixels), 2 * ONE_A_CALL)
@@ -103,7 +107,7 @@ def one_a_call(name: str, reference: ReferenceMap) -> str:
     gc.enable()
     assert matches == len(taken)
     p10, p50, p99 = np.percentile(taken, [10, 50, 99]) / 1e3
-    return f"| {name} | {p10:.1f} | {p50:.1f} | {p99:.1f} |"
+    return name, f"{p10:.1f}", f"{p50:.1f}", f"{p99:.1f}"
 
 
 def memory(reference: ReferenceMap, events: Events) -> int:
@@ -117,48 +121,44 @@ def memory(reference: ReferenceMap, events: Events) -> int:
     return peak - localiser.map_bytes
 
 
-def main() -> None:
-    """Print the table."""
+#: files by what they hold, with their columns
+TABLES = {
+    "latency-chunks": (
+        "matched by", "events per chunk", "matches", "p50 (µs)", "p99 (µs)", "worst (µs)",
+        "times real time",
+    ),
+    "latency-calls": ("matched by", "p10 (µs)", "p50 (µs)", "p99 (µs)"),
+    "latency-stream": ("events/s", "burst filter", "p50 (µs)", "p99 (µs)", "worst (µs)"),
+}  # fmt: skip
+
+
+def main(folder: str | None = None) -> None:
+    """Print the tables, and write them to a folder."""
     events = stream()
-    header = (
-        "matched by",
-        "events a chunk",
-        "matches",
-        "p50 us",
-        "p99 us",
-        "worst us",
-        "x real time",
-    )
-    lines = [header, ("---",) * len(header)]
     maps = {f"sequences, L = {length}": scene(PLACES, length).reference for length in (1, 5)}
-    for name, reference in {**maps, "place filter, contrast codes": filtered()}.items():
-        for chunk in (1, 100, 10_000):
-            lines.append(row(name, reference, events, chunk))
-    print("\n## From an event's arrival to its match\n")
+    maps["place filter, contrast codes"] = filtered()
+    rows = {
+        "latency-chunks": [
+            row(name, reference, events, chunk)
+            for name, reference in maps.items()
+            for chunk in (1, 100, 10_000)
+        ],
+        "latency-calls": [one_a_call(name, reference) for name, reference in maps.items()],
+        "latency-stream": line_rows(),
+    }
     print(
-        f"Machine: {machine()}. A camera of {EVENTS_PER_SECOND:,} events a second at random pixels "
-        f"of {SENSOR}, 150 of them selected, K = {PLACES:,}, windows of N = 450 events, a match "
-        "for every selected event, garbage collection off. Microseconds from the call with a chunk "
-        "to its return with matches.\n"
+        f"{machine()}: {EVENTS_PER_SECOND:,} events/s of {SENSOR}, K = {PLACES:,}, a match for "
+        f"every selected event; latency-stream: 1,000 matches after the first {WARM}"
     )
-    for line in lines:
-        print("| " + " | ".join(line) + " |")
-    print("\nEvents at selected pixels, one a call, each with its match, microseconds.\n")
-    print("| matched by | p10 | p50 | p99 |\n| --- | --- | --- | --- |")
-    for name, reference in {**maps, "place filter, contrast codes": filtered()}.items():
-        print(one_a_call(name, reference))
-    print(
-        "\nFrom the write of a frame of 1 ms on a pseudo-terminal to the arrival of the line with "
-        f"its match, at the next process: `stream --json --every 5ms`, K = {PLACES:,}, L = 4, "
-        f"1,000 matches after the first {WARM}, microseconds.\n"
-    )
-    print("| events/s | burst filter | p50 | p99 | worst |\n| --- | --- | --- | --- | --- |")
-    print("\n".join(line_rows()))
+    for name, header in TABLES.items():
+        table = [header, *rows[name]]
+        print(f"\n{name}\n" + "\n".join(", ".join(line) for line in table))
+        if folder is not None:
+            with (Path(folder) / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
+                csv.writer(file, lineterminator="\n").writerows(table)
     held = memory(scene(PLACES, 5).reference, events)
-    print(
-        f"\nMost memory held beside the map, at 1,000 events a chunk, L = 5: {held / 1e3:,.0f} kB."
-    )
+    print(f"\nmost memory beside the map, at 1,000 events per chunk, L = 5: {held / 1e3:,.0f} kB")
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

@@ -1,11 +1,13 @@
-"""The table of a benchmark run, in Markdown, with the machine named."""
+"""The table of a benchmark run, and the machine that it ran on."""
 
 from __future__ import annotations
 
+import csv
 import os
 import platform
 from collections.abc import Iterable
 from importlib import metadata
+from pathlib import Path
 from typing import NamedTuple
 
 from edge_vpr.results import processor_name
@@ -28,55 +30,35 @@ class Entry(NamedTuple):
     note: str = ""
 
 
-def table(entries: Iterable[Entry]) -> str:
-    """One row for each contestant; ratios are of least times.
+HEADER = ("work", "by", "least", "median", "edge-vpr against it", "target")
+
+
+def rows(entries: Iterable[Entry]) -> list[tuple[str, ...]]:
+    """Return one row for each contestant, with its columns as in `HEADER`; ratios of least times.
 
     A peer's ratio says how many times faster edge-vpr is; a limit's, which share of it is reached.
     """
-    entries = list(entries)
-    rows = [
-        "| work | by | least | median | edge-vpr against it | asked |",
-        "|---|---|--:|--:|--:|--:|",
-    ]
+    entries, found = list(entries), []
     for work in dict.fromkeys(entry.work for entry in entries):
         ours = next((e for e in entries if e.work == work and e.library == OURS), None)
-        for i, entry in enumerate(e for e in entries if e.work == work):
+        for entry in (e for e in entries if e.work == work):
             ratio = _ratio(ours, entry)
-            cells = [
-                work if i == 0 else "",
-                _name(entry),
-                _seconds(entry.least),
-                _seconds(entry.median),
-                "" if ratio is None else f"{ratio:.2f} of it" if entry.limit else f"{ratio:.1f} x",
-                "" if entry.asked is None else f"{entry.asked:g}",
-            ]
+            target = "" if entry.asked is None else f"{entry.asked:g}"
             if ratio is not None and entry.asked is not None and ratio < entry.asked:
-                cells[-1] += " (missed)"
-            rows.append("| " + " | ".join(cells) + " |")
-    return "\n".join(rows)
+                target += " (missed)"
+            against = ""
+            if ratio is not None:
+                against = f"{ratio:.2f} of it" if entry.limit else f"{ratio:.1f} x"
+            name = f"{entry.library} ({entry.note})" if entry.note else entry.library
+            times = _seconds(entry.least), _seconds(entry.median)
+            found.append((work, name, *times, against, target))
+    return found
 
 
-def page(entries: Iterable[Entry], skipped: list[str]) -> str:
-    """Write out the page ``docs/benchmarks.md``."""
-    entries = list(entries)
-    lines = [
-        "# Benchmarks",
-        "",
-        "Written by `make bench`; the numbers of another machine differ, the ratios less so.",
-        "",
-        f"Machine: {machine()}. {versions()}. One thread each.",
-        "",
-        "`least` and `median` are over the rounds of one run. A ratio is of least times: how",
-        "many times faster edge-vpr is than a peer, or which share of a limit it reaches; `asked`",
-        "is what the project set itself. Before a contestant is timed, its result must equal",
-        "edge-vpr's to the bit. Conversions that a peer needs (to float32, say) are not timed.",
-        "",
-        table(entries),
-        "",
-    ]
-    if skipped:
-        lines += ["Not measured:", "", *[f"- {reason}" for reason in skipped], ""]
-    return "\n".join(lines)
+def write_csv(path: Path, entries: Iterable[Entry]) -> None:
+    """Write ``docs/results/benchmarks.csv``."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows([HEADER, *rows(entries)])
 
 
 def machine() -> str:
@@ -95,11 +77,6 @@ def versions() -> str:
     return ", ".join(found)
 
 
-def _name(entry: Entry) -> str:
-    name = f"**{OURS}**" if entry.library == OURS else entry.library
-    return f"{name} ({entry.note})" if entry.note else name
-
-
 def _ratio(ours: Entry | None, entry: Entry) -> float | None:
     if ours is None or entry is ours:
         return None
@@ -107,6 +84,6 @@ def _ratio(ours: Entry | None, entry: Entry) -> float | None:
 
 
 def _seconds(seconds: float) -> str:
-    units = (("s", 1.0), ("ms", 1e-3), ("us", 1e-6))
+    units = (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6))
     unit, scale = next((u for u in units if seconds >= u[1]), units[-1])
     return f"{seconds / scale:.3g} {unit}"

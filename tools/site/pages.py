@@ -70,7 +70,7 @@ STAGES = {
     "intensity": Stage(
         "Intensity images",
         "Frames of a conventional camera, beside events or alone; "
-        "[compared](../results.md#conventional-frames).",
+        "[compared](../results_methods.md#conventional-frames).",
         packages=("edge_vpr_tools.research.intensity",),
     ),
     "pipeline": Stage(
@@ -106,7 +106,7 @@ STAGES = {
     ),
     "stream": Stage(
         "Live cameras",
-        "Links to cameras and bridges, and the protocols that they speak.",
+        "Links to cameras and bridges, and the [protocols](../serial.md) that they speak.",
         packages=("edge_vpr.live.protocols",),
         names=(
             "edge_vpr.live.session.LiveMatch",
@@ -119,7 +119,7 @@ STAGES = {
     ),
     "evaluation": Stage(
         "Ground truth and evaluation",
-        "Which places are right, and how many matches are; [how](../ground_truth.md).",
+        "Which places are correct, and how many matches are; [how](../ground_truth.md).",
         names=("edge_vpr.evaluation.tracks.with_positions",),
         exported=("evaluation",),
     ),

@@ -20,11 +20,11 @@ PICTURES = {
     "tutorial_distances.svg": "results/distance_matrix.svg",
     "tutorial_online.svg": "live/matches.svg",
 }
-#: code that runs after the commands, and the block of what it prints
-_PYTHON = re.compile(
-    r"(^```python after[^\n]*\n(.*?)^```\n\n```\n).*?(?=^```$)", re.MULTILINE | re.DOTALL
-)
 _CONSOLE = re.compile(r"^```console\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+#: the program at the end of the page, and what it prints
+_PYTHON = re.compile(
+    r"^(```python after[^\n]*\n(.*?)^```$\n\n)```\n(.*?)^```$", re.MULTILINE | re.DOTALL
+)
 
 
 def commands(block: str) -> list[tuple[str, str]]:
@@ -54,13 +54,14 @@ def rerun(text: str, folder: Path) -> str:
             shown += [f"$ {line}", *kept]
         return "\n".join(["```console", *shown, "```"])
 
-    def again_in_python(found: re.Match[str]) -> str:
-        program = [sys.executable, "-c", found[2]]
-        return found[1] + subprocess.run(
-            program, cwd=folder, text=True, check=True, stdout=subprocess.PIPE
-        ).stdout  # fmt: skip
+    def program(found: re.Match[str]) -> str:
+        run = subprocess.run(
+            [sys.executable, "-c", found[2]],
+            cwd=folder, text=True, check=True, stdout=subprocess.PIPE,
+        )  # fmt: skip
+        return f"{found[1]}```\n{run.stdout}```"
 
-    return _PYTHON.sub(again_in_python, _CONSOLE.sub(again, text))
+    return _PYTHON.sub(program, _CONSOLE.sub(again, text))
 
 
 def main() -> None:

@@ -565,7 +565,7 @@ class ListeningDecoder(PacketDecoder):
 # OpenMV's protocol, version 2: events of a camera with a GENX320, requested or unrequested.
 #
 # The camera has named channels. A script on it registers ``events`` or ``raw_events``, whose number
-# is in the list of channels. `docs/stream.md` names the scripts.
+# is in the list of channels. `docs/serial.md` names the scripts.
 
 
 class AskingDecoder(PacketDecoder):

@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--recall-denominator",
         choices=("rejected-correct", "all-with-place"),
         default="rejected-correct",
-        help="which queries count as missed: those rejected although their match was right "
+        help="which queries count as missed: those rejected although their match was correct "
         "(rejected-correct, as in the authors' released code), or all that have a true place in "
         "the map and did not get it (all-with-place)",
     )
@@ -91,13 +91,13 @@ def run(args: argparse.Namespace) -> None:
         + "   ".join(f"Recall@{n} {recall:.3f}" for n, recall in found.recall_at.items())
     )
     answer(
-        f"{found.queries} queries evaluated by {truth.description}; {found.queries_unknown} of "
-        f"unknown truth left out, {found.queries_without_place} without a true place in the map, "
-        f"{found.queries_tied} tied"
+        f"{found.queries} queries evaluated by {truth.description}; without known "
+        f"truth {found.queries_unknown}, off the map {found.queries_without_place}, tied "
+        f"{found.queries_tied}"
     )
     _print_trust(matches, found)
     answer(
-        f"recall counts as missed queries: {MISSED[args.recall_denominator]}; "
+        f"recall counts a query as missed if {MISSED[args.recall_denominator]}; "
         f"see {folder / results.REPORT}"
     )
 

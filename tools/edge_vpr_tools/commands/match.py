@@ -221,10 +221,13 @@ def run(args: argparse.Namespace) -> None:
         summary(f"{matrix}: distances, {distances.shape[0]} places x {distances.shape[1]} queries")
     summary(
         f"counting {queries.events.sum():,} events took {metrics.counting_s:.2f} s, matching "
-        f"{metrics.matching_s * 1e6 / len(matches):.1f} us a query"
+        f"{metrics.matching_s * 1e6 / len(matches):.1f} µs per query"
     )
     if not args.no_figures:
-        summary(f"see {output / results.REPORT}; is it right? edge-vpr evaluate {output} --help")
+        summary(
+            f"see {output / results.REPORT}; next, compare with the truth: "
+            f"edge-vpr evaluate {output} --help"
+        )
 
 
 def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> None:

@@ -299,13 +299,13 @@ class Mission:
     def __post_init__(self) -> None:
         if not (self.events_per_s >= 0 and 0 <= self.selected_share <= 1):
             raise UsageError(
-                f"{self.events_per_s:g} events a second, a share of {self.selected_share:g} at "
+                f"{self.events_per_s:g} events per second, a share of {self.selected_share:g} at "
                 "selected pixels: expected a rate from 0 and a share from 0 to 1"
             )
         if not self.matches_per_s > 0 or self.events_per_call < 1:
             raise UsageError(
-                f"{self.matches_per_s:g} matches a second, {self.events_per_call} events a call: "
-                "expected positive numbers"
+                f"{self.matches_per_s:g} matches per second, {self.events_per_call} events per "
+                "call: expected positive numbers"
             )
 
     @property

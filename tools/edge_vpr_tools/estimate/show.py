@@ -165,14 +165,14 @@ def _design(found: Estimation) -> None:
     of, mission, density = found.design, found.mission, asked.places_per_metre
     say(f"{design_text(of)}: {of.slots} counters, of {of.width} x {of.height} pixels")
     say(
-        f"{size.place_bytes} bytes a place, {size_text(1e3 * density * size.place_bytes)} "
+        f"{size.place_bytes} bytes per place, {size_text(1e3 * density * size.place_bytes)} "
         f"a km at {density:g} places a metre ({of.places / density / 1000:g} km); all memories "
         f"{size_text(size.packed_bytes)} packed; firmware in C, a byte a code: flash "
         f"{size_text(size.flash_bytes)} of tables, RAM {size_text(size.ram_bytes)}"
     )
     say(
-        f"at {mission.events_per_s:,.0f} events a second, {mission.selected_share:.3%} of them at "
-        f"selected pixels, and {mission.matches_per_s:g} matches a second"
+        f"at {mission.events_per_s:,.0f} events per second, {mission.selected_share:.3%} of them "
+        f"at selected pixels, and {mission.matches_per_s:g} matches per second"
     )
 
 

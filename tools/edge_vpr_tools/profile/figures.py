@@ -67,7 +67,7 @@ def against_rate(energy: Energy, figures: Figures) -> Figure:
             axes.axhline(marginal, color=GREEN, ls="--", label="marginal")
         axes.set(
             title="Energy of a match against the match rate",
-            xlabel="matches a second",
+            xlabel="matches per second",
             ylabel="energy of a match",
         )
         quantity_axis(axes.yaxis, "J")

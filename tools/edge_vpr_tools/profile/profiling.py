@@ -561,7 +561,7 @@ class Request:
     def __post_init__(self) -> None:
         if not self.mission_rate > 0:
             raise UsageError(
-                f"a mission of {self.mission_rate:g} matches a second: expected a positive rate"
+                f"a mission of {self.mission_rate:g} matches per second: expected a positive rate"
             )
 
 

@@ -26,15 +26,15 @@ from edge_vpr_tools.spreadsheets import write_spreadsheet
 
 #: one over the marginal energy, with the events of a match: the headline
 PER_JOULE = "matches per joule"
-DESIGNS = ("design", "P@100R", "bytes a place", "processor time a match", "marginal energy")
+DESIGNS = ("design", "P@100R", "bytes per place", "processor time per match", "marginal energy")
 
 
 def rows(found: Profile) -> list[tuple[str, str]]:
     """Return the figures of a profile as pairs of name and value; missing ones are marked."""
     speed = found.throughput
     told = [
-        ("events a second", f"{speed.events_per_s:,.0f}"),
-        ("matches a second", f"{speed.matches_per_s:,.1f}"),
+        ("events per second", f"{speed.events_per_s:,.0f}"),
+        ("matches per second", f"{speed.matches_per_s:,.1f}"),
         ("times real time", f"{speed.times_real_time:,.1f}"),
         ("latency of a call with a match, p50", quantity(speed.latency_p50_s, "s")),
         ("latency of a call with a match, p99", quantity(speed.latency_p99_s, "s")),
@@ -69,7 +69,7 @@ def _energy_rows(energy: Outcome, void: bool) -> list[tuple[str, str]]:
         (PER_JOULE, _per_joule(figures)),
         (names[0], _marginal(energy, figures)),
         (names[1], _joules(figures, "saturated_j_per_match")),
-        (f"{names[2]}'s {energy.mission_matches_per_s:g} matches a second",
+        (f"{names[2]}'s {energy.mission_matches_per_s:g} matches per second",
          _joules(figures, "mission_j_per_match")),
         ("power at rest", idle),
     ]  # fmt: skip

@@ -333,8 +333,8 @@ def quantity(
 # Names of choices in words, for pages and figures.
 
 
-#: queries that recall counts as missed, by the name of the denominator
+#: when recall counts a query as missed, by the name of the denominator
 MISSED: dict[str, str] = {
-    "rejected-correct": "rejected ones whose best match was correct",
-    "all-with-place": "all with a place in the map that they did not get",
+    "rejected-correct": "rejected although its best match was correct",
+    "all-with-place": "in the map but not found",
 }

@@ -33,7 +33,8 @@ class TableView:
     Parameters
     ----------
     only : mapping of column to str
-        Rows that have these values, whose columns are left out.
+        Rows that have these values; several are separated by `` | ``. A column of one value is
+        left out.
     columns : sequence of str
         Columns, in this order; by default all.
     across : str, optional
@@ -130,11 +131,13 @@ def table_of(rows: Sequence[Row], view: TableView | None = None) -> str:
             raise UsageError(
                 f"no column {name!r}{did_you_mean(name, header)} (there are {', '.join(header)})"
             )
-    rows = [row for row in rows if all(row[name] == value for name, value in view.only.items())]
+    only = {name: value.split(" | ") for name, value in view.only.items()}
+    rows = [row for row in rows if all(row[name] in values for name, values in only.items())]
     if not rows:
         raise UsageError(f"no row has {dict(view.only)}")
     names = header[: header.index(SEED)] if SEED in header else header
-    shown = [name for name in view.columns or header if name not in (SEED, view.across, *view.only)]
+    single = [name for name, values in only.items() if len(values) == 1]
+    shown = [name for name in view.columns or header if name not in (SEED, view.across, *single)]
     named = [name for name in shown if name in names]
     measured = [name for name in shown if name not in names]
     across = view.across

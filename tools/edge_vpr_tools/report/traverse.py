@@ -304,7 +304,7 @@ def _trust_figures(found: Evaluation) -> list[tuple[str, str, str]]:
             (
                 "AUROC off the map",
                 rejection.off_map_auroc,
-                "how surely a query off the map has less trust than one on it; 0.5 is chance",
+                "how well trust tells queries off the map from those on it; 0.5 is chance",
             ),
         ]
     if rejection.accepted is not None:
