@@ -1,8 +1,8 @@
 """Generated faults of the core: ``python -m firmware_model.verification.hardware_mutants``.
 
 Each mutant changes one operator or constant of the sources, or removes a statement. The vectors of
-designs with sequences, and of some with the place filter and own-mean or contrast codes, are replayed with
-stalls and resets until a case finds the mutant; the first of them also on the core that has
+designs with sequences, and of some with the place filter, own-mean and contrast codes, are replayed
+with stalls and resets until a case finds the mutant; the first of them also on the core that has
 registers behind its block memories. Short cases with a reset of one clock, at each clock of a place
 or of a match, follow. The command lists the mutants that no case finds.
 It needs Icarus Verilog.
