@@ -26,7 +26,7 @@ LEARNT_DELAYS = (0, 2, 4, 8)
 SMOOTHED = "smoothed"
 MOST_STEPS = 4_096
 #: number of the rule for the trust of the place filter: tables learnt with another one do not hold
-TRUST_RULE = 2
+TRUST_RULE = 3
 
 
 @dataclass(frozen=True, eq=False)

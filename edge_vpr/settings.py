@@ -31,7 +31,9 @@ Strategy = Literal["variance", "seed-code", "random", "random-upper", "top", "in
 STRATEGIES: tuple[str, ...] = get_args(Strategy)
 WindowKind = Literal["time", "count"]
 CounterCodeName = Literal["none", "linear", "sqrt", "log"]
-CounterScaling = Literal["shared", "per-pixel", "own-mean"]
+CounterScaling = Literal["shared", "per-pixel", "own-mean", "contrast"]
+#: scalings of logarithms less a mean, whose codes have no fixed table
+OWN_MEAN_SCALINGS: tuple[CounterScaling, ...] = ("own-mean", "contrast")
 QueryMean = Literal["own", "running"]
 Matching = Literal["sequence", "filter"]
 Anchor = Literal["middle", "end"]
@@ -424,21 +426,22 @@ _COUNTERS = _group(
     ),
     counter_scaling=SettingField(
         help="range of the codes: the same for all pixels (shared); one for each pixel, taken from "
-        "the reference (per-pixel); or logarithms of counts less their mean over the drive "
-        "(own-mean)",
+        "the reference (per-pixel); logarithms of counts less their mean over the drive "
+        "(own-mean); or these less their mean over the window too (contrast)",
         choices=get_args(CounterScaling),
-        more="Codes by own-mean hardly change when the light does.",
+        more="Codes by own-mean hardly change when the light does, and those by contrast hardly "
+        "when the speed does.",
     ),
 )
 _MATCHING = _group(
     "matching",
     query_mean=SettingField(
-        help="mean that own-mean codes subtract in a query: that of the whole drive (own), or a "
-        "running mean, as on a robot (running)",
+        help="mean that own-mean and contrast codes subtract in a query: that of the whole drive "
+        "(own), or a running mean, as on a robot (running)",
         choices=get_args(QueryMean),
         more="Only with a recording is the whole drive known: live and online matching always use "
         "the running mean.",
-        needs=("counter_scaling", ("own-mean",)),
+        needs=("counter_scaling", OWN_MEAN_SCALINGS),
     ),
     matching=SettingField(
         help="match with the place filter, or by comparing sequences of windows (the paper)",
@@ -446,8 +449,8 @@ _MATCHING = _group(
         more="See docs/place_filter.md.",
     ),
     filter_steps=SettingField(
-        help="place filter: cost of moving on by 0, 1, 2 ... places in one window; auto: 1,0,1 "
-        "for windows of fixed time, 1,0,0,1 for windows of a fixed count",
+        help="place filter: cost of moving on by 0, 1, 2 ... places in one window; auto: by how "
+        "many events the window has against the place, or 1,0,0,1 for windows of a fixed count",
         kind=tuple,
         metavar="P,P,...",
         words={"auto": None},
@@ -455,8 +458,8 @@ _MATCHING = _group(
         show=costs_word,
         valid=lambda values: len(values) > 0 and are_costs(values),
         expected="1 to 16 costs from 0 to 254, for example 1,0,1",
-        more="With fixed-count windows, moving on by two places costs nothing too, because such "
-        "windows become longer in other light.",
+        more="A camera that moves slowly has fewer events. With fixed-count windows, moving on by "
+        "two places costs nothing too, because such windows become longer in other light.",
         needs=_FILTER,
     ),
     filter_back=SettingField(
@@ -645,12 +648,13 @@ class Settings:
 
     @property
     def own_mean_code(self) -> OwnMeanCode | None:
-        """The own-mean code of the counters; None with other codes."""
-        if self.counter_code == "none" or self.counter_scaling != "own-mean":
+        """The own-mean or contrast code of the counters; None with other codes."""
+        if self.counter_code == "none" or self.counter_scaling not in OWN_MEAN_SCALINGS:
             return None
         from fixedpoint.own_mean import OwnMeanCode
 
-        return OwnMeanCode(self.counter_bits, self.counter_full_scale or 0)
+        contrast = self.counter_scaling == "contrast"
+        return OwnMeanCode(self.counter_bits, self.counter_full_scale or 0, contrast)
 
     @property
     def shared_code(self) -> CounterCode | None:
@@ -694,15 +698,18 @@ class Settings:
                 "per-pixel, which takes the full scale of each pixel from the reference: set "
                 "counter_full_scale to auto"
             )
-        if self.counter_scaling == "own-mean" and self.counter_code != "log":
+        if self.counter_scaling not in OWN_MEAN_SCALINGS:
+            return
+        if self.counter_code != "log":
             raise UsageError(
-                f"setting counter_scaling = own-mean with counter_code = {self.counter_code}: "
-                "own-mean needs logarithms; set counter_code to log"
+                f"setting counter_scaling = {self.counter_scaling} with counter_code = "
+                f"{self.counter_code}: {self.counter_scaling} needs logarithms; set counter_code "
+                "to log"
             )
-        if self.counter_scaling == "own-mean" and self.counter_bits > OWN_MEAN_BITS:
+        if self.counter_bits > OWN_MEAN_BITS:
             raise UsageError(
-                f"setting counter_bits = {self.counter_bits} with counter_scaling = own-mean: "
-                f"expected 1 to {OWN_MEAN_BITS} bits"
+                f"setting counter_bits = {self.counter_bits} with counter_scaling = "
+                f"{self.counter_scaling}: expected 1 to {OWN_MEAN_BITS} bits"
             )
 
     @property
@@ -800,7 +807,7 @@ def values_by_name(values: Mapping[str, Any], source: str) -> dict[str, Any]:
 
 
 _BEST = Settings(
-    matching="filter", smooth=True, counter_code="log", counter_scaling="own-mean", anchor="end",
+    matching="filter", smooth=True, counter_code="log", counter_scaling="contrast", anchor="end",
 )  # fmt: skip
 
 PRESETS: Mapping[str, Settings] = {
@@ -860,7 +867,7 @@ def resolve_settings(
     given = {name: value for name, value in (flags or {}).items() if value is not None}
     given = values_by_name(given, source)
     for chosen in (values, given):
-        # own-mean codes, which some presets have, exist for logarithms only
+        # contrast codes, which some presets have, exist for logarithms only
         if chosen.get("counter_code", "log") != "log" or chosen.get("clip"):
             chosen.setdefault("counter_scaling", "shared")
             if chosen.get("clip"):

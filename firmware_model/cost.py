@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from firmware_model.model.design import Design, formats_of, widths_of
+from firmware_model.model.design import ACTIVITY_COSTS, Design, formats_of, widths_of
 
 
 class Memory(NamedTuple):
@@ -37,14 +37,19 @@ def memories(design: Design, slow_blocks: bool = False) -> dict[str, Memory]:
     -------
     dict of str to Memory
         Row displacements and look-up, with its delay line of pixels; counters; code tables, and
-        which each counter uses; running means, and those that they begin with; the descriptor that
-        is compared; the places; the distances of the last L windows, or the filter's metrics and,
-        if kept, distances; the delay line of the search.
+        which each counter uses; running means, and those that they begin with; of contrast codes,
+        the differences to them; the descriptor that is compared; the places; the distances of the
+        last L windows, or the filter's metrics, powers of two for logarithms of events and, if
+        kept, distances; activities of places, and costs by them; the delay line of the search.
     """
     bits = widths_of(design)
     lanes = design.lanes * bits["code"]
     if design.filters:
-        kept = {"metric": Memory(design.places, bits["metric"])}
+        kept = {
+            "metric": Memory(design.places, bits["metric"]),
+            # 16 powers of 24 bits, each in 32 words of a bit
+            "powers": Memory(16 * 32, 1),
+        }
         if design.keep_distances:
             kept["distance"] = Memory(design.places, bits["distance"])
     else:
@@ -52,6 +57,14 @@ def memories(design: Design, slow_blocks: bool = False) -> dict[str, Memory]:
     if design.own_mean:
         kept["mean"] = Memory(design.slots, bits["mean"])
         kept["first_mean"] = Memory(design.slots, bits["entry"])
+    if design.contrast:
+        # with sign and rounding
+        kept["deviation"] = Memory(design.slots, bits["entry"] + 2)
+    if design.activity_costs:
+        kept["place_activity"] = Memory(design.places, bits["place_activity"])
+        # a row a quarter of an octave, of 16 octaves
+        width = max(map(max, ACTIVITY_COSTS)).bit_length()
+        kept["costs"] = Memory(64, len(ACTIVITY_COSTS[0]) * width)
     return {
         "displacement": Memory(design.height, bits["address"]),
         "lookup": Memory(design.lookup_depth, bits["owner"] + bits["slot"]),
@@ -133,8 +146,9 @@ def operations(design: Design) -> Operations:
 
     With the filter, the count is for a window that is neither the first nor a pause. For each place
     it has a term of two sums (all distances, and their deviations from the mean), the difference to
-    the smallest distance and its product, the price of each step and their minimum, the evidence
-    and its limits, and the search by a delay line. In addition there are two products of the
+    the smallest distance and its product, the price of each step and their minimum, the evidence,
+    its weight and its limits, and the search by a delay line. Where prices are by activity, their
+    row is a difference of activities and its limits. In addition there are two products of the
     acceptance and three divisions.
 
     Returns
@@ -157,14 +171,21 @@ def operations(design: Design) -> Operations:
 def _filter_operations(design: Design) -> Operations:
     places, again = design.places, 1 if design.keep_distances else 2
     # steps that lead to a place from within the map
-    steps = sum(max(0, places - step) for step in range(len(design.steps)))
+    forward = len(ACTIVITY_COSTS[0]) if design.activity_costs else len(design.steps)
+    row = places if design.activity_costs else 0
+    steps = sum(max(0, places - step) for step in range(forward))
     steps += sum(max(0, places - step) for step in range(1, len(design.back) + 1))
     return Operations(
         absolute_differences=again * places * design.slots + places,
         # distances; both sums over places; the price of a step, less the least metric; the
-        # difference to the least distance, and the evidence
-        additions=again * places * (design.slots - 1) + 2 * (places - 1) + 2 * steps + 2 * places,
-        # least distance; least price, and restart; limits of evidence and metric; search; accept
-        comparisons=(places - 1) + steps + 2 * places + 3 * places + 1,
-        multiplications=places + (2 if design.accept == "ratio" else 0),
+        # difference to the least distance, and the evidence; the row of the prices
+        additions=again * places * (design.slots - 1)
+        + 2 * (places - 1)
+        + 2 * steps
+        + 2 * places
+        + row,
+        # least distance; least price, and restart; limits of evidence and metric; search; those of
+        # the row; accept
+        comparisons=(places - 1) + steps + 2 * places + 3 * places + 2 * row + 1,
+        multiplications=2 * places + (2 if design.accept == "ratio" else 0),
     )

@@ -31,15 +31,18 @@ _DESIGN = Design(
 )  # fmt: skip
 _FILTER = replace(_DESIGN, matching="filter", length=1, code="own-mean")
 #: cases whose images are analysed
-CASES = ("tie_of_two", "events_by_count", "walk", "backwards_of_kept_distances", "own_means")
+CASES = (
+    "tie_of_two", "events_by_count", "walk", "backwards_of_kept_distances", "own_means",
+    "by_activity", "contrasts",
+)  # fmt: skip
 _OPTIONS = (
     "-eva", "-machdep", "x86_32", "-eva-precision", "2", "-eva-auto-loop-unroll", "300",
     "-eva-slevel", "60", "-eva-widening-delay", "18",
     "-eva-widening-period", "8",
 )  # fmt: skip
 #: types of the entries of the tables, in their order in the image
-_TYPES = ("H", "IHH", "B", "B", "B", "H", "H")
-_C_TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "IHH": "vpr_entry_t"}
+_TYPES = ("H", "IHH", "B", "B", "B", "H", "H", "b")
+_C_TYPES = {"B": "uint8_t", "b": "int8_t", "H": "uint16_t", "I": "uint32_t", "IHH": "vpr_entry_t"}
 _DRIVER = """
 static vpr_design_t design;
 static vpr_state_t state;
@@ -116,7 +119,7 @@ def driver(memories: Memories) -> str:
 
 def _c_value(value: int | tuple[int, int, int]) -> str:
     if isinstance(value, int):
-        return f"{value}U"
+        return f"{value}U" if value >= 0 else str(value)
     return f"{{{value[0]}U, {{{value[1]}U, {value[2]}U}}}}"
 
 

@@ -10,8 +10,8 @@ from firmware_model.errors import DesignError
 from firmware_model.model.design import FRACTION_BITS, Design, formats_of
 from firmware_model.model.memories import Memories
 
-MAGIC, VERSION = 0x49525056, 2
-HEADER_WORDS = 36
+MAGIC, VERSION = 0x49525056, 3
+HEADER_WORDS = 40
 
 
 class Word(IntEnum):
@@ -44,13 +44,16 @@ class Word(IntEnum):
     PLACES_TABLE = 24
     PRICE_TABLE = 25
     MEAN_TABLE = 26
-    STEPS = 27
-    BACK = 28
-    RESTART = 29
-    KEEP_DISTANCES = 30
-    TRUST = 31
-    OWN_MEAN = 32
-    ACTIVITY = 33
+    PLACE_ACTIVITY_TABLE = 27
+    STEPS = 28
+    BACK = 29
+    RESTART = 30
+    KEEP_DISTANCES = 31
+    TRUST = 32
+    OWN_MEAN = 33
+    ACTIVITY = 34
+    CONTRAST = 35
+    ACTIVITY_COSTS = 36
 
 
 #: offsets of the tables, in the order in which they lie in the image
@@ -62,6 +65,7 @@ TABLES = (
     Word.PLACES_TABLE,
     Word.PRICE_TABLE,
     Word.MEAN_TABLE,
+    Word.PLACE_ACTIVITY_TABLE,
 )
 #: rows of codes, and tables, begin at multiples of this number of bytes
 ALIGNMENT = 16
@@ -101,6 +105,7 @@ def image(memories: Memories) -> bytes:
         b"".join(bytes(place).ljust(row, b"\0") for place in memories.places),
         _words(prices(design)),
         _words(memories.mean),
+        struct.pack(f"{len(memories.place_activity)}b", *memories.place_activity),
     ]
     offsets, body = [], b""
     for table in tables:
@@ -131,6 +136,8 @@ def image(memories: Memories) -> bytes:
         Word.CODES: len(design.full_scales),
         Word.OWN_MEAN: design.code_bits if design.own_mean else 0,
         Word.ACTIVITY: memories.activity,
+        Word.CONTRAST: int(design.contrast),
+        Word.ACTIVITY_COSTS: int(design.activity_costs),
         **dict(zip(TABLES, offsets, strict=True)),
     }
     if design.filters:

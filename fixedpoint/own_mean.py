@@ -1,9 +1,10 @@
 """The own-mean code: logarithm of a count less the mean of its counter, in octaves.
 
 Other light multiplies all counts of a pixel by a factor, which adds a constant to their logarithms.
-The difference between a logarithm and the mean of the drive does not change. All arithmetic is in
-integers: logarithms come from a table in units of 1/256 octave, and the running mean is updated by
-a shift.
+The difference between a logarithm and the mean of the drive does not change. A slower camera
+multiplies all counts of a window by a factor: contrast codes subtract the mean of the window's
+differences too. All arithmetic is in integers: logarithms come from a table in units of 1/256
+octave, and the running mean is updated by a shift.
 """
 
 from __future__ import annotations
@@ -50,6 +51,8 @@ class OwnMeanCode:
         1 to 8. A code is stored plus ``2**(bits - 1)``: 0 to ``2**bits - 1``.
     full_scale : int
         Largest count that is told apart, 1 to 65,535; 0 takes 1,023.
+    contrast : bool
+        Subtract the mean over the counters of a window too: codes are then relative to the window.
 
     Raises
     ------
@@ -59,6 +62,7 @@ class OwnMeanCode:
 
     bits: int = 3
     full_scale: int = FULL_SCALE
+    contrast: bool = False
 
     def __post_init__(self) -> None:
         if not 1 <= index(self.bits) <= OWN_MEAN_BITS:
@@ -95,22 +99,35 @@ class OwnMeanCode:
         -------
         ndarray of uint8, of the shape of `counts`
         """
-        return self._of_levels(self.level(counts), mean)
+        deviations = self.level(counts) - mean
+        offset = np.int64(1 << (LEVEL_BITS - 1)) - self.window_mean(deviations)[..., None]
+        half = 1 << (self.bits - 1)
+        octaves = np.clip((deviations + offset) >> LEVEL_BITS, -half, half - 1)
+        return (octaves + half).astype(np.uint8)
+
+    def window_mean(self, deviations: Integers) -> npt.NDArray[np.int64]:
+        """Return the mean of each window's deviations, rounded to the nearest; 0 without contrast.
+
+        Parameters
+        ----------
+        deviations : ndarray of int, shape (..., J)
+            Logarithms less the means of their counters, in units of 1/256 octave.
+
+        Returns
+        -------
+        ndarray of int64, shape (...)
+        """
+        total, counters = deviations.sum(axis=-1, dtype=np.int64), deviations.shape[-1]
+        return self.contrast * ((2 * total + counters) // (2 * counters))
 
     def decode(self, codes: Integers, mean: Integers) -> npt.NDArray[np.int64]:
-        """Return a typical count for each code, for plots, of the same shape."""
+        """Return a typical count for each code, for plots, of the same shape.
+
+        Contrast codes have lost what all counters of a window share.
+        """
         octaves = codes.astype(np.float64) - (1 << (self.bits - 1)) + mean / (1 << LEVEL_BITS)
         counts = np.rint(np.exp2(octaves) - 1)
         return np.clip(counts, 0, self.full_scale).astype(np.int64)
-
-    def tables(self, mean: Integers) -> npt.NDArray[np.uint16]:
-        """Tabulate the code of each count for each counter, shape (J, full_scale + 1)."""
-        return self._of_levels(self.levels, np.asarray(mean)[:, None]).astype(np.uint16)
-
-    def _of_levels(self, levels: Integers, mean: Integers) -> npt.NDArray[np.uint8]:
-        half = 1 << (self.bits - 1)
-        octaves = (levels - mean + (1 << (LEVEL_BITS - 1))) >> LEVEL_BITS
-        return (np.clip(octaves, -half, half - 1) + half).astype(np.uint8)
 
 
 def mean_level(levels: Integers) -> npt.NDArray[np.int32]:

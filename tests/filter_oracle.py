@@ -11,6 +11,7 @@ import naive
 
 from edge_vpr.matching.transitions import METRIC_TOP
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import Settings
 
 Rows = list[list[int]]
 
@@ -48,28 +49,42 @@ def resumed(arrays) -> Begin:  # type: ignore[no-untyped-def]
 
 
 def pauses(counted: Rows, mean_activity: int) -> list[bool]:
-    """Whether each window has no event, or less than 1/16 of the usual number."""
+    """Whether each window is a pause."""
     paused = []
     for row in counted:
-        events = sum(row)
-        paused.append(events == 0 or 16 * 256 * events < mean_activity)
-        mean_activity += (256 * min(events, 2**23 - 1) - mean_activity) // 64
+        paused.append(naive.is_pause(sum(row), mean_activity))
+        mean_activity = naive.usual_after(mean_activity, sum(row))
     return paused
+
+
+def place_activities(reference: ReferenceMap) -> list[int]:
+    """Activity of each place, of a byte."""
+    usual = begin_of(reference).mean_activity
+    return [
+        min(max(naive.log_activity(events) - naive.log_activity(usual // 256), -128), 127)
+        for events in reference.places.activity.tolist()
+    ]
+
+
+def forward_costs(settings: Settings) -> tuple[int, ...] | None:
+    """Costs of steps forward; None: by activity."""
+    return settings.filter_steps or (None if settings.window == "time" else (1, 0, 0, 1))
 
 
 def running_codes(reference: ReferenceMap, counted: Rows, begin: Begin) -> Rows:
     """Own-mean codes of windows, each against the mean of those before it."""
     code, paused = reference.own_mean_code, pauses(counted, begin.mean_activity)
     assert code is not None and reference.mean is not None
-    coded: Rows = [[] for _ in counted]
-    for j, mean in enumerate(reference.mean.tolist()):
-        start = begin.means[j] if begin.means else None
-        levels: list[int] = []
-        for w, row in enumerate(counted):
-            now = naive.running_means(levels, mean, start)[-1]
-            coded[w].append(naive.own_mean_code(row[j], now, code.bits, code.full_scale))
+    coded: Rows = []
+    levels: list[list[int]] = [[] for _ in reference.mean]
+    for w, row in enumerate(counted):
+        means = []
+        for j, mean in enumerate(reference.mean.tolist()):
+            start = begin.means[j] if begin.means else None
+            means.append(naive.running_means(levels[j], mean, start)[-1])
             if not paused[w]:
-                levels.append(naive.log_level(min(row[j], code.full_scale)))
+                levels[j].append(naive.log_level(min(row[j], code.full_scale)))
+        coded.append(naive.own_mean_codes(row, means, code.bits, code.full_scale, code.contrast))
     return coded
 
 
@@ -78,13 +93,14 @@ def drive_codes(reference: ReferenceMap, counted: Rows) -> Rows:
     code, paused = reference.own_mean_code, pauses(counted, begin_of(reference).mean_activity)
     assert code is not None
     moving = [row for row, pause in zip(counted, paused, strict=True) if not pause] or counted
-    coded: Rows = [[] for _ in counted]
+    means = []
     for j in range(len(counted[0])):
         levels = [naive.log_level(min(row[j], code.full_scale)) for row in moving]
-        mean = (2 * sum(levels) + len(levels)) // (2 * len(levels))
-        for w, row in enumerate(counted):
-            coded[w].append(naive.own_mean_code(row[j], mean, code.bits, code.full_scale))
-    return coded
+        means.append((2 * sum(levels) + len(levels)) // (2 * len(levels)))
+    return [
+        naive.own_mean_codes(row, means, code.bits, code.full_scale, code.contrast)
+        for row in counted
+    ]
 
 
 def filtered(
@@ -92,12 +108,13 @@ def filtered(
 ) -> list[tuple[int, int, int, int, int]]:
     """Place, metric, second, its metric and trust after each window."""
     settings, places = reference.settings, reference.places.counts.tolist()
-    forward = settings.filter_steps or ((1, 0, 1) if settings.window == "time" else (1, 0, 0, 1))
+    forward = forward_costs(settings)
     told = naive.place_filter(
         [[naive.sad(place, code) for place in places] for code in coded],
         events, forward, settings.filter_back, settings.filter_restart, settings.exclusion,
         begin.mean_activity, begin.filtered,
         [] if reference.jumps is None else reference.jumps.tolist(),
+        places=place_activities(reference),
     )  # fmt: skip
     return [
         (best, metric[best], second, metric[second] if second >= 0 else -1, trust)
@@ -110,12 +127,13 @@ def smoothed(
 ) -> list[tuple[int, int, int, int, int]]:
     """Place, metric, second, its metric and trust of each window, by those before and after it."""
     settings, places = reference.settings, reference.places.counts.tolist()
-    forward = settings.filter_steps or ((1, 0, 1) if settings.window == "time" else (1, 0, 0, 1))
+    forward = forward_costs(settings)
     told, follow, evidence = naive.smoothed_filter(
         [[naive.sad(place, code) for place in places] for code in coded],
         events, forward, settings.filter_back, settings.filter_restart,
         begin_of(reference).mean_activity,
         [] if reference.jumps is None else reference.jumps.tolist(), [], [None] * len(coded),
+        place_activities(reference),
     )  # fmt: skip
     rows, margins = [], []
     for metric in told:

@@ -308,11 +308,18 @@ def log_level(count: int) -> int:
     return max(r for r in candidates if r == 0 or 2 ** (2 * r - 1) <= (1 + count) ** 512)
 
 
-def own_mean_code(count: int, mean: int, bits: int, full_scale: int) -> int:
-    """Octaves of a count above its counter's mean, saturated, plus half the range."""
-    half = 2 ** (bits - 1)
-    octaves = (log_level(min(count, full_scale)) - mean + 128) // 256
-    return min(max(octaves, -half), half - 1) + half
+def own_mean_codes(
+    counts: Sequence[int], means: Sequence[int], bits: int, full_scale: int, contrast: bool = False
+) -> list[int]:
+    """Octaves of each count of a window above its counter's mean, saturated, plus half the range.
+
+    With contrast, less the mean of the window too, rounded.
+    """
+    half, above = 2 ** (bits - 1), []
+    for count, mean in zip(counts, means, strict=True):
+        above.append(log_level(min(count, full_scale)) - mean)
+    shared = (2 * sum(above) + len(above)) // (2 * len(above)) if contrast else 0
+    return [min(max((a - shared + 128) // 256, -half), half - 1) + half for a in above]
 
 
 def running_means(
@@ -330,63 +337,121 @@ def running_means(
     return means
 
 
+def log_activity(events: int) -> int:
+    """``floor(16 log2(1 + events))`` of up to 2**23 - 1 events."""
+    return int((min(events, 2**23 - 1) + 1) ** 16).bit_length() - 1
+
+
+def activity(events: int, usual: int) -> int:
+    """Logarithm of a window's events less that of the usual number; the lowest without events."""
+    return log_activity(events) - log_activity(usual // 256) if events else -368
+
+
+def is_pause(events: int, usual: int) -> bool:
+    """Whether a window has no event, or less than 1/16 of the usual number."""
+    return events == 0 or 16 * 256 * events < usual
+
+
+def usual_after(usual: int, events: int) -> int:
+    """Usual number of events, times 256, after a window."""
+    return usual + (256 * min(events, 2**23 - 1) - usual) // 64
+
+
+@cache
+def step_prices(row: int) -> list[int]:
+    """Prices of steps of 0 to 3 places where the activity is ``row / 2 - 6`` octaves higher.
+
+    A share of the steps is expected to be of each, with so many octaves of activity.
+    """
+    prices = {}
+    for each in range(17):
+        prices[each] = [
+            (each / 2 - 6 - math.log2(speed)) ** 2 / 2 / 1.2**2 - math.log(share)
+            for speed, share in [(0.3, 0.2), (1, 0.6), (2, 0.19), (3, 0.01)]
+        ]
+    lowest = min(map(min, prices.values()))
+    lower = max(min(prices[row]) - lowest - 1, 0)  # the cheapest step costs 1 at most
+    return [round(4 * (price - lowest - lower)) for price in prices[row]]
+
+
+Prices = dict[int, int]
+
+
+def prices_to(
+    places: Sequence[int], now: int, forward: Sequence[int] | None, back: Sequence[int]
+) -> list[Prices]:
+    """Prices of the steps that reach each place in a window; `places` and `now` are activities."""
+    prices = {-1 - i: 4 * price for i, price in enumerate(back)}
+    if forward is not None:
+        return [prices | {i: 4 * price for i, price in enumerate(forward)} for _ in places]
+    rows = [min(max((now - place + 4) // 8, -12), 4) + 12 for place in places]
+    return [prices | dict(enumerate(step_prices(row))) for row in rows]
+
+
+def steps_that_follow(forward: Sequence[int] | None, back: Sequence[int]) -> Prices:
+    """Steps after which a match follows from the one before."""
+    last = 3 if forward is None else max(len(forward) - 1, 2)
+    return dict.fromkeys(range(-len(back), last + 1), 0)
+
+
 def place_filter(
     distances: Matrix,
     events: Sequence[int],
-    forward: Sequence[int],
+    forward: Sequence[int] | None,
     back: Sequence[int],
     restart: int,
     exclusion: int,
-    activity: int,
+    usual: int,
     begin: tuple[list[int], int, int, int, list[int]] | None = None,
     jumps: Sequence[tuple[int, int]] = (),
     along: Sequence[int] = (),
     travelled: Sequence[int | None] = (),
-    quiet_part: int = 1,
+    places: Sequence[int] = (),
 ) -> list[tuple[list[int], int, int, int]]:
     """Metrics, best, second and trust after each window; ``distances[j]`` are those of window j.
 
-    Evidence of a quiet window counts 1 / `quiet_part`. It goes on from `begin`: metrics, scale (0:
-    none yet), place and support of a window before, and the misfits of it and the one before it.
+    `places` are the activities of the places; without `forward`, prices depend on them. It goes on
+    from `begin`: metrics, scale (0: none yet), place and support of a window before, and the
+    misfits of it and the one before it.
     """
-    prices = {i: 4 * price for i, price in enumerate(forward)}
-    prices |= {-1 - i: 4 * price for i, price in enumerate(back)}
-    metric, scale, last, support, misfits = begin or ([0] * len(distances[0]), 0, None, 0, [])
+    k = len(distances[0])
+    metric, scale, last, support, misfits = begin or ([0] * k, 0, None, 0, [])
     told = []
     for j, d in enumerate(distances):
-        mean = sum(d) // len(d)
-        spread = max(sum(abs(x - mean) for x in d) // len(d), 1)
-        quiet = events[j] == 0 or 8 * 256 * events[j] < activity
-        pause = events[j] == 0 or 16 * 256 * events[j] < activity
-        steps = {0: 0, 1: 0, 2: 4} if quiet else prices
         least, way = min(metric), travelled[j] if travelled else None
-        ways = ways_of_steps(len(d), steps, jumps) if way is None else (
-            ways_of_odometry(along, way, jumps)
-        )  # fmt: skip
+        prices = prices_to(places or [0] * k, activity(events[j], usual), forward, back)
+        ways = ways_of_steps(prices, jumps) if way is None else ways_of_odometry(along, way, jumps)
         predicted = [
-            min([4 * restart] + [metric[i] - least + c for i, to, c in ways if to == k])
-            for k in range(len(d))
+            min([4 * restart] + [metric[i] - least + c for i, to, c in ways if to == place])
+            for place in range(k)
         ]
         if j == 0 and begin is None:
-            predicted = [0] * len(d)
-        own = 65536 // spread
-        scaled = scale or own  # by the spread of the window before, up to 2**16
-        evidence = [0 if pause else min((x - min(d)) * scaled // 2**14, 255) for x in d]
-        evidence = [e // quiet_part if quiet else e for e in evidence]
+            predicted = [0] * k
+        evidence, scale = evidence_of(d, events[j], usual, scale)
         metric = [min(p + e, 1023) for p, e in zip(predicted, evidence, strict=True)]
-        scale = scale if pause else own
-        activity += (256 * min(events[j], 2**23 - 1) - activity) // 64
+        usual = usual_after(usual, events[j])
         best, second, _ = best_and_second(metric, exclusion)
         margin = metric[second] - metric[best] if second >= 0 else 1023
-        if way is None:  # a step that is longer than any follows from nothing
-            ways = ways_of_steps(
-                len(d), dict.fromkeys(range(-len(back), max(len(forward), 3)), 0), jumps
-            )
+        if way is None:
+            ways = ways_of_steps([steps_that_follow(forward, back)] * k, jumps)
         follows = any((i, to) == (last, best) and c < 4 * restart for i, to, c in ways)
         support = next_support(support if follows else 0, margin, best == last)
         misfits, last = [*misfits, evidence[best]][-3:], best
         told.append((metric, best, second, trust(support, misfits)))
     return told
+
+
+def evidence_of(
+    distances: Sequence[int], events: int, usual: int, scale: int
+) -> tuple[list[int], int]:
+    """Evidence against each place, and the scale of the next window; 0 if there is none yet."""
+    if is_pause(events, usual):
+        return [0] * len(distances), scale
+    mean = sum(distances) // len(distances)
+    own = 65536 // max(sum(abs(d - mean) for d in distances) // len(distances), 1)
+    weight = min(max((activity(events, usual) + 48) // 2, 0), 8)
+    least = min(distances)  # scaled by the spread of the window before, up to 2**16
+    return [min((d - least) * (scale or own) // 2**14, 255) * weight // 8 for d in distances], own
 
 
 def next_support(kept: int, margin: int, stands: bool) -> int:
@@ -404,40 +469,33 @@ def trust(support: int, misfits: Sequence[int]) -> int:
 def smoothed_filter(
     distances: Matrix,
     events: Sequence[int],
-    forward: Sequence[int],
+    forward: Sequence[int] | None,
     back: Sequence[int],
     restart: int,
-    activity: int,
+    usual: int,
     jumps: Sequence[tuple[int, int]],
     along: Sequence[int],
     travelled: Sequence[int | None],
-    quiet_part: int = 4,
+    places: Sequence[int] = (),
 ) -> tuple[list[list[int]], list[set[tuple[int, int]]], list[list[int]]]:
     """Forward metric of each window plus the price of the cheapest way on from each place.
 
-    And the pairs of places that may follow each other up to each window, and its evidence. Evidence
-    of a quiet window counts 1 / `quiet_part`.
+    And the pairs of places that may follow each other up to each window, and its evidence.
     """
-    k, scale, evidence, ways = len(distances[0]), None, [], []
-    prices = {i: 4 * price for i, price in enumerate(forward)}
-    prices |= {-1 - i: 4 * price for i, price in enumerate(back)}
-    given, usual = (forward, back, restart, 0, activity, None, jumps, along, travelled), activity
-    metrics = [metric for metric, *_ in place_filter(distances, events, *given, quiet_part)]
+    k, scale, evidence, ways, follow = len(distances[0]), 0, [], [], []
+    given = (forward, back, restart, 0, usual, None, jumps, along, travelled, places)
+    metrics = [metric for metric, *_ in place_filter(distances, events, *given)]
     for d, count, way in zip(distances, events, travelled, strict=True):
-        own = 65536 // max(sum(abs(x - sum(d) // k) for x in d) // k, 1)
-        quiet = count == 0 or 8 * 256 * count < usual
-        pause = count == 0 or 16 * 256 * count < usual
-        scaled = own if scale is None else scale
-        part = quiet_part if quiet else 1
-        evidence.append(
-            [0 if pause else min((x - min(d)) * scaled // 2**14, 255) // part for x in d]
-        )
-        scale = scale if pause else own
-        usual += (256 * min(count, 2**23 - 1) - usual) // 64
-        steps = {0: 0, 1: 0, 2: 4} if quiet else prices
-        ways.append(
-            ways_of_steps(k, steps, jumps) if way is None else ways_of_odometry(along, way, jumps)
-        )
+        some, scale = evidence_of(d, count, usual, scale)
+        evidence.append(some)
+        steps = prices_to(places or [0] * k, activity(count, usual), forward, back)
+        steps, known = ways_of_steps(steps, jumps), []
+        if way is not None:
+            steps = known = ways_of_odometry(along, way, jumps)
+        ways.append(steps)
+        usual = usual_after(usual, count)
+        known = known or ways_of_steps([steps_that_follow(forward, back)] * k, jumps)
+        follow.append({(i, to) for i, to, c in known if c < 4 * restart})
     onward, summed = [0] * k, []
     for j in reversed(range(len(distances))):
         summed.append([m + o for m, o in zip(metrics[j], onward, strict=True)])
@@ -446,15 +504,6 @@ def smoothed_filter(
             min([4 * restart] + [price[to] - min(price) + c for i, to, c in ways[j] if i == place])
             for place in range(k)
         ]
-    last = dict.fromkeys(range(-len(back), max(len(forward), 3)), 0)
-    follow = [
-        {
-            (i, to)
-            for i, to, c in (ways_of_steps(k, last, jumps) if way is None else ways[j])
-            if c < 4 * restart
-        }
-        for j, way in enumerate(travelled)
-    ]
     return summed[::-1], follow, evidence
 
 
@@ -501,21 +550,24 @@ def delayed_trust(
 
 
 def ways_of_steps(
-    places: int, prices: dict[int, int], jumps: Sequence[tuple[int, int]]
+    prices: Sequence[Prices], jumps: Sequence[tuple[int, int]]
 ) -> list[tuple[int, int, int]]:
-    """Place, place after one window, and price; a jump is one step, others lead up to it and on."""
+    """Place, place after one window, and price; a jump is one step, others lead up to it and on.
+
+    `prices` are those of the steps that reach each place.
+    """
     ways = [
-        (i, i + step, price)
-        for step, price in prices.items()
-        for i in range(places)
-        if 0 <= i + step < places
+        (to - step, to, price)
+        for to, steps in enumerate(prices)
+        for step, price in steps.items()
+        if 0 <= to - step < len(prices)
     ]
     for a, b in jumps:
         ways += [
-            (i, k, prices[a - i + 1 + k - b])
+            (i, to, prices[to][a - i + 1 + to - b])
             for i in range(a + 1)
-            for k in range(b, places)
-            if a - i + 1 + k - b in prices
+            for to in range(b, len(prices))
+            if a - i + 1 + to - b in prices[to]
         ]
     return ways
 

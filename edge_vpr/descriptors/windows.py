@@ -20,6 +20,7 @@ from edge_vpr.events import TIME_LIMIT_US, Sensor
 from edge_vpr.recordings import Faults, read_count_frames
 from edge_vpr.recordings.frames import MOST_PIXELS, Counts
 from edge_vpr.recordings.recording import TimeCrop
+from fixedpoint.activity import EVENTS_TOP, LOG_TOP, PLACE_HIGH, PLACE_LOW, least_events
 
 # Windows: the spans of time, or of events, that descriptors are counted in.
 
@@ -257,28 +258,54 @@ def join(parts: Sequence[Descriptors]) -> Descriptors:
     )
 
 
-# Quiet windows and pauses: so few events that the camera hardly moves, or stands still.
+# Activity of a window: how many events it has against the usual number, and whether it is a pause.
 
 
-#: a window with no event, or less than 1/8 of the usual number, is quiet: standing costs nothing
-QUIET_SHIFT = 3
 #: a window with no event, or less than 1/16 of the usual number, is a pause: it has no evidence
 PAUSE_SHIFT = 4
 #: the usual number moves by 1/64 of the difference in each window; it has 8 fraction bits
 ACTIVITY_SHIFT, ACTIVITY_BITS = 6, 8
-#: largest number of events of a window; larger ones saturate, so that the usual number has 31 bits
-EVENTS_TOP = (1 << 23) - 1
+_LEAST_EVENTS = least_events()
 
 
 @kernel
-def is_quiet(events: int, mean_activity: int) -> bool:
-    """Return whether a window of `events` selected events is quiet; see `Activity`."""
-    return events == 0 or events << (ACTIVITY_BITS + QUIET_SHIFT) < mean_activity
+def log_activity(events: int) -> int:
+    """Return ``floor(16 log2(1 + events))``, at most `LOG_TOP`."""
+    return int(np.searchsorted(_LEAST_EVENTS, events, side="right"))
+
+
+@kernel
+def activity_of(events: int, mean_activity: int) -> int:
+    """Return the logarithm of a window's events less that of the usual number, in 1/16 octave.
+
+    A window without events has the lowest activity: in a long stop, the usual number falls to 0.
+    """
+    if events == 0:
+        return -LOG_TOP
+    return log_activity(events) - log_activity(mean_activity >> ACTIVITY_BITS)
+
+
+def place_activity(events: npt.NDArray[np.integer]) -> npt.NDArray[np.int32]:
+    """Return the activity of each place: the logarithm of its events less that of the mean.
+
+    Parameters
+    ----------
+    events : ndarray of int, shape (K,)
+        At the selected pixels in the window of each place.
+
+    Returns
+    -------
+    ndarray of int32, shape (K,)
+        In units of 1/16 octave, of 8 bits with sign.
+    """
+    logs = np.searchsorted(_LEAST_EVENTS, events, side="right")
+    relative = logs - log_activity(activity_of_drive(events) >> ACTIVITY_BITS)
+    return np.clip(relative, PLACE_LOW, PLACE_HIGH).astype(np.int32)
 
 
 @kernel
 def is_pause(events: int, mean_activity: int) -> bool:
-    """Return whether a window of `events` selected events is a pause, which is quiet too."""
+    """Return whether a window of `events` selected events is a pause; see `Activity`."""
     return events == 0 or events << (ACTIVITY_BITS + PAUSE_SHIFT) < mean_activity
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.confidence import Acceptance, Confidence, default_confidence
-from edge_vpr.descriptors.windows import Descriptors, activity_of_drive
+from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, place_activity
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import CANDIDATES, Matches, nearest_places
@@ -21,14 +21,7 @@ from edge_vpr.matching.sequences import (
     sequence_matches,
     sequence_sums,
 )
-from edge_vpr.matching.smoother import (
-    QUIET_EVIDENCE_SHIFT,
-    BackwardPass,
-    FixedLag,
-    SmoothedMatch,
-    Way,
-    runs,
-)
+from edge_vpr.matching.smoother import BackwardPass, FixedLag, SmoothedMatch, Way, runs
 from edge_vpr.matching.transitions import Metrics, TransitionCosts, Transitions
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
@@ -64,7 +57,7 @@ class _Kept(NamedTuple):
 
     metrics: npt.NDArray[np.uint16]
     evidence: npt.NDArray[np.uint8]
-    quiet: npt.NDArray[np.bool_]
+    activity: npt.NDArray[np.int32]
 
     @classmethod
     def empty(cls, windows: int, places: int) -> _Kept:
@@ -72,19 +65,19 @@ class _Kept(NamedTuple):
         return cls(
             np.empty(shape, dtype=np.uint16),
             np.empty(shape, dtype=np.uint8),
-            np.empty(windows, dtype=np.bool_),
+            np.empty(windows, dtype=np.int32),
         )
 
     def keep(self, first: int, last: int, rows: WindowRows) -> None:
         """Keep the values of the windows from `first` to before `last`."""
         self.metrics[first:last], self.evidence[first:last] = rows.metrics, rows.evidence
-        self.quiet[first:last] = rows.quiet
+        self.activity[first:last] = rows.activity
 
     def rows(self, first: int, last: int) -> WindowRows:
         """Return the values of these windows, with columns to be filled."""
         columns = np.empty((last - first, len(FilterMatch._fields)), dtype=np.int64)
         metrics = self.metrics[first:last].astype(np.int32)
-        return WindowRows(columns, metrics, self.evidence[first:last], self.quiet[first:last])
+        return WindowRows(columns, metrics, self.evidence[first:last], self.activity[first:last])
 
 
 def filter_drive(
@@ -326,8 +319,8 @@ def filter_of(
     """
     return PlaceFilter(
         len(places), TransitionCosts.of(settings), settings.exclusion,
-        activity_of_drive(places.activity),
-        quiet_shift=QUIET_EVIDENCE_SHIFT if settings.smooth else 0, jumps=jumps, along_mm=along_mm,
+        activity_of_drive(places.activity), place_activity=place_activity(places.activity),
+        jumps=jumps, along_mm=along_mm,
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
-from edge_vpr.descriptors.windows import Activity, is_pause, is_quiet, mean_activity_after
+from edge_vpr.descriptors.windows import activity_of, is_pause, mean_activity_after
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.transitions import (
     FRACTION_BITS,
@@ -21,6 +21,7 @@ from edge_vpr.matching.transitions import (
     leads_to,
     predict,
 )
+from fixedpoint.activity import LOG_TOP, WEIGHT_BITS, WEIGHT_FROM
 
 # Integer arithmetic of one window of the place filter: spread, evidence, best places, trust.
 
@@ -119,10 +120,22 @@ def reciprocal_of_spread(distances: npt.NDArray[np.integer]) -> int:
 
 
 @kernel
+def weight_of(activity: int) -> int:
+    """Return the weight of the evidence of a window, in units of 1/8.
+
+    A camera that hardly moves sees the same view again, by fewer events.
+    """
+    return min(max((activity - WEIGHT_FROM) >> 1, 0), 1 << WEIGHT_BITS)
+
+
+@kernel
 def evidence_of(
-    distances: npt.NDArray[np.integer], reciprocal: int, evidence: npt.NDArray[Any]
+    distances: npt.NDArray[np.integer],
+    reciprocal: int,
+    weight: int,
+    evidence: npt.NDArray[np.uint8],
 ) -> None:
-    """Write ``E = min((D - min D) / s, 255)``, in fraction bits.
+    """Write ``E = min((D - min D) / s, 255) * weight``, in fraction bits.
 
     Parameters
     ----------
@@ -130,36 +143,22 @@ def evidence_of(
         What all of them have in common does not matter.
     reciprocal : int
         Of s, see `reciprocal_of_spread`; 0 of a spread above 2**16: nothing is evidence then.
-    evidence : ndarray of int, shape (K,)
+    weight : int
+        See `weight_of`.
+    evidence : ndarray of uint8, shape (K,)
         Written to.
     """
     shift = RECIPROCAL_BITS - FRACTION_BITS
     # a larger difference gives the largest evidence anyway, and this product fits into 32 bits
     most = np.int64((EVIDENCE_TOP << shift) // max(reciprocal, 1) + 1)
-    least = np.int64(distances.min())
+    least = np.int64(distances[0])
+    for distance in distances:
+        least = min(least, np.int64(distance))
     factor = np.int32(reciprocal)
     for k in range(evidence.size):
         difference = np.int32(min(np.int64(distances[k]) - least, most))
-        evidence[k] = min((difference * factor) >> shift, EVIDENCE_TOP)
-
-
-@kernel
-def add_evidence(
-    prediction: Metrics, distances: npt.NDArray[np.integer], reciprocal: int, metric: Metrics
-) -> None:
-    """Write ``min(P + E, 2**10 - 1)``, with E as `evidence_of` gives it.
-
-    Parameters
-    ----------
-    prediction : ndarray of int32, shape (K,)
-    distances : ndarray of int, shape (K,)
-    reciprocal : int
-    metric : ndarray of int32, shape (K,)
-        Written to.
-    """
-    evidence_of(distances, reciprocal, metric)
-    for k in range(metric.size):
-        metric[k] = min(prediction[k] + metric[k], METRIC_TOP)
+        unweighted = (difference * factor) >> shift
+        evidence[k] = (min(unweighted, np.int32(EVIDENCE_TOP)) * weight) >> WEIGHT_BITS
 
 
 @kernel
@@ -203,20 +202,29 @@ def _first_least(metric: Metrics, begin: int, end: int) -> int:
 
 #: State of a filter between two windows, in addition to its metrics; see `PlaceFilter`.
 NUMBER_NAMES = ("reciprocal", "mean_activity", "place", "support", "misfit", "misfit_before")
-NUMBERS = np.dtype([(name, np.int64) for name in NUMBER_NAMES])
+#: with the activity for which the prediction holds, or one of the two below
+NUMBERS = np.dtype([(name, np.int64) for name in (*NUMBER_NAMES, "predicted_for")])
+#: there is no prediction yet; it is by odometry, and holds for any activity
+NOT_PREDICTED, BY_DISTANCE = -2 * LOG_TOP, 2 * LOG_TOP
 
 
-class Predictions(NamedTuple):
-    """Predictions for the next window from the windows before; see `PlaceFilter`.
+class FilterState(NamedTuple):
+    """Arrays of a `PlaceFilter`, which its kernels update in place.
 
     Attributes
     ----------
-    moving, quiet : ndarray of int32, shape (K,)
+    numbers : ndarray of NUMBERS, shape (1,)
+    metric : ndarray of int32, shape (K,)
+        After the window before.
+    prediction : ndarray of int32, shape (K,)
+        Cost of being at each place in this window, without its evidence.
     follows : ndarray of bool, shape (K,)
+        Which places follow from the latest match, if the prediction is by odometry.
     """
 
-    moving: Metrics
-    quiet: Metrics
+    numbers: Any
+    metric: Metrics
+    prediction: Metrics
     follows: npt.NDArray[np.bool_]
 
 
@@ -231,14 +239,14 @@ class WindowRows(NamedTuple):
         After each window.
     evidence : ndarray of uint8, shape (n, K)
         Which each window added.
-    quiet : ndarray of bool, shape (n,)
-        Which windows are quiet.
+    activity : ndarray of int32, shape (n,)
+        Of each window, see `activity_of`.
     """
 
     columns: npt.NDArray[np.int64]
     metrics: Metrics
     evidence: npt.NDArray[np.uint8]
-    quiet: npt.NDArray[np.bool_]
+    activity: npt.NDArray[np.int32]
 
     @classmethod
     def empty(cls, windows: int, places: int) -> WindowRows:
@@ -247,29 +255,27 @@ class WindowRows(NamedTuple):
             np.empty((windows, 6), dtype=np.int64),
             np.empty((windows, places), dtype=np.int32),
             np.empty((windows, places), dtype=np.uint8),
-            np.empty(windows, dtype=np.bool_),
+            np.empty(windows, dtype=np.int32),
         )
 
     def part(self, first: int, last: int) -> WindowRows:
         """Return the rows of the windows from `first` to before `last`, in the same memory."""
         return WindowRows(
             self.columns[first:last], self.metrics[first:last], self.evidence[first:last],
-            self.quiet[first:last],
+            self.activity[first:last],
         )  # fmt: skip
 
     def take(self, others: WindowRows) -> None:
         """Copy the rows of as many other windows."""
         self.columns[:], self.metrics[:] = others.columns, others.metrics
-        self.evidence[:], self.quiet[:] = others.evidence, others.quiet
+        self.evidence[:], self.activity[:] = others.evidence, others.activity
 
 
 @kernel
 def update_windows(
-    numbers: Any,
-    predicted: Predictions,
+    state: FilterState,
     steps: StepTable,
     exclusion: int,
-    quiet_shift: int,
     distances: npt.NDArray[np.integer],
     events: npt.NDArray[np.int64],
     rows: WindowRows,
@@ -278,12 +284,10 @@ def update_windows(
 
     Parameters
     ----------
-    numbers : ndarray of NUMBERS, shape (1,)
+    state : FilterState
         Before the first window; after the call, after the last.
-    predicted : Predictions
-        Of the first window. Those after it are predicted by steps.
     steps : StepTable
-    exclusion, quiet_shift : int
+    exclusion : int
         Of `PlaceFilter`.
     distances : ndarray of int, shape (n, K)
     events : ndarray of int64, shape (n,)
@@ -291,41 +295,83 @@ def update_windows(
     rows : WindowRows
         Written to.
     """
-    now = numbers[0]
+    now = state.numbers[0]
     for i in range(len(distances)):
-        metric, evidence = rows.metrics[i], rows.evidence[i]
-        quiet = is_quiet(events[i], now.mean_activity)
-        rows.quiet[i] = quiet
-        if i > 0:
-            costs, first = (steps.quiet, 0) if quiet else (steps.costs, steps.first)
-            prediction = predict(rows.metrics[i - 1], costs, first, steps.restart, steps.jumps)
-        else:
-            prediction = predicted.quiet if quiet else predicted.moving
-        if is_pause(events[i], now.mean_activity):
-            evidence[:] = 0
-        else:
-            own = reciprocal_of_spread(distances[i])
-            evidence_of(distances[i], now.reciprocal if now.reciprocal != 0 else own, evidence)
-            now.reciprocal = own
-            if quiet:
-                evidence >>= np.uint8(quiet_shift)
-        for k in range(metric.size):
-            metric[k] = min(prediction[k] + np.int32(evidence[k]), METRIC_TOP)
+        row = rows.columns[i]
+        rows.activity[i] = activity_of(events[i], now.mean_activity)
+        support, misfit = match_window(
+            state, steps, exclusion, distances[i], events[i], rows.evidence[i], rows.metrics[i], row
+        )
+        if not is_pause(events[i], now.mean_activity):
+            now.reciprocal = reciprocal_of_spread(distances[i])
         now.mean_activity = mean_activity_after(now.mean_activity, events[i])
-        place, second, ties = least_and_second(metric, exclusion)
-        if i > 0:
-            follows = leads_to(now.place, place, steps.first, steps.last, steps.jumps)
-        else:
-            follows = predicted.follows[place]
-        margin = write_match(metric, place, second, ties, rows.columns[i])
-        kept = int(now.support) if follows else 0
-        now.support = support_after(kept, place == now.place, margin)
-        now.place = place
-        misfit = misfit_of(evidence[place])
-        worst = max(misfit, now.misfit, now.misfit_before)
-        rows.columns[i, 5] = trust_of(now.support, worst)
+        now.place, now.support = row[0], support
         now.misfit_before = now.misfit
         now.misfit = misfit
+        now.predicted_for = NOT_PREDICTED
+        for k in range(state.metric.size):
+            state.metric[k] = rows.metrics[i, k]
+
+
+@kernel
+def match_window(
+    state: FilterState,
+    steps: StepTable,
+    exclusion: int,
+    distances: npt.NDArray[np.integer],
+    events: int,
+    evidence: npt.NDArray[np.uint8],
+    metric: Metrics,
+    row: npt.NDArray[np.int64],
+) -> tuple[int, int]:
+    """Match a window, finished or not, without advancing the filter.
+
+    Parameters
+    ----------
+    state : FilterState
+        Only its prediction is changed, which the next call for this window may use again.
+    steps : StepTable
+    exclusion : int
+    distances : ndarray of int, shape (K,)
+        What all of them have in common does not matter.
+    events : int
+        At the selected pixels in the window.
+    evidence : ndarray of uint8, shape (K,)
+    metric : ndarray of int32, shape (K,)
+    row : ndarray of int64, shape (6,)
+        Of `FilterMatch`; all three are written to.
+
+    Returns
+    -------
+    support, misfit : int
+        Of the match.
+    """
+    now = state.numbers[0]
+    activity = activity_of(events, now.mean_activity)
+    if now.predicted_for != activity and now.predicted_for != BY_DISTANCE:
+        if now.place >= 0:
+            predict(state.metric, steps, activity, False, state.prediction)
+        now.predicted_for = activity
+    scale, weight = now.reciprocal, 0
+    if not is_pause(events, now.mean_activity):
+        weight = weight_of(activity)
+        if scale == 0:
+            scale = reciprocal_of_spread(distances)
+    evidence_of(distances, scale, weight, evidence)
+    for k in range(metric.size):
+        metric[k] = min(state.prediction[k] + np.int32(evidence[k]), METRIC_TOP)
+    place, second, ties = least_and_second(metric, exclusion)
+    if now.predicted_for == BY_DISTANCE:
+        follows = state.follows[place]
+    else:
+        follows = now.place >= 0 and leads_to(
+            now.place, place, steps.first, steps.last, steps.jumps
+        )
+    margin = write_match(metric, place, second, ties, row)
+    support = support_after(now.support if follows else 0, place == now.place, margin)
+    misfit = misfit_of(evidence[place])
+    row[5] = trust_of(support, max(misfit, now.misfit, now.misfit_before))
+    return support, misfit
 
 
 @kernel
@@ -351,10 +397,10 @@ def write_match(
 @kernel
 def smooth_windows(
     onward: Metrics,
-    turned: Metrics,
-    back: StepTable,
+    ahead: Metrics,
+    steps: StepTable,
     exclusion: int,
-    quiet: npt.NDArray[np.bool_],
+    activity: npt.NDArray[np.int32],
     evidence: npt.NDArray[np.uint8],
     summed: Metrics,
     columns: npt.NDArray[np.int64],
@@ -366,13 +412,11 @@ def smooth_windows(
     onward : ndarray of int32, shape (K,)
         Cost of going on from each place after the last of these windows; after the call, before
         the first.
-    turned : ndarray of int32, shape (K,)
-        Written to: the cost of going on from the first window, with its own evidence, last place
-        first.
-    back : StepTable
-        Of `Transitions.reversed`.
+    ahead : ndarray of int32, shape (K,)
+        Written to: the cost of going on from the first window, with its own evidence.
+    steps : StepTable
     exclusion : int
-    quiet, evidence
+    activity, evidence
         See `WindowRows`.
     summed : ndarray of int32, shape (n, K)
         Metrics; after the call, the cost of the best path through each place.
@@ -380,13 +424,12 @@ def smooth_windows(
         Of `FilterMatch`, written to; its trust is the margin, in units of 1/16 of a metric.
     """
     for i in range(len(summed) - 1, -1, -1):
-        summed[i] += onward
+        for k in range(onward.size):
+            summed[i, k] += onward[k]
+            ahead[k] = onward[k] + np.int32(evidence[i, k])
         place, second, ties = least_and_second(summed[i], exclusion)
         columns[i, 5] = write_match(summed[i], place, second, ties, columns[i]) << TRUST_BITS
-        for k in range(turned.size):
-            turned[k] = onward[turned.size - 1 - k] + evidence[i, turned.size - 1 - k]
-        costs, first = (back.quiet, 0) if quiet[i] else (back.costs, back.first)
-        onward[:] = predict(turned, costs, first, back.restart, back.jumps)[::-1]
+        predict(ahead, steps, activity[i], True, onward)
 
 
 # The place filter: finds the place from the newest window and the possible moves before it.
@@ -434,33 +477,21 @@ class PlaceFilter:
     costs : TransitionCosts
     exclusion : int
         The second best is searched more than this many places from the best.
-    activity : int
+    mean_activity : int
         Events that a window of the reference has at the selected pixels on average, in units of
-        1/256 event; 0 if only windows without events are quiet.
-    quiet_shift : int
-        Evidence of a quiet window is divided by ``2**quiet_shift``, rounded down.
-    jumps, along_mm : ndarray, optional
+        1/256 event; 0 if only windows without events are pauses.
+    place_activity, jumps, along_mm : ndarray, optional
         Of the map, see `Transitions`.
 
     Attributes
     ----------
     transitions : Transitions
-    metric : ndarray of int32, shape (K,)
-        Of 10 bits, 2 of them fraction bits.
-    prediction, quiet : ndarray of int32, shape (K,)
-        Cost of being at each place one window later, without its evidence; `quiet` if that window
-        is quiet.
-    follows : ndarray of bool, shape (K,)
-        Which places follow from the latest match, so that its support is kept.
-    reciprocal : int
-        ``floor(2**16 / spread)`` of the window before: scales the evidence. 0 before the first,
-        and after a spread above 2**16: then the window's own does.
-    activity : Activity
-        How many events a window usually has.
-    place, support : int
-        Of the latest match; the place is -1 before the first.
-    misfit, misfit_before : int
-        Of the latest match, and of the one before it; see `trust_of`.
+    state : FilterState
+        Its numbers: `reciprocal` is ``floor(2**16 / spread)`` of the window before and scales the
+        evidence (0 before the first, and after a spread above 2**16: then the window's own does);
+        `mean_activity`, how many events a window usually has; `place` and `support` of the latest
+        match (the place is -1 before the first); `misfit` of the latest match and `misfit_before`
+        of the one before it, see `trust_of`.
     """
 
     def __init__(
@@ -468,25 +499,22 @@ class PlaceFilter:
         places: int,
         costs: TransitionCosts,
         exclusion: int = 3,
-        activity: int = 0,
+        mean_activity: int = 0,
         *,
-        quiet_shift: int = 0,
+        place_activity: npt.NDArray[np.int32] | None = None,
         jumps: npt.NDArray[np.int32] | None = None,
         along_mm: npt.NDArray[np.int64] | None = None,
     ) -> None:
-        self.transitions = Transitions(places, costs, jumps, along_mm)
-        self.exclusion, self.quiet_shift = exclusion, quiet_shift
-        self.activity = Activity(activity)
-        self.metric = np.zeros(places, dtype=np.int32)
-        self.prediction = np.zeros(places, dtype=np.int32)
-        self.quiet = np.zeros(places, dtype=np.int32)
-        self.follows = np.zeros(places, dtype=np.bool_)
-        self.reciprocal = 0
-        self.place, self.support = -1, 0
-        self.misfit, self.misfit_before = 0, 0
+        self.transitions = Transitions(places, costs, place_activity, jumps, along_mm)
+        self.exclusion = exclusion
+        numbers = np.array([(0, mean_activity, -1, 0, 0, 0, NOT_PREDICTED)], dtype=NUMBERS)
+        metric, prediction = np.zeros((2, places), dtype=np.int32)
+        self.state = FilterState(
+            numbers.view(np.recarray), metric, prediction, np.zeros(places, dtype=np.bool_)
+        )
 
     def __len__(self) -> int:
-        return len(self.metric)
+        return len(self.state.metric)
 
     def answer(self, distances: npt.NDArray[np.integer], events: int) -> FilterMatch:
         """Return the match for an unfinished window, without advancing.
@@ -503,7 +531,12 @@ class PlaceFilter:
         UsageError
             If there is not one distance of each place, or they are not integers.
         """
-        rows, _ = self._rows(distances[np.newaxis], np.array([events], dtype=np.int64))
+        distances, state = self._checked(distances[np.newaxis]), self.state
+        rows = WindowRows.empty(1, len(self))
+        match_window(
+            state, self.transitions.by_step, self.exclusion, distances[0], events,
+            rows.evidence[0], rows.metrics[0], rows.columns[0],
+        )  # fmt: skip
         return FilterMatch(*rows.columns[0].tolist())
 
     def update(self, distances: npt.NDArray[np.integer], events: int) -> FilterMatch:
@@ -529,19 +562,22 @@ class PlaceFilter:
         events : ndarray of int64, shape (n,)
             At the selected pixels in each window.
         """
-        rows, numbers = self._rows(distances, events)
-        self._set_numbers(numbers[0].tolist())
-        self.metric = rows.metrics[-1].copy()
-        self._predict()
+        distances = self._checked(distances)
+        rows = WindowRows.empty(*distances.shape)
+        update_windows(
+            self.state, self.transitions.by_step, self.exclusion, distances, events, rows
+        )
         return rows
 
     @property
+    def place(self) -> int:
+        """Place of the latest match; -1 before the first."""
+        return self.numbers[NUMBER_NAMES.index("place")]
+
+    @property
     def numbers(self) -> tuple[int, ...]:
-        """Numbers of the state other than the metrics, in the order of `NUMBERS`."""
-        return (
-            self.reciprocal, self.activity.mean_activity, self.place, self.support, self.misfit,
-            self.misfit_before,
-        )  # fmt: skip
+        """Numbers of the state other than the metrics, in the order of `NUMBER_NAMES`."""
+        return tuple(self.state.numbers[0].tolist()[: len(NUMBER_NAMES)])
 
     def resume(self, metric: Metrics, numbers: Sequence[int]) -> None:
         """Continue from the state of another filter with the same map and costs.
@@ -552,14 +588,12 @@ class PlaceFilter:
         numbers : sequence of int
             Of that filter.
         """
-        self.metric = metric.copy()
-        self._set_numbers(numbers)
-        if self.place >= 0:
-            self._predict()
+        self.state.metric[:] = metric
+        self.state.numbers[0] = (*numbers, NOT_PREDICTED)
 
-    def _set_numbers(self, numbers: Sequence[int]) -> None:
-        self.reciprocal, self.activity.mean_activity, self.place, self.support = numbers[:4]
-        self.misfit, self.misfit_before = numbers[4:]
+    def pauses(self, events: int) -> bool:
+        """Return whether a window with `events` selected events is a pause."""
+        return bool(is_pause(events, int(self.state.numbers[0].mean_activity)))
 
     def predict_travelled(self, travelled_mm: int) -> None:
         """Predict by odometry instead of steps until the window ends.
@@ -575,21 +609,14 @@ class PlaceFilter:
         UsageError
             If the map does not say how far its places are from each other.
         """
-        prediction = self.transitions.by_distance(self.metric, travelled_mm)
+        prediction = self.transitions.by_distance(self.state.metric, travelled_mm)
         if self.place >= 0:
-            self.prediction = self.quiet = prediction
-            self.follows = self.transitions.following(self.place, travelled_mm)
+            self.state.prediction[:] = prediction
+            self.state.follows[:] = self.transitions.following(self.place, travelled_mm)
+            self.state.numbers[0].predicted_for = BY_DISTANCE
 
-    def _predict(self) -> None:
-        self.prediction = self.transitions.by_steps(self.metric)
-        self.quiet = self.transitions.if_quiet(self.metric)
-        self.follows = self.transitions.following(self.place, None)
-
-    def _rows(
-        self, distances: npt.NDArray[np.integer], events: npt.NDArray[np.int64]
-    ) -> tuple[WindowRows, npt.NDArray[np.void]]:
-        """Return the results of windows, and the state after the last one."""
-        if distances.shape[1:] != self.metric.shape:
+    def _checked(self, distances: npt.NDArray[np.integer]) -> npt.NDArray[np.integer]:
+        if distances.shape[1:] != (len(self),):
             raise UsageError(
                 f"{distances.shape[1]} distances to {len(self)} places: give one of each place"
             )
@@ -598,15 +625,6 @@ class PlaceFilter:
                 f"distances are {distances.dtype}: give whole numbers, for example multiplied by "
                 "1,000 and rounded"
             )
-        # the kernel is compiled for two kinds of distances: those of recorded drives, and any other
-        exact = np.int32 if distances.dtype == np.int32 else np.int64
-        distances = np.ascontiguousarray(distances, dtype=exact)
-        rows = WindowRows.empty(*distances.shape)
-        numbers = np.zeros(1, dtype=NUMBERS).view(np.recarray)
-        numbers[0] = self.numbers
-        predicted = Predictions(self.prediction, self.quiet, self.follows)
-        update_windows(
-            numbers, predicted, self.transitions.by_step, self.exclusion, self.quiet_shift,
-            distances, events, rows,
-        )  # fmt: skip
-        return rows, numbers
+        # the kernel is compiled for the distances of recorded drives, of streams, and any other
+        known = distances.dtype in (np.int32, np.uint16, np.uint32)
+        return np.ascontiguousarray(distances, dtype=distances.dtype if known else np.int64)

@@ -27,9 +27,6 @@ from edge_vpr.matching.transitions import Metrics, Transitions
 
 #: Distance driven since the window before, in millimetres; None where it is not known.
 Way = int | None
-#: If the whole drive decides, evidence of a quiet window counts a quarter, ``1 / 2**shift``: a
-#: robot that hardly moves sees the same view again, while the windows around tell more.
-QUIET_EVIDENCE_SHIFT = 2
 
 
 class BackwardPass:
@@ -43,9 +40,9 @@ class BackwardPass:
     """
 
     def __init__(self, transitions: Transitions, exclusion: int) -> None:
-        self._back, self._exclusion = transitions.reversed(), exclusion
+        self._transitions, self._exclusion = transitions, exclusion
         self._cost = np.zeros(transitions.places, dtype=np.int32)
-        self._turned = np.empty(transitions.places, dtype=np.int32)
+        self._ahead = np.empty(transitions.places, dtype=np.int32)
 
     def begin(self) -> None:
         """Begin again at the last window of a drive."""
@@ -65,12 +62,12 @@ class BackwardPass:
         for first, last in reversed(list(runs(ways, len(ways)))):
             run = rows.part(first, last)
             smooth_windows(
-                self._cost, self._turned, self._back.by_step, self._exclusion,
-                run.quiet, run.evidence, run.metrics, run.columns,
+                self._cost, self._ahead, self._transitions.by_step, self._exclusion,
+                run.activity, run.evidence, run.metrics, run.columns,
             )  # fmt: skip
             way = ways[first]
             if way is not None:
-                self._cost = np.ascontiguousarray(self._back.by_distance(self._turned, way)[::-1])
+                self._cost = self._transitions.by_distance(self._ahead, way, back=True)
 
 
 class SmoothedMatch(NamedTuple):

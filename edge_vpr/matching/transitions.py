@@ -1,7 +1,7 @@
 """Transitions: which places can be reached in one window, and at which cost.
 
-The prediction step of the place filter. Costs come from the settings, from odometry, and from jumps
-between places that the map names.
+The prediction step of the place filter. Costs come from the activity of the window, from the
+settings, from odometry, and from jumps between places that the map names.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.route import MOST_MM
 from edge_vpr.settings import Settings
+from fixedpoint.activity import ACTIVITY_COSTS, PLACE_HIGH, PLACE_LOW, ROW_BITS, SAME_ROW
 
 # Costs of steps from place to place, in the units of the metrics of the place filter.
 
@@ -26,8 +27,8 @@ Metrics = npt.NDArray[np.int32]
 FRACTION_BITS = 2
 #: largest metric: 10 bits
 METRIC_TOP = (1 << 10) - 1
-#: costs of a step of 0, 1, 2 ... places in a quiet window
-STATIONARY_COSTS = (0, 0, 1)
+#: a match follows from the one before over so many places at least, even if no step is so long
+LEAST_LAST = 2
 
 
 @dataclass(frozen=True)
@@ -36,8 +37,9 @@ class TransitionCosts:
 
     Parameters
     ----------
-    forward : tuple of int
-        Cost of a step of 0, 1, 2 ... places.
+    forward : tuple of int, optional
+        Cost of a step of 0, 1, 2 ... places. By default `ACTIVITY_COSTS`: by the activity of the
+        window against that of the place that is reached.
     back : tuple of int
         Cost of a step of -1, -2 ... places; empty if the route is never driven backwards.
     restart : int
@@ -49,14 +51,14 @@ class TransitionCosts:
         If a cost does not fit the metric, or there is none.
     """
 
-    forward: tuple[int, ...] = (1, 0, 1)
+    forward: tuple[int, ...] | None = None
     back: tuple[int, ...] = ()
     restart: int = 16
 
     def __post_init__(self) -> None:
         most = (METRIC_TOP >> FRACTION_BITS) - 1
-        costs = (*self.forward, *self.back, self.restart)
-        if not self.forward or min(costs) < 0 or max(costs) > most:
+        costs = (*(self.forward or ()), *self.back, self.restart)
+        if self.forward == () or min(costs) < 0 or max(costs) > most:
             raise UsageError(
                 f"filter costs {self.forward} forward, {self.back} back and {self.restart} for a "
                 f"restart: expected 0 to {most}, and at least one step forward"
@@ -66,8 +68,8 @@ class TransitionCosts:
     def of(cls, settings: Settings) -> TransitionCosts:
         """Return the costs of the settings; the default depends on the kind of window."""
         forward = settings.filter_steps
-        if forward is None:
-            forward = (1, 0, 1) if settings.window == "time" else (1, 0, 0, 1)
+        if forward is None and settings.window == "count":  # whose activity is always the same
+            forward = (1, 0, 0, 1)
         return cls(forward, settings.filter_back, settings.filter_restart)
 
     @property
@@ -78,12 +80,19 @@ class TransitionCosts:
     @property
     def last(self) -> int:
         """Largest step, in places; a match that is farther away is a jump."""
-        return max(len(self.forward), len(STATIONARY_COSTS)) - 1
+        forward = ACTIVITY_COSTS[0] if self.forward is None else self.forward
+        return max(len(forward) - 1, LEAST_LAST)
 
     @property
     def scaled(self) -> npt.NDArray[np.int32]:
-        """Costs from the smallest to the largest step, with fraction bits."""
-        return np.array([*reversed(self.back), *self.forward], dtype=np.int32) << FRACTION_BITS
+        """Costs from the smallest to the largest step, with fraction bits.
+
+        A row for each row of `ACTIVITY_COSTS`, or one for all.
+        """
+        one = np.array([self.forward or ()], dtype=np.int32) << FRACTION_BITS
+        forward = np.array(ACTIVITY_COSTS, dtype=np.int32) if self.forward is None else one
+        back = np.array(self.back[::-1], dtype=np.int32) << FRACTION_BITS
+        return np.hstack([np.tile(back, (len(forward), 1)), forward])
 
 
 # Kernels for the costs of places one window later: by steps, and by a known distance.
@@ -100,23 +109,24 @@ class StepTable(NamedTuple):
 
     Attributes
     ----------
-    costs : ndarray of int32, shape (steps,)
-        Of a step of ``first``, ``first + 1`` ... places, with fraction bits.
-    quiet : ndarray of int32, shape (steps,)
-        Of a step of 0, 1 ... places in a quiet window.
+    costs : ndarray of int32, shape (rows, steps)
+        Of a step of ``first``, ``first + 1`` ... places, with fraction bits. Several rows are those
+        of `ACTIVITY_COSTS`; one row is for any activity.
     first, last : int
         Smallest step, and the largest after which an answer follows from the one before.
     restart : int
         With fraction bits.
     jumps : ndarray of int32, shape (n, 2)
+    activity : ndarray of int32, shape (K,)
+        Of each place, see `place_activity`.
     """
 
     costs: Metrics
-    quiet: Metrics
     first: int
     last: int
     restart: int
     jumps: npt.NDArray[np.int32]
+    activity: npt.NDArray[np.int32]
 
 
 @kernel
@@ -134,53 +144,49 @@ def leads_to(
 
 
 @kernel
-def mark_following(place: int, steps: StepTable, follows: npt.NDArray[np.bool_]) -> None:
-    """Write which places can be reached from `place` by `leads_to`, shape (K,)."""
-    for k in range(follows.size):
-        follows[k] = leads_to(place, k, steps.first, steps.last, steps.jumps)
-
-
-@kernel
 def predict(
-    metric: Metrics,
-    costs: Metrics,
-    first: int,
-    restart: int,
-    jumps: npt.NDArray[np.int32],
-) -> Metrics:
-    """Return the cheapest cost of each place one window later.
+    metric: Metrics, steps: StepTable, activity: int, back: bool, prediction: Metrics
+) -> None:
+    """Write the cheapest cost of each place one window later, or earlier.
 
     Parameters
     ----------
     metric : ndarray of int32, shape (K,)
-    costs : ndarray of int32, shape (steps,)
-        Of a step of ``first``, ``first + 1`` ... places.
-    first : int
-    restart : int
-    jumps : ndarray of int32, shape (n, 2)
-        Of places below K.
-
-    Returns
-    -------
-    ndarray of int32, shape (K,)
-        ``min(min_i (M[k - i] + cost[i]), min M + restart) - min M``; over a jump from a to b,
-        k = b + o is i places from a - (i - 1 - o).
+    steps : StepTable
+    activity : int
+        Of the window, see `activity_of`.
+    back : bool
+        Whether `metric` is of the window, and the cost of each place in the window before is asked.
+    prediction : ndarray of int32, shape (K,)
+        Written to: ``min(min_i (M[k - i] + cost[i]), min M + restart) - min M``; over a jump from
+        a to b, k = b + o is i places from a - (i - 1 - o). The costs are those of the place
+        reached.
     """
-    least = metric.min()
-    prediction = np.full(metric.size, restart, dtype=metric.dtype)
-    for i in range(costs.size):
-        step = first + i
-        # the cost of this step to every place that it leads to
-        to, source = prediction[max(step, 0) :], metric[max(-step, 0) :]
-        offset = np.int32(costs[i] - least)
-        for k in range(min(to.size, source.size)):
-            to[k] = min(to[k], source[k] + offset)
-        for j in range(len(jumps)):
+    places, last_row, least = metric.size, len(steps.costs) - 1, metric[0]
+    rows = np.empty(places, dtype=np.uint8)
+    for k in range(places):
+        least = min(least, metric[k])
+        prediction[k] = steps.restart
+        row = (activity - steps.activity[k] + (1 << (ROW_BITS - 1))) >> ROW_BITS
+        rows[k] = min(max(row + SAME_ROW, 0), last_row)
+    for i in range(steps.costs.shape[1]):
+        step = steps.first + i
+        for source in range(max(-step, 0), min(places - step, places)):
+            to = source + step
+            cost = steps.costs[rows[to], i] - least
+            if back:
+                prediction[source] = min(prediction[source], metric[to] + cost)
+            else:
+                prediction[to] = min(prediction[to], metric[source] + cost)
+        for j in range(len(steps.jumps)):
             for over in range(step):
-                begin, end = jumps[j, 0] - (step - 1 - over), jumps[j, 1] + over
-                if begin >= 0 and end < metric.size:
-                    prediction[end] = min(prediction[end], metric[begin] + offset)
-    return prediction
+                source, to = steps.jumps[j, 0] - (step - 1 - over), steps.jumps[j, 1] + over
+                if source >= 0 and to < places:
+                    cost = steps.costs[rows[to], i] - least
+                    if back:
+                        prediction[source] = min(prediction[source], metric[to] + cost)
+                    else:
+                        prediction[to] = min(prediction[to], metric[source] + cost)
 
 
 @kernel
@@ -256,6 +262,8 @@ class Transitions:
     places : int
         K.
     costs : TransitionCosts
+    place_activity : ndarray of int32, shape (K,), optional
+        See `place_activity`; 0 by default.
     jumps : ndarray of int32, shape (n, 2), optional
         Pairs of places: from the first, one step leads to the second too, as where a loop closes
         or two routes meet. Steps of more places may pass the pair.
@@ -270,7 +278,8 @@ class Transitions:
 
     Examples
     --------
-    >>> moves = Transitions(4, TransitionCosts(restart=5), jumps=np.array([[3, 0]], dtype=np.int32))
+    >>> costs, jumps = TransitionCosts((1, 0, 1), restart=5), np.array([[3, 0]], dtype=np.int32)
+    >>> moves = Transitions(4, costs, jumps=jumps)
     >>> moves.by_steps(np.array([9, 9, 9, 0], dtype=np.int32)).tolist()  # back at the start
     [0, 4, 9, 4]
     """
@@ -279,6 +288,7 @@ class Transitions:
         self,
         places: int,
         costs: TransitionCosts,
+        place_activity: npt.NDArray[np.int32] | None = None,
         jumps: npt.NDArray[np.int32] | None = None,
         along_mm: npt.NDArray[np.int64] | None = None,
     ) -> None:
@@ -287,9 +297,12 @@ class Transitions:
         self.places, self.costs = places, costs
         self.jumps = _NO_JUMPS if jumps is None else np.asarray(jumps, dtype=np.int32)
         check_jumps(self.jumps, places)
+        if place_activity is None:
+            place_activity = np.zeros(places, dtype=np.int32)
+        check_activity(place_activity, places)
         self.by_step = StepTable(
-            costs.scaled, np.array(STATIONARY_COSTS, dtype=np.int32) << FRACTION_BITS,
-            costs.first, costs.last, costs.restart << FRACTION_BITS, self.jumps,
+            costs.scaled, costs.first, costs.last, costs.restart << FRACTION_BITS, self.jumps,
+            place_activity,
         )  # fmt: skip
         self._along = along_mm
         self._spacing = self._rate = 0
@@ -298,61 +311,52 @@ class Transitions:
             self._spacing = int(along_mm[-1] - along_mm[0]) // max(places - 1, 1)
             self._rate = (OFF_BY_A_PLACE << FRACTION_BITS << RATE_BITS) // max(self._spacing, 1)
 
-    def reversed(self) -> Transitions:
-        """Return the moves in the opposite direction, with the order of the places reversed."""
-        jumps = self.places - 1 - self.jumps[:, ::-1]
-        along = None if self._along is None else self._along[-1] - self._along[::-1]
-        return Transitions(self.places, self.costs, jumps, along)
-
     def check_odometry(self) -> None:
         """Raise UsageError if the map does not hold the distances between its places."""
         self._checked_along()
 
-    def by_steps(self, metric: Metrics) -> Metrics:
-        """Return the cost of each place one window later, shape (K,)."""
-        steps = self.by_step
-        return predict(metric, steps.costs, steps.first, steps.restart, steps.jumps)
+    def by_steps(self, metric: Metrics, activity: int = 0) -> Metrics:
+        """Return the cost of each place after a window of this activity, shape (K,)."""
+        prediction = np.empty_like(metric)
+        predict(metric, self.by_step, activity, False, prediction)
+        return prediction
 
-    def if_quiet(self, metric: Metrics) -> Metrics:
-        """Return the cost of each place after a quiet window, shape (K,)."""
-        steps = self.by_step
-        return predict(metric, steps.quiet, 0, steps.restart, steps.jumps)
-
-    def by_distance(self, metric: Metrics, travelled_mm: int) -> Metrics:
+    def by_distance(self, metric: Metrics, travelled_mm: int, *, back: bool = False) -> Metrics:
         """Return the cost of each place after a distance of `travelled_mm`, shape (K,).
+
+        Parameters
+        ----------
+        metric : ndarray of int32, shape (K,)
+        travelled_mm : int
+        back : bool
+            Return the cost of each place before it, from that of the places after it.
 
         Raises
         ------
         UsageError
             If the map does not say how far its places are from each other.
         """
-        return predict_travelled(
-            metric, self._checked_along(), _limited(travelled_mm), (self._rate, self._spacing),
-            self.by_step.restart, self.jumps,
+        along, jumps = self._checked_along(), self.jumps
+        if back:  # the same distance on the route in the opposite direction
+            metric, along = np.ascontiguousarray(metric[::-1]), along[-1] - along[::-1]
+            jumps = self.places - 1 - jumps[:, ::-1]
+        found = predict_travelled(
+            metric, along, _limited(travelled_mm), (self._rate, self._spacing),
+            self.by_step.restart, jumps,
         )  # fmt: skip
+        return np.ascontiguousarray(found[::-1]) if back else found
 
-    def following(self, place: int, travelled_mm: int | None) -> npt.NDArray[np.bool_]:
-        """Return which places can be reached from `place` without a restart, shape (K,).
-
-        Parameters
-        ----------
-        place : int
-        travelled_mm : int or None
-            None where it is not known: what a step leads to follows.
-        """
-        follows = np.zeros(self.places, dtype=np.bool_)
-        if travelled_mm is None:
-            mark_following(place, self.by_step, follows)
-            return follows
+    def following(self, place: int, travelled_mm: int) -> npt.NDArray[np.bool_]:
+        """Return which places can be reached over a distance without a restart, shape (K,)."""
         along, travelled = self._checked_along(), _limited(travelled_mm)
         off = np.abs(along - along[place] - travelled)
-        follows |= (off * self._rate) >> RATE_BITS < self.by_step.restart
+        follows = (off * self._rate) >> RATE_BITS < self.by_step.restart
         for begin, end in self.jumps[self._jumps_near(place, JUMP_REACH)].tolist():
             beyond = slice(end, end + JUMP_REACH)
             way = along[begin] - along[place] + self._spacing + along[beyond] - along[end]
             cost = (np.abs(way - travelled) * self._rate) >> RATE_BITS
             follows[beyond] |= cost < self.by_step.restart
-        return follows
+        return np.asarray(follows)
 
     def lead_to(self, place: int, next_place: int, travelled_mm: int | None) -> bool:
         """Return whether `next_place` can be reached from `place` without a restart."""
@@ -386,6 +390,16 @@ def check_jumps(jumps: npt.NDArray[np.integer], places: int) -> None:
             raise UsageError(
                 f"jump from place {begin} to {end}: expected two places from 0 to {places - 1}"
             )
+
+
+def check_activity(place_activity: npt.NDArray[np.integer], places: int) -> None:
+    """Check that there is an activity of a byte for each place."""
+    low, high = (int(place_activity.min()), int(place_activity.max())) if places else (0, 0)
+    if place_activity.shape != (places,) or not PLACE_LOW <= low <= high <= PLACE_HIGH:
+        raise UsageError(
+            f"activities of {low} to {high}, of shape {place_activity.shape}: expected "
+            f"{PLACE_LOW} to {PLACE_HIGH}, one of each of {places} places"
+        )
 
 
 def check_along(along_mm: npt.NDArray[np.int64], places: int) -> None:

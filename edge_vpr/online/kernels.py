@@ -10,19 +10,9 @@ from numba.extending import intrinsic
 
 from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.counting import select_events
-from edge_vpr.descriptors.windows import is_pause, is_quiet
 from edge_vpr.errors import EventError
 from edge_vpr.events import TIME_LIMIT_US, Events
-from edge_vpr.matching.place_filter import (
-    add_evidence,
-    least_and_second,
-    margin_of,
-    misfit_of,
-    reciprocal_of_spread,
-    support_after,
-    trust_of,
-)
-from edge_vpr.matching.transitions import METRIC_TOP
+from edge_vpr.matching.place_filter import match_window
 from fixedpoint.own_mean import LEVEL_BITS
 
 # Vector kernels of online matching: change all sums by +-1, find the smallest.
@@ -339,9 +329,52 @@ def age(time, slot, bound, moves, totals, tau, n, until):
     return True
 
 
+@kernel(inline="always")
+def note_steps(column, less, more, up, slot, arrivals, expiries, totals, counters, arrays):
+    """Note that a counter's code has changed between `less` and `more`, up (1) or down (-1).
+
+    Parameters
+    ----------
+    column : int
+        Of the lag, counted from the oldest.
+    arrivals, expiries : int
+        Steps that are noted already.
+    arrays : tuple
+        `columns`, `sums` and `steps` of `SlidingWindows`.
+
+    Returns
+    -------
+    arrivals, expiries : int
+    """
+    total, (columns, sums, steps) = totals[0], arrays
+    for step in range(less, more):
+        # if all counts of the map are on one side, all places change by the same amount
+        if step >= counters[slot].high:
+            total.common += up
+            continue
+        if step < counters[slot].low:
+            total.common -= up
+            continue
+        if arrivals + expiries == MAX_STEPS:
+            update_blocks(sums, columns, steps, arrivals, expiries, total.sums)
+            arrivals = expiries = 0
+        if up > 0:
+            at = arrivals
+            arrivals += 1
+        else:
+            expiries += 1
+            at = MAX_STEPS - expiries
+        steps[0, at] = slot * total.stride + column
+        steps[1, at] = step
+    return arrivals, expiries
+
+
 @kernel
-def take_moves(moves, totals, counts, code, counters, columns, sums, steps):
-    """Update counters and distances by the noted moves; the arrays are those of `s`."""
+def take_moves(moves, totals, counts, code, levels, counters, columns, sums, steps):
+    """Update counters and distances by the noted moves; the arrays are those of `s`.
+
+    Of own-mean codes, which depend on more than a count, only the counters: see `recode`.
+    """
     total = totals[0]
     lags = counts.shape[0]
     arrivals = expiries = 0
@@ -351,39 +384,54 @@ def take_moves(moves, totals, counts, code, counters, columns, sums, steps):
             up = -1 if lag == left else 1
             less = counts[lag, slot] + min(up, 0)
             counts[lag, slot] += up
+            if levels.size > 0:
+                continue
             first, last = less, less + 1
             if code.size > 0:
                 table = counters[slot].table
                 first = np.int64(code[table, min(first, code.shape[1] - 1)])
                 last = np.int64(code[table, min(last, code.shape[1] - 1)])
-            for step in range(first, last):
-                # if all counts of the map are on one side, all places change by the same amount
-                if step >= counters[slot].high:
-                    total.common += up
-                    continue
-                if step < counters[slot].low:
-                    total.common -= up
-                    continue
-                if arrivals + expiries == MAX_STEPS:
-                    update_blocks(sums, columns, steps, arrivals, expiries, total.sums)
-                    arrivals = expiries = 0
-                if up > 0:
-                    at = arrivals
-                    arrivals += 1
-                else:
-                    expiries += 1
-                    at = MAX_STEPS - expiries
-                steps[0, at] = slot * total.stride + lags - 1 - lag
-                steps[1, at] = step
+            arrivals, expiries = note_steps(
+                lags - 1 - lag, first, last, up, slot, arrivals, expiries, totals, counters,
+                (columns, sums, steps),
+            )  # fmt: skip
     total.moves = 0
     if arrivals + expiries > 0:
         update_blocks(sums, columns, steps, arrivals, expiries, total.sums)
 
 
 @kernel
+def recode(totals, counts, levels, means, codes, contrast, bits, counters, columns, sums, steps):
+    """Update own-mean codes and distances by the counters and means; the arrays are those of `s`.
+
+    Most codes are the same as before; only those that changed take a pass over the places.
+    """
+    write_codes(counts[0], levels, means, contrast, bits, codes[1])
+    arrivals = expiries = 0
+    for slot in range(codes.shape[1]):
+        before, now = codes[0, slot], codes[1, slot]
+        if before == now:
+            continue
+        codes[0, slot] = now
+        arrivals, expiries = note_steps(
+            0, min(before, now), max(before, now), 1 if now > before else -1, slot,
+            arrivals, expiries, totals, counters, (columns, sums, steps),
+        )  # fmt: skip
+    if arrivals + expiries > 0:
+        update_blocks(sums, columns, steps, arrivals, expiries, totals[0].sums)
+
+
+@kernel
 def settle(s):
     """Update counters and distances of the state by the noted moves."""
-    take_moves(s.moves, s.totals, s.counts, s.code, s.counters, s.columns, s.sums, s.steps)
+    take_moves(
+        s.moves, s.totals, s.counts, s.code, s.levels, s.counters, s.columns, s.sums, s.steps
+    )
+    if s.levels.size > 0:
+        recode(
+            s.totals, s.counts, s.levels, s.means, s.codes, s.contrast, s.bits, s.counters,
+            s.columns, s.sums, s.steps,
+        )  # fmt: skip
 
 
 @kernel
@@ -395,25 +443,29 @@ def advance(s, until):
 
 
 @kernel
-def write_codes(levels, mean, bits, code):
-    """Write the own-mean code of each count for each counter, as in `OwnMeanCode.tables`.
+def write_codes(counts, levels, means, contrast, bits, codes):
+    """Write the own-mean codes of the counters of a window, as `OwnMeanCode.encode` does.
 
     Parameters
     ----------
+    counts : ndarray of int64, shape (J,)
     levels : ndarray of int32, shape (size,)
         Of `OwnMeanCode`.
-    mean : ndarray of int32, shape (J,)
+    means : ndarray of int32, shape (J,)
+    contrast : bool
     bits : int
-    code : ndarray of uint16, shape (J, size)
+    codes : ndarray of int64, shape (J,)
         Written to.
     """
-    half = np.int32(1 << (bits - 1))
-    for j in range(code.shape[0]):
-        offset = np.int32((1 << (LEVEL_BITS - 1)) - mean[j])
-        row = code[j]
-        for c in range(row.size):
-            octaves = np.int32((levels[c] + offset) >> LEVEL_BITS)
-            row[c] = min(max(octaves, -half), half - 1) + half
+    half, total = np.int64(1 << (bits - 1)), np.int64(0)
+    for j in range(codes.size):
+        codes[j] = levels[min(counts[j], levels.size - 1)] - means[j]
+        total += codes[j]
+    offset = np.int64(1 << (LEVEL_BITS - 1))
+    if contrast:
+        offset -= (2 * total + codes.size) // (2 * codes.size)
+    for j in range(codes.size):
+        codes[j] = min(max((codes[j] + offset) >> LEVEL_BITS, -half), half - 1) + half
 
 
 # Kernels that write a match: the best place and how sure it is.
@@ -488,14 +540,17 @@ def _second(sums, count, best, exclusion, places):
 
 
 @kernel
-def filter_answer(predicted, metric, sums, c, events, row):
+def filter_answer(state, steps, evidence, metric, found, sums, c, events, row):
     """Write the place of the lowest metric for the unfinished window.
 
     Parameters
     ----------
-    predicted : Predictions
+    state : FilterState
+    steps : StepTable
+    evidence : ndarray of uint8, shape (K,)
     metric : ndarray of int32, shape (K,)
-        Scratch.
+    found : ndarray of int64, shape (6,)
+        Scratch, see `match_window`.
     sums : ndarray of uint16 or uint32
         Of `SlidingWindows` with one window, with all moves taken.
     c : record of CONTROL
@@ -510,28 +565,13 @@ def filter_answer(predicted, metric, sums, c, events, row):
     bool
         False if only changes are asked for and there is none; nothing is written then.
     """
-    prediction = predicted.quiet if is_quiet(events, c.mean_activity) else predicted.moving
-    if is_pause(events, c.mean_activity):
-        for k in range(metric.size):
-            metric[k] = min(prediction[k], METRIC_TOP)
-    else:
-        some = sums[: metric.size]
-        reciprocal = c.reciprocal
-        if reciprocal == 0:
-            reciprocal = reciprocal_of_spread(some)
-        add_evidence(prediction, some, reciprocal, metric)
-    best, second, _ = least_and_second(metric, c.exclusion)
+    match_window(state, steps, c.exclusion, sums[: metric.size], events, evidence, metric, found)
+    best, least, second, second_least = found[0], found[1], found[2], found[3]
     if c.change and best == c.last_reported:
         return False
     c.last_reported = best
-    kept = c.support if predicted.follows[best] else np.int64(0)
-    row["place"], row["second"] = best, second
-    second_metric = np.int64(-1) if second < 0 else np.int64(metric[second])
-    write_distances(row, np.int64(metric[best]), second_metric, 1)
-    support = support_after(int(kept), bool(best == c.place), margin_of(metric, best, second))
-    # the least metric never saturates: the nearest place has no evidence against it
-    misfit = misfit_of(metric[best] - prediction[best])
-    row["trust"] = trust_of(support, max(misfit, c.misfit, c.misfit_before))
+    row["place"], row["second"], row["trust"] = best, second, found[5]
+    write_distances(row, least, second_least, 1)
     return True
 
 

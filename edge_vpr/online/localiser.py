@@ -146,7 +146,6 @@ class LocaliserState:
         else:
             check_no_ways(reference.jumps, odometry=False)
             self.run = SequenceRun(reference, self.windows, every, recent)
-        self.run.prepare()
 
     @property
     def now(self) -> int:
@@ -184,7 +183,6 @@ class LocaliserState:
             )
         self.run.resume(arrays)
         self.windows.resume(arrays)
-        self.run.prepare()
         self.run.now_us, self.run.floor_us = clock.now_us, clock.floor_us
 
     def take(self, events: Events) -> npt.NDArray[np.void]:

@@ -14,19 +14,19 @@ from edge_vpr.descriptors.windows import MAX_WINDOWS
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Events
 from edge_vpr.map_record import MapRecord
-from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import filter_of
-from edge_vpr.matching.place_filter import Predictions, WindowRows
+from edge_vpr.matching.place_filter import FilterState, WindowRows
 from edge_vpr.matching.smoother import FixedLag, SmoothedMatch
+from edge_vpr.matching.transitions import StepTable
 from edge_vpr.online.kernels import (
     acceptance,
     age,
     few_in_order,
     filter_answer,
     note,
+    recode,
     sequence_answer,
     take_moves,
-    write_codes,
     write_distances,
 )
 from edge_vpr.online.state import (
@@ -35,7 +35,6 @@ from edge_vpr.online.state import (
     OnlineState,
     OnlineWindows,
     SlidingWindows,
-    compared,
     grown,
 )
 from edge_vpr.route import Odometer
@@ -72,12 +71,14 @@ def follow(box, slots, times, until):
         or `WINDOW_OVER`: a window of the place filter has ended, and its counts are complete.
     """
     f = OnlineState(*box.value)
-    s, c, predicted, out = SlidingWindows(*f.s), f.control[0], Predictions(*f.predicted), f.out
+    s, c, out = SlidingWindows(*f.s), f.control[0], f.out
+    state, step = FilterState(*f.state), StepTable(*f.step)
     ring_slot, ring_time, bound = s.slot, s.time, s.bound
     moves, totals, counts, code, counters = s.moves, s.totals, s.counts, s.code, s.counters
     columns, sums, steps = s.columns, s.sums, s.steps
+    levels, means, codes = s.levels, s.means, s.codes
     tau, n, length, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
-    metric = f.metric
+    evidence, metric, found = f.evidence, f.metric, f.found
     given, i = 0, 0
     # counted down, because a division would take as long as the rest of an event's processing
     left = c.every - bound[0] % c.every if c.every > 0 else np.int64(-1)
@@ -100,9 +101,14 @@ def follow(box, slots, times, until):
             age(ring_time, ring_slot, bound, moves, totals, tau, room, seen_until)
             and totals[0].moves < len(moves)
         ):
-            take_moves(moves, totals, counts, code, counters, columns, sums, steps)
+            take_moves(moves, totals, counts, code, levels, counters, columns, sums, steps)
         if over:
-            take_moves(moves, totals, counts, code, counters, columns, sums, steps)
+            take_moves(moves, totals, counts, code, levels, counters, columns, sums, steps)
+            if levels.size > 0:
+                recode(
+                    totals, counts, levels, means, codes, s.contrast, s.bits, counters,
+                    columns, sums, steps,
+                )  # fmt: skip
             return i, given, WINDOW_OVER
         if tick:
             c.next_tick += c.interval
@@ -121,10 +127,15 @@ def follow(box, slots, times, until):
         complete = seen_until >= length * tau if tau > 0 else bound[0] >= length * n
         if not complete:
             continue
-        take_moves(moves, totals, counts, code, counters, columns, sums, steps)
+        take_moves(moves, totals, counts, code, levels, counters, columns, sums, steps)
+        if levels.size > 0:
+            recode(
+                totals, counts, levels, means, codes, s.contrast, s.bits, counters,
+                columns, sums, steps,
+            )  # fmt: skip
         row, events = out[given], bound[0] - bound[1]
         if metric.size > 0:
-            answered = filter_answer(predicted, metric, sums, c, events, row)
+            answered = filter_answer(state, step, evidence, metric, found, sums, c, events, row)
         else:
             answered = sequence_answer(sums, totals[0], c, length, row)
         if answered:
@@ -308,9 +319,6 @@ class MatchRun:
         """Finish a window of the place filter; the next event or tick is at `next_us`."""
         raise NotImplementedError
 
-    def prepare(self) -> None:
-        """Update the distances for the present codes."""
-
     def to_arrays(self) -> Arrays:
         """Return the arrays that `resume` needs, for an archive."""
         control = self._control
@@ -349,30 +357,18 @@ class FilterRun(MatchRun):
     def __init__(
         self, reference: MapRecord, windows: OnlineWindows, schedule: MatchSchedule
     ) -> None:
-        super().__init__(windows, OnlineState.begin(reference, windows.s, schedule))
         self.place_filter = filter_of(
             reference.places, reference.settings, reference.jumps, reference.along_mm
         )
+        state = OnlineState.begin(reference, windows.s, schedule, self.place_filter)
+        super().__init__(windows, state)
         self.odometer = Odometer()
         self._code = reference.own_mean_code
         self.mean = None
         if self._code is not None and reference.mean is not None:
             self.mean = RunningMean(reference.mean)
-        self._index = ReferenceIndex(reference.places.counts)
         self._windows = 0  # finished
-        self._predict()
-
-    def prepare(self) -> None:
-        """Code the counters with the present means, and compare them with the map."""
-        if self.mean is None or self._code is None:
-            return
-        levels, mean, s = self._code.levels, self.mean.mean, self.windows.s
-        if s.code.shape != (mean.size, levels.size):
-            s.counters["table"] = np.arange(mean.size)
-            s = s._replace(code=np.empty((mean.size, levels.size), dtype=np.uint16))
-            self.windows.s = s
-        write_codes(levels, mean, self._code.bits, s.code)
-        compared(s, self._index)
+        self._set_window_end()
 
     def read_odometer(self, distance_mm: int) -> None:
         """Take a reading; until the window ends, places are predicted by the distance driven.
@@ -390,39 +386,31 @@ class FilterRun(MatchRun):
         travelled = self.odometer.travelled_mm
         if travelled is not None:
             self.place_filter.predict_travelled(travelled)
-            self._predict()
 
-    def _predict(self) -> None:
-        """Copy the state of the filter to the kernel, after each change."""
-        found, control, predicted = self.place_filter, self._control, self._followed.predicted
-        predicted.moving[:], predicted.quiet[:] = found.prediction, found.quiet
-        predicted.follows[:] = found.follows
-        control.mean_activity, control.reciprocal = found.activity.mean_activity, found.reciprocal
-        control.place, control.support = found.place, found.support
-        control.misfit, control.misfit_before = found.misfit, found.misfit_before
+    def _set_window_end(self) -> None:
         s = self.windows.s
-        control.window_end = (self._windows + 1) * (s.tau or s.n)
+        self._control.window_end = (self._windows + 1) * (s.tau or s.n)
 
     def _end_window(self, next_us: int) -> None:
         self._finish_window()
         if self.windows.s.tau:
             tick = self.next_tick if self._control.interval else next_us
             self._skip_silence(min(next_us, tick))
-        self._predict()
+        self._set_window_end()
 
     def _finish_window(self) -> None:
         s, found = self.windows.s, self.place_filter
         self._windows += 1
         counts = s.counts[0]
         events = int(counts.sum())
-        paused = found.activity.pauses(events)
+        paused = found.pauses(events)
         # the common part of all distances changes neither the evidence nor its spread
         distances = s.sums[np.newaxis, : len(found)]
         self._ended(found.update_windows(distances, np.array([events], dtype=np.int64)))
         self.odometer.end_window()
         if self.mean is not None and self._code is not None and not paused:
             self.mean.update(self._code.level(counts))
-            self.prepare()
+            s.means[:] = self.mean.mean
 
     def _ended(self, rows: WindowRows) -> None:
         """Take the results of a window that has ended."""
@@ -432,10 +420,10 @@ class FilterRun(MatchRun):
         found, s = self.place_filter, self.windows.s
         while s.bound[0] == s.bound[1] and (self._windows + 2) * s.tau <= until:
             read = self.odometer.fresh
-            before, metric = found.numbers, found.metric
+            before, metric = found.numbers, found.state.metric.copy()
             self._finish_window()
             same = before == found.numbers
-            if same and not read and np.array_equal(metric, found.metric):
+            if same and not read and np.array_equal(metric, found.state.metric):
                 self._windows = until // s.tau - 1
 
     def to_arrays(self) -> Arrays:
@@ -443,7 +431,7 @@ class FilterRun(MatchRun):
         found, meter = self.place_filter, self.odometer
         state = [*found.numbers, self._windows]
         arrays = super().to_arrays() | {
-            "filter_metric": found.metric,
+            "filter_metric": found.state.metric,
             "filter_state": np.array(state, dtype=np.int64),
         }
         if meter.fresh or meter.anchored:
@@ -466,12 +454,13 @@ class FilterRun(MatchRun):
             meter.latest, meter.anchor, fresh, anchored = arrays["filter_odometer"].tolist()
             meter.fresh, meter.anchored = bool(fresh), bool(anchored)
             self._travel()
-        self._predict()
+        self._set_window_end()
         if self.mean is not None:
             check_array(arrays["filter_mean"], "filter_mean", (np.int32,), self.mean.total.shape)
             check_range(arrays["filter_mean"], "filter_mean", 0, np.iinfo(np.int32).max)
             self.mean.total = arrays["filter_mean"].copy()
             self.mean.windows = int(arrays["filter_mean_windows"][0])
+            self.windows.s.means[:] = self.mean.mean
 
 
 # Matching by sequences event by event.

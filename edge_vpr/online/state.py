@@ -18,15 +18,18 @@ from edge_vpr.matching.distances import ReferenceIndex, aligned_zeros
 from edge_vpr.matching.place_filter import (
     MISFIT_TOP,
     NUMBER_NAMES,
+    NUMBERS,
     RECIPROCAL_BITS,
     TRUST_TOP,
-    Predictions,
+    FilterState,
+    PlaceFilter,
 )
-from edge_vpr.matching.transitions import METRIC_TOP, Metrics
-from edge_vpr.online.kernels import BLOCK, LANES, MAX_STEPS, advance, settle
+from edge_vpr.matching.transitions import METRIC_TOP, Metrics, StepTable
+from edge_vpr.online.kernels import BLOCK, LANES, MAX_STEPS, advance, settle, write_codes
 from edge_vpr.route import MOST_MM
 from edge_vpr.settings import Settings, duration_us
 from fixedpoint.codes import PixelCodes
+from fixedpoint.own_mean import OwnMeanCode
 
 # State of sliding windows: the newest time or events, and windows of the same length before.
 #
@@ -75,6 +78,15 @@ class SlidingWindows(NamedTuple):
     code : ndarray of uint16, shape (codes, size)
         Tables, a row each: code of each count, not decreasing; the last stands for all larger
         counts. Of size 0: the count itself.
+    levels : ndarray of int32, shape (size,)
+        Logarithm of each count; of size 0 but with own-mean codes, which have no table.
+    means : ndarray of int32, shape (J,)
+        What own-mean codes subtract.
+    codes : ndarray of int64, shape (2, J)
+        The own-mean codes that the distances are of, and scratch.
+    contrast : bool
+    bits : int
+        Of `OwnMeanCode`.
     counters : ndarray of COUNTER, shape (J,)
     columns : ndarray of uint8 or uint16
         Map, a pixel's places one after another, `stride` apart from pixel to pixel.
@@ -94,6 +106,11 @@ class SlidingWindows(NamedTuple):
     tau: int
     n: int
     code: npt.NDArray[np.uint16]
+    levels: npt.NDArray[np.int32]
+    means: npt.NDArray[np.int32]
+    codes: npt.NDArray[np.int64]
+    contrast: bool
+    bits: int
     counters: npt.NDArray[np.void]
     columns: npt.NDArray[np.unsignedinteger]
     sums: npt.NDArray[np.unsignedinteger]
@@ -119,6 +136,11 @@ def empty_windows(window: Window, length: int, counters: int) -> SlidingWindows:
         tau=window.tau_us if isinstance(window, FixedTime) else 0,
         n=0 if isinstance(window, FixedTime) else window.events,
         code=np.empty((1, 0), dtype=np.uint16),
+        levels=np.empty(0, dtype=np.int32),
+        means=np.zeros(counters, dtype=np.int32),
+        codes=np.zeros((2, counters), dtype=np.int64),
+        contrast=False,
+        bits=0,
         counters=np.zeros(counters, dtype=COUNTER).view(np.recarray),
         columns=np.empty(0, dtype=np.uint8),
         sums=np.empty(0, dtype=np.uint16),
@@ -151,7 +173,11 @@ def grown(s: SlidingWindows) -> SlidingWindows:
 
 
 def start(
-    places: npt.NDArray[np.unsignedinteger], window: Window, length: int, codes: PixelCodes | None
+    places: npt.NDArray[np.unsignedinteger],
+    window: Window,
+    length: int,
+    codes: PixelCodes | OwnMeanCode | None,
+    mean: npt.NDArray[np.int32] | None = None,
 ) -> SlidingWindows:
     """Build the state before the first event.
 
@@ -162,11 +188,17 @@ def start(
     window : FixedTime or FixedCount
     length : int
         L.
-    codes : PixelCodes, optional
+    codes : PixelCodes or OwnMeanCode, optional
         What the counts of a window become before they are compared.
+    mean : ndarray of int32, shape (J,), optional
+        Where the means of own-mean codes start.
     """
     state = empty_windows(window, length, places.shape[1])
-    if codes is not None:
+    if isinstance(codes, OwnMeanCode) and mean is not None:
+        # a copy, because for Numba a read-only array is of another type
+        state = state._replace(levels=codes.levels.copy(), contrast=codes.contrast, bits=codes.bits)
+        state.means[:] = mean
+    elif isinstance(codes, PixelCodes):
         state.counters["table"] = codes.row
         state = state._replace(code=codes.tables)
     return with_distances(state, places)
@@ -182,6 +214,7 @@ def with_distances(s: SlidingWindows, places: npt.NDArray[np.unsignedinteger]) -
     columns[: places.shape[1] * stride].reshape(-1, stride)[:, : len(places)] = places.T
     low, high = places.min(axis=0).astype(np.int64), places.max(axis=0).astype(np.int64)
 
+    s = s._replace(codes=np.zeros_like(s.codes))
     coded = _coded(s)
     # places with the smallest counts fill the last vector
     spare = np.broadcast_to(low.astype(places.dtype), (LANES, len(low)))
@@ -214,31 +247,16 @@ def with_distances(s: SlidingWindows, places: npt.NDArray[np.unsignedinteger]) -
     )
 
 
-def compared(s: SlidingWindows, index: ReferenceIndex) -> SlidingWindows:
-    """Compute all distances again after the codes of the counters have changed.
-
-    Parameters
-    ----------
-    s : SlidingWindows
-        Of one window, with all moves taken.
-    index : ReferenceIndex
-        The map.
-    """
-    coded, count = _coded(s)[0], index.places
-    base = int(np.abs(coded - np.clip(coded, s.counters["low"], s.counters["high"])).sum())
-    s.sums[:count] = index.distances(coded) - base
-    s.totals["common"] = base
-    _find_least(s.sums, count)
-    return s
-
-
 def _find_least(sums: npt.NDArray[np.unsignedinteger], count: int) -> None:
     """Write the smallest sum of each block after the sums, see `kernels.least_in`."""
     sums[count + LANES :] = np.minimum.reduceat(sums[:count], np.arange(0, count, BLOCK))
 
 
 def _coded(s: SlidingWindows) -> npt.NDArray[np.int64]:
-    """Return the codes of the counters of each lag, shape (L, J)."""
+    """Return the codes of the counters of each lag, shape (L, J); own-mean codes are kept."""
+    if s.levels.size:
+        write_codes(s.counts[0], s.levels, s.means, s.contrast, s.bits, s.codes[0])
+        return s.codes[:1]
     if s.code.size == 0:
         return s.counts
     return s.code[s.counters["table"], np.minimum(s.counts, s.code.shape[1] - 1)].astype(np.int64)
@@ -267,8 +285,11 @@ class OnlineWindows:
 
     def __init__(self, reference: MapRecord, window: Window) -> None:
         self.places = reference.places.counts
-        self._codes = None if reference.own_mean_code is not None else reference.codes
-        self.s = start(self.places, window, reference.settings.windows_per_match, self._codes)
+        self._codes = reference.codes
+        self.s = start(
+            self.places, window, reference.settings.windows_per_match,
+            reference.own_mean_code or self._codes, reference.mean,
+        )  # fmt: skip
 
     def _settle(self, now_us: int) -> None:
         advance(self.s, now_us)
@@ -524,17 +545,20 @@ CONTROL = np.dtype(
         ("least_trust", "<i8"),  # of a match that is not lost
         # place filter
         ("window_end", "<i8"),  # of the present window: a time, or the number of an event
-        ("mean_activity", "<i8"),  # number of events in a window
-        ("reciprocal", "<i8"),  # of the spread of the distances
-        ("place", "<i8"),  # of the window before
-        ("support", "<i8"),
-        ("misfit", "<i8"),
-        ("misfit_before", "<i8"),
         # events
         ("off_slots", "<i8"),  # first slot of OFF events
         ("floor", "<i8"),  # earliest time that the next event may have
         ("now", "<i8"),  # T: all earlier events have been processed
     ]
+)
+
+
+_NO_NUMBERS = np.zeros(1, dtype=NUMBERS).view(np.recarray)
+_NO_COSTS = np.zeros(0, dtype=np.int32)
+#: what sequences have in the place of a place filter
+_NO_FILTER = (
+    FilterState(_NO_NUMBERS, _NO_COSTS, _NO_COSTS, np.zeros(0, dtype=np.bool_)),
+    StepTable(np.zeros((1, 0), np.int32), 0, 0, 0, np.zeros((0, 2), np.int32), _NO_COSTS),
 )
 
 
@@ -544,9 +568,13 @@ class OnlineState(NamedTuple):
     Attributes
     ----------
     s : SlidingWindows
-    predicted : Predictions
+    state : FilterState
         Of the place filter; of size 0 where sequences are matched.
+    step : StepTable
+        Of `Transitions`.
+    evidence : ndarray of uint8, shape (K,)
     metric : ndarray of int32, shape (K,)
+    found : ndarray of int64, shape (6,)
         Scratch of the place filter.
     control : ndarray of CONTROL, shape (1,)
     trust : ndarray of int64, shape (m,)
@@ -562,8 +590,11 @@ class OnlineState(NamedTuple):
     """
 
     s: SlidingWindows
-    predicted: Predictions
+    state: FilterState
+    step: StepTable
+    evidence: npt.NDArray[np.uint8]
     metric: Metrics
+    found: npt.NDArray[np.int64]
     control: npt.NDArray[np.void]
     trust: npt.NDArray[np.int64]
     probability: npt.NDArray[np.float64]
@@ -573,7 +604,13 @@ class OnlineState(NamedTuple):
     out: npt.NDArray[np.void]
 
     @classmethod
-    def begin(cls, reference: MapRecord, s: SlidingWindows, schedule: MatchSchedule) -> OnlineState:
+    def begin(
+        cls,
+        reference: MapRecord,
+        s: SlidingWindows,
+        schedule: MatchSchedule,
+        place_filter: PlaceFilter | None = None,
+    ) -> OnlineState:
         """Build the state before the first event.
 
         Parameters
@@ -583,6 +620,8 @@ class OnlineState(NamedTuple):
             Of this map.
         schedule : MatchSchedule
             When to give a match.
+        place_filter : PlaceFilter, optional
+            Its arrays are used, not copied.
         """
         settings, acceptance = reference.settings, reference.acceptance
         control = np.zeros(1, dtype=CONTROL).view(np.recarray)
@@ -590,7 +629,7 @@ class OnlineState(NamedTuple):
         first.every, first.interval = schedule.events, schedule.interval_us
         first.change, first.exclusion = schedule.change, settings.exclusion
         first.next_tick, first.last_reported = schedule.interval_us, -1
-        first.window_end, first.place = NEVER, -1
+        first.window_end = NEVER
         first.least_trust = -2 * TIME_LIMIT_US
         first.off_slots = len(reference.pixel_map) if settings.polarity else 0
         trust, probability = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.float64)
@@ -602,12 +641,16 @@ class OnlineState(NamedTuple):
             )
             if acceptance.precision is not None:
                 first.least_trust = acceptance.confidence.least_trust(acceptance.precision)
-        places = len(reference) if settings.matching == "filter" else 0
-        moving, quiet, metric = np.zeros((3, places), dtype=np.int32)
+        state, step = _NO_FILTER if place_filter is None else (
+            place_filter.state, place_filter.transitions.by_step
+        )  # fmt: skip
         return cls(
             s,
-            Predictions(moving, quiet, np.zeros(metric.size, dtype=np.bool_)),
-            metric,
+            state,
+            step,
+            np.empty(state.metric.size, dtype=np.uint8),
+            np.empty(state.metric.size, dtype=np.int32),
+            np.empty(6, dtype=np.int64),
             control,
             trust,
             probability,

@@ -6,6 +6,8 @@
 #ifndef VPR_FILTER_H
 #define VPR_FILTER_H
 
+#include <stddef.h>
+
 #include "quotient.h"
 #include "sad.h"
 #include "vpr.h"
@@ -18,18 +20,34 @@
 #define TRUST_SHIFT 2U
 #define MARGIN_TOP 23U
 #define STANDING_SHIFT 4U
-#define QUIET_STEPS 3U
+#define FEW_STEPS 3U /* what a match may always follow by, from 0 on */
 #define STEPS_MAX 16U
 #define NEAR 4U      /* steps whose metrics stay in registers: 0 to 3 places */
 #define BLOCK 16U    /* places whose distances are at hand at once */
 #define FAR 0xFFFFU /* metric of a place off the map, and price of a step that there is not */
+#define WEIGHT_BITS 3U
+#define WEIGHT_TOP 8U
+#define WEIGHT_FROM 48 /* activity below the usual from which on evidence has weight */
+#define ROWS 17U
+#define ROW_BITS 3U
+#define ROW_ORIGIN 100 /* the row of the same activity is 12 times 8 from the first; half of 8 rounds */
+
+/* Prices of a step of 0, 1, 2 and 3 places, with fraction bits, by the activity of the window
+ * against that of the place that is reached: from 6 octaves below to 2 above, in half octaves. */
+static const uint8_t activity_costs[ROWS][NEAR] = {
+    {4U, 24U, 47U, 71U}, {4U, 22U, 43U, 66U}, {4U, 20U, 39U, 61U}, {4U, 17U, 36U, 57U},
+    {4U, 15U, 32U, 52U}, {4U, 12U, 28U, 48U}, {4U, 10U, 24U, 43U}, {4U, 7U, 20U, 38U},
+    {4U, 5U, 17U, 34U},  {4U, 3U, 13U, 30U},  {5U, 1U, 10U, 26U},  {7U, 0U, 8U, 22U},
+    {9U, 0U, 6U, 20U},   {11U, 0U, 5U, 18U},  {15U, 1U, 5U, 17U},  {19U, 3U, 5U, 16U},
+    {22U, 4U, 4U, 15U}};
 
 /* What a step to a place costs, less the least metric: prices wrap where they are below it, and
  * their sum with a metric does not. */
 typedef struct {
-    uint32_t near[NEAR]; /* of a step of 0, 1 ... */
-    uint32_t near_count;
-    const uint16_t *far; /* of those beyond, in the design */
+    const int8_t *place_activity; /* NULL: steps cost the same to all places */
+    int32_t activity;             /* of the window, so that it gives the row of a place */
+    uint32_t near[NEAR];          /* of a step of 0, 1 ... if they do */
+    const uint16_t *fixed; /* in the design, of which those beyond begin at NEAR */
     uint32_t far_count;
     const uint16_t *back; /* of -1, -2 ... */
     uint32_t back_count;
@@ -51,6 +69,7 @@ typedef struct {
     uint32_t nearest;
     uint32_t mean;
     uint32_t reciprocal;
+    uint32_t weight;
 } scale_t;
 
 static inline uint32_t lesser(uint32_t a, uint32_t b)
@@ -67,16 +86,27 @@ static uint32_t moved(uint32_t value, uint32_t target, uint32_t shift)
     return value - (((value - target) + ((1U << shift) - 1U)) >> shift);
 }
 
+/* The row of prices of steps to a place of this activity. */
+static inline uint32_t row_of(int32_t activity, int32_t of_place)
+{
+    const int32_t above = activity - of_place;
+    return (above > 0) ? lesser((uint32_t)above >> ROW_BITS, ROWS - 1U) : 0U;
+}
+
 /* Price of the cheapest way to a place by any step: metrics at and below it have not changed yet,
  * and those above it are in the delay line. */
 static uint32_t cheapest(const prices_t *p, const uint16_t *metric, uint32_t at)
 {
     uint32_t found = p->limit;
+    const bool by_activity = p->place_activity != NULL;
+    const uint32_t row = by_activity ? row_of(p->activity, p->place_activity[at]) : 0U;
     for (uint32_t i = 0U; (i < NEAR) && (i <= at); i++) {
-        found = lesser(found, metric[at - i] + p->near[i]);
+        const uint32_t price =
+            by_activity ? ((uint32_t)activity_costs[row][i] - p->least) : p->near[i];
+        found = lesser(found, metric[at - i] + price);
     }
     for (uint32_t i = 0U; (i < p->far_count) && ((i + NEAR) <= at); i++) {
-        found = lesser(found, ((uint32_t)metric[at - NEAR - i] + p->far[i]) - p->least);
+        found = lesser(found, ((uint32_t)metric[at - NEAR - i] + p->fixed[NEAR + i]) - p->least);
     }
     for (uint32_t i = 0U; i < p->above; i++) {
         found = lesser(found, ((uint32_t)p->ahead[i] + p->back[i]) - p->least);
@@ -97,8 +127,7 @@ static void shift_ahead(prices_t *p, uint16_t metric)
 }
 
 /* The same for places from the fourth on, in a design without other steps than the near ones. */
-static inline void predict_near(const prices_t *p, uint16_t *metric, uint32_t from, uint32_t end,
-                                bool of_three_places)
+static inline void predict_near(const prices_t *p, uint16_t *metric, uint32_t from, uint32_t end)
 {
     const uint32_t limit = p->limit;
     const uint32_t stay = p->near[0];
@@ -111,11 +140,31 @@ static inline void predict_near(const prices_t *p, uint16_t *metric, uint32_t fr
     for (uint32_t at = end - 1U; at >= from; at--) {
         const uint32_t lowest = metric[at - 3U];
         uint32_t price = lesser(lesser(limit, here + stay), below + one);
-        price = lesser(price, lower + two);
-        if (of_three_places) {
-            price = lesser(price, lowest + three);
-        }
+        price = lesser(lesser(price, lower + two), lowest + three);
         metric[at] = (uint16_t)price;
+        here = below;
+        below = lower;
+        lower = lowest;
+    }
+}
+
+/* The same where steps cost what the activities of the window and of the place say. */
+static inline void predict_by_activity(const prices_t *p, uint16_t *metric, uint32_t from,
+                                       uint32_t end)
+{
+    const int8_t *const place_activity = p->place_activity;
+    const int32_t activity = p->activity;
+    const uint32_t least = p->least;
+    const uint32_t limit = p->limit + least;
+    uint32_t here = metric[end - 1U];
+    uint32_t below = metric[end - 2U];
+    uint32_t lower = metric[end - 3U];
+    for (uint32_t at = end - 1U; at >= from; at--) {
+        const uint8_t *const costs = activity_costs[row_of(activity, place_activity[at])];
+        const uint32_t lowest = metric[at - 3U];
+        uint32_t price = lesser(lesser(limit, here + costs[0]), below + costs[1]);
+        price = lesser(lesser(price, lower + costs[2]), lowest + costs[3]);
+        metric[at] = (uint16_t)(price - least);
         here = below;
         below = lower;
         lower = lowest;
@@ -129,10 +178,10 @@ static void predict(prices_t *p, uint16_t *metric, const block_t *b)
     uint32_t end = b->end;
     if (((p->far_count | p->back_count) == 0U) && (end >= NEAR)) {
         const uint32_t from = (b->from < (NEAR - 1U)) ? (NEAR - 1U) : b->from;
-        if (p->near_count == NEAR) {
-            predict_near(p, metric, from, end, true);
+        if (p->place_activity != NULL) {
+            predict_by_activity(p, metric, from, end);
         } else {
-            predict_near(p, metric, from, end, false);
+            predict_near(p, metric, from, end);
         }
         end = from;
     }
@@ -152,14 +201,15 @@ static uint32_t add_evidence(const scale_t *scale, uint16_t *metric, const block
     const uint32_t nearest = scale->nearest;
     const uint32_t mean = scale->mean;
     const uint32_t reciprocal = scale->reciprocal;
+    const uint32_t weight = scale->weight;
     uint32_t deviations = 0U;
     uint16_t *const metrics = &metric[b->from];
     uint32_t found = *least;
     for (uint32_t i = b->end - b->from; i > 0U; i--) {
         const uint32_t distance = distances[i - 1U];
         const uint32_t scaled = ((distance - nearest) * reciprocal) >> EVIDENCE_SHIFT;
-        const uint32_t value =
-            lesser(metrics[i - 1U] + lesser(scaled, EVIDENCE_TOP), METRIC_TOP);
+        const uint32_t against = (lesser(scaled, EVIDENCE_TOP) * weight) >> WEIGHT_BITS;
+        const uint32_t value = lesser(metrics[i - 1U] + against, METRIC_TOP);
         metrics[i - 1U] = (uint16_t)value;
         deviations += (distance < mean) ? (mean - distance) : (distance - mean);
         found = lesser(found, value);
@@ -255,20 +305,25 @@ static void advance_paused(const vpr_design_t *d, vpr_state_t *s, prices_t *p)
     }
 }
 
+/* How many eighths of the evidence of a window count that does not pause. */
+static uint32_t weight_of(int32_t activity)
+{
+    const int32_t above = activity + WEIGHT_FROM;
+    return (above > 0) ? lesser((uint32_t)above >> 1, WEIGHT_TOP) : 0U;
+}
+
 /* Prices of this window's steps. */
 static void set_prices(const vpr_design_t *d, const vpr_state_t *s, prices_t *p)
 {
-    static const uint16_t standing[QUIET_STEPS] = {0U, 0U, 4U};
-    const uint16_t *const price = s->quiet ? standing : d->price;
-    const uint32_t steps = s->quiet ? QUIET_STEPS : d->steps;
-    for (uint32_t i = 0U; i < NEAR; i++) {
-        p->near[i] = ((i < steps) ? price[i] : FAR) - s->least;
+    p->place_activity = d->place_activity;
+    p->activity = s->activity + ROW_ORIGIN;
+    for (uint32_t i = 0U; (i < NEAR) && (d->place_activity == NULL); i++) {
+        p->near[i] = ((i < d->steps) ? d->price[i] : FAR) - s->least;
     }
-    p->near_count = lesser(steps, NEAR);
-    p->far_count = (steps > NEAR) ? (steps - NEAR) : 0U;
-    p->far = &price[steps - p->far_count];
-    p->back = &d->price[d->steps];
-    p->back_count = s->quiet ? 0U : d->back;
+    p->far_count = (d->steps > NEAR) ? (d->steps - NEAR) : 0U;
+    p->fixed = d->price;
+    p->back = d->back_price;
+    p->back_count = d->back;
     p->above = 0U;
     p->least = s->least;
     /* before the first window, each place is as likely as another */
@@ -310,12 +365,14 @@ static void search_places(const vpr_design_t *d, const uint16_t *metric, uint32_
 }
 
 /* Evidence against a place in a window that does not pause. It is not limited, as above 23 it takes
- * all trust anyway. */
+ * all trust anyway, which 255 of any weight is. */
 static uint32_t misfit_of(const vpr_design_t *d, const vpr_state_t *s, const scale_t *scale,
                           uint32_t place)
 {
     const uint32_t distance = sad(s->query, &d->places[place * d->stride], d->stride);
-    return ((distance - scale->nearest) * scale->reciprocal) >> EVIDENCE_SHIFT;
+    return ((((distance - scale->nearest) * scale->reciprocal) >> EVIDENCE_SHIFT) *
+            scale->weight) >>
+           WEIGHT_BITS;
 }
 
 /* Trust the match by its margin, and by those before it as long as it follows from them; less what
@@ -323,7 +380,7 @@ static uint32_t misfit_of(const vpr_design_t *d, const vpr_state_t *s, const sca
 static void trust(const vpr_design_t *d, vpr_state_t *s, uint32_t misfit, vpr_match_t *m)
 {
     const uint32_t margin = (m->second == VPR_NONE) ? METRIC_TOP : (m->second_sum - m->sum);
-    const uint32_t last = ((d->steps > QUIET_STEPS) ? d->steps : QUIET_STEPS) - 1U;
+    const uint32_t last = ((d->steps > FEW_STEPS) ? d->steps : FEW_STEPS) - 1U;
     const bool follows =
         (s->place != VPR_NONE) && (((m->place + d->back) - s->place) <= (d->back + last));
     const uint32_t kept = follows ? s->support : 0U;
@@ -346,7 +403,7 @@ static void filter_places(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
     prices_t prices;
     set_prices(d, s, &prices);
     s->least = VPR_NONE;
-    scale_t scale = {VPR_NONE, 0U, 0U};
+    scale_t scale = {VPR_NONE, 0U, 0U, weight_of(s->activity)};
     if (s->paused) {
         advance_paused(d, s, &prices);
     } else {

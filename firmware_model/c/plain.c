@@ -24,13 +24,23 @@ enum {
     MAP = 24,
     PRICES = 25,
     MEANS = 26,
-    STEPS = 27,
-    BACK = 28,
-    RESTART = 29,
-    TRUST = 31,
-    OWN_MEAN = 32,
-    ACTIVITY = 33
+    PLACE_ACTIVITY = 27,
+    STEPS = 28,
+    BACK = 29,
+    RESTART = 30,
+    TRUST = 32,
+    OWN_MEAN = 33,
+    ACTIVITY = 34,
+    CONTRAST = 35,
+    ACTIVITY_COSTS = 36
 };
+
+/* Prices of a step of 0 to 3 places, a row each half octave of activity. */
+static const uint8_t by_activity[17][4] = {
+    {4, 24, 47, 71}, {4, 22, 43, 66}, {4, 20, 39, 61}, {4, 17, 36, 57}, {4, 15, 32, 52},
+    {4, 12, 28, 48}, {4, 10, 24, 43}, {4, 7, 20, 38},  {4, 5, 17, 34},  {4, 3, 13, 30},
+    {5, 1, 10, 26},  {7, 0, 8, 22},   {9, 0, 6, 20},   {11, 0, 5, 18},  {15, 1, 5, 17},
+    {19, 3, 5, 16},  {22, 4, 4, 15}};
 
 static uint32_t byte_at(const plain_t *p, uint64_t at)
 {
@@ -91,7 +101,7 @@ void plain_begin(plain_t *p, const uint8_t *image, uint32_t bytes, uint32_t star
         p->mean[i] = (int64_t)half_at(p, plain_word(p, MEANS) + ((uint64_t)i * 2U)) * 256;
     }
     p->usual = plain_word(p, ACTIVITY);
-    p->quiet = false;
+    p->activity = 0;
     p->paused = false;
     p->moved = 0U;
     p->reciprocal = 0;
@@ -150,12 +160,35 @@ uint32_t plain_take(plain_t *p, const vpr_event_t *e)
     return VPR_NONE;
 }
 
-static uint8_t own_mean_code(plain_t *p, uint32_t slot)
+static int64_t level_of(const plain_t *p, uint32_t slot)
 {
-    const int64_t level = half_at(p, plain_word(p, CODES) + ((uint64_t)p->counts[slot] * 2U));
+    return half_at(p, plain_word(p, CODES) + ((uint64_t)p->counts[slot] * 2U));
+}
+
+/* What is subtracted from each logarithm of the window. */
+static int64_t window_mean(const plain_t *p)
+{
+    const int64_t slots = plain_word(p, SLOTS);
+    int64_t sum = 0;
+    for (uint32_t slot = 0U; slot < slots; slot++) {
+        sum += level_of(p, slot) - floor_shift(p->mean[slot] + 128, 8U);
+    }
+    int64_t mean = 0;
+    while ((((2 * mean) + 1) * slots) <= (2 * sum)) {
+        mean++;
+    }
+    while ((((2 * mean) - 1) * slots) > (2 * sum)) {
+        mean--;
+    }
+    return (plain_word(p, CONTRAST) != 0U) ? mean : 0;
+}
+
+static uint8_t own_mean_code(plain_t *p, uint32_t slot, int64_t of_window)
+{
+    const int64_t level = level_of(p, slot);
     const int64_t half = (int64_t)1 << (plain_word(p, OWN_MEAN) - 1U);
     const int64_t mean = floor_shift(p->mean[slot] + 128, 8U);
-    int64_t octaves = floor_shift(level - mean + 128, 8U);
+    int64_t octaves = floor_shift(level - mean - of_window + 128, 8U);
     octaves = (octaves < -half) ? -half : octaves;
     octaves = (octaves > (half - 1)) ? (half - 1) : octaves;
     uint32_t shift = 8U;
@@ -168,19 +201,45 @@ static uint8_t own_mean_code(plain_t *p, uint32_t slot)
     return (uint8_t)(octaves + half);
 }
 
+/* How often 2^(1/16) is in a number and 1: a bit of the logarithm with each square. */
+static int64_t sixteenths(int64_t number)
+{
+    uint32_t octaves = 0U;
+    while (((number + 1) >> (octaves + 1U)) != 0) {
+        octaves++;
+    }
+    /* 63 bits of mantissa, which is not near enough to a root of 2 for its rounding to matter */
+    uint64_t mantissa = (uint64_t)(number + 1) << (63U - octaves);
+    int64_t found = octaves;
+    for (uint32_t bit = 0U; bit < 4U; bit++) {
+        const uint64_t high = mantissa >> 32;
+        const uint64_t low = mantissa & 0xFFFFFFFFU;
+        const uint64_t square = (high * high) + ((high * low) >> 31);
+        found *= 2;
+        if ((square >> 63) != 0U) {
+            found++;
+            mantissa = square;
+        } else {
+            mantissa = square << 1;
+        }
+    }
+    return found;
+}
+
 const uint8_t *plain_window_end(plain_t *p)
 {
     const int64_t events = (p->counted < 0x7FFFFFU) ? p->counted : 0x7FFFFF;
-    p->quiet = (events == 0) || ((events * 8 * 256) < p->usual);
+    p->activity = (events == 0) ? -368 : (sixteenths(events) - sixteenths(p->usual / 256));
     p->paused = (events == 0) || ((events * 16 * 256) < p->usual);
     const uint32_t slots = plain_word(p, SLOTS);
     uint8_t *const codes = &p->codes[(size_t)p->windows * slots];
     const uint64_t entries = (uint64_t)plain_word(p, COUNT_MAX) + 1U;
+    const int64_t of_window = (plain_word(p, OWN_MEAN) != 0U) ? window_mean(p) : 0;
     for (uint32_t slot = 0U; slot < slots; slot++) {
         const uint64_t table = byte_at(p, (uint64_t)plain_word(p, WHICH_CODES) + slot);
         codes[slot] =
             (plain_word(p, OWN_MEAN) != 0U)
-                ? own_mean_code(p, slot)
+                ? own_mean_code(p, slot, of_window)
                 : (uint8_t)byte_at(p, plain_word(p, CODES) + table * entries + p->counts[slot]);
         p->counts[slot] = 0U;
     }
@@ -228,19 +287,39 @@ static int64_t reciprocal_of(const int64_t *distances, uint32_t places)
     return 65536 / ((spread < 1) ? 1 : spread);
 }
 
+static bool has_activity_costs(const plain_t *p)
+{
+    return plain_word(p, ACTIVITY_COSTS) != 0U;
+}
+
+static int64_t steps_of(const plain_t *p)
+{
+    return has_activity_costs(p) ? 4 : (int64_t)plain_word(p, STEPS);
+}
+
+/* Price of a step forwards, 0 or more, that leads to a place. */
+static int64_t forwards(const plain_t *p, int64_t step, uint32_t place)
+{
+    if (!has_activity_costs(p)) {
+        return half_at(p, plain_word(p, PRICES) + ((uint64_t)step * 2U));
+    }
+    const int64_t byte = byte_at(p, (uint64_t)plain_word(p, PLACE_ACTIVITY) + place);
+    int64_t row = 12 + floor_shift(p->activity - ((byte < 128) ? byte : (byte - 256)) + 4, 3U);
+    row = (row < 0) ? 0 : row;
+    row = (row > 16) ? 16 : row;
+    return by_activity[row][step];
+}
+
 /* Price of being at a place, without the evidence. */
 static int64_t predicted(const plain_t *p, const int64_t *metric, int64_t least, uint32_t place)
 {
-    static const int64_t standing[] = {0, 0, 4};
-    const int64_t steps = p->quiet ? 3 : (int64_t)plain_word(p, STEPS);
-    const int64_t back = p->quiet ? 0 : (int64_t)plain_word(p, BACK);
+    const int64_t back = plain_word(p, BACK);
     int64_t cheapest = plain_word(p, RESTART);
-    for (int64_t step = -back; step < steps; step++) {
+    for (int64_t step = -back; step < steps_of(p); step++) {
         const int64_t from = (int64_t)place - step;
-        const int64_t entry = (step < 0) ? ((int64_t)plain_word(p, STEPS) - 1 - step) : step;
-        const int64_t price =
-            p->quiet ? standing[entry]
-                     : (int64_t)half_at(p, plain_word(p, PRICES) + ((uint64_t)entry * 2U));
+        const uint64_t at = ((uint64_t)plain_word(p, STEPS) - 1U - (uint64_t)step) * 2U;
+        const int64_t price = (step < 0) ? (int64_t)half_at(p, plain_word(p, PRICES) + at)
+                                         : forwards(p, step, place);
         if ((from >= 0) && (from < (int64_t)plain_word(p, PLACES)) &&
             ((metric[from] - least + price) < cheapest)) {
             cheapest = metric[from] - least + price;
@@ -265,11 +344,14 @@ static void advance(plain_t *p)
         distances[k] = (int64_t)distance(p, p->windows - 1U, k);
         nearest = (distances[k] < nearest) ? distances[k] : nearest;
     }
+    int64_t weight = floor_shift(p->activity + 48, 1U);
+    weight = (weight < 0) ? 0 : weight;
+    weight = (weight > 8) ? 8 : weight;
     const int64_t own = reciprocal_of(distances, places);
     const int64_t reciprocal = (p->reciprocal == 0) ? own : p->reciprocal;
     for (uint32_t k = 0U; k < places; k++) {
         int64_t evidence = ((distances[k] - nearest) * reciprocal) / 16384;
-        evidence = (evidence > 255) ? 255 : evidence;
+        evidence = (((evidence > 255) ? 255 : evidence) * weight) / 8;
         p->evidence[k] = p->paused ? 0 : evidence;
         p->metric[k] = predicted(p, before, least, k) + p->evidence[k];
         p->metric[k] = (p->metric[k] > 1023) ? 1023 : p->metric[k];
@@ -282,7 +364,7 @@ static void advance(plain_t *p)
 /* What the match before says of this one. */
 static void trust(plain_t *p, vpr_match_t *m)
 {
-    const int64_t forward = (plain_word(p, STEPS) > 3U) ? (int64_t)plain_word(p, STEPS) : 3;
+    const int64_t forward = (steps_of(p) > 3) ? steps_of(p) : 3;
     const int64_t margin =
         (m->second == VPR_NONE) ? 1023 : ((int64_t)m->second_sum - (int64_t)m->sum);
     const int64_t step = (int64_t)m->place - p->place;
@@ -309,7 +391,7 @@ static void trust(plain_t *p, vpr_match_t *m)
 
 bool plain_match(plain_t *p, vpr_match_t *m)
 {
-    const bool filters = plain_word(p, STEPS) != 0U;
+    const bool filters = steps_of(p) != 0;
     if (filters) {
         advance(p);
     }

@@ -17,7 +17,7 @@ typedef struct {
     uint32_t counted;  /* in the open window */
     uint32_t windows;  /* ended so far */
     int64_t usual;     /* events of a window, in units of 1/256 */
-    bool quiet;        /* the window that ended last */
+    int64_t activity;  /* of the window that ended last, against that, in 1/16 octave */
     bool paused;
     int64_t *mean;     /* [slots]: in units of 1/65536 octave */
     uint32_t moved;    /* windows that moved it */

@@ -35,13 +35,16 @@ enum {
     AT_PLACES_TABLE,
     AT_PRICE_TABLE,
     AT_MEAN_TABLE,
-    AT_STEPS, /* prices of the place filter; 0: sequences */
+    AT_PLACE_ACTIVITY_TABLE,
+    AT_STEPS, /* prices of the place filter; 0: sequences, or costs by activity */
     AT_BACK,
     AT_RESTART,
     AT_KEEP_DISTANCES,
     AT_TRUST,
     AT_OWN_MEAN, /* bits of own-mean codes; 0: others */
-    AT_ACTIVITY
+    AT_ACTIVITY,
+    AT_CONTRAST,
+    AT_ACTIVITY_COSTS
 };
 
 #define LIMIT 0xFFFFU     /* of what is multiplied */
@@ -62,8 +65,11 @@ enum {
 #define EVENTS_TOP 0x7FFFFFU
 #define ACTIVITY_BITS 8U
 #define ACTIVITY_SHIFT 6U
-#define QUIET_BITS 11U /* of a number of events less than 1/8 of the usual */
-#define PAUSE_BITS 12U /* of one less than 1/16 */
+#define PAUSE_BITS 12U /* of a number of events less than 1/16 of the usual */
+#define LEAST_ACTIVITY (-368) /* of no events, against the most */
+#define OCTAVE 16U
+#define OCTAVES_LOW 22U
+#define OCTAVE_LOW 0x400000U /* 2^22 */
 
 /* The search over the places of one match, in ascending order. */
 typedef struct {
@@ -90,14 +96,18 @@ static bool fits(uint32_t wide, uint32_t narrow)
 static bool adaptive_within_limits(const uint32_t *image)
 {
     const uint32_t own_mean = image[AT_OWN_MEAN];
-    const bool filters = image[AT_STEPS] != 0U;
+    const bool by_activity = image[AT_ACTIVITY_COSTS] != 0U;
+    const bool filters = by_activity || (image[AT_STEPS] != 0U);
     const uint32_t of_filter =
         image[AT_BACK] | image[AT_RESTART] | image[AT_KEEP_DISTANCES] | image[AT_TRUST];
     const uint32_t activity_max =
         (filters || (own_mean != 0U)) ? (EVENTS_TOP << ACTIVITY_BITS) : 0U;
     return (filters ? (image[AT_LENGTH] == 1U) : (of_filter == 0U)) &&
-           ((own_mean == 0U) ||
-            ((image[AT_CODES] == 1U) && (image[AT_CODE_MAX] == ((1U << own_mean) - 1U)))) &&
+           (!by_activity || (image[AT_STEPS] == 0U)) &&
+           ((own_mean == 0U)
+                ? (image[AT_CONTRAST] == 0U)
+                : ((image[AT_CODES] == 1U) &&
+                   (image[AT_CODE_MAX] == ((1U << own_mean) - 1U)))) &&
            (image[AT_ACTIVITY] <= activity_max);
 }
 
@@ -118,7 +128,8 @@ static bool within_limits(const uint32_t *image)
                  {AT_RATIO_DENOMINATOR, 0U, LIMIT},
                  {AT_STEPS, 0U, STEPS_MAX}, {AT_BACK, 0U, STEPS_MAX},
                  {AT_RESTART, 0U, PRICE_MAX}, {AT_KEEP_DISTANCES, 0U, 1U},
-                 {AT_TRUST, 0U, TRUST_MAX}, {AT_OWN_MEAN, 0U, 8U}};
+                 {AT_TRUST, 0U, TRUST_MAX}, {AT_OWN_MEAN, 0U, 8U},
+                 {AT_CONTRAST, 0U, 1U},     {AT_ACTIVITY_COSTS, 0U, 1U}};
     for (uint32_t i = 0U; i < (sizeof range / sizeof *range); i++) {
         const uint32_t value = image[range[i].word];
         if ((value < range[i].least) || (value > range[i].most)) {
@@ -152,7 +163,8 @@ static bool laid_out(const uint32_t *image)
                              image[AT_SLOTS],
                              image[AT_PLACES] * image[AT_STRIDE],
                              (image[AT_STEPS] + image[AT_BACK]) * 2U,
-                             own_mean ? (image[AT_SLOTS] * 2U) : 0U};
+                             own_mean ? (image[AT_SLOTS] * 2U) : 0U,
+                             (image[AT_ACTIVITY_COSTS] != 0U) ? image[AT_PLACES] : 0U};
     uint32_t end = VPR_HEADER_WORDS * 4U;
     for (uint32_t i = 0U; i < (sizeof size / sizeof *size); i++) {
         const uint32_t at = image[AT_DISPLACEMENT_TABLE + i];
@@ -245,6 +257,7 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     }
     const uint8_t *const bytes = (const uint8_t *)image;
     const bool by_time = image[AT_WINDOW_KIND] == 0U;
+    const bool by_activity = image[AT_ACTIVITY_COSTS] != 0U;
 
     /* MISRA deviation 11.3: the tables lie aligned in the image */
     d->displacement = (const uint16_t *)(const void *)&bytes[image[AT_DISPLACEMENT_TABLE]];
@@ -254,6 +267,9 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
                    ? (const uint16_t *)(const void *)&bytes[image[AT_CODE_TABLE]]
                    : NULL;
     d->price = (const uint16_t *)(const void *)&bytes[image[AT_PRICE_TABLE]];
+    d->back_price = &d->price[image[AT_STEPS]];
+    d->place_activity =
+        by_activity ? (const int8_t *)(const void *)&bytes[image[AT_PLACE_ACTIVITY_TABLE]] : NULL;
     d->mean = (const uint16_t *)(const void *)&bytes[image[AT_MEAN_TABLE]];
     d->code_table = &bytes[image[AT_WHICH_CODE_TABLE]];
     d->places = &bytes[image[AT_PLACES_TABLE]];
@@ -271,15 +287,16 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->ratio_denominator = image[AT_RATIO_DENOMINATOR];
     d->accept = image[AT_ACCEPT];
     d->code_max = image[AT_CODE_MAX];
-    d->steps = image[AT_STEPS];
+    d->steps = by_activity ? NEAR : image[AT_STEPS];
     d->back = image[AT_BACK];
     d->restart = image[AT_RESTART];
     d->trust = image[AT_TRUST];
     d->activity = image[AT_ACTIVITY];
+    d->contrast = image[AT_CONTRAST] != 0U;
     d->keep_distances = image[AT_KEEP_DISTANCES] != 0U;
     return lookup_sound(d, image[AT_WIDTH], image[AT_PIXELS]) && codes_sound(d, image[AT_CODES]) &&
            at_most(d->code_table, d->slots, image[AT_CODES] - 1U) &&
-           words_at_most(d->price, d->steps + d->back, PRICE_MAX) &&
+           words_at_most(d->price, image[AT_STEPS] + d->back, PRICE_MAX) &&
            places_sound(d, d->code_max);
 }
 
@@ -325,7 +342,7 @@ void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t st
     s->seen = 0U;
     s->newest = 0U;
     s->usual = d->activity;
-    s->quiet = false;
+    s->activity = 0;
     s->paused = false;
     s->mean_shift = FIRST_SHIFT;
     s->mean_windows = 1U << FIRST_SHIFT;
@@ -405,16 +422,36 @@ vpr_status_t vpr_events(const vpr_design_t *d, vpr_state_t *s, const vpr_event_t
     return status;
 }
 
+static uint32_t rounded_mean(const vpr_state_t *s, uint32_t slot)
+{
+    return (s->mean[slot] + MEAN_HALF) >> MEAN_BITS;
+}
+
+/* Mean over the window of the logarithms less their counters' means, rounded, of contrast codes. No
+ * logarithm is below its mean by more than LEVEL_MAX, which is added. */
+static uint32_t window_mean(const vpr_design_t *d, const vpr_state_t *s)
+{
+    uint32_t sum = 0U;
+    if (!d->contrast) {
+        return LEVEL_MAX;
+    }
+    for (uint32_t i = 0U; i < d->slots; i++) {
+        sum += (d->level[s->counts[i]] + LEVEL_MAX) - rounded_mean(s, i);
+    }
+    return quotient((sum * 2U) + d->slots, d->slots * 2U);
+}
+
 /* Code each count against the counter's running mean, and move the mean unless the camera stands. */
 static void own_mean_codes(const vpr_design_t *d, vpr_state_t *s)
 {
     const uint32_t code_max = d->code_max;
     /* codes have no sign: half of their range is added */
-    const uint32_t half = (((code_max + 1U) / 2U) << LEVEL_BITS) + LEVEL_HALF;
+    const uint32_t half = (((code_max + 1U) / 2U) << LEVEL_BITS) + LEVEL_HALF + LEVEL_MAX;
+    const uint32_t of_window = window_mean(d, s);
     const uint32_t shift = s->mean_shift;
     for (uint32_t i = 0U; i < d->slots; i++) {
         const uint32_t level = d->level[s->counts[i]];
-        const uint32_t mean = (s->mean[i] + MEAN_HALF) >> MEAN_BITS;
+        const uint32_t mean = rounded_mean(s, i) + of_window;
         const uint32_t above = level + half;
         const uint32_t octaves = ((above > mean) ? (above - mean) : 0U) >> LEVEL_BITS;
         s->query[i] = (uint8_t)lesser(octaves, code_max);
@@ -429,14 +466,36 @@ static void own_mean_codes(const vpr_design_t *d, vpr_state_t *s)
     }
 }
 
-/* Whether the open window is quiet, and whether it pauses; and the usual number of events with it.
- * It has less than 1 / 2^n of that number if it has at most what is left of `below`, rounded down. */
+/* 16 times the logarithm of 1 and a number of events, to the base 2, rounded down. */
+static uint32_t event_log(uint32_t events)
+{
+    /* the least numbers that are 1/16, 2/16 ... 16/16 octave above OCTAVE_LOW, and beyond all */
+    static const uint32_t sixteenth[OCTAVE + 1U] = {
+        4380002U, 4573921U, 4776426U, 4987897U, 5208730U, 5439340U, 5680160U, 5931642U, 6194258U,
+        6468502U, 6754887U, 7053951U, 7366256U, 7692388U, 8032959U, 8388608U, VPR_NONE};
+    uint32_t number = events + 1U;
+    uint32_t found = OCTAVE * OCTAVES_LOW;
+    uint32_t above = 0U;
+    while (number < OCTAVE_LOW) {
+        number <<= 1;
+        found -= OCTAVE;
+    }
+    while (number >= sixteenth[above]) {
+        above++;
+    }
+    return found + above;
+}
+
+/* The activity of the open window, whether it pauses, and the usual number of events with it. It
+ * pauses if it has at most what is left of `below`, rounded down: less than 1/16 of the usual. */
 static void take_activity(const vpr_design_t *d, vpr_state_t *s)
 {
     const uint32_t counted = d->budget - s->left;
     const uint32_t events = (counted < EVENTS_TOP) ? counted : EVENTS_TOP;
-    const uint32_t below = (s->usual > 0U) ? (s->usual - 1U) : 0U; /* without events: both */
-    s->quiet = events <= (below >> QUIET_BITS);
+    const uint32_t below = (s->usual > 0U) ? (s->usual - 1U) : 0U; /* without events: it does */
+    s->activity = (events == 0U) ? LEAST_ACTIVITY
+                                 : ((int32_t)event_log(events) -
+                                    (int32_t)event_log(s->usual >> ACTIVITY_BITS));
     s->paused = events <= (below >> PAUSE_BITS);
     s->usual = moved(s->usual, events << ACTIVITY_BITS, ACTIVITY_SHIFT);
 }

@@ -20,8 +20,8 @@
 #include <stdint.h>
 
 #define VPR_MAGIC 0x49525056U /* "VPRI" */
-#define VPR_VERSION 2U
-#define VPR_HEADER_WORDS 36U
+#define VPR_VERSION 3U
+#define VPR_HEADER_WORDS 40U
 #define VPR_NONE 0xFFFFFFFFU
 
 /* As it arrives: 8 bytes. */
@@ -44,7 +44,9 @@ typedef struct {
     const uint16_t *level;        /* [count_max + 1]: its logarithm, of own-mean codes; else NULL */
     const uint8_t *code_table;    /* [slots]: which of the tables a counter uses */
     const uint8_t *places;        /* [places][stride]: codes, padded with zeros */
-    const uint16_t *price;        /* [steps + back]: of a step of 0, 1 ... places, and -1, -2 ... */
+    const uint16_t *price;        /* [steps]: of a step of 0, 1 ... places, if not by activity */
+    const uint16_t *back_price;   /* [back]: of a step of -1, -2 ... */
+    const int8_t *place_activity; /* [places], if steps cost what it says; else NULL */
     const uint16_t *mean;         /* [slots]: where running means start; of other codes unused */
     uint32_t height;
     uint32_t lookup_mask;
@@ -65,6 +67,7 @@ typedef struct {
     uint32_t restart; /* price of getting anywhere */
     uint32_t trust;   /* least that is accepted */
     uint32_t activity; /* where the usual number of events starts, in units of 1/256 */
+    bool contrast;     /* own-mean codes are less the mean of their window, too */
     bool keep_distances; /* 2 bytes of RAM a place, or each distance computed twice */
 } vpr_design_t;
 
@@ -79,8 +82,8 @@ typedef struct {
     uint32_t seen;     /* the same, at most length */
     uint32_t newest;   /* row of history */
     uint32_t usual;    /* events of a window, in units of 1/256 */
-    bool quiet;        /* the window that ended last had few */
-    bool paused;       /* it had hardly any */
+    int32_t activity;  /* of the window that ended last, against that: 1/16 octave */
+    bool paused;       /* it had hardly any events */
     uint32_t *mean;    /* [slots]: running mean of the logarithm, in units of 1/65536 octave */
     uint32_t mean_shift;
     uint32_t mean_windows; /* until the shift grows */

@@ -26,10 +26,11 @@ TABLE = SOURCES / "instructions.csv"
 
 #: the measured design: 150 pixels of a DAVIS346, codes of 4 bits, sequences of 5
 DESIGN = Design(width=346, height=260, pixels=150, places=40, length=5, code_bits=4)
-#: the same with own-mean codes and the place filter, distances computed twice
+#: the same with contrast codes and the place filter by activity, distances computed twice
 FILTER = Design(
-    width=346, height=260, pixels=150, places=40, code="own-mean", code_bits=4, matching="filter"
-)
+    width=346, height=260, pixels=150, places=40, code="contrast", code_bits=4, matching="filter",
+    activity_costs=True,
+)  # fmt: skip
 
 # addresses are not needed inside: the structures are opaque here
 _STRUCT_BYTES = 512
@@ -62,8 +63,8 @@ class Instructions:
         Of `vpr_window_end`, and of `vpr_match_places` with L windows seen.
     match_per_place : int
         What a further place adds to a match.
-    own_mean_window_end : int
-        Of `vpr_window_end` with own-mean codes.
+    contrast_window_end : int
+        Of `vpr_window_end` with contrast codes.
     filter_match, filter_per_place : int
         Of a match by the place filter, for `FILTER`.
     kept_match, kept_per_place : int
@@ -87,7 +88,7 @@ class Instructions:
     window_end: int
     match: int
     match_per_place: int
-    own_mean_window_end: int
+    contrast_window_end: int
     filter_match: int
     filter_per_place: int
     kept_match: int
@@ -198,7 +199,7 @@ def measure(target: Target, folder: str | Path) -> Instructions:
     stack = run.stack
     per_place = _per_place(emulator, DESIGN, DESIGN.length, matched)
     filters = FirmwareRun(emulator, _memories(FILTER))
-    own_mean, filtered = filters.match(_WINDOWS)
+    contrast, filtered = filters.match(_WINDOWS)
     filter_per_place = _per_place(emulator, FILTER, _WINDOWS, filtered)
     kept = replace(FILTER, keep_distances=True)
     keeping = FirmwareRun(emulator, _memories(kept))
@@ -216,7 +217,7 @@ def measure(target: Target, folder: str | Path) -> Instructions:
         window_end=ended,
         match=matched,
         match_per_place=per_place,
-        own_mean_window_end=own_mean,
+        contrast_window_end=contrast,
         filter_match=filtered,
         filter_per_place=filter_per_place,
         kept_match=kept_match,

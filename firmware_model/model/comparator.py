@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from firmware_model.model.descriptor import moved
 from firmware_model.model.design import (
+    ACTIVITY_COSTS,
     EVIDENCE_TOP,
     FRACTION_BITS,
     MARGIN_TOP,
@@ -16,6 +17,7 @@ from firmware_model.model.design import (
     MISFIT_TOP,
     RECIPROCAL_BITS,
     TRUST_BITS,
+    WEIGHT_BITS,
     Design,
 )
 from firmware_model.model.memories import Memories
@@ -198,8 +200,10 @@ class SequenceModel:
 # Model of the place filter: one metric for each place, advanced by each window in integers.
 
 
-#: prices of a step of 0, 1 and 2 places in a quiet window
-STATIONARY_COSTS = (0, 0, 1)
+#: bits of an activity within a row of `ACTIVITY_COSTS`, and the row of the same activity
+ROW_BITS, SAME_ACTIVITY = 3, 12
+#: activity, in units of 1/16 octave, from which on evidence has weight
+WEIGHT_FROM = -48
 #: the support moves by 1/4 of the difference to the margin in each window
 TRUST_SHIFT = 2
 #: while the place stays the same, the support falls by 1/16 in each window
@@ -228,35 +232,42 @@ class PlaceFilterModel:
         three; each of 5 bits.
     """
 
-    def __init__(self, design: Design) -> None:
-        self.design = design
+    def __init__(self, memories: Memories) -> None:
+        self.design = design = memories.design
+        self._place_activity = memories.place_activity
         self.metrics = [0] * design.places
         self.reciprocal = 0
         self.place, self.support = -1, 0
         self.misfit, self.misfit_before = 0, 0
         self.spread, self.margin, self.kept, self.worst = 0, 0, 0, 0
 
-    def predictions(self, quiet: bool) -> list[int]:
-        """Return the price of being at each place one window later, without evidence."""
+    def predictions(self, activity: int) -> list[int]:
+        """Return the price of being at each place after a window, without its evidence."""
         if self.place < 0:
             return [0] * self.design.places
         least = min(self.metrics)
-        return [self.prediction(place, quiet, least) for place in range(self.design.places)]
+        return [self.prediction(place, activity, least) for place in range(self.design.places)]
 
-    def prediction(self, place: int, quiet: bool, least: int) -> int:
-        """Return the price of being at one place one window later; `least` is the lowest metric."""
-        steps, back = (STATIONARY_COSTS, ()) if quiet else (self.design.steps, self.design.back)
+    def prediction(self, place: int, activity: int, least: int) -> int:
+        """Return the price of being at one place; `least` is the lowest metric."""
         cheapest = self.design.restart << FRACTION_BITS
+        back = (price << FRACTION_BITS for price in self.design.back)
         for origin, price in (
-            *((place - step, price) for step, price in enumerate(steps)),
+            *((place - step, price) for step, price in enumerate(self.steps(place, activity))),
             *((place + step, price) for step, price in enumerate(back, 1)),
         ):
             if 0 <= origin < self.design.places:
-                cheapest = min(cheapest, self.metrics[origin] - least + (price << FRACTION_BITS))
+                cheapest = min(cheapest, self.metrics[origin] - least + price)
         return cheapest
 
+    def steps(self, place: int, activity: int) -> Sequence[int]:
+        """Return the prices of steps of 0, 1, 2 ... places to a place, with fraction bits."""
+        if self.design.activity_costs:
+            return ACTIVITY_COSTS[row_of_costs(activity - self._place_activity[place])]
+        return [price << FRACTION_BITS for price in self.design.steps]
+
     def match(
-        self, number: int, quiet: bool, paused: bool, distances: Callable[[], Iterable[int]]
+        self, number: int, activity: int, paused: bool, distances: Callable[[], Iterable[int]]
     ) -> MatchResult:
         """Advance by a window, and return its match.
 
@@ -264,20 +275,21 @@ class PlaceFilterModel:
         ----------
         number : int
             Of the window.
-        quiet, paused : bool
+        activity : int
+        paused : bool
             See `WindowResult`.
         distances : callable
             Gives those to all places; not called if the window pauses.
         """
-        predictions = self.predictions(quiet)
+        predictions = self.predictions(activity)
         if paused:
             self.metrics = predictions
         else:
             found = list(distances())
             reciprocal = self.reciprocal or reciprocal_of_spread(found)
-            least = min(found)
+            least, weight = min(found), weight_of(activity)
             self.metrics = [
-                min(prediction + evidence(distance - least, reciprocal), METRIC_TOP)
+                min(prediction + evidence(distance - least, reciprocal, weight), METRIC_TOP)
                 for prediction, distance in zip(predictions, found, strict=True)
             ]
             # spread of this window, for the next one
@@ -292,9 +304,8 @@ class PlaceFilterModel:
         result = search.result(number)
         assert result is not None, "there is a place"
         margin = METRIC_TOP if result.second_sum is None else result.second_sum - result.sum
-        design = self.design
-        last = max(len(design.steps), len(STATIONARY_COSTS)) - 1
-        follows = self.place >= 0 and -len(design.back) <= result.place - self.place <= last
+        design, step = self.design, result.place - self.place
+        follows = self.place >= 0 and -len(design.back) <= step <= design.largest_step
         kept = self.support if follows else 0
         self.support = moved(kept, min(margin, MARGIN_TOP) << TRUST_BITS, TRUST_SHIFT)
         if result.place == self.place:  # the same view gives no new information
@@ -309,9 +320,21 @@ class PlaceFilterModel:
         return result._replace(trust=trust, accepted=result.accepted and trust >= design.trust)
 
 
-def evidence(difference: int, reciprocal: int) -> int:
+def row_of_costs(activity: int) -> int:
+    """Return the row of `ACTIVITY_COSTS` of a window's activity less that of a place."""
+    row = (activity + (1 << (ROW_BITS - 1))) >> ROW_BITS
+    return min(max(row + SAME_ACTIVITY, 0), len(ACTIVITY_COSTS) - 1)
+
+
+def weight_of(activity: int) -> int:
+    """Return the weight of a window's evidence, in eighths."""
+    return min(max((activity - WEIGHT_FROM) >> 1, 0), 1 << WEIGHT_BITS)
+
+
+def evidence(difference: int, reciprocal: int, weight: int) -> int:
     """Return the evidence against a place, from its distance less the smallest one, saturated."""
-    return min((difference * reciprocal) >> (RECIPROCAL_BITS - FRACTION_BITS), EVIDENCE_TOP)
+    unweighted = (difference * reciprocal) >> (RECIPROCAL_BITS - FRACTION_BITS)
+    return (min(unweighted, EVIDENCE_TOP) * weight) >> WEIGHT_BITS
 
 
 def reciprocal_of_spread(distances: list[int]) -> int:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, Design
+from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, Design, ilog
 from firmware_model.model.memories import Codes, Memories
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS
 
 # Running means of a device: events of a window, and the logarithm of each counter.
 
 
-#: a window is quiet if it has no events, or less than 1/8 of the usual number
-QUIET_SHIFT = 3
-#: it is a pause if it has none, or less than 1/16
+#: a window is a pause if it has no events, or less than 1/16 of the usual number
 PAUSE_SHIFT = 4
 #: the usual number moves by 1/64 of the difference in a window
 ACTIVITY_SHIFT = 6
@@ -29,7 +27,7 @@ def moved(value: int, target: int, shift: int) -> int:
 
 
 class ActivityModel:
-    """Usual number of events in a window, and whether a window has far fewer.
+    """Usual number of events in a window, and that of a window against it.
 
     Parameters
     ----------
@@ -40,9 +38,14 @@ class ActivityModel:
     def __init__(self, usual: int) -> None:
         self.usual = usual
 
-    def is_quiet(self, events: int) -> bool:
-        """Return whether a window with this many events at selected pixels is quiet."""
-        return events == 0 or events << (ACTIVITY_BITS + QUIET_SHIFT) < self.usual
+    def relative(self, events: int) -> int:
+        """Return the logarithm of a window's events less that of the usual number, 1/16 octave.
+
+        Without events it is the least that there is, however far the usual number has fallen.
+        """
+        if events == 0:
+            return -ilog(EVENTS_TOP)
+        return ilog(min(events, EVENTS_TOP)) - ilog(self.usual >> ACTIVITY_BITS)
 
     def pauses(self, events: int) -> bool:
         """Return whether a window with this many events at selected pixels is a pause."""
@@ -54,7 +57,7 @@ class ActivityModel:
 
 
 class MeanModel:
-    """Running mean of each counter's logarithm, and the code of a logarithm against it.
+    """Running mean of each counter's logarithm, and the codes of logarithms against it.
 
     Parameters
     ----------
@@ -71,7 +74,7 @@ class MeanModel:
     """
 
     def __init__(self, design: Design, start: Sequence[int]) -> None:
-        self._half = 1 << (design.code_bits - 1)
+        self._half, self._contrast = 1 << (design.code_bits - 1), design.contrast
         self.total = [mean << MEAN_BITS for mean in start]
         self.windows = 0
 
@@ -80,11 +83,24 @@ class MeanModel:
         """Shift of the difference in the next window: 4 at first, 8 in the end."""
         return ((1 << FIRST_SHIFT) + self.windows).bit_length() - 1
 
-    def code(self, slot: int, level: int) -> int:
-        """Return the code of a logarithm: octaves above the mean, rounded and saturated."""
-        mean = (self.total[slot] + (1 << (MEAN_BITS - 1))) >> MEAN_BITS
-        octaves = (level - mean + (1 << (LEVEL_BITS - 1))) >> LEVEL_BITS
-        return min(max(octaves, -self._half), self._half - 1) + self._half
+    def differences(self, levels: Sequence[int]) -> list[int]:
+        """Return the logarithm of each counter less its rounded mean."""
+        half = 1 << (MEAN_BITS - 1)
+        pairs = zip(levels, self.total, strict=True)
+        return [level - ((total + half) >> MEAN_BITS) for level, total in pairs]
+
+    def window_mean(self, levels: Sequence[int]) -> int:
+        """Return the mean of a window's differences, halves up; 0 but of contrast codes."""
+        if not self._contrast:
+            return 0
+        total, number = sum(self.differences(levels)), len(levels)
+        return (2 * total + number) // (2 * number)
+
+    def codes(self, levels: Sequence[int]) -> Codes:
+        """Return codes: octaves above the counter's and the window's mean, rounded, saturated."""
+        window, half = self.window_mean(levels), 1 << (LEVEL_BITS - 1)
+        octaves = ((one - window + half) >> LEVEL_BITS for one in self.differences(levels))
+        return tuple(min(max(one, -self._half), self._half - 1) + self._half for one in octaves)
 
     def update(self, levels: Sequence[int]) -> None:
         """Update by the logarithms of a window."""
@@ -119,14 +135,14 @@ class EventResult(NamedTuple):
 class WindowResult(NamedTuple):
     """A window that ended, and the number of events processed before its end.
 
-    It is quiet if it has so few events at selected pixels that the camera hardly moves, and a pause
-    too if it has so few that the camera must be standing.
+    Its activity is the logarithm of its events at selected pixels, less that of the usual number.
+    It is a pause if it has so few that the camera must be standing.
     """
 
     number: int
     events: int
     codes: Codes
-    quiet: bool = False
+    activity: int = 0
     paused: bool = False
 
 
@@ -175,12 +191,11 @@ class DescriptorModel:
     @property
     def codes(self) -> Codes:
         """Codes of the present counts."""
-        return tuple(
-            self.mean.code(slot, entry) if self.design.own_mean else entry
-            for slot, entry in enumerate(self._entries())
-        )
+        entries = self.entries()
+        return self.mean.codes(entries) if self.design.own_mean else tuple(entries)
 
-    def _entries(self) -> list[int]:
+    def entries(self) -> list[int]:
+        """Return the entries of the present counts in their tables: codes, or logarithms."""
         return [self.memories.entry(slot, count) for slot, count in enumerate(self.counts)]
 
     def elapsed(self, t: int) -> int:
@@ -228,10 +243,10 @@ class DescriptorModel:
 
     def _end_window(self) -> Iterator[WindowResult]:
         paused = self.activity.pauses(self.counted)
-        quiet = self.activity.is_quiet(self.counted)
-        yield WindowResult(self.windows, self.events, self.codes, quiet, paused)
+        activity = self.activity.relative(self.counted)
+        yield WindowResult(self.windows, self.events, self.codes, activity, paused)
         if self.design.own_mean and not paused:
-            self.mean.update(self._entries())
+            self.mean.update(self.entries())
         self.activity.update(self.counted)
         self.counts = [0] * self.design.slots
         self.counted = 0

@@ -114,12 +114,24 @@ TRUST_TOP = MARGIN_TOP << TRUST_BITS
 ACTIVITY_BITS = 8
 #: largest number of events of a window; larger ones saturate
 EVENTS_TOP = (1 << 23) - 1
+#: fraction bits of the logarithm of a number of events, and of what is left of the evidence
+LOG_BITS, WEIGHT_BITS = 4, 3
+#: bits of the activity of a place, a number with sign
+PLACE_ACTIVITY_BITS = 8
+#: costs of a step of 0, 1, 2 and 3 places, with fraction bits, by the activity of the window
+#: against that of the place it reaches: a row a half octave, from 6 octaves below to 2 above
+ACTIVITY_COSTS = (
+    (4, 24, 47, 71), (4, 22, 43, 66), (4, 20, 39, 61), (4, 17, 36, 57), (4, 15, 32, 52),
+    (4, 12, 28, 48), (4, 10, 24, 43), (4, 7, 20, 38), (4, 5, 17, 34), (4, 3, 13, 30),
+    (5, 1, 10, 26), (7, 0, 8, 22), (9, 0, 6, 20), (11, 0, 5, 18), (15, 1, 5, 17),
+    (19, 3, 5, 16), (22, 4, 4, 15),
+)  # fmt: skip
 
 
 # Ranges of the parameters of a design.
 
 
-DeviceCode = Literal[CodeKind, "own-mean"]
+DeviceCode = Literal[CodeKind, "own-mean", "contrast"]
 WindowKind = Literal["time", "count"]
 Matching = Literal["sequence", "filter"]
 AcceptKind = Literal["margin", "ratio"]
@@ -136,7 +148,7 @@ MAX_SIDE = 1 << 15
 MOST_PARTS = 4_096
 
 _TUPLES = ("full_scales", "steps", "back", "ratio")
-_SWITCHES = ("polarity", "keep_distances")
+_SWITCHES = ("polarity", "activity_costs", "keep_distances")
 _CHOICES = {"window": WindowKind, "matching": Matching, "accept": AcceptKind}
 _RANGES = {
     "width": (1, MAX_SIDE),
@@ -197,8 +209,8 @@ def _shown(value: object) -> str:
 # The design of a device: all its parameters.
 
 
-#: sequence length if 0 is given
-LENGTH = 5
+#: sequence length if 0 is given, and costs of steps if none are given
+LENGTH, STEPS = 5, (1, 0, 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,15 +225,15 @@ class Design(DesignFile):
         J, selected pixels.
     polarity : bool
         Count ON and OFF events apart: J counters for ON are followed by J for OFF.
-    code : {"linear", "sqrt", "log", "own-mean"}
+    code : {"linear", "sqrt", "log", "own-mean", "contrast"}
     code_bits : int
         What a count is turned into at its window's end, see `fixedpoint.codes.CounterCode`; or its
         logarithm less the counter's running mean, see `fixedpoint.own_mean.OwnMeanCode`, of at
-        most 8 bits.
+        most 8 bits. Contrast codes also subtract the mean of these differences over the window.
     full_scales : tuple of int
         Where each of one or more code tables ends, 0 for the code's own choice. Each counter uses
         one of the tables, as `Memories` says; all counters saturate at the largest full scale.
-        Own-mean codes have one.
+        Own-mean and contrast codes have one.
     window : {"time", "count"}
         A window is of `tau_us` microseconds, ``[start, start + tau_us)``, or ends with its
         `window_events`-th event at a selected pixel.
@@ -235,8 +247,12 @@ class Design(DesignFile):
         Sequences of L windows, or the place filter (`firmware_model.model.comparator`).
     length : int
         L, windows in a sequence; 0 takes 5. The filter has 1.
+    activity_costs : bool
+        Of the filter, take the prices of steps of 0 to 3 places from `ACTIVITY_COSTS`, by the
+        activity of the window against that of the place.
     steps, back : tuple of int
         Of the filter, the price of a step of 0, 1, 2 ... places in a window, and of -1, -2 ...
+        With `activity_costs` there are no `steps`; otherwise none given stands for `STEPS`.
     restart : int
         Of the filter, the price of getting to any place.
     keep_distances : bool
@@ -278,9 +294,10 @@ class Design(DesignFile):
     places: int
     matching: Matching = "sequence"
     length: int = 0
-    steps: tuple[int, ...] = (1, 0, 1)
+    activity_costs: bool = False
+    steps: tuple[int, ...] = ()
     back: tuple[int, ...] = ()
-    restart: int = 16
+    restart: int = 40
     keep_distances: bool = False
     lanes: int = 8
     exclusion: int = 3
@@ -307,9 +324,9 @@ class Design(DesignFile):
             raise DesignError(
                 f"design: {len(self.full_scales)} full scales: expected 1 to {MAX_TABLES}"
             )
-        if self.code == "own-mean" and len(self.full_scales) != 1:
+        if self.own_mean and len(self.full_scales) != 1:
             raise DesignError(
-                f"design: {len(self.full_scales)} full scales of own-mean codes: expected 1"
+                f"design: {len(self.full_scales)} full scales of {self.code} codes: expected 1"
             )
         try:
             scales = tuple(self._code(scale).full_scale for scale in self.full_scales)
@@ -351,18 +368,23 @@ class Design(DesignFile):
             raise DesignError(
                 f"design: trust = {self.trust} of sequences: only the place filter has it"
             )
-        for name, least in (("steps", 1), ("back", 0)):
+        if self.activity_costs and (self.matching != "filter" or self.steps):
+            raise DesignError(
+                f"design: activity_costs of matching by {self.matching} with steps = "
+                f"{list(self.steps)}: only the place filter has them, in place of steps"
+            )
+        if not (self.activity_costs or self.steps):
+            object.__setattr__(self, "steps", STEPS)
+        for name in ("steps", "back"):
             prices = getattr(self, name)
-            if not least <= len(prices) <= MAX_STEPS or not all(
-                0 <= price <= MAX_PRICE for price in prices
-            ):
+            if len(prices) > MAX_STEPS or not all(0 <= price <= MAX_PRICE for price in prices):
                 raise DesignError(
-                    f"design: {name} = {list(prices)}: expected {least} to {MAX_STEPS} prices "
-                    f"from 0 to {MAX_PRICE}"
+                    f"design: {name} = {list(prices)}: expected at most {MAX_STEPS} prices from 0 "
+                    f"to {MAX_PRICE}"
                 )
 
     def _code(self, scale: int) -> CounterCode | OwnMeanCode:
-        if self.code == "own-mean":
+        if self.code == "own-mean" or self.code == "contrast":
             return OwnMeanCode(self.code_bits, scale)
         return CounterCode(self.code, self.code_bits, scale)
 
@@ -376,7 +398,19 @@ class Design(DesignFile):
     @property
     def own_mean(self) -> bool:
         """Whether codes are taken against a running mean of each counter."""
-        return self.code == "own-mean"
+        return self.code in ("own-mean", "contrast")
+
+    @property
+    def contrast(self) -> bool:
+        """Whether codes are taken against the mean of their window, too."""
+        return self.code == "contrast"
+
+    @property
+    def largest_step(self) -> int:
+        """Places by which a match may be further than the one before that it follows."""
+        if self.activity_costs:
+            return len(ACTIVITY_COSTS[0]) - 1
+        return max(len(self.steps), len(STEPS)) - 1
 
     @property
     def slots(self) -> int:
@@ -432,7 +466,8 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
     -------
     dict of str to UnsignedFormat
         ``sum`` is what the search takes: a sequence's sum, or a metric. A code table's ``entry`` is
-        a code, or a logarithm.
+        a code, or a logarithm. ``place_activity`` holds numbers with sign, as two's complement.
+        ``event_log`` and ``level_total`` are without the sign that a difference of them has.
     """
     holding, code = UnsignedFormat.holding, UnsignedFormat(design.code_bits)
     distance = code.sum_of(design.slots)
@@ -462,20 +497,33 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
         found |= {
             "window_events": holding(EVENTS_TOP),
             "activity": holding(EVENTS_TOP << ACTIVITY_BITS),
+            "event_log": holding(ilog(EVENTS_TOP)),
         }
     if design.own_mean:
         found |= {"mean": holding(design.entry_max << MEAN_BITS)}
+    if design.contrast:
+        found |= {"level_total": holding(design.entry_max * design.slots)}
+    if design.activity_costs:
+        found |= {"place_activity": UnsignedFormat(PLACE_ACTIVITY_BITS)}
     if design.filters:
+        costs = max(map(max, ACTIVITY_COSTS)) if design.activity_costs else 0
+        prices = (*design.steps, *design.back, design.restart)
         found |= {
             "distance_total": distance.sum_of(design.places),
             "reciprocal": holding(1 << RECIPROCAL_BITS),
             "evidence": holding(EVIDENCE_TOP),
-            "price": holding(max((*design.steps, *design.back, design.restart)) << FRACTION_BITS),
+            "weight": holding(1 << WEIGHT_BITS),
+            "price": holding(max(costs, max(prices) << FRACTION_BITS)),
             "prediction": holding(METRIC_TOP),
             "metric": holding(METRIC_TOP),
             "trust": holding(TRUST_TOP),
         }
     return found
+
+
+def ilog(number: int) -> int:
+    """Return ``floor(16 log2(1 + number))``, exact."""
+    return int(((number + 1) ** (1 << LOG_BITS)).bit_length()) - 1
 
 
 def widths_of(design: Design) -> dict[str, int]:

@@ -13,6 +13,7 @@ from firmware_model.model.comparator import (
     PlaceFilterModel,
     SearchModel,
     SequenceModel,
+    weight_of,
 )
 from firmware_model.model.descriptor import DescriptorModel, Event, EventResult, WindowResult
 from firmware_model.model.memories import Codes, Memories
@@ -32,9 +33,16 @@ class WindowState(NamedTuple):
         Events at selected pixels.
     usual : int
         Usual number of events with which the window is compared, in units of 1/256 event.
-    quiet, paused : bool
+    activity : int
+        Logarithm of `counted` less that of `usual`, in units of 1/16 octave; -368 without events.
+    paused : bool
     mean_shift : int or None
         Of own-mean codes: the means move by 1 / 2 to this power, if the window does not pause.
+    window_mean : int
+        Of contrast codes: what is subtracted from all logarithms, in units of 1/256 octave; of
+        others 0.
+    weight : int or None
+        Of the filter: how many eighths of the evidence count; 0 in a pause.
     reciprocal : int or None
         Of the filter: with which the evidence is scaled; None in a pause.
     spread : int or None
@@ -50,9 +58,11 @@ class WindowState(NamedTuple):
     window: int
     counted: int
     usual: int
-    quiet: bool
+    activity: int
     paused: bool
-    mean_shift: int | None = None
+    mean_shift: int | None
+    window_mean: int
+    weight: int | None = None
     reciprocal: int | None = None
     spread: int | None = None
     least: int | None = None
@@ -124,6 +134,7 @@ class Machine:
 
     Attributes
     ----------
+    memories : Memories
     descriptor : DescriptorModel
     comparator : ComparatorModel
     sequence : SequenceModel
@@ -135,12 +146,12 @@ class Machine:
     """
 
     def __init__(self, memories: Memories, start: int = 0) -> None:
-        self.design = memories.design
+        self.memories, self.design = memories, memories.design
         self.descriptor = DescriptorModel(memories, start)
         self.comparator = ComparatorModel(memories)
         self.sequence = SequenceModel(self.design)
         self.search = SearchModel(self.design)
-        self.place_filter = PlaceFilterModel(self.design)
+        self.place_filter = PlaceFilterModel(memories)
         self.states: list[WindowState] = []
 
     def take(self, event: Event) -> Iterator[Result]:
@@ -166,11 +177,14 @@ class Machine:
         design, descriptor = self.design, self.descriptor
         if not (design.filters or design.own_mean):
             return None
-        state = WindowState(
-            window.number, descriptor.counted, descriptor.activity.usual, window.quiet,
+        weight = 0 if window.paused else weight_of(window.activity)
+        return WindowState(
+            window.number, descriptor.counted, descriptor.activity.usual, window.activity,
             window.paused, min(descriptor.mean.shift, LAST_SHIFT) if design.own_mean else None,
+            descriptor.mean.window_mean(descriptor.entries()),
+            weight=weight if design.filters else None,
+            reciprocal=self.place_filter.reciprocal,
         )  # fmt: skip
-        return state._replace(reciprocal=self.place_filter.reciprocal)
 
     def _matched(self, state: WindowState) -> WindowState:
         model, scale = self.place_filter, state.reciprocal
@@ -189,8 +203,9 @@ class Machine:
         """Compare a window with every place."""
         if self.design.filters:
             return self.place_filter.match(
-                window.number, window.quiet, window.paused, lambda: self._distances(window.codes)
-            )
+                window.number, window.activity, window.paused,
+                lambda: self._distances(window.codes),
+            )  # fmt: skip
         self.sequence.next_window()
         self.search = SearchModel(self.design)
         for place in range(self.design.places):
@@ -203,7 +218,7 @@ class Machine:
         return (self.comparator.distance(place, codes) for place in range(self.design.places))
 
     def filter_cycles(
-        self, codes: Codes, quiet: bool = False, paused: bool = False
+        self, codes: Codes, activity: int = 0, paused: bool = False
     ) -> Iterator[Cycle]:
         """Do what `match` does with the place filter, one clock cycle after another.
 
@@ -223,7 +238,7 @@ class Machine:
                 phases += self._compared(codes) if not design.keep_distances else []
                 phases += [Cycle(0, "compare")] * (design.places if design.keep_distances else 0)
                 phases += [Cycle(0, "divide")] * cost.scale
-        self.place_filter.match(0, quiet, paused, lambda: self._distances(codes))
+        self.place_filter.match(0, activity, paused, lambda: self._distances(codes))
         for place, metric in enumerate(self.place_filter.metrics):
             again = not (paused or design.keep_distances)
             words = list(self.comparator.steps(place, codes)) if again else [None]

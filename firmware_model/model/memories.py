@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_model.errors import DesignError
-from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, Design
+from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, PLACE_ACTIVITY_BITS, Design
 
 Pixel = tuple[int, int]
 Codes = tuple[int, ...]
@@ -63,6 +63,9 @@ class Memories:
     activity : int
         Selected events that a window usually has, in units of 1/256 event; 0 if windows never
         pause. Of the filter and of own-mean codes.
+    place_activity : sequence of int, length K, optional
+        Of a design with `activity_costs`, the logarithm of each place's events less that of the
+        usual number, in units of 1/16 octave, -128 to 127; by default 0.
 
     Raises
     ------
@@ -77,6 +80,7 @@ class Memories:
     codes: tuple[Codes, ...]
     mean: tuple[int, ...]
     activity: int
+    place_activity: tuple[int, ...]
 
     def __init__(
         self,
@@ -87,6 +91,7 @@ class Memories:
         codes: Sequence[Sequence[int]] | None = None,
         mean: Sequence[int] | None = None,
         activity: int = 0,
+        place_activity: Sequence[int] | None = None,
     ) -> None:
         coded = design.tables if codes is None else tuple(tuple(map(int, t)) for t in codes)
         chosen = (0,) * design.slots if tables is None else tuple(map(int, tables))
@@ -96,6 +101,9 @@ class Memories:
         start = (0,) * (design.slots if design.own_mean else 0)
         object.__setattr__(self, "mean", start if mean is None else tuple(map(int, mean)))
         object.__setattr__(self, "activity", int(activity))
+        still = (0,) * (design.places if design.activity_costs else 0)
+        of_places = still if place_activity is None else tuple(map(int, place_activity))
+        object.__setattr__(self, "place_activity", of_places)
         object.__setattr__(self, "pixels", tuple((int(x), int(y)) for x, y in pixels))
         object.__setattr__(self, "places", tuple(tuple(map(int, place)) for place in places))
         if len(self.pixels) != design.pixels or len(set(self.pixels)) != design.pixels:
@@ -149,6 +157,14 @@ class Memories:
         most = EVENTS_TOP << ACTIVITY_BITS if design.own_mean or design.filters else 0
         if not 0 <= self.activity <= most:
             raise DesignError(f"activity = {self.activity}: expected 0 to {most}")
+        half = 1 << (PLACE_ACTIVITY_BITS - 1)
+        if len(self.place_activity) != (design.places if design.activity_costs else 0) or not all(
+            -half <= activity < half for activity in self.place_activity
+        ):
+            raise DesignError(
+                f"activities of {len(self.place_activity)} places: designs with activity_costs "
+                f"have one of each of {design.places}, from {-half} to {half - 1}, and others none"
+            )
 
     def entry(self, slot: int, count: int) -> int:
         """Return the entry of a count in the table of a counter: its code, or its logarithm."""

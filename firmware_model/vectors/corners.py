@@ -9,7 +9,8 @@ from itertools import product
 
 import numpy as np
 
-from firmware_model.model.descriptor import PAUSE_SHIFT, QUIET_SHIFT, ActivityModel
+from firmware_model.model.comparator import row_of_costs, weight_of
+from firmware_model.model.descriptor import PAUSE_SHIFT, ActivityModel
 from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, LENGTH, TRUST_TOP, Design
 from firmware_model.model.memories import Codes, Memories
 from firmware_model.vectors.case import Case, Stream, choose_pixels, shown_codes, unselected_pixel
@@ -334,8 +335,8 @@ def corner_cases(design: Design) -> list[Case]:
     Parameters
     ----------
     design : Design
-        If it has the place filter or own-mean codes, these are replaced by sequences and
-        logarithms; the cases of the filter and of own-mean codes are in `filter_cases`.
+        If it has the place filter, or own-mean or contrast codes, these are replaced by sequences
+        and logarithms; the cases of the filter and of own-mean codes are in `filter_cases`.
 
     Returns
     -------
@@ -345,7 +346,9 @@ def corner_cases(design: Design) -> list[Case]:
     if design.filters:
         # places with room for a sequence; their number is replaced below
         places = design.places + LENGTH
-        design = replace(design, matching="sequence", length=0, trust=0, places=places)
+        design = replace(
+            design, matching="sequence", length=0, trust=0, places=places, activity_costs=False
+        )
     if design.own_mean:
         design = replace(design, code="log", full_scales=(0,))
     design = replace(design, places=_roomy(design))
@@ -391,7 +394,7 @@ def _wide_evidence(design: Design) -> list[Case]:
     pixels, rest = choose_pixels(wide), wide.slots - 65
     near, far = [0] * wide.slots, [255] * 64 + [74] + [0] * rest
     between = [127] * 32 + [128] * 32 + [37] + [0] * rest
-    # few events, but enough for a window that is not quiet
+    # few events, but enough for evidence of full weight
     nothing = [0] * (wide.slots - 1) + [20]
     if wide.window == "count":
         nothing[-1] = wide.window_events
@@ -511,6 +514,7 @@ def drive(
     mean: Sequence[int] | None = None,
     activity: int = 0,
     alike: bool = False,
+    place_activity: Sequence[int] | None = None,
 ) -> Case:
     """Make a drive that shows places one after another; if `alike`, all places equal the first."""
     pixels = choose_pixels(design)
@@ -528,7 +532,7 @@ def drive(
     every = (counts_at(design, place)[0] for place in range(design.places))
     codes = shown_codes(Stream.showing(design, pixels, every), mean=mean)
     places = [codes[0 if alike else place] for place in range(design.places)]
-    memories = Memories(design, pixels, places, None, None, mean, activity)
+    memories = Memories(design, pixels, places, None, None, mean, activity, place_activity)
     return Case(name, memories, tuple(stream.events))
 
 
@@ -584,24 +588,33 @@ def filter_cases(design: Design) -> list[Case]:
     Parameters
     ----------
     design : Design
-        The cases change it to have the filter, own-mean codes, or both.
+        The cases change it to have the filter, own-mean or contrast codes, or both.
     """
-    adaptive = replace(design, matching="filter", length=1, places=12)
+    adaptive = replace(design, matching="filter", length=1, places=12, activity_costs=False)
     plain = adaptive
     if design.own_mean:
+        adaptive = replace(adaptive, code="own-mean")
         plain = replace(adaptive, code="log", full_scales=(0,))
     else:
         bits = min(design.code_bits, 8)
         adaptive = replace(adaptive, code="own-mean", code_bits=bits, full_scales=(0,))
+    by_activity = replace(plain, activity_costs=True, steps=(), back=(), restart=40, exclusion=1)
+    contrast = replace(adaptive, code="contrast")
     return [
         *(drive(name, variant, route) for name, (variant, route) in _routes(plain).items()),
         *_pauses(plain),
+        *_limits(replace(adaptive, exclusion=1)),
         *_thresholds(plain),
         *_means(adaptive),
+        *_contrasts(contrast),
+        *_activities(by_activity),
+        _weights(by_activity),
+        _weights_of_far_places(by_activity),
+        *_tabulated_costs(by_activity),
         *evidence_cases(plain),
         *ram_cases(plain, adaptive),
         *adaptive_event_cases(adaptive),
-        long_window(plain),
+        long_window(by_activity),
     ]
 
 
@@ -653,7 +666,7 @@ def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
             replace(forward, steps=(9, 9, 9, 0)),
             [0, 3, 6, 0, 3, 6, 11, 2, 5, 8],
         ),
-        # a quiet window may move by two places, so that two do not break the trust
+        # two places do not break the trust, even of fewer steps
         "by_two_of_one_step": (
             replace(forward, steps=(1,), back=(1,)),
             [0, 0, 0, 2, 2, 2, 5, 5, 4, 4, 2, 2],
@@ -692,22 +705,14 @@ def _pauses(design: Design) -> list[Case]:
     cases = [
         drive("usually_more_events", forward, list(range(12)), None, busy),
         drive("places_alike", forward, [0, 1, 2, 3], alike=True),
+        # a restart for nothing leads to the first place
+        drive(
+            "usually_more_events_and_free_restart", replace(forward, restart=0), [2, 3], None, busy
+        ),
     ]
     # metrics of eight places fill their room in the RAM
     eight = replace(forward, places=8)
     cases.append(drive("pauses_of_eight_places", eight, list(range(8)), None, busy))
-    # quiet windows of a map with all kinds of steps, which they do not make
-    every_way = replace(forward, steps=(1, 0, 2, 1, 1, 1), back=(1, 1))
-    usual = 3 * (total << (ACTIVITY_BITS + QUIET_SHIFT)) // 2
-    for name, keeps in {"quiet": False, "quiet_of_kept_distances": True}.items():
-        of_map = replace(every_way, keep_distances=keeps)
-        cases.append(drive(name, of_map, [6, 6, 4, 4, 8, 8, 8, 7, 11, 0], None, usual))
-    # the cost of a restart stays in quiet windows, so that the next match may be anywhere
-    near = replace(forward, restart=1)
-    cases.append(drive("quiet_restart", near, [6, 6, 0, 0, 9, 9, 2, 2, 11, 5], None, usual))
-    # a quiet window moves by two places for less than the steps of the map would
-    few = replace(forward, steps=(1, 0))
-    cases.append(drive("quiet_of_two_steps", few, [2, 4, 6, 6, 8, 10], None, usual))
     if design.window == "time":
         cases.append(drive("pauses", forward, route))
         kept = replace(forward, keep_distances=True, back=(1, 2))
@@ -715,55 +720,206 @@ def _pauses(design: Design) -> list[Case]:
         # in a pause, a restart for nothing leads to the first place
         free = replace(forward, restart=0)
         cases.append(drive("pauses_of_free_restart", free, route))
-    return cases + _limits(forward)
+    return cases
 
 
 def _limits(design: Design) -> list[Case]:
-    """Make the cases with windows that have just enough events, and just too few."""
-    cases, every = [], list(range(design.places))
-    for shift, too_few, enough in (
-        (PAUSE_SHIFT, "pause", "busy"),
-        (QUIET_SHIFT, "quiet", "lively"),
-    ):
-        at = _activity_at_limit(design, 6, shift)
+    """Make the cases with windows that have just enough events, and just too few.
+
+    Evidence has no weight in either, but the means move in the first alone.
+    """
+    every = list(range(design.places))
+    at = _activity_at_limit(design, 6)
+    # the first window, whose usual number is the initial one
+    first = counts_at(design, 0)[1]
+    if design.window == "count":
+        first = max(counts_at(design, place)[1] for place in every)
+    at_first = min(first << (ACTIVITY_BITS + PAUSE_SHIFT), 0x7FFF_FEFF)
+    return [
+        drive("pause_at_threshold", design, every, None, at),
+        drive("busy_at_threshold", design, every, None, at - 1),
         # usual events whose lowest bits are not 0, but whose lowest bit is
-        by_two = _activity_at_limit(design, 6, shift, above=2)
-        cases += [
-            drive(f"{too_few}_at_threshold", design, every, None, at),
-            drive(f"{enough}_at_threshold", design, every, None, at - 1),
-            drive(f"{too_few}_by_two", design, every, None, by_two),
-        ]
-        # the first window, whose usual number is the initial one
-        first = counts_at(design, 0)[1]
-        if design.window == "count":
-            first = max(counts_at(design, place)[1] for place in every)
-        at = min(first << (ACTIVITY_BITS + shift), 0x7FFF_FEFF)
-        named = "pauses" if too_few == "pause" else too_few
-        cases += [
-            drive(f"first_{enough}", design, every[:3], None, at),
-            drive(f"first_{named}", design, every[:3], None, at + 1),
-        ]
-    by_eight = _activity_at_limit(design, 6, PAUSE_SHIFT, above=8 << ACTIVITY_BITS)
-    return [*cases, drive("pause_by_eight_events", design, every, None, by_eight)]
+        drive("pause_by_two", design, every, None, _activity_at_limit(design, 6, above=2)),
+        drive("first_busy", design, every, None, at_first),
+        drive("first_pauses", design, every, None, at_first + 1),
+        drive(
+            "pause_by_eight_events", design, every, None,
+            _activity_at_limit(design, 6, above=8 << ACTIVITY_BITS),
+        ),
+    ]  # fmt: skip
 
 
-def _activity_at_limit(design: Design, window: int, shift: int, above: int = 1) -> int:
-    """Find the lowest initial activity with which a window of a drive by all places has too few.
+def _activity_at_limit(design: Design, window: int, above: int = 1) -> int:
+    """Find the lowest initial activity with which a window of a drive by all places pauses.
 
-    Too few is less than ``1 / 2**shift`` of the usual number of events. That number is then `above`
-    the one with which the window has enough, in 1/256 event.
+    The usual number of events is then `above` the largest with which it does not, in 1/256 event.
     """
     events = [counts_at(design, place)[1] for place in range(design.places)]
     if design.window == "count":
         events = [max(events)] * len(events)
 
-    def has_too_few(start: int) -> bool:
+    def pauses(start: int) -> bool:
         activity = ActivityModel(start)
         for number in events[:window]:
             activity.update(number)
-        return activity.usual >= (events[window] << (ACTIVITY_BITS + shift)) + above
+        return activity.usual >= (events[window] << (ACTIVITY_BITS + PAUSE_SHIFT)) + above
 
-    return bisect_left(range(EVENTS_TOP << ACTIVITY_BITS), True, key=has_too_few)
+    return bisect_left(range(EVENTS_TOP << ACTIVITY_BITS), True, key=pauses)
+
+
+def _activities(design: Design) -> list[Case]:
+    """Make drives whose steps cost what the activity says, among places of any activity."""
+    last = design.places - 1
+    walk, jumps = [0, 1, 2, 2, 3, 4, 6, 9, 9, 10, 11, last], [0, 1, 2, 8, 8, 3, 3, last, 0, 0]
+    back = replace(design, back=(2, 5))
+    long = replace(design, places=40)
+    usual = max(counts_at(design, place)[1] for place in range(design.places)) << ACTIVITY_BITS
+    variants = {
+        "by_activity": (design, walk),
+        "by_activity_of_kept_distances": (replace(design, keep_distances=True), walk),
+        "jumps_by_activity": (design, jumps),
+        "back_by_activity": (back, [6, 5, 4, 4, 2, 1, 0, 0, 5, 5, 10, 7, 4]),
+        "back_by_activity_of_kept_distances": (replace(back, keep_distances=True), jumps),
+        # by three places the match follows, by four it does not
+        "by_three_and_four": (replace(design, restart=1), [0, 3, 6, 9, 9, 0, 4, 8, 8]),
+        "blocks_by_activity": (long, [*range(0, 40, 2), 39, 16, 17, 33, 32, 31, 15]),
+        "free_restart_by_activity": (replace(design, restart=0), jumps),
+        "dear_restart_by_activity": (replace(design, restart=254), jumps),
+        **{
+            f"{n}_places_by_activity": (replace(design, places=n, exclusion=0), [0, n - 1, 0])
+            for n in (1, 2, 3, 4, 5)
+        },
+    }
+    if design.window == "time":
+        paused = [PAUSE, 0, 1, PAUSE, PAUSE, 2, 2, PAUSE, 6]
+        variants["pauses_by_activity"] = design, paused
+        variants["pauses_of_free_restart_by_activity"] = replace(design, restart=0), paused
+    cases = []
+    for name, (variant, route) in variants.items():
+        # both ends, and about the activity of the windows
+        spread = [-128, 127, *(8 - 23 * k % 64 for k in range(2, variant.places))]
+        activity = spread[: variant.places]
+        cases.append(drive(name, variant, route, None, usual, place_activity=activity))
+    return cases
+
+
+def _weights(design: Design) -> Case:
+    """Show windows of as many events while the usual number falls: evidence has every weight."""
+    design = replace(design, code="linear", code_bits=5, full_scales=(0,), window_events=24)
+    design = replace(design, accept="margin", margin=0, exclusion=0)
+    events, usual = 24, 24 * 9 << ACTIVITY_BITS
+    shown = [[events - number % 3, *[0] * (design.slots - 1)] for number in range(110)]
+    if design.slots > 1:
+        for number, counts in enumerate(shown):
+            counts[1] = number % 3
+    stream = Stream.showing(design, choose_pixels(design), shown)
+    rest = [0] * (design.slots - 1)
+    places = [[min(18 + place, design.code_max), *rest] for place in range(design.places)]
+    memories = Memories(design, stream.pixels, places, activity=usual)
+    return Case("weights", memories, tuple(stream.events))
+
+
+#: count that one place of 80 has, in the only slot that counts, and the others have not: the
+#: evidence against them is the most there is; and the events that windows usually have
+_APART, _APART_COUNT, _APART_EVENTS = 40, 70, 420
+
+
+def _place_apart(design: Design, activity: int, apart: dict[int, int]) -> Memories:
+    """Make the tables of a map with one place apart, and its and some others' own activities."""
+    design = replace(
+        design, window="time", tau_us=max(design.tau_us, 4), code="linear", code_bits=7,
+        full_scales=(_APART_COUNT,), places=80, accept="margin", margin=0,
+    )  # fmt: skip
+    rest, places = [0] * (design.slots - 1), range(design.places)
+    codes = [[_APART_COUNT if place == _APART else 0, *rest] for place in places]
+    return Memories(
+        design, choose_pixels(design), codes, activity=_APART_EVENTS << ACTIVITY_BITS,
+        place_activity=[apart.get(place, activity) for place in places],
+    )  # fmt: skip
+
+
+def _numbers(name: str, memories: Memories, shown: Sequence[int]) -> Case:
+    """Show windows of so many events, all of the first slot."""
+    design, rest = memories.design, [0] * (memories.design.slots - 1)
+    stream = Stream.showing(design, memories.pixels, [[events, *rest] for events in shown])
+    return Case(name, memories, tuple(stream.events))
+
+
+def _weights_of_far_places(design: Design) -> Case:
+    """Show the place apart in windows of many weights; the others have the most evidence."""
+    usual, shown = ActivityModel(_APART_EVENTS << ACTIVITY_BITS), []
+    for weight in (8, 3, 8, 4, 5, 6, 7, 8):
+        numbers = range(_APART_COUNT, 4 * _APART_EVENTS)
+        shown.append(next(n for n in numbers if weight_of(usual.relative(n)) == weight))
+        usual.update(shown[-1])
+    # a place may cost more than 8 bits hold
+    memories = _place_apart(replace(design, exclusion=4, restart=254), 0, {})
+    return _numbers("weights_of_far_places", memories, shown)
+
+
+def _tabulated_costs(design: Design) -> list[Case]:
+    """Make cases that show every entry of the table of costs as the metric of a match.
+
+    Windows show the place apart, and between them have so few events that evidence has no weight.
+    Then the best place is this one, and the second best another to which a step leads from it, by
+    as many places as the exclusion zone leaves. The number of events tells the row of the table.
+    """
+    cases = []
+    for zone, reached in enumerate(((0, 1), (2,), (3,))):
+        for name, rows, activity in (("low", range(9), -22), ("high", range(8, 17), -84)):
+            apart = {_APART: 0} | {_APART + step: activity for step in reached}
+            memories = _place_apart(replace(design, exclusion=zone), 127, apart)
+            usual, shown = ActivityModel(memories.activity), []
+            for row, which in product(rows, (0, -1)):
+                shown.append(max(_APART_COUNT, usual.usual >> (ACTIVITY_BITS + 2)))
+                usual.update(shown[-1])
+                few = [
+                    events
+                    for events in range(1, _APART_COUNT)
+                    if row_of_costs(usual.relative(events) - activity) == row
+                    and weight_of(usual.relative(events)) == 0
+                ]
+                shown.append(few[which])
+                usual.update(shown[-1])
+            cases.append(_numbers(f"costs_of_{zone + 1}_places_{name}", memories, shown))
+    return cases
+
+
+def _contrasts(design: Design) -> list[Case]:
+    """Make the cases of codes less the mean of their window."""
+    few = replace(design, places=4, exclusion=1)
+    sequences = replace(few, matching="sequence", length=2, trust=0)
+    by_activity = replace(design, activity_costs=True, steps=(), back=())
+    top = design.entry_max
+    high = [min(4 * 256, top) * (slot % 2) for slot in range(design.slots)]
+    cases = [
+        drive("contrasts", by_activity, [*range(12)] * 2, high),
+        drive("contrasts_of_sequences", sequences, [0, 1, 2, 3] * 3, high),
+        drive("contrasts_from_the_top", few, [0, 1, 2, 3], [top] * design.slots),
+        drive("contrasts_of_half", few, [0, 1, 2, 3], [top * (s % 2) for s in range(design.slots)]),
+        *_rounded_means(few),
+    ]
+    if design.window == "time":
+        cases.append(drive("contrasts_and_pauses", by_activity, [0, PAUSE, 1, PAUSE, 2, 3], high))
+    return cases
+
+
+def _rounded_means(design: Design) -> list[Case]:
+    """Make windows whose mean is at the edge of being rounded otherwise, which changes a code."""
+    slots, level = design.slots, design.tables[0][min(20, design.count_max)]
+    cases = []
+    for name, total, first in (
+        ("up", -(-slots // 2), 128),
+        ("down", -(-slots // 2) - 1, 128),
+        ("up_to_nothing", -(slots // 2), 127),
+        ("down_below_nothing", -(slots // 2) - 1, 127),
+    ):
+        means = [level - first, level - total + first, *[level] * (slots - 2)]
+        # of one slot the mean is its difference; and a small full scale leaves no room
+        if slots == 1 or min(means) < 0 or max(means) > design.entry_max:
+            continue
+        cases.append(_counted(f"contrast_rounded_{name}", design, means, [[20] * slots] * 2))
+    return cases
 
 
 def _thresholds(design: Design) -> list[Case]:

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
-from itertools import product
 
 from firmware_model.model.comparator import (
-    STATIONARY_COSTS,
+    SAME_ACTIVITY,
     MatchResult,
     accepts,
     evidence,
     reciprocal_of_spread,
+    row_of_costs,
+    weight_of,
 )
 from firmware_model.model.descriptor import (
     PAUSE_SHIFT,
-    QUIET_SHIFT,
     DescriptorModel,
     Event,
     WindowResult,
 )
 from firmware_model.model.design import (
     ACTIVITY_BITS,
+    ACTIVITY_COSTS,
     EVIDENCE_TOP,
     FRACTION_BITS,
     MARGIN_TOP,
@@ -49,22 +49,23 @@ FILTER_CORNERS = {
     "pause_by_two": "a window that pauses, and would not if 2/256 event less were usual",
     "pause_by_eight_events": "a window that pauses, and would not if 8 events less were usual",
     "busy_at_threshold": "a window that does not pause, and would if 1/256 event more were usual",
-    "quiet": "a window that is quiet but no pause, and not the first",
-    "first_window_quiet": "a first window that is quiet but no pause",
-    "quiet_of_steps_back": "a window that is quiet but no pause, with a place that a step back "
-    "would lead to for less",
-    "quiet_of_long_steps": "a window that is quiet but no pause, with a place that a step of more "
-    "than two places would lead to for less",
-    "quiet_at_threshold": "a window that is quiet, and would not be if 1/256 event less were usual",
-    "quiet_by_two": "a window that is quiet, and would not be if 2/256 event less were usual",
-    "lively_at_threshold": "a window that is not quiet, and would if 1/256 event more were usual",
+    **{f"weight_{n}": f"a window whose evidence has {n}/8 of its weight" for n in range(9)},
+    **{
+        f"costs_{n}": f"a place that is reached for the costs of row {n}, not in the first window"
+        for n in range(len(ACTIVITY_COSTS))
+    },
+    "costs_below": "a place that is reached for the costs of the lowest row, and is below it",
+    "costs_above": "a place that is reached for the costs of the highest row, and is above it",
+    "least_place_activity": "a place of the least activity there is",
+    "largest_place_activity": "a place of the largest activity there is",
+    "pause_restarted": "a match in a window that pauses, of a place that only a restart leads to",
+    "events_above_16_bits": "a window with more events than 16 bits can count",
     "spread_of_nothing": "a window with the same distance to all places",
     "spread_of_one": "a window behind the first that is scaled by a spread of 1, of distances "
     "that differ to places of two words",
     "evidence_saturated": "a place whose evidence is at its largest, and would be above it",
     "metric_saturated": "a place whose metric is at its largest, and would be above it",
     "restarted": "a place that nothing leads to for less than a restart",
-    "quiet_restarted": "a match in a quiet window that only a restart leads to",
     "stood": "a match at the place of the one before",
     "stepped": "a match one place further",
     "largest_step": "a match that follows by the largest step that there is",
@@ -85,6 +86,9 @@ FILTER_CORNERS = {
     "trust_of_nothing": "a match whose misfit is above its support",
     "code_at_the_bottom": "an own-mean code of 0 that would be below it",
     "code_at_the_top": "the largest own-mean code, that would be above it",
+    "window_mean_below_nothing": "a window of contrast codes whose mean is negative",
+    "window_mean_rounded_up": "a window of contrast codes whose mean is rounded up",
+    "window_mean_rounded_down": "a window of contrast codes whose mean is rounded down",
     "mean_falls_by_part": "a running mean that falls by what the shift does not divide",
     "mean_rises_by_part": "a running mean that rises by what the shift does not divide",
     "mean_held": "a window that pauses and leaves other means as they are",
@@ -103,9 +107,8 @@ class FilterCoverage:
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
         self.found: Counter[str] = Counter(dict.fromkeys(FILTER_CORNERS, 0))
-        self._far: set[int] = set()  # places that only a restart leads to, in a quiet window
         self._misfits = (0, 0, 0)  # of the last matches, the newest first
-        self._paused = False
+        self._paused = self._restarted = False
         self._last = -1
 
     def see_window(self, window: WindowResult, distances: list[int]) -> None:
@@ -130,67 +133,57 @@ class FilterCoverage:
             usual == threshold + (8 << ACTIVITY_BITS)
         )
         found["busy_at_threshold"] += counted > 0 and usual == threshold
-        threshold = counted << (ACTIVITY_BITS + QUIET_SHIFT)
-        found["first_window_quiet"] += first and window.quiet and not paused
-        self._far = set()
-        if window.quiet and not (first or paused):
-            self._see_quiet()
-        found["quiet_at_threshold"] += counted > 0 and usual == threshold + 1
-        found["quiet_by_two"] += counted > 0 and usual == threshold + 2
-        found["lively_at_threshold"] += counted > 0 and usual == threshold
         found["long_pause"] += paused and self._paused
         self._paused = paused
+        found["events_above_16_bits"] += counted > 0xFFFF
+        predictions = model.predictions(window.activity)
+        limit = design.restart << FRACTION_BITS
+        self._restarted = (
+            paused
+            and not first
+            and predictions.index(min(predictions))
+            in {place for place, price in enumerate(predictions) if price == limit}
+        )
+        if design.activity_costs and not first:
+            self._see_costs(window.activity)
         if not first and design.restart:
-            limit = design.restart << FRACTION_BITS
-            found["restarted"] += limit in model.predictions(window.quiet)
+            found["restarted"] += limit in predictions
         if paused:
             return
+        found[f"weight_{weight_of(window.activity)}"] += 1
         found["several_blocks"] += design.places > 32 and not design.keep_distances
         found["kept_distances"] += design.keep_distances
         found["spread_of_nothing"] += design.places > 1 and len(set(distances)) == 1
         scale = model.reciprocal or reciprocal_of_spread(distances)
-        least = min(distances)
+        least, weight = min(distances), weight_of(window.activity)
         found["spread_of_one"] += (
             scale == 1 << RECIPROCAL_BITS
             and not first
             and max(distances) > least
             and design.words == 2
         )
-        for distance, predicted in zip(distances, model.predictions(window.quiet), strict=True):
-            against = evidence(distance - least, scale)
-            found["evidence_saturated"] += against == EVIDENCE_TOP and (
-                (distance - least) * scale >> 14 > EVIDENCE_TOP
-            )
+        for distance, predicted in zip(distances, predictions, strict=True):
+            against = evidence(distance - least, scale, weight)
+            found["evidence_saturated"] += (distance - least) * scale >> 14 > EVIDENCE_TOP
             found["metric_saturated"] += predicted + against > METRIC_TOP
 
-    def _see_quiet(self) -> None:
-        """Count the corners of a window that is quiet but no pause, and not the first."""
-        design, model = self.machine.design, self.machine.place_filter
-        least, quiet = min(model.metrics), model.predictions(True)
-        limit = design.restart << FRACTION_BITS
-        self._far = {place for place, price in enumerate(quiet) if price == limit > 0}
-
-        def cheaper(moves: Iterable[tuple[int, int]]) -> bool:
-            """Return whether a place can be reached for less by one of these steps and prices."""
-            ways = product(moves, enumerate(model.metrics))
-            return any(
-                metric - least + (price << FRACTION_BITS) < quiet[origin + step]
-                for (step, price), (origin, metric) in ways
-                if 0 <= origin + step < design.places
-            )
-
-        self.found["quiet"] += 1
-        self.found["quiet_of_steps_back"] += cheaper(
-            (-number, price) for number, price in enumerate(design.back, 1)
-        )
-        longer = tuple(enumerate(design.steps))[len(STATIONARY_COSTS) :]
-        self.found["quiet_of_long_steps"] += cheaper(longer)
+    def _see_costs(self, activity: int) -> None:
+        """Count the rows of the costs of a window's steps, and the activities of places."""
+        found, rows = self.found, len(ACTIVITY_COSTS)
+        for own in self.machine.memories.place_activity:
+            row = row_of_costs(activity - own)
+            beyond = ((activity - own + 4) >> 3) + SAME_ACTIVITY
+            found[f"costs_{row}"] += 1
+            found["costs_below"] += beyond < 0
+            found["costs_above"] += beyond >= rows
+            found["least_place_activity"] += own == -128
+            found["largest_place_activity"] += own == 127
 
     def see_match(self, match: MatchResult) -> None:
         """Count the corners of a match."""
         design, found, last = self.machine.design, self.found, self._last
         self._last = match.place
-        found["quiet_restarted"] += match.place in self._far
+        found["pause_restarted"] += self._restarted
         found["filter_tie"] += match.ties > 0
         found["filter_no_second"] += match.second is None
         assert match.trust is not None, "a match of the filter has one"
@@ -200,7 +193,7 @@ class FilterCoverage:
         found["distrusted_at_threshold"] += second and match.trust == design.trust - 1
         if last < 0:
             return
-        step, largest = match.place - last, max(len(design.steps), len(STATIONARY_COSTS)) - 1
+        step, largest = match.place - last, design.largest_step
         found["stood"] += step == 0
         found["stepped"] += step == 1
         found["largest_step"] += step == largest
@@ -223,10 +216,15 @@ class FilterCoverage:
     def _see_means(self, window: WindowResult) -> None:
         descriptor, found = self.machine.descriptor, self.found
         mean, top, shift = descriptor.mean, self.machine.design.code_max, descriptor.mean.shift
-        for slot, count in enumerate(descriptor.counts):
-            level = descriptor.memories.entry(slot, count)
-            usual = (mean.total[slot] + (1 << (MEAN_BITS - 1))) >> MEAN_BITS
-            octaves = (level - usual + (1 << (LEVEL_BITS - 1))) >> LEVEL_BITS
+        levels = descriptor.entries()
+        window_mean, differences = mean.window_mean(levels), mean.differences(levels)
+        if self.machine.design.contrast:
+            exact = window_mean * len(levels)
+            found["window_mean_below_nothing"] += window_mean < 0
+            found["window_mean_rounded_up"] += exact > sum(differences)
+            found["window_mean_rounded_down"] += exact < sum(differences)
+        for slot, level in enumerate(levels):
+            octaves = (differences[slot] - window_mean + (1 << (LEVEL_BITS - 1))) >> LEVEL_BITS
             found["code_at_the_bottom"] += octaves + (top + 1) // 2 < 0
             found["code_at_the_top"] += octaves + (top + 1) // 2 > top
             difference = (level << MEAN_BITS) - mean.total[slot]

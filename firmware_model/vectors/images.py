@@ -124,8 +124,19 @@ def adaptive(**changes: object) -> Draft:
     design = Design(**(BASE.to_dict() | values | changes))
     places = [[(k + slot) % 4 for slot in range(design.slots)] for k in range(design.places)]
     mean = [256 * (slot % 2) for slot in range(design.slots)] if design.own_mean else None
+    activity = [-128, 127, -1, 0, 1, 40] if design.activity_costs else None
     pixels = (*PIXELS, *((x, 1) for x in range(8)))[: design.pixels]
-    return Draft(image(Memories(design, pixels, places, mean=mean, activity=99)))
+    return Draft(
+        image(Memories(design, pixels, places, mean=mean, activity=99, place_activity=activity))
+    )
+
+
+def by_activity(**changes: object) -> Draft:
+    """Draft an image of `adaptive` whose steps cost what the activities of its places say."""
+    return adaptive(activity_costs=True, steps=[], **changes)
+
+
+_SEQUENCES: dict[str, object] = {"matching": "sequence", "length": 2, "trust": 0}
 
 
 def _adaptive_words(**changes: int) -> tuple[str, bytes]:
@@ -136,9 +147,13 @@ def _adaptive_words(**changes: int) -> tuple[str, bytes]:
 def accepted_adaptive() -> Named:
     """Yield the names and bytes of images that must open."""
     yield "filter_and_own_mean", adaptive().pack()
+    yield "filter_by_activity", by_activity().pack()
+    yield "filter_by_activity_alone", by_activity(code="linear", full_scales=[3, 2]).pack()
+    yield "no_steps_back_by_activity", by_activity(back=[]).pack()
+    yield "contrast", adaptive(code="contrast").pack()
+    yield "contrast_of_sequences", adaptive(code="contrast", **_SEQUENCES).pack()
     yield "filter_alone", adaptive(code="linear", full_scales=[3, 2]).pack()
-    own = {"matching": "sequence", "length": 2, "trust": 0}
-    yield "own_mean_alone", adaptive(**own).pack()
+    yield "own_mean_alone", adaptive(**_SEQUENCES).pack()
     yield _adaptive_words(steps=1)
     yield _adaptive_words(back=0)
     yield from each(_adaptive_words, "restart", 0, _PRICE)
@@ -167,10 +182,20 @@ def _many(steps: int, back: int) -> Draft:
 
 
 def _cut_means() -> bytes:
-    """Cut the image off after the first 32 bytes of its means."""
+    """Cut the image off after the first 32 bytes of its means, where no activities begin."""
     draft = adaptive(pixels=11, code_bits=2, lookup_depth=32)
     whole = draft.pack()
     cut = draft.words[Word.MEAN_TABLE] + 32
+    draft.header(bytes=cut, place_activity_table=cut)
+    return draft.raw(whole[HEADER_WORDS * 4 : cut])
+
+
+def _cut_activities() -> bytes:
+    """Cut the image off after the first 16 of the activities of 17 places."""
+    draft = by_activity().header(places=17)
+    draft.grow(Word.PLACES_TABLE, 17 * 16).grow(Word.PLACE_ACTIVITY_TABLE, 17)
+    whole = draft.pack()
+    cut = draft.words[Word.PLACE_ACTIVITY_TABLE] + 16
     draft.header(bytes=cut)
     return draft.raw(whole[HEADER_WORDS * 4 : cut])
 
@@ -185,6 +210,17 @@ def refused_adaptive() -> Named:
     yield _adaptive_words(keep_distances=2)
     yield _adaptive_words(trust=0x171)
     yield from each(_adaptive_words, "own_mean", 9, 3, 1)
+    yield from each(_adaptive_words, "contrast", 2, 0x100)
+    plain = adaptive(code="linear", full_scales=[3, 2])
+    yield "contrast_of_counts", plain.header(contrast=1).pack()
+    yield "contrast_of_sequences_of_counts", base().header(contrast=1).pack()
+    # one way of costs or the other
+    yield "activity_costs_and_steps", by_activity().header(steps=1, back=0).pack()
+    both = adaptive().header(activity_costs=1).grow(Word.PLACE_ACTIVITY_TABLE, 16)
+    yield "steps_and_activity_costs", both.pack()
+    yield "activity_costs_2", by_activity().header(activity_costs=2).pack()
+    yield "activity_costs_of_sequences", by_activity().header(length=2).pack()
+    yield "without_activities", by_activity().header(place_activity_table=0).raw(b"")
     yield _adaptive_words(own_mean=33, code_max=1)
     yield _adaptive_words(own_mean=3, code_max=6)
     yield from each(_adaptive_words, "activity", _ACTIVITY + 1, 0xFFFF_FFFF)
@@ -208,13 +244,20 @@ def refused_adaptive() -> Named:
     last = adaptive().header(count_max=0xFFFF).grow(Word.CODE_TABLE, 1 << 17)
     yield "level_65_535_beyond", last.poke(Word.CODE_TABLE, "H", 0xFFFF, _LEVEL + 1).pack()
     # tables that begin at the end of the image, so that their entries lie behind it
-    for name, table in (("prices", Word.PRICE_TABLE), ("means", Word.MEAN_TABLE)):
-        draft = adaptive()
+    for name, table in (
+        ("prices", Word.PRICE_TABLE),
+        ("means", Word.MEAN_TABLE),
+        ("activities", Word.PLACE_ACTIVITY_TABLE),
+    ):
+        draft = by_activity()
         whole = draft.pack()
-        draft.header(**{table.name.lower(): len(whole)})
+        behind = TABLES[TABLES.index(table) :]
+        draft.header(**{word.name.lower(): len(whole) for word in behind})
         yield f"{name}_behind_the_image", draft.raw(whole[HEADER_WORDS * 4 :])
     # nine prices reach into the means, whose values would be valid prices
     yield "prices_reach_the_means", adaptive().header(steps=5, back=4).pack()
+    yield "back_price_beyond", by_activity().poke(Word.PRICE_TABLE, "H", 0, _PRICE + 1).pack()
+    yield "activities_end_behind_the_image", _cut_activities()
     yield "means_end_behind_the_image", _cut_means()
     levels = adaptive().header(count_max=8)
     yield "levels_reach_the_next_table", levels.pack()
@@ -234,7 +277,7 @@ def refused_layouts() -> Named:
             struct.pack_into("<I", cut, Word.BYTES * 4, size)
             yield f"cut_to_{size}_and_says_so", bytes(cut)
     yield "longer_than_it_says", whole + bytes(16)
-    whole = adaptive().pack()  # an image with all tables
+    whole = by_activity().pack()  # an image with all tables
     for i, word in enumerate(TABLES):
         at, end = struct.unpack_from("<I", whole, word * 4)[0], len(whole)
         before = HEADER_WORDS * 4 if i == 0 else struct.unpack_from("<I", whole, word * 4 - 4)[0]
@@ -264,6 +307,7 @@ def _unaligned() -> bytes:
     at = draft.words[Word.PLACES_TABLE]
     end = len(whole) + 16
     draft.header(places_table=at + 8, price_table=end, mean_table=end, bytes=end)
+    draft.header(place_activity_table=end)
     return draft.raw(whole[HEADER_WORDS * 4 : at] + bytes(8) + whole[at:] + bytes(8))
 
 
@@ -343,7 +387,7 @@ def _accepted_words() -> Named:
 
 def _refused_words() -> Named:
     yield _words(magic=0x4952_5057)
-    yield from each(_words, "version", 0, 1, 3)
+    yield from each(_words, "version", 0, 1, 2, 4)
     for word in ("width", "height", "pixels", "slots", "stride", "count_max", "places", "length"):
         yield from each(_words, word, 0, 0x1_0000, 0xFFFF_FFFF)
     yield from each(_words, "width", 8, (1 << 15) + 1)
@@ -539,10 +583,11 @@ class LongWindow(NamedTuple):
         slot = descriptor.slot(first)
         if slot is None:
             raise VectorError("the first event is at a pixel that is not selected")
-        # what the events would do, at once
+        results = list(machine.take(first))
+        # what the further events would do, at once
         descriptor.counts[slot] = min(self.repeats, design.count_max)
         descriptor.counted = descriptor.events = self.repeats
-        results = [result for event in self.case.events for result in machine.take(event)]
+        results += [result for event in self.case.events for result in machine.take(event)]
         told = [result for result in results if isinstance(result, (WindowResult, MatchResult))]
         return to_binary(records(told))
 

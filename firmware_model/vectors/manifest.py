@@ -26,8 +26,12 @@ RTL_FOLDER = "rtl"
 #: of what the files hold; docs/specification.md defines each
 UNITS = {
     "t, start, tau_us": "microseconds, modulo 2^timestamp_bits",
-    "activity, usual": "1/256 event at selected pixels in a window",
-    "codes of own-mean designs (levels), means": "1/256 octave: round(256 log2(1 + count))",
+    "activity of a case, usual": "1/256 event at selected pixels in a window",
+    "place_activity, activity of a window": "1/16 octave: floor(16 log2(1 + events)), less the "
+    "usual number's; in place_activity.mem two's complement of 8 bits",
+    "weight": "1/8 of the evidence",
+    "codes of own-mean and contrast designs (levels), means, window_mean": "1/256 octave: "
+    "round(256 log2(1 + count))",
     "steps, back, restart": "whole units of price; a device holds them times 4 (2 fraction bits)",
     "sum, second_sum": "units of code; of the filter metrics, 1/4 unit of price (2 fraction bits)",
     "margin": "that of sum",

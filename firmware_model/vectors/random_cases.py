@@ -39,7 +39,7 @@ def random_cases(
 def window_cases(design: Design, rng: np.random.Generator, number: int = 2) -> list[Case]:
     """Make the cases of the suite ``random`` that have some 40 windows, whatever the design.
 
-    Windows by time have from no events to 120, so that some are quiet and some pause. Windows by
+    Windows by time have from no events to 120, so that some have few and some pause. Windows by
     count have 48 at most: the case's design has another `window_events`, if necessary.
     """
     if design.window == "count":
@@ -71,8 +71,19 @@ def _case(name: str, design: Design, rng: np.random.Generator, number: int) -> C
         if rng.random() < 0.8:
             noise = rng.integers(-1, 2, design.slots) * (rng.random(design.slots) < 0.2)
             places[k] = np.clip(np.array(seen[k % len(seen)]) + noise, 0, design.code_max)
-    memories = Memories(design, pixels, places.tolist(), tables, mean=mean, activity=activity)
+    memories = Memories(
+        design, pixels, places.tolist(), tables, mean=mean, activity=activity,
+        place_activity=_place_activity(design, rng),
+    )  # fmt: skip
     return Case(name, memories, tuple(events), start)
+
+
+def _place_activity(design: Design, rng: np.random.Generator) -> list[int] | None:
+    """Draw activities of places about those of windows; the first and the last of all extremes."""
+    if not design.activity_costs:
+        return None
+    drawn = np.clip(np.rint(rng.normal(-8, 40, design.places)), -128, 127).astype(int).tolist()
+    return [-128, *drawn[1:-1], 127][: design.places]
 
 
 class _Learnt(NamedTuple):
@@ -88,7 +99,8 @@ def _learnt(design: Design, rng: np.random.Generator, most_activity: int) -> _Le
         highest = min(design.entry_max, 4 * 256)
         mean = rng.integers(0, highest + 1, design.slots).tolist()
     if design.own_mean or design.filters:
-        activity = int(rng.integers(0, most_activity))
+        # of as many events as a window at times has, and of many more
+        activity = int(2048 * (most_activity / 2048) ** rng.random())
     return _Learnt(mean, activity)
 
 
@@ -174,7 +186,7 @@ def random_design(rng: np.random.Generator) -> Design:
 
 
 def random_adaptive_design(rng: np.random.Generator) -> Design:
-    """Draw a small design with the place filter, own-mean codes, or both.
+    """Draw a small design with the place filter, own-mean or contrast codes, or both.
 
     Returns
     -------
@@ -184,13 +196,16 @@ def random_adaptive_design(rng: np.random.Generator) -> Design:
     values = random_design(rng).to_dict()
     kind = rng.integers(3)
     if kind != 0:
-        values |= {"code": "own-mean", "full_scales": [int(rng.integers(1, 40))]}
+        code = ("own-mean", "contrast")[rng.integers(2)]
+        values |= {"code": code, "full_scales": [int(rng.integers(1, 40))]}
     if kind != 1:
-        most = int(rng.choice([4, 40, 254]))
+        most, by_activity = int(rng.choice([4, 40, 254])), bool(rng.integers(2))
+        steps = rng.integers(0, most + 1, int(rng.integers(1, 6))).tolist()
         values |= {
             "matching": "filter",
             "length": 1,
-            "steps": rng.integers(0, most + 1, int(rng.integers(1, 6))).tolist(),
+            "activity_costs": by_activity,
+            "steps": [] if by_activity else steps,
             "back": rng.integers(0, most + 1, int(rng.integers(0, 4))).tolist(),
             "restart": int(rng.integers(0, most + 1)),
             "keep_distances": bool(rng.integers(2)),
@@ -213,4 +228,7 @@ def random_memories(rng: np.random.Generator, design: Design) -> Memories:
     mean = rng.integers(0, design.entry_max + 1, design.slots).tolist() if design.own_mean else None
     # with some values every window pauses at first, and with others none does
     activity = int(rng.integers(0, 1 << int(rng.integers(1, 20))))
-    return Memories(design, pixels, places.tolist(), tables.tolist(), mean=mean, activity=activity)
+    return Memories(
+        design, pixels, places.tolist(), tables.tolist(), mean=mean, activity=activity,
+        place_activity=_place_activity(design, rng),
+    )  # fmt: skip

@@ -65,6 +65,10 @@ def memory_words(memories: Memories) -> dict[str, tuple[Packing, Table]]:
     }
     if design.own_mean:
         words["means"] = _single("mean", bits["entry"], memories.mean)
+    if design.activity_costs:
+        width = bits["place_activity"]
+        unsigned = tuple(activity % (1 << width) for activity in memories.place_activity)
+        words["place_activity"] = _single("place_activity", width, unsigned)
     return words
 
 
@@ -206,6 +210,7 @@ def arrays(case: Case, done: Trace) -> dict[str, np.ndarray[Any, Any]]:
         "expected_matches": np.array(matches, dtype="<i8").reshape(-1, columns),
         "means": np.array(case.memories.mean, dtype="<u2"),
         "activity": np.array(case.memories.activity, dtype="<u4"),
+        "place_activity": np.array(case.memories.place_activity, dtype="i1"),
     }
 
 

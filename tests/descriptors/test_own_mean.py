@@ -21,18 +21,32 @@ def test_the_table_of_logarithms_is_exact():
 
 
 @given(
-    counts=st.lists(st.integers(0, 5000), min_size=1, max_size=8),
-    mean=st.integers(-300, 3000),
+    seed=st.integers(0, 2**32),
+    counters=st.integers(1, 8),
     bits=st.integers(1, 8),
     full_scale=st.sampled_from([1, 127, 1023, 4000]),
+    contrast=st.booleans(),
 )
-def test_codes_equal_the_oracle_and_their_tables(counts, mean, bits, full_scale):
-    code = OwnMeanCode(bits, full_scale)
-    found = code.encode(np.array(counts)[:, None], np.array([mean]))
-    assert found[:, 0].tolist() == [naive.own_mean_code(c, mean, bits, full_scale) for c in counts]
-    table = code.tables(np.array([mean]))[0]
-    assert table[np.minimum(counts, full_scale)].tolist() == found[:, 0].tolist()
-    assert (np.diff(table.astype(int)) >= 0).all() and table.max() < 2**bits
+def test_codes_equal_the_oracle(seed, counters, bits, full_scale, contrast):
+    rng = np.random.default_rng(seed)
+    counts = rng.integers(0, rng.choice([3, 300, 5000]), (6, counters))
+    means = rng.integers(-300, 3000, counters)
+    found = OwnMeanCode(bits, full_scale, contrast).encode(counts, means)
+    assert found.tolist() == [
+        naive.own_mean_codes(row, means.tolist(), bits, full_scale, contrast)
+        for row in counts.tolist()
+    ]
+    assert found.max() < 2**bits
+
+
+def test_contrast_codes_are_those_of_a_drive_at_any_speed():
+    rng = np.random.default_rng(2)
+    fast = rng.integers(32, 256, (50, 40)) * 4 - 1  # log2(1 + c) falls by exactly 2 at low speed
+    slow = (fast + 1) // 4 - 1
+    mean = drive_mean(fast, np.zeros(50, dtype=np.bool_), OwnMeanCode())
+    codes = [OwnMeanCode(contrast=True).encode(counts, mean) for counts in (fast, slow)]
+    assert np.array_equal(codes[0], codes[1])
+    assert not np.array_equal(*(OwnMeanCode().encode(counts, mean) for counts in (fast, slow)))
 
 
 @given(
@@ -48,37 +62,39 @@ def test_the_running_mean_equals_the_oracle(levels, mean):
     assert min([mean, *levels]) - 1 <= running.mean[0] <= max([mean, *levels]) + 1
 
 
-@given(seed=st.integers(0, 2**32), windows=st.integers(1, 20))
-def test_a_recorded_drive_is_coded_against_its_own_mean(seed, windows):
+@given(seed=st.integers(0, 2**32), windows=st.integers(1, 20), contrast=st.booleans())
+def test_a_recorded_drive_is_coded_against_its_own_mean(seed, windows, contrast):
     rng = np.random.default_rng(seed)
     counts = rng.integers(0, 300, (windows, 4)) * (rng.random((windows, 1)) > 0.2)
-    code, usual = OwnMeanCode(), 256 * 200
+    code, usual = OwnMeanCode(contrast=contrast), 256 * 200
     paused = find_pauses(counts.sum(axis=1), usual)
     moving = [row for row, pause in zip(counts.tolist(), paused, strict=True) if not pause]
     moving = moving or counts.tolist()
     own = encode_own(descriptors(counts), code, usual)
+    means = []
     for j in range(4):
         levels = [naive.log_level(row[j]) for row in moving]
-        mean = (2 * sum(levels) + len(levels)) // (2 * len(levels))
-        expected = [naive.own_mean_code(c, mean, 3, 1023) for c in counts[:, j].tolist()]
-        assert own.counts[:, j].tolist() == expected
+        means.append((2 * sum(levels) + len(levels)) // (2 * len(levels)))
+    expected = [naive.own_mean_codes(row, means, 3, 1023, contrast) for row in counts.tolist()]
+    assert own.counts.tolist() == expected
     assert own.selected.tolist() == counts.sum(axis=1).tolist()
 
 
-@given(seed=st.integers(0, 2**32), windows=st.integers(1, 20), cut=st.integers(0, 20))
-def test_a_robot_codes_each_window_by_what_came_before_it(seed, windows, cut):
+@given(
+    seed=st.integers(0, 2**32),
+    windows=st.integers(1, 20),
+    cut=st.integers(0, 20),
+    contrast=st.booleans(),
+)
+def test_a_robot_codes_each_window_by_what_came_before_it(seed, windows, cut, contrast):
     rng = np.random.default_rng(seed)
     counts = rng.integers(0, 300, (windows, 3))
-    mean, code = np.array([500, 900, 0], np.int32), OwnMeanCode()
+    mean, code = np.array([500, 900, 0], np.int32), OwnMeanCode(contrast=contrast)
     found = encode_running(descriptors(counts), code, mean, 0).counts
-    for j in range(3):
-        levels = [naive.log_level(c) for c in counts[:, j].tolist()]
-        means = naive.running_means(levels, int(mean[j]))
-        expected = [
-            naive.own_mean_code(c, m, 3, 1023)
-            for c, m in zip(counts[:, j].tolist(), means, strict=False)
-        ]
-        assert found[:, j].tolist() == expected
+    levels = [[naive.log_level(c) for c in column] for column in counts.T.tolist()]
+    means = [naive.running_means(of, int(mean[j])) for j, of in enumerate(levels)]
+    for row, coded, *now in zip(counts.tolist(), found.tolist(), *means, strict=False):
+        assert coded == naive.own_mean_codes(row, now, 3, 1023, contrast)
     # later windows change no earlier code
     first = encode_running(descriptors(counts[: max(cut, 1)]), code, mean, 0).counts
     assert np.array_equal(first, found[: len(first)])

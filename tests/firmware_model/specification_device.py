@@ -19,6 +19,14 @@ Record = tuple[str, Row]
 Ways = list[tuple[int, int, int]]
 NONE = -1
 
+#: section 6, step 1: f[0] to f[3] of the rows
+ROWS = (
+    (4, 24, 47, 71), (4, 22, 43, 66), (4, 20, 39, 61), (4, 17, 36, 57), (4, 15, 32, 52),
+    (4, 12, 28, 48), (4, 10, 24, 43), (4, 7, 20, 38), (4, 5, 17, 34), (4, 3, 13, 30),
+    (5, 1, 10, 26), (7, 0, 8, 22), (9, 0, 6, 20), (11, 0, 5, 18), (15, 1, 5, 17), (19, 3, 5, 16),
+    (22, 4, 4, 15),
+)  # fmt: skip
+
 
 def words(folder: Path, name: str) -> Row:
     return [int(line, 16) for line in (folder / f"{name}.mem").read_text("ascii").split()]
@@ -35,7 +43,8 @@ class Device:
     def __init__(self, folder: Path) -> None:
         self.design: dict[str, Any] = tomllib.loads((folder / "design.toml").read_text("ascii"))
         d = self.design
-        self.filters, self.own = d["matching"] == "filter", d["code"] == "own-mean"
+        self.filters, self.contrast = d["matching"] == "filter", d["code"] == "contrast"
+        self.own = d["code"] in ("own-mean", "contrast")
         self.pixels = {(x, y): j for j, (x, y) in enumerate(table(folder, "pixels"))}
         self.slots = d["pixels"] * (2 if d["polarity"] else 1)
         self.top = max(d["full_scales"])
@@ -43,6 +52,8 @@ class Device:
         size = self.top + 1
         self.codes = [codes[n : n + size] for n in range(0, len(codes), size)]
         self.places = table(folder, "places")
+        bytes_ = words(folder, "place_activity") if d["activity_costs"] else []
+        self.place_activity = [byte - 256 if byte > 127 else byte for byte in bytes_]
         # section 2
         self.counters, self.counted, self.window = [0] * self.slots, 0, 0
         self.events, self.period = 0, 1 << d["timestamp_bits"]
@@ -84,14 +95,11 @@ class Device:
 
     def end_window(self) -> Iterator[Record]:
         """Section 3."""
-        counted, quiet, pause = self.counted, False, False
+        counted, pause, activity = self.counted, False, 0
         if self.filters or self.own:
-            quiet = counted == 0 or counted * 256 * 8 < self.usual
-            pause = counted == 0 or counted * 256 * 16 < self.usual
+            pause, activity = pause_and_activity(counted, self.usual)
         entries = [self.codes[n][v] for n, v in zip(self.tables, self.counters, strict=True)]
-        codes = (
-            [self.own_mean(j, level) for j, level in enumerate(entries)] if self.own else entries
-        )
+        codes = self.own_means(entries) if self.own else entries
         yield "window", [self.window, self.events, *codes]
         if self.own and not pause:
             shift = min((16 + self.w).bit_length() - 1, 8)
@@ -102,16 +110,18 @@ class Device:
             self.w += 1
         self.usual += (min(counted, (1 << 23) - 1) * 256 - self.usual) >> 6
         self.counters, self.counted = [0] * self.slots, 0
-        match = self.filtered(codes, quiet, pause) if self.filters else self.sequence(codes)
+        match = self.filtered(codes, activity, pause) if self.filters else self.sequence(codes)
         if match is not None:
             yield "match", [self.window, *match]
         self.window += 1
 
-    def own_mean(self, slot: int, level: int) -> int:
+    def own_means(self, levels: Row) -> Row:
         """Section 4."""
         half = 1 << (self.design["code_bits"] - 1)
-        octaves = (level - ((self.means[slot] + 128) >> 8) + 128) >> 8
-        return min(max(octaves, -half), half - 1) + half
+        d = [level - ((m + 128) >> 8) for level, m in zip(levels, self.means, strict=True)]
+        g = (2 * sum(d) + self.slots) // (2 * self.slots) if self.contrast else 0
+        octaves = [(one - g + 128) >> 8 for one in d]
+        return [min(max(one, -half), half - 1) + half for one in octaves]
 
     def distances(self, codes: Row) -> Row:
         """Section 5."""
@@ -130,16 +140,17 @@ class Device:
         best, second, ties = search(sums, self.design["exclusion"])
         return [*self.told(sums, best, second, ties), int(self.accepted(sums, best, second))]
 
-    def filtered(self, codes: Row, quiet: bool, pause: bool) -> Row:
+    def filtered(self, codes: Row, activity: int, pause: bool) -> Row:
         """Section 6."""
         places = range(len(self.places))
         predicted = [0] * len(places)
         if self.place is not None:
-            ways = ways_of_steps(self.design, len(places), quiet)
+            ways = ways_of_steps(self.design, len(places), activity, self.place_activity)
             predicted = predict(self.metrics, ways, 4 * self.design["restart"])
         against = [0] * len(places)
         if not pause:
-            against, self.reciprocal = evidence(self.distances(codes), self.reciprocal)
+            distances = self.distances(codes)
+            against, self.reciprocal = evidence(distances, self.reciprocal, activity)
         self.metrics = [min(p + e, 1023) for p, e in zip(predicted, against, strict=True)]
         metric = dict(enumerate(self.metrics))
         best, second, ties = search(metric, self.design["exclusion"])
@@ -178,25 +189,47 @@ def search(metric: dict[int, int], zone: int) -> tuple[int, int | None, int]:
     return best, second, ties
 
 
-def costs_of(design: dict[str, Any], quiet: bool) -> dict[int, int]:
-    """Section 6, step 1: cost of each step, with fraction bits."""
-    if quiet:
-        return {0: 0, 1: 0, 2: 4}
-    forward = {i: 4 * cost for i, cost in enumerate(design["steps"])}
+def pause_and_activity(counted: int, usual: int) -> tuple[bool, int]:
+    """Section 3, step 1."""
+    if counted == 0:
+        return True, -368
+    return counted * 256 * 16 < usual, ilog(min(counted, (1 << 23) - 1)) - ilog(usual >> 8)
+
+
+def ilog(n: int) -> int:
+    """Section 3, step 1, without roots: (n + 1)^16 against powers of 2."""
+    e = (n + 1).bit_length() - 1
+    return 16 * e + sum((n + 1) ** 16 >= 1 << (16 * e + i) for i in range(1, 16))
+
+
+def costs_of(design: dict[str, Any], activity: int, place: int) -> dict[int, int]:
+    """Section 6, step 1: cost of each step to a place of this activity, with fraction bits."""
+    if design["activity_costs"]:
+        row = min(max((activity - place + 4) >> 3, -12), 4) + 12
+        forward = dict(enumerate(ROWS[row]))
+    else:
+        forward = {i: 4 * cost for i, cost in enumerate(design["steps"])}
     return forward | {-i: 4 * cost for i, cost in enumerate(design["back"], 1)}
 
 
 def ways_of_steps(
-    design: dict[str, Any], places: int, quiet: bool, jumps: Sequence[tuple[int, int]] = ()
+    design: dict[str, Any],
+    places: int,
+    activity: int,
+    place_activity: Sequence[int],
+    jumps: Sequence[tuple[int, int]] = (),
 ) -> Ways:
     """Section 6, step 1; section 11, jumps."""
     ways = []
-    for step, cost in costs_of(design, quiet).items():
-        ways += [(j, j + step, cost) for j in range(places) if 0 <= j + step < places]
-        for a, b in jumps:
-            for o in range(step):
-                if a - (step - 1 - o) >= 0 and b + o < places:
-                    ways.append((a - (step - 1 - o), b + o, cost))
+    for k in range(places):
+        of_place = place_activity[k] if design["activity_costs"] else 0
+        for step, cost in costs_of(design, activity, of_place).items():
+            if 0 <= k - step < places:
+                ways.append((k - step, k, cost))
+            for a, b in jumps:
+                o = k - b
+                if 0 <= o < step and a - (step - 1 - o) >= 0:
+                    ways.append((a - (step - 1 - o), k, cost))
     return ways
 
 
@@ -208,18 +241,24 @@ def predict(metrics: Row, ways: Ways, restart: int) -> Row:
     return predicted
 
 
-def evidence(distances: Row, reciprocal: int | None) -> tuple[Row, int]:
+def evidence(distances: Row, reciprocal: int | None, activity: int) -> tuple[Row, int]:
     """Section 6, step 2: evidence, and the R of the next window."""
     mean = sum(distances) // len(distances)
     spread = max(sum(abs(d - mean) for d in distances) // len(distances), 1)
     own, least = 65_536 // spread, min(distances)
     scale = own if reciprocal is None else reciprocal
-    return [min(((d - least) * scale) >> 14, 255) for d in distances], own
+    weight = min(max((activity + 48) >> 1, 0), 8)
+    return [(min(((d - least) * scale) >> 14, 255) * weight) >> 3 for d in distances], own
+
+
+def last_step(design: dict[str, Any]) -> int:
+    """Section 6, step 4."""
+    return 3 if design["activity_costs"] else max(len(design["steps"]), 3) - 1
 
 
 def within_steps(design: dict[str, Any], step: int) -> bool:
     """Section 6, step 4."""
-    return -len(design["back"]) <= step <= max(len(design["steps"]), 3) - 1
+    return -len(design["back"]) <= step <= last_step(design)
 
 
 def support_after(kept: int, margin: int, stands: bool) -> int:
@@ -243,7 +282,7 @@ class Drive:
         jumps: Sequence[tuple[int, int]] = (),
         along: Sequence[int] = (),
         driven: Sequence[int | None] = (),
-        quiet_shift: int = 0,
+        place_activity: Sequence[int] = (),
     ) -> None:
         self.design, self.jumps, self.along = design, jumps, along
         self.driven = driven or [None] * len(distances)
@@ -252,16 +291,14 @@ class Drive:
         self.ways: list[Ways] = []
         reciprocal, places = None, len(distances[0])
         for w, row in enumerate(distances):
-            quiet = counted[w] == 0 or counted[w] * 256 * 8 < usual
-            pause = counted[w] == 0 or counted[w] * 256 * 16 < usual
+            pause, activity = pause_and_activity(counted[w], usual)
             usual += (min(counted[w], (1 << 23) - 1) * 256 - usual) >> 6
             way = self.driven[w]
-            by_steps = ways_of_steps(design, places, quiet, jumps)
+            by_steps = ways_of_steps(design, places, activity, place_activity, jumps)
             self.ways.append(by_steps if way is None else self.by_odometry(way))
             against = [0] * places
             if not pause:
-                against, reciprocal = evidence(row, reciprocal)
-            against = [e >> quiet_shift if quiet else e for e in against]
+                against, reciprocal = evidence(row, reciprocal, activity)
             predicted = [0] * places
             if w:
                 predicted = predict(self.metrics[-1], self.ways[w], 4 * design["restart"])
@@ -302,9 +339,9 @@ class Drive:
             return any((j, k) == (before, place) and cost < restart for j, k, cost in self.ways[w])
         if within_steps(self.design, place - before):
             return True
-        last = max(len(self.design["steps"]), 3) - 1
         return any(
-            a >= before and place >= b and (a - before) + (place - b) < last for a, b in self.jumps
+            a >= before and place >= b and (a - before) + (place - b) < last_step(self.design)
+            for a, b in self.jumps
         )
 
     def matches(self, last_of: Callable[[int], int]) -> list[tuple[int, int, int]]:

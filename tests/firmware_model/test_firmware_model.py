@@ -33,12 +33,13 @@ from firmware_model import (
     trace,
 )
 from firmware_model.model.descriptor import ActivityModel
-from firmware_model.model.design import formats_of
+from firmware_model.model.design import ACTIVITY_COSTS, formats_of, ilog
 from firmware_model.vectors.random_cases import (
     random_adaptive_design,
     random_design,
     random_memories,
 )
+from fixedpoint import activity
 from fixedpoint.codes import CounterCode, PixelCodes
 from fixedpoint.own_mean import OwnMeanCode
 
@@ -57,7 +58,7 @@ def pipeline(memories: Memories, events: list[Event], start: int):
     t, x, y, on = zip(*events, strict=True)
     counted = stream.update(make_events(np.array(t) - start, x, y, on))
     if design.own_mean:
-        code = OwnMeanCode(design.code_bits, design.full_scales[0])
+        code = OwnMeanCode(design.code_bits, design.full_scales[0], design.contrast)
         codes = encode_running(counted, code, np.array(memories.mean), memories.activity).counts
     else:
         kind, bits = design.code, design.code_bits
@@ -96,8 +97,11 @@ def accepts(design: Design, best: int, second: int) -> bool:
 def by_filter(memories: Memories, codes, events):
     """Matches of each window by the pipeline's place filter."""
     design = memories.design
-    prices = TransitionCosts(design.steps, design.back, design.restart)
-    found = PlaceFilter(design.places, prices, design.exclusion, memories.activity)
+    prices = TransitionCosts(design.steps or None, design.back, design.restart)
+    own = np.array(memories.place_activity, dtype=np.int32) if design.activity_costs else None
+    found = PlaceFilter(
+        design.places, prices, design.exclusion, memories.activity, place_activity=own
+    )
     distances, matches = distance_matrix(np.array(memories.places), codes), []
     for j, window in enumerate(events.tolist()):
         m = found.update(distances[:, j], window)
@@ -129,13 +133,25 @@ def test_the_filter_and_own_mean_codes_equal_the_pipeline():
         seen["own mean"] += design.own_mean
         seen["filter"] += design.filters
         seen["pauses"] += sum(window.paused for window in done.windows)
-        seen["quiet"] += sum(window.quiet and not window.paused for window in done.windows)
+        seen["contrast"] += design.contrast
+        seen["costs by activity"] += design.activity_costs
+        weights = [state.weight for state in done.states if not state.paused]
+        seen["less weight"] += sum(weight in range(8) for weight in weights)
         seen["moves"] += sum(not window.paused for window in done.windows)
         seen["back"] += bool(design.back)
         seen["rejected by trust"] += sum(
             m.second is not None and m.trust < design.trust for m in matches if design.filters
         )
     assert seen["pauses"] > 300 and seen["moves"] > 300 and min(seen.values()) > 20, seen
+
+
+def test_costs_by_activity_and_logarithms_are_those_of_the_pipeline():
+    """The model has its own table and its own way to a logarithm of every size."""
+    assert ACTIVITY_COSTS == activity.ACTIVITY_COSTS
+    least = activity.least_events().tolist()
+    for log, events in enumerate(least, 1):
+        assert ilog(events - 1) < log <= ilog(events)
+    assert ilog((1 << 23) - 1) == len(least)
 
 
 def test_the_activity_saturates_where_its_width_ends():
@@ -205,7 +221,7 @@ def test_state_can_be_read_after_every_event():
     list(machine.take(Event(4, 1, 0, True)))
     assert (machine.descriptor.counts, machine.descriptor.codes) == ([0, 2], (0, 1))
     results = list(machine.take(Event(10, 0, 0, True)))
-    assert results[0] == WindowResult(0, 4, (0, 1))
+    assert results[0][:3] == (0, 4, (0, 1))
     assert isinstance(results[1], MatchResult) and results[2] == EventResult(4, 0, 1)
     assert (machine.descriptor.start, machine.descriptor.counts) == (10, [1, 0])
 
@@ -216,7 +232,7 @@ def test_the_clock_may_wrap_and_a_late_event_counts_in_the_open_window():
     assert len(list(machine.take(Event(255, 0, 0, True)))) == 1
     assert len(list(machine.take(Event(3, 0, 0, True)))) == 1  # 259, of [250, 260)
     results = list(machine.take(Event(4, 0, 0, True)))  # 260
-    assert results[0] == WindowResult(0, 2, (2, 0))
+    assert results[0][:3] == (0, 2, (2, 0))
     assert machine.descriptor.start == 4
     assert [type(r) for r in machine.take(Event(255, 0, 0, True))] == [EventResult]  # 5 us late
     assert machine.descriptor.counts == [2, 0]
@@ -257,9 +273,9 @@ def test_cycles_and_results_of_the_stepped_filter():
         at_once, stepped = Machine(memories), Machine(memories)
         for number in range(4):
             codes = tuple(rng.integers(0, design.code_max + 1, design.slots).tolist())
-            quiet, paused = number in (1, 2), number == 2
-            at_once.match(WindowResult(number, 0, codes, quiet, paused))
-            states = list(stepped.filter_cycles(codes, quiet, paused))
+            relative, paused = (0, -37, -70, 5)[number], number == 2
+            at_once.match(WindowResult(number, 0, codes, relative, paused))
+            states = list(stepped.filter_cycles(codes, relative, paused))
             metrics = at_once.place_filter.metrics
             assert stepped.place_filter.metrics == metrics
             assert stepped.place_filter.support == at_once.place_filter.support
@@ -353,12 +369,14 @@ def test_a_design_survives_its_file(tmp_path):
         ({"window": "sliding"}, "choose from"),
         ({"matching": "viterbi"}, "choose from sequence"),
         ({"matching": "filter", "length": 2}, "leave length out"),
-        ({"steps": ()}, "1 to 16 prices"),
-        ({"steps": (0,) * 17}, "1 to 16 prices"),
+        ({"steps": (0,) * 17}, "at most 16 prices"),
+        ({"activity_costs": True}, "matching by sequence"),
+        ({"activity_costs": True, "matching": "filter", "steps": (1,)}, "in place of steps"),
         ({"back": (255,)}, "from 0 to 254"),
         ({"restart": 255}, "restart = 255"),
         ({"trust": 1}, "only the place filter"),
         ({"code": "own-mean", "full_scales": (7, 3)}, "expected 1"),
+        ({"code": "contrast", "full_scales": (7, 3)}, "of contrast codes: expected 1"),
         ({"code": "own-mean", "code_bits": 9}, "1 to 8"),
     ],
 )

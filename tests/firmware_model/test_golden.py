@@ -5,11 +5,13 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import math
 import os
 import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -102,16 +104,18 @@ def test_a_place_filter_of_fewer_places_than_a_sequence_has_corners(places):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("window", ["time", "count"])
-@pytest.mark.parametrize("code", ["log", "own-mean"])
+@pytest.mark.parametrize("code", ["log", "own-mean", "contrast"])
 def test_the_filter_suite_reaches_every_corner(window, code):
     """Of a design with the filter, own-mean codes, or both; the other suites stay as they are."""
     changes = {"code": code, "full_scales": (0,), "window": window, "window_events": 30}
+    if code == "contrast":
+        changes |= {"activity_costs": True, "steps": ()}
     design = replace(DESIGN, matching="filter", length=1, **changes)
     suites = standard_suites(design, 0)
     reached = {c for case in suites["filter"] for c, n in coverage(case).items() if n}
     assert reached >= set(FILTER_CORNERS)
-    sequences = replace(design, matching="sequence", length=3)
-    assert ("filter" in standard_suites(sequences, 0)) == (code == "own-mean")
+    sequences = replace(design, matching="sequence", length=3, activity_costs=False)
+    assert ("filter" in standard_suites(sequences, 0)) == (code != "log")
     assert {c for case in suites["corners"] for c, n in coverage(case).items() if n} == set(CORNERS)
 
 
@@ -214,7 +218,8 @@ def test_all_forms_of_a_memory_hold_the_same(vectors):
 def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path):
     """Margin, trust and least metric as in the matches, the rest by the rules of the page."""
     design = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scales=(0,))
-    chosen = [c for c in filter_cases(design) if c.name in ("jumps", "quiet", "means_and_pauses")]
+    names = ("jumps", "weights", "means_and_pauses", "contrasts_and_pauses", "pauses_by_activity")
+    chosen = [case for case in filter_cases(design) if case.name in names]
     write_suites(tmp_path / "v", design, {"filter": chosen}, 0)
     kinds = set()
     for case in chosen:
@@ -228,8 +233,13 @@ def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path):
         reciprocal = place = -1
         for state, match in zip(rows["states"], rows["matches"], strict=True):
             usual, counted = state["usual"], state["counted"]
-            assert state["quiet"] == (counted == 0 or 2048 * counted < usual)
             assert state["paused"] == (counted == 0 or 4096 * counted < usual)
+            # floor(16 log2(n)) of numbers up to some thousands, which are no powers of 2^(1/16)
+            logs = [math.floor(16 * math.log2(1 + n) + 1e-9) for n in (counted, usual >> 8)]
+            assert state["activity"] == (logs[0] - logs[1] if counted else -368)
+            weight = min(max((state["activity"] + 48) // 2, 0), 8)
+            assert state["weight"] == (0 if state["paused"] else weight)
+            assert state["window_mean"] == 0 or case.design.code == "contrast"
             trust = max(state["support"] - 16 * state["misfit"], 0)
             assert (state["least"], trust) == (match["sum"], match["trust"])
             assert 0 <= state["misfit"] <= 23
@@ -246,10 +256,11 @@ def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path):
                 raised = min(raised, state["kept"] - state["kept"] // 16)
             assert state["support"] == raised
             place = match["place"]
-            kinds.add((state["quiet"], state["paused"]))
-    assert kinds == {(0, 0), (1, 0), (1, 1)}
+            kinds.add((state["weight"], state["paused"], state["window_mean"] < 0))
+    assert {weight for weight, _, _ in kinds} == set(range(9))
+    assert {kind[1:] for kind in kinds} == set(product((0, 1), (False, True)))
     manifest = json.loads((tmp_path / "v" / "manifest.json").read_text(encoding="utf-8"))
-    assert "1/256 event" in manifest["units"]["activity, usual"]
+    assert "1/256 event" in manifest["units"]["activity of a case, usual"]
 
 
 def test_intel_hex_gives_the_image_back(vectors):

@@ -164,8 +164,8 @@ OVERLOOKED = {
     "16-bit sum of a sequence": (
         "vpr.c", "uint32_t sum = s->history[at]", "uint16_t sum = s->history[at]"
     ),
-    "range of a jump without quiet steps": (
-        "filter.h", "((d->steps > QUIET_STEPS) ? d->steps : QUIET_STEPS) - 1U", "d->steps - 1U"
+    "range of a jump of a few steps": (
+        "filter.h", "((d->steps > FEW_STEPS) ? d->steps : FEW_STEPS) - 1U", "d->steps - 1U"
     ),
 }  # fmt: skip
 

@@ -18,9 +18,11 @@ from firmware_model.vectors.random_cases import random_adaptive_design
 
 DESIGN = Design(width=24, height=16, pixels=9, places=20, length=3, code_bits=3, lanes=4)
 FILTER = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scales=(0,))
+LIVE = replace(FILTER, code="contrast", activity_costs=True, steps=())
 DESIGNS = {
     "sequences": DESIGN,
     "filter": FILTER,
+    "filter by activity": LIVE,
     "by_count": replace(FILTER, code="log", window="count", window_events=40, polarity=True),
     "random": random_adaptive_design(np.random.default_rng(1)),
 }
@@ -53,8 +55,8 @@ def drives():
         steps = tuple(rng.integers(0, 5, int(rng.integers(1, 5))).tolist())
         back = tuple(rng.integers(0, 5, int(rng.integers(0, 3))).tolist())
         design = {
-            "steps": steps, "back": back, "restart": int(rng.integers(0, 20)),
-            "exclusion": int(rng.integers(0, 4)),
+            "activity_costs": seed % 4 < 2, "steps": () if seed % 4 < 2 else steps, "back": back,
+            "restart": int(rng.integers(0, 20)), "exclusion": int(rng.integers(0, 4)),
         }  # fmt: skip
         jumps = [] if seed % 3 else [(places - 1, 0)]
         along = np.cumsum(rng.integers(1, 900, places)) if seed % 2 else None
@@ -64,17 +66,18 @@ def drives():
             driven = [None if w == 0 or rng.random() < 0.3 else d for w, d in enumerate(draws)]
         distances = rng.integers(0, 400, (windows, places)).astype(np.int32)
         events = (rng.integers(0, 40, windows) * rng.integers(0, 2, windows)).astype(np.int64)
-        yield design, distances, events, int(rng.integers(0, 60_000)), jumps, along, driven
+        own = rng.integers(-128, 128, places).astype(np.int32)
+        yield design, distances, events, int(rng.integers(0, 60_000)), jumps, along, driven, own
 
 
 @pytest.mark.parametrize("delay", [None, 0, 1, 3])
 def test_smoothing_delay_odometry_and_jumps_are_those_of_the_page(delay):
     """Places, metrics and trust of the pipeline; `None` is the whole drive."""
-    for design, distances, events, usual, jumps, along, driven in drives():
-        prices = TransitionCosts(design["steps"], design["back"], design["restart"])
-        shift = 2 if delay is None else 0
+    for design, distances, events, usual, jumps, along, driven, own in drives():
+        prices = TransitionCosts(design["steps"] or None, design["back"], design["restart"])
         place_filter = PlaceFilter(
-            distances.shape[1], prices, design["exclusion"], usual, quiet_shift=shift,
+            distances.shape[1], prices, design["exclusion"], usual,
+            place_activity=own if design["activity_costs"] else None,
             jumps=np.array(jumps, dtype=np.int32).reshape(-1, 2), along_mm=along,
         )  # fmt: skip
         rows, late = [], []
@@ -86,7 +89,7 @@ def test_smoothing_delay_odometry_and_jumps_are_those_of_the_page(delay):
             late.append(lag.add(rows[-1], way))
         page = Drive(
             design, distances.tolist(), events.tolist(), usual, jumps,
-            () if along is None else along.tolist(), driven, shift,
+            () if along is None else along.tolist(), driven, own.tolist(),
         )  # fmt: skip
         if delay is not None:
             decided = [one for one in (*late, *lag.finish()) if one is not None]

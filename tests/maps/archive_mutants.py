@@ -54,7 +54,7 @@ VARIANTS: tuple[dict[str, object], ...] = (
     {"counter_code": "log", "counter_bits": 2, "counter_scaling": "per-pixel"},
     {"counter_code": "sqrt", "counter_bits": 4, "window": "count", "polarity": True},
     {"matching": "filter"},
-    {"matching": "filter", "counter_code": "log", "counter_scaling": "own-mean"},
+    {"matching": "filter", "counter_code": "log", "counter_scaling": "contrast"},
     {
         "matching": "filter",
         "counter_code": "log",

@@ -11,7 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import descriptors
 
-from edge_vpr.descriptors.windows import activity_of_drive, find_pauses, is_quiet
+from edge_vpr.descriptors.windows import (
+    activity_of,
+    activity_of_drive,
+    find_pauses,
+    log_activity,
+    place_activity,
+)
 from edge_vpr.errors import UsageError
 from edge_vpr.matching import drive as filtered_drive
 from edge_vpr.matching.drive import match_descriptors
@@ -19,13 +25,18 @@ from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.transitions import METRIC_TOP, TransitionCosts
 from edge_vpr.route import MOST_MM, Odometry
 from edge_vpr.settings import PRESETS, Settings
+from fixedpoint.activity import ACTIVITY_COSTS, LOG_TOP, activity_costs
 
 costs = st.builds(
     TransitionCosts,
-    forward=st.lists(st.integers(0, 6), min_size=1, max_size=5).map(tuple),
+    forward=st.none() | st.lists(st.integers(0, 6), min_size=1, max_size=5).map(tuple),
     back=st.lists(st.integers(0, 6), max_size=2).map(tuple),
     restart=st.integers(1, 40),
 )
+#: with these, a path is followed at the pace of the reference, whatever the activity
+STEADY = TransitionCosts((1, 0, 1))
+#: far below, about and above the usual number of the tests, which is 0, 100 or 3,000
+EVENTS = [0, 1, 3, 9, 12, 17, 25, 60, 90, 200, 800, 9_000, 2**23, 2**40]
 
 
 @given(
@@ -44,24 +55,28 @@ def test_metrics_answers_and_trust_equal_the_oracle(
 ):
     rng = np.random.default_rng(seed)
     distances = rng.integers(0, largest + 1, (windows, places))
-    events = rng.choice([0, 1, 3, 9, 12, 90, 200], windows)
+    events = rng.choice(EVENTS, windows)
     pairs = random_jumps(rng, places, jumps)
     along, travelled = random_ways(rng, places, windows, spacing)
-    found = PlaceFilter(places, costd, exclusion, mean_activity, jumps=pairs, along_mm=along)
+    seen = rng.integers(-128, 128, places).astype(np.int32)
+    found = PlaceFilter(
+        places, costd, exclusion, mean_activity, place_activity=seen, jumps=pairs, along_mm=along
+    )
     told = naive.place_filter(
         distances.tolist(), events.tolist(), costd.forward, costd.back, costd.restart,
         exclusion, mean_activity, jumps=pairs.tolist(),
-        along=[] if along is None else along.tolist(), travelled=travelled,
+        along=[] if along is None else along.tolist(), travelled=travelled, places=seen.tolist(),
     )  # fmt: skip
     for row, count, way, (metric, best, second, trust) in zip(
         distances, events, travelled, told, strict=True
     ):
         if way is not None:
             found.predict_travelled(way)
+        found.answer(row, int(rng.choice(EVENTS)))  # fewer events so far, or more
         before = found.answer(row, int(count))
         answer = found.update(row, int(count))
         assert before == answer  # asking changes nothing, and tells what advancing will
-        assert found.metric.tolist() == metric
+        assert found.state.metric.tolist() == metric
         assert (answer.place, answer.second, answer.trust) == (best, second, trust)
         assert answer.ties == metric.count(metric[best]) - 1
         assert max(metric) <= METRIC_TOP
@@ -70,10 +85,10 @@ def test_metrics_answers_and_trust_equal_the_oracle(
 def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
     distances = np.array([[0, 10**6, 0, 0], [9, 5, 40, 7], [9, 5, 40, 7]])
     found = PlaceFilter(4, TransitionCosts())
-    told = naive.place_filter(distances.tolist(), [50] * 3, (1, 0, 1), (), 16, 3, 0)
+    told = naive.place_filter(distances.tolist(), [50] * 3, None, (), 16, 3, 0)
     for row, (metric, best, _, trust) in zip(distances, told, strict=True):
         answer = found.update(row, 50)
-        assert found.metric.tolist() == metric
+        assert found.state.metric.tolist() == metric
         assert (answer.place, answer.trust) == (best, trust)
     assert len(set(told[1][0])) > 1  # evidence counted, though the window before had none
 
@@ -94,7 +109,8 @@ def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
     """Smoothed whole, or as far as the windows go that a match waits for."""
     rng = np.random.default_rng(seed)
     reference, queries = (rng.integers(0, 9, (n, 3)) for n in (places, windows))
-    events = rng.choice([0, 1, 3, 9, 12, 90, 200], windows)
+    mapped = replace(descriptors(reference), selected=rng.choice(EVENTS, places))
+    events = rng.choice(EVENTS, windows)
     pairs = random_jumps(rng, places, jumps)
     along, travelled = random_ways(rng, places, windows, spacing)
     odometry = None if along is None else readings(travelled)
@@ -107,10 +123,10 @@ def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
     )  # fmt: skip
     counted = replace(descriptors(queries), selected=events)
     found = match_descriptors(
-        descriptors(reference), counted, chosen, jumps=pairs, along_mm=along, odometry=odometry
+        mapped, counted, chosen, jumps=pairs, along_mm=along, odometry=odometry
     )
     distances = [[naive.sad(p, q) for p in reference.tolist()] for q in queries.tolist()]
-    mean_activity = activity_of_drive(descriptors(reference).activity)
+    mean_activity = activity_of_drive(mapped.activity)
     ways = [] if along is None else along.tolist()
 
     def smoothed(known):
@@ -118,7 +134,7 @@ def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
         return naive.smoothed_filter(
             distances[:known], events[:known].tolist(), costd.forward, costd.back,
             costd.restart, mean_activity, pairs.tolist(), ways, travelled[:known],
-            4 if delay is None else 1,
+            place_activity(mapped.activity).tolist(),
         )  # fmt: skip
 
     told, follow, evidence = smoothed(windows)
@@ -193,29 +209,29 @@ def test_one_wrong_window_does_not_move_the_answer():
     distances = drive_through(40, path, np.random.default_rng(0))
     distances[10, 35] = 0  # for one window, another place looks best
     distances[10, 10] = 8
-    found = PlaceFilter(40, TransitionCosts())
+    found = PlaceFilter(40, STEADY)
     assert [found.update(row, 1).place for row in distances] == path
 
 
 def test_after_being_carried_off_it_finds_itself_again():
     path = [*range(15), *range(60, 80)]
-    found = PlaceFilter(100, TransitionCosts())
+    found = PlaceFilter(100, STEADY)
     distances = drive_through(100, path, np.random.default_rng(1))
     answers = [found.update(row, 1) for row in distances]
     places = [answer.place for answer in answers]
     assert places[:15] == path[:15]
     jump = next(i for i in range(15, len(path)) if places[i] == path[i])
     assert jump <= 20 and places[jump:] == path[jump:]
-    assert answers[jump].trust < answers[jump - 3].trust  # a jump is not trusted at once
+    assert answers[jump].trust < answers[14].trust  # a jump is not trusted at once
 
 
 def test_a_view_that_stays_the_same_wins_no_trust():
     """A camera that stands, off the map, may see what it saw at one place of it."""
     distances = drive_through(60, [*range(10), *([30] * 25)], np.random.default_rng(4))
-    found = PlaceFilter(60, TransitionCosts(), activity=256)
+    found = PlaceFilter(60, STEADY, mean_activity=256)
     moving = [found.update(row, 1) for row in distances[:10]]
     standing = [found.update(row, 1) for row in distances[10:]]
-    assert [match.place for match in standing[-20:]] == [30] * 20
+    assert [match.place for match in standing[-19:]] == [30] * 19
     assert max(match.trust for match in standing[3:]) < moving[-1].trust // 2
 
 
@@ -224,7 +240,7 @@ def test_a_path_along_places_that_do_not_fit_is_not_trusted():
     distances = drive_through(60, list(range(10, 30)), np.random.default_rng(5))
     distances[15:] = 20
     distances[15:, 45:50] = 20 - 12 * np.eye(5, dtype=np.int64)
-    found = PlaceFilter(60, TransitionCosts(restart=60))
+    found = PlaceFilter(60, replace(STEADY, restart=60))
     matches = [found.update(row, 1) for row in distances]
     assert [match.place for match in matches[:16]] == list(range(10, 26))
     before, past = matches[14], matches[15]
@@ -239,7 +255,7 @@ def test_a_large_margin_is_not_remembered_for_long():
         distances = np.full((9, 40), contrast)
         distances[np.arange(9), np.arange(9)] = 0
         distances[6:] = contrast  # nothing is seen any more
-        found = PlaceFilter(40, TransitionCosts(restart=250))
+        found = PlaceFilter(40, replace(STEADY, restart=250))
         falls.append([found.update(row, 1).trust for row in distances])
     assert falls[0] == falls[1] and falls[0][5] > 200
 
@@ -247,8 +263,8 @@ def test_a_large_margin_is_not_remembered_for_long():
 def test_steps_back_are_followed_only_where_they_are_priced():
     path = [*range(10, 25), *range(24, 5, -1)]
     distances = drive_through(40, path, np.random.default_rng(2), noise=8)
-    forward = PlaceFilter(40, TransitionCosts(restart=60))
-    both = PlaceFilter(40, TransitionCosts(back=(0,), restart=60))
+    forward = PlaceFilter(40, replace(STEADY, restart=60))
+    both = PlaceFilter(40, replace(STEADY, back=(0,), restart=60))
     assert [both.update(row, 1).place for row in distances] == path
     assert [forward.update(row, 1).place for row in distances] != path
 
@@ -257,7 +273,7 @@ def test_while_the_camera_stands_the_answer_stays():
     rng = np.random.default_rng(3)
     moving = drive_through(50, list(range(10)), rng)
     standing = rng.integers(0, 3, (6, 50))  # without events all places look alike
-    found = PlaceFilter(50, TransitionCosts(), activity=activity_of_drive(np.full(50, 160)))
+    found = PlaceFilter(50, TransitionCosts(), mean_activity=activity_of_drive(np.full(50, 160)))
     places = [found.update(row, 160).place for row in moving]
     assert places == list(range(10))
     assert [found.update(row, 9).place for row in standing] == [9] * 6
@@ -265,21 +281,58 @@ def test_while_the_camera_stands_the_answer_stays():
     assert [found.update(row, 160).place for row in after] == list(range(10, 15))
 
 
-def test_a_quiet_window_has_less_than_an_eighth_of_the_usual_events():
-    assert [is_quiet(events, 256 * 160) for events in (20, 19, 0)] == [False, True, True]
-    assert is_quiet(0, 0) and not is_quiet(1, 0)
+def test_a_stop_of_hours_without_an_event_does_not_move_the_answer():
+    """The usual number falls to 0, and a window without events must not count as usual then."""
+    found = PlaceFilter(50, TransitionCosts(), mean_activity=256 * 160)
+    for row in drive_through(50, list(range(10)), np.random.default_rng(3)):
+        found.update(row, 160)
+    hours = np.zeros((3_000, 50), dtype=np.int64)
+    rows = found.update_windows(hours, np.zeros(3_000, dtype=np.int64))
+    assert set(rows.columns[:, 0].tolist()) == {9} and found.numbers[1] == 0
 
 
-def test_in_a_quiet_window_standing_costs_nothing_and_evidence_counts():
-    """With as many events again, a step of one place is as much cheaper than standing."""
-    for events, standing, moving in ((20, 4, 0), (19, 0, 0), (9, 0, 0)):
-        found = PlaceFilter(30, TransitionCosts(), activity=256 * 160)
-        distances = np.full(30, 100)
-        distances[[5, 6]] = 0
-        found.update(distances, 160)
-        match = found.update_windows(distances[np.newaxis], np.array([events]))
-        metrics = match.metrics[0]
-        assert (metrics[5], metrics[6], metrics[7] > 0) == (standing, moving, events > 9), events
+def test_a_slower_drive_is_followed_where_all_places_look_alike():
+    """Evidence tells the first place; from there on, only the number of events does."""
+    distances = np.full((7, 50), 9)
+    distances[0] += 30 * (np.arange(50) != 4)
+    found = PlaceFilter(50, TransitionCosts(), mean_activity=256 * 160)
+    rows = found.update_windows(distances, np.array([160, 160, 160, 40, 30, 40, 160]))
+    assert rows.columns[:, 0].tolist() == [4, 5, 6, 6, 6, 6, 7]
+
+
+def test_a_place_of_few_events_is_left_as_fast_with_few():
+    """What counts is the activity against that of the place, not that of the drive."""
+    seen = np.full(50, 160)
+    seen[10:20] = 20
+    queries = np.full(30, 160)
+    queries[10:20] = 20
+    distances = np.full((30, 50), 9)
+    distances[0] += 30 * (np.arange(50) != 0)
+    found = PlaceFilter(
+        50, TransitionCosts(), mean_activity=256 * 160, place_activity=place_activity(seen)
+    )
+    assert found.update_windows(distances, queries).columns[:, 0].tolist() == list(range(30))
+
+
+@given(st.integers(0, 2**23 - 1) | st.integers(0, 400), st.integers(0, 256 * (2**23 - 1)))
+def test_the_activity_of_a_window_equals_the_oracle(events, usual):
+    assert log_activity(events) == naive.log_activity(events) <= LOG_TOP
+    assert activity_of(events, usual) == naive.activity(events, usual)
+    assert log_activity(2**23 - 1) == log_activity(2**40) == LOG_TOP
+
+
+@given(st.lists(st.integers(0, 2**24), min_size=1, max_size=20))
+def test_the_activity_of_a_place_is_a_byte(events):
+    usual = min(256 * sum(events) // len(events), 256 * (2**23 - 1)) // 256
+    expected = [
+        min(max(naive.log_activity(n) - naive.log_activity(usual), -128), 127) for n in events
+    ]
+    assert place_activity(np.array(events)).tolist() == expected
+
+
+def test_the_costs_by_activity_are_those_of_their_formula():
+    assert activity_costs().tolist() == [list(row) for row in ACTIVITY_COSTS]
+    assert [naive.step_prices(row) for row in range(17)] == activity_costs().tolist()
 
 
 def test_a_pause_has_less_than_a_sixteenth_of_the_usual_events():
@@ -304,10 +357,14 @@ def test_distances_must_be_one_a_place_and_whole():
         PlaceFilter(3, TransitionCosts()).update(np.array([0.1, 0.5, 0.2]), 1)
     with pytest.raises(UsageError, match="map of 0 places"):
         PlaceFilter(0, TransitionCosts())
+    with pytest.raises(UsageError, match="activities of 0 to 128, of shape"):
+        PlaceFilter(2, TransitionCosts(), place_activity=np.array([0, 128], dtype=np.int32))
 
 
 def test_prices_follow_the_kind_of_window_unless_they_are_given():
-    assert TransitionCosts.of(Settings()).forward == (1, 0, 1)
+    assert TransitionCosts.of(Settings()).forward is None
+    assert TransitionCosts.of(Settings()).last == 3
+    assert TransitionCosts((0,)).last == 2
     assert TransitionCosts.of(Settings(window="count")).forward == (1, 0, 0, 1)
     assert TransitionCosts.of(Settings(filter_steps=(2, 0))).forward == (2, 0)
 
@@ -320,8 +377,9 @@ def test_matches_of_a_traverse_are_those_of_the_oracle(seed, places, queries):
     found = match_descriptors(descriptors(reference), descriptors(query), chosen)
     matrix = naive.distance_matrix(query.tolist(), reference.tolist())
     told = naive.place_filter(
-        matrix, query.sum(axis=1).tolist(), (1, 0, 1), (), 16, 3,
+        matrix, query.sum(axis=1).tolist(), None, (), 16, 3,
         256 * int(reference.sum()) // places,
+        places=place_activity(reference.sum(axis=1)).tolist(),
     )  # fmt: skip
     assert found.place.tolist() == [best for _, best, _, _ in told]
     assert found.distance_sum.tolist() == [metric[best] for metric, best, _, _ in told]

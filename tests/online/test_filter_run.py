@@ -8,6 +8,7 @@ from functools import partial
 import naive
 import numpy as np
 import pytest
+from filter_oracle import begin_of, forward_costs, place_activities, running_codes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import config
@@ -30,6 +31,7 @@ CODES = [
     {},
     {"counter_code": "log", "counter_bits": 3, "counter_full_scale": 7},
     {"counter_code": "log", "counter_scaling": "own-mean"},
+    {"counter_code": "log", "counter_scaling": "contrast"},
 ]
 
 
@@ -67,10 +69,9 @@ def oracle_after_each_event(reference, events):
         counted.append(naive.lagged_counts(selected, t + 1, 1, counters, tau, n)[0])
         coded = in_code(reference, counted)
         distances = [[naive.sad(place, code) for place in places] for code in coded]
-        costs = (1, 0, 1) if tau else (1, 0, 0, 1)
         metric, best, second, trust = naive.place_filter(
-            distances, list(map(sum, counted)), costs, (), chosen.filter_restart,
-            chosen.exclusion, usual_of(reference),
+            distances, list(map(sum, counted)), forward_costs(chosen), (), chosen.filter_restart,
+            chosen.exclusion, usual_of(reference), places=place_activities(reference),
         )[-1]  # fmt: skip
         second_metric = metric[second] if second >= 0 else -1
         rows.append((t, best, metric[best], second, second_metric, sum(counted[-1]), trust))
@@ -78,7 +79,7 @@ def oracle_after_each_event(reference, events):
 
 
 def usual_of(reference):
-    return 256 * int(reference.places.selected.sum()) // len(reference)
+    return begin_of(reference).mean_activity
 
 
 def in_code(reference, counted):
@@ -89,17 +90,7 @@ def in_code(reference, counted):
     if chosen.counter_scaling == "shared":
         code = partial(naive.counter_code, "log", chosen.counter_bits, chosen.counter_full_scale)
         return [list(map(code, row)) for row in counted]
-    mean_activity, means, coded, moved = usual_of(reference), reference.mean.tolist(), [], []
-    for row in counted:
-        pairs = [
-            (c, naive.running_means([naive.log_level(m[j]) for m in moved], means[j])[-1])
-            for j, c in enumerate(row)
-        ]
-        coded.append([naive.own_mean_code(c, mean, 3, 1023) for c, mean in pairs])
-        if sum(row) and 16 * 256 * sum(row) >= mean_activity:
-            moved.append(row)
-        mean_activity += (256 * sum(row) - mean_activity) // 64
-    return coded
+    return running_codes(reference, counted, begin_of(reference))
 
 
 def without_ratio(matches):

@@ -177,15 +177,18 @@ def test_a_silence_with_more_ticks_than_the_kernel_gives_at_once_has_them_all():
 
 
 @given(
-    seed=st.integers(0, 2**32), bits=st.integers(1, 8), full_scale=st.sampled_from([1, 7, 1_023])
+    seed=st.integers(0, 2**32),
+    bits=st.integers(1, 8),
+    full_scale=st.sampled_from([1, 7, 1_023]),
+    contrast=st.booleans(),
 )
 @settings(max_examples=20)
-def test_codes_are_written_in_place_as_they_are_tabulated(seed, bits, full_scale):
-    code = OwnMeanCode(bits, full_scale)
-    mean = np.random.default_rng(seed).integers(0, 4_000, 6).astype(np.int32)
-    written = np.full((6, full_scale + 1), 999, dtype=np.uint16)
-    write_codes(code.levels, mean, bits, written)
-    assert np.array_equal(written, code.tables(mean))
+def test_codes_are_written_in_place_as_windows_are_coded(seed, bits, full_scale, contrast):
+    code, rng = OwnMeanCode(bits, full_scale, contrast), np.random.default_rng(seed)
+    counts, mean = rng.integers(0, 2_000, 6), rng.integers(0, 4_000, 6).astype(np.int32)
+    written = np.full(6, 999, dtype=np.int64)
+    write_codes(counts, code.levels.copy(), mean, contrast, bits, written)
+    assert written.tolist() == code.encode(counts, mean).tolist()
 
 
 def test_the_cache_of_a_kernel_names_no_class_of_its_state():

@@ -395,7 +395,7 @@ def test_by_default_the_place_filter_matches_offline_and_online_alike(drive, cap
     mapped, query = str(tmp_path / "map.npz"), str(drive / "query.npz")
     assert main(["map", str(drive / "reference.npz"), "-o", mapped, *flags]) == 0
     settings = ReferenceMap.load(mapped).settings
-    assert (settings.matching, settings.counter_scaling) == ("filter", "own-mean")
+    assert (settings.matching, settings.counter_scaling) == ("filter", "contrast")
     whole, live = tmp_path / "whole", tmp_path / "live"
     assert (
         main(["match", mapped, query, "-o", str(whole), "--query-mean", "running", "--no-smooth"])

@@ -416,9 +416,10 @@ def test_instructions_of_the_filter_are_predicted_within_a_tenth(target, tmp_pat
     rng = np.random.default_rng(12)
     for seed in range(8):
         design = Design(
-            width=64, height=64, pixels=int(rng.integers(10, 300)), code="own-mean",
+            width=64, height=64, pixels=int(rng.integers(10, 300)),
+            code=("own-mean", "contrast")[seed % 2], activity_costs=seed % 2 == 1,
             places=int(rng.integers(30, 50)), code_bits=int(rng.integers(1, 5)),
-            matching="filter", steps=(1, 0, 0, 1)[: 3 + seed % 2], keep_distances=seed % 4 < 2,
+            matching="filter", keep_distances=seed % 4 < 2,
         )  # fmt: skip
         counted = emulation.count(target, elf, design, seed)
         told = emulation.predict(design, target.name)
@@ -436,14 +437,22 @@ def test_counts_of_a_filter_by_hand():
     # 12 of distances, 3 of deviations; 9 in distances, 2 + 2 in sums over places, two each of the
     # 5 steps that lead from a place to a place, and two a place for the evidence
     assert (work.absolute_differences, work.additions) == (12 + 3, 9 + 4 + 2 * 5 + 2 * 3)
-    # the least distance, prices, two limits and three of the search a place, and the acceptance
-    assert (work.comparisons, work.multiplications) == (2 + 5 + 6 + 9 + 1, 3)
+    # the least distance, prices, two limits and three of the search a place, and the acceptance;
+    # the evidence and its weight
+    assert (work.comparisons, work.multiplications) == (2 + 5 + 6 + 9 + 1, 3 + 3)
+    # two steps more lead to one place and to none; the row of costs is a difference of two limits
+    by_activity = counts.match_work(replace(design, activity_costs=True, steps=()))
+    assert by_activity.additions == work.additions + 2 * 1 + 3
+    assert by_activity.comparisons == work.comparisons + 1 + 2 * 3
+    assert by_activity.traffic["place_activity"].reads == 3
     assert (work.traffic["metric"].reads, work.traffic["distance"].writes) == (3, 3)
     twice = counts.match_work(replace(design, keep_distances=False))
     assert twice.absolute_differences == 24 + 3 and "distance" not in twice.traffic
     assert twice.traffic["places"].reads == 2 * work.traffic["places"].reads == 12
     own = replace(design, code="own-mean", full_scales=(0,))
     assert counts.window_work(own).traffic["mean"].writes == 4
+    contrast = counts.window_work(replace(own, code="contrast"))
+    assert contrast.additions == counts.window_work(own).additions + 2 * 4
 
 
 def test_instructions_agree_with_the_table_beside_the_sources():
@@ -461,7 +470,7 @@ def test_instructions_agree_with_the_table_beside_the_sources():
         ):
             assert emulation.predict(design, core).match == pytest.approx(int(row[name]), rel=0.1)
         own = emulation.predict(FILTER, core).window
-        assert own == pytest.approx(int(row["own_mean_window_end"]), rel=0.1)
+        assert own == pytest.approx(int(row["contrast_window_end"]), rel=0.1)
         each = instructions_of(DESIGN, core, replace(RATE, events_per_call=10**9))
         assert round(each["selected event"]) == int(row["event_selected"])
         assert firmware()[core].stack_bytes == int(row["stack_bytes"])
@@ -528,11 +537,11 @@ def test_the_answer_comes_first(capsys):
         assert main([*own, *flags]) == 0
         shown = capsys.readouterr().out
         filters, sequences = rows_of(shown)
-        assert filters[1].startswith("83 px, 3 bits own-mean, ") and "filter" in filters[1]
+        assert filters[1].startswith("83 px, 3 bits contrast, ") and "filter" in filters[1]
         assert "3 bits log, " in sequences[1] and sequences[1].endswith("sequences of 5")
         assert filters[-1] == over
         assert "accuracy is not estimated" in shown.partition("\u250f")[2].rpartition("\u2514")[0]
-        assert "83 pixels, 3 bits (own-mean)" in shown
+        assert "83 pixels, 3 bits (contrast)" in shown
     # one way of matching if the user chooses it
     for flags, by in (
         (["--matching", "filter"], "filter"), (["-L", "7"], "sequences of 7"),
@@ -561,8 +570,11 @@ def test_the_default_design_is_that_of_the_default_settings():
     design = design_and_mission(parsed(["estimate"]))[0]
     default = PRESETS["default"]
     assert (design.pixels, design.code_bits) == (default.pixels, default.counter_bits)
-    assert (design.matching, design.own_mean) == (default.matching, True)
-    assert design.steps == TransitionCosts.of(default).forward
+    assert (design.matching, design.code) == (default.matching, default.counter_scaling)
+    assert design.activity_costs and TransitionCosts.of(default).forward is None
+    by_count = design_and_mission(parsed(["estimate", "--window-events", "450"]))[0]
+    assert by_count.steps == TransitionCosts.of(replace(default, window="count")).forward
+    assert (design.restart, by_count.restart) == (default.filter_restart,) * 2
 
 
 def test_the_energy_of_a_match_is_one_number(capsys, tmp_path):
@@ -589,7 +601,7 @@ def test_distances_are_kept_where_the_memory_allows(capsys, tmp_path):
     """2 bytes of RAM a place, for 0.6 of the search; a file of a design says which."""
     out = tmp_path / "estimate.json"
     found = {}
-    for name, flags in (("kept", []), ("twice", ["--fit", "175.5KiB"])):
+    for name, flags in (("kept", []), ("twice", ["--fit", "178.5KiB"])):
         assert main(["estimate", "--target", "cortex-m4", *flags, "--json", str(out)]) == 0
         found[name] = json.loads(out.read_text())["targets"]["Cortex-M4"]
         assert ("computed twice" in capsys.readouterr().out) == (name == "twice")
@@ -958,7 +970,7 @@ def test_the_default_is_recommended_where_it_is_better(tmp_path, capsys, monkeyp
     assert main([*rover, "--accuracy-on", "simulated", "--target", "ice40up5k"]) == 0
     told = json.loads(out.read_text())["answers"]
     chosen = told["recommended"]["iCE40UP5K"]["design"]
-    assert (chosen["design"]["matching"], chosen["design"]["code"]) == ("filter", "own-mean")
+    assert (chosen["design"]["matching"], chosen["design"]["code"]) == ("filter", "contrast")
     assert chosen["design"]["keep_distances"]
     sequences = [
         one for one in told["candidates"]["iCE40UP5K"] if one["design"]["matching"] == "sequence"

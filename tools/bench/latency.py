@@ -66,12 +66,12 @@ def row(name: str, reference: ReferenceMap, events: Events, chunk: int) -> tuple
 
 
 def filtered() -> ReferenceMap:
-    """Return the map of counts as the place filter has it, in own-mean codes."""
+    """Return the map of counts as the place filter has it, in contrast codes."""
     counted = scene(PLACES).reference
     chosen = counted.settings.replaced(
         {
             "matching": "filter", "query_mean": "running",
-            "counter_code": "log", "counter_scaling": "own-mean",
+            "counter_code": "log", "counter_scaling": "contrast",
         },
         "latency",
     )  # fmt: skip
@@ -136,7 +136,7 @@ def main(folder: str | None = None) -> None:
     """Print the tables, and write them to a folder."""
     events = stream()
     maps = {f"sequences, L = {length}": scene(PLACES, length).reference for length in (1, 5)}
-    maps["place filter, own-mean codes"] = filtered()
+    maps["place filter, contrast codes"] = filtered()
     rows = {
         "latency-chunks": [
             row(name, reference, events, chunk)

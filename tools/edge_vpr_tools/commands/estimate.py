@@ -30,7 +30,7 @@ DESIGN_FLAGS = {
     "pixels": 150,
     "matching": "filter",
     "sequence_length": 0,
-    "counter_code": "own-mean",
+    "counter_code": "contrast",
     "counter_bits": 3,
     "polarity": False,
     "tau": "1s",
@@ -69,8 +69,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     design.add_argument(
         "--counter-code", metavar="KIND",
-        help="code of the counters: linear, sqrt, log or own-mean (default: own-mean, or log with "
-        "sequences)",
+        help="code of the counters: linear, sqrt, log, own-mean or contrast (default: contrast, or "
+        "log with sequences)",
     )  # fmt: skip
     design.add_argument(
         "--counter-bits", type=int, metavar="B", help=f"bits per code {_default('counter_bits')}"
@@ -336,6 +336,8 @@ def _places(args: argparse.Namespace) -> int | None:
 
 def _of_flags(args: argparse.Namespace, places: int) -> Design:
     from edge_vpr.events import Sensor
+    from edge_vpr.matching.transitions import TransitionCosts
+    from edge_vpr.settings import PRESETS
     from firmware_model.model.design import Design
 
     flags: dict[str, Any] = {}
@@ -348,9 +350,12 @@ def _of_flags(args: argparse.Namespace, places: int) -> Design:
     if args.counter_code is None and by_sequences:
         flags["counter_code"] = "log"
     sensor = Sensor.parse(flags["sensor"])
-    by_count = {}
+    # as the default settings have for each kind of window
+    of_window: dict[str, Any] = {"activity_costs": flags["matching"] == "filter"}
     if flags["window_events"] is not None:
-        by_count = {"window": "count", "window_events": flags["window_events"]}
+        by_count = replace(PRESETS["default"], window="count")
+        count = {"window": "count", "window_events": flags["window_events"]}
+        of_window = count | {"steps": TransitionCosts.of(by_count).forward}
     return Design.from_dict(
         {
             "width": sensor.width,
@@ -366,7 +371,7 @@ def _of_flags(args: argparse.Namespace, places: int) -> Design:
             "lanes": args.lanes,
             # as a map of this design has, see `of_map.design_of`
             "accept": "ratio" if by_sequences else "margin",
-            **by_count,
+            **of_window,
         },
         "the command line",
     )
@@ -392,7 +397,7 @@ def sequences_beside(args: argparse.Namespace, design: Design) -> Design | None:
     windows = "count" if args.accuracy_on is not None else design.window
     return replace(
         design, matching="sequence", length=0, code="log", full_scales=(0,), accept="ratio",
-        window=windows,
+        window=windows, activity_costs=False,
     )  # fmt: skip
 
 

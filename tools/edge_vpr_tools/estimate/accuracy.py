@@ -161,7 +161,7 @@ def _draw(drives: Drives, design: Design, pixels: int, seed: int) -> Iterator[_R
     }
     if design.filters:
         changes |= {
-            "filter_steps": design.steps,
+            "filter_steps": None if design.activity_costs else design.steps,
             "filter_back": design.back,
             "filter_restart": max(design.restart, 1),
         }
@@ -174,7 +174,7 @@ def _draw(drives: Drives, design: Design, pixels: int, seed: int) -> Iterator[_R
     truth = drives.truth_of(mapped.places.centre_us, queries.centre_us)
     code = {
         "counter_code": "log" if design.own_mean else design.code,
-        "counter_scaling": "own-mean" if design.own_mean else "shared",
+        "counter_scaling": design.code if design.own_mean else "shared",
     }
     for bits in BITS:
         coded = mapped.settings.replaced(code | {"counter_bits": bits}, "the design")

@@ -23,11 +23,13 @@ from firmware_model.emulation.build import EMULATED, Target, build
 from firmware_model.emulation.emulator import Emulator
 from firmware_model.emulation.instructions import FirmwareRun, compiler
 from firmware_model.image import stride
+from firmware_model.model.design import ACTIVITY_COSTS
 
 SCALING = Path(__file__).parent / "scaling.csv"
 
 _WINDOW = ("window_call", "window_per_slot")
 _OWN_WINDOW = ("own_mean_call", "own_mean_per_slot")
+_CONTRAST_WINDOW = ("contrast_call", "contrast_per_slot")
 _MATCH = (
     "match_call",
     "match_per_place",
@@ -46,7 +48,7 @@ _KEPT, _TWICE = (
             "per_place",
             "per_16_bytes",
             "per_16_bytes_left_over",
-            "per_place_of_four_steps",
+            "per_place_by_activity",
             "per_place_of_other_steps",
             "per_other_step",
             "per_step_back",
@@ -54,7 +56,8 @@ _KEPT, _TWICE = (
     )
     for name in ("kept", "twice")
 )
-_GROUPS = (_WINDOW, _OWN_WINDOW, _MATCH, _KEPT, _TWICE)
+_WINDOWS = (_WINDOW, _OWN_WINDOW, _CONTRAST_WINDOW)
+_GROUPS = (*_WINDOWS, _MATCH, _KEPT, _TWICE)
 
 #: sizes that change apart from one another, so that no coefficient hides behind another
 FITTED_ON = tuple(
@@ -81,17 +84,20 @@ FITTED_ON = tuple(
 )
 
 
-#: the same for the filter: sizes, and prices of steps forward and back
+#: the same for the filter: sizes, and prices of steps forward, none of which are by activity, and
+#: back
 _FILTERS = tuple(
     Design(
-        width=64, height=64, pixels=pixels, places=places, code="own-mean", code_bits=4,
-        matching="filter", steps=(1,) * steps, back=(2,) * back, keep_distances=keep,
+        width=64, height=64, pixels=pixels, places=places, code_bits=4, matching="filter",
+        code="own-mean" if steps else "contrast", activity_costs=steps == 0, steps=(1,) * steps,
+        back=(2,) * back, keep_distances=keep,
     )
     for keep in (True, False)
     for pixels, places, steps, back in (
         (16, 20, 3, 0), (150, 20, 3, 0), (40, 60, 3, 0), (64, 90, 4, 0), (25, 40, 4, 0),
         (100, 30, 3, 0), (208, 24, 3, 0), (40, 30, 5, 0), (64, 40, 8, 2), (16, 60, 3, 1),
-        (150, 24, 6, 4), (250, 40, 2, 0),
+        (150, 24, 6, 4), (250, 40, 2, 0), (16, 24, 0, 0), (150, 20, 0, 0), (40, 60, 0, 0),
+        (208, 30, 0, 0), (64, 90, 0, 0), (40, 30, 0, 2),
     )
 )  # fmt: skip
 
@@ -135,7 +141,7 @@ def fit(designs: Sequence[Design], counted: Sequence[Counted]) -> dict[str, floa
     """Solve for the coefficients by least squares of the relative errors."""
     found: dict[str, float] = {}
     for group in _GROUPS:
-        window = group in (_WINDOW, _OWN_WINDOW)
+        window = group in _WINDOWS
         pairs = [
             (_window_terms(d) if window else _match_terms(d), c.window if window else c.match)
             for d, c in zip(designs, counted, strict=True)
@@ -179,7 +185,7 @@ def predict(design: Design, core: str) -> Counted:
 
 def _groups(design: Design) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Name the coefficients of the design's windows and matches."""
-    window = _OWN_WINDOW if design.own_mean else _WINDOW
+    window = _WINDOWS[design.own_mean + design.contrast]
     if design.filters:
         return window, _KEPT if design.keep_distances else _TWICE
     return window, _MATCH
@@ -207,16 +213,17 @@ def _match_terms(design: Design) -> tuple[int, ...]:
 
 
 def _filter_terms(design: Design, rows: int) -> tuple[int, ...]:
-    places, others = design.places, len(design.steps) > 4 or len(design.back) > 0
+    forward = len(ACTIVITY_COSTS[0]) if design.activity_costs else len(design.steps)
+    places, others = design.places, forward > 4 or len(design.back) > 0
     return (
         1,
         places,
         places * rows,
         places * (rows % 4),
-        # as many as stay in registers; others take a loop
-        places * (len(design.steps) == 4 and not others),
+        places * design.activity_costs,
+        # up to four steps forward are at hand; others take a loop
         places * others,
-        places * others * (len(design.steps) + len(design.back)),
+        places * others * (forward + len(design.back)),
         places * len(design.back),
     )
 

@@ -139,11 +139,12 @@ def event_work(design: Design, selected: bool) -> Work:
 def window_work(design: Design) -> Work:
     """Count what the end of a window does: code, and clear, every counter.
 
-    Of own-mean codes the difference to the mean and the mean's own step, and both limits.
+    Of own-mean codes the difference to the mean and the mean's own step, and both limits; of
+    contrast codes also the sum of the differences, and each less their mean.
     """
     own = design.slots if design.own_mean else 0
     return Work(
-        additions=3 * own,
+        additions=3 * own + (2 * own if design.contrast else 0),
         comparisons=2 * own,
         traffic=_traffic(
             design,
@@ -152,6 +153,7 @@ def window_work(design: Design) -> Work:
             code=(design.slots, 0),
             query=(0, design.words),
             mean=(own, own),
+            deviation=(own, own) if design.contrast else (0, 0),
         ),
     )
 
@@ -184,6 +186,7 @@ def _filter_traffic(design: Design) -> dict[str, Traffic]:
         places=(words, 0),
         # those of the steps' other places are at hand
         metric=(places, places),
+        place_activity=(places if design.activity_costs else 0, 0),
         distance=(kept, kept),
         delay=(max(0, places - design.exclusion - 1), places),
     )
@@ -235,6 +238,7 @@ def flash_bytes(design: Design) -> int:
         design.places * stride(design),
         2 * len(prices(design)),
         2 * design.slots if design.own_mean else 0,
+        design.places if design.activity_costs else 0,
     )
     return HEADER_WORDS * 4 + sum(-(-size // ALIGNMENT) * ALIGNMENT for size in tables)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from edge_vpr.descriptors.windows import activity_of_drive, narrow
+from edge_vpr.descriptors.windows import activity_of_drive, narrow, place_activity
 from edge_vpr.matching.transitions import TransitionCosts
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model.errors import DesignError
@@ -37,7 +37,7 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         )
     code, bits, full_scales = _code_of(reference)
     filters = settings.matching == "filter"
-    prices = TransitionCosts.of(settings) if filters else TransitionCosts()
+    prices = TransitionCosts.of(settings)
     return Design(
         width=reference.pixel_map.sensor.width,
         height=reference.pixel_map.sensor.height,
@@ -52,7 +52,8 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         places=len(reference),
         matching=settings.matching,
         length=0 if filters else settings.sequence_length,
-        steps=prices.forward,
+        activity_costs=filters and prices.forward is None,
+        steps=prices.forward or (),
         back=prices.back,
         restart=prices.restart,
         lanes=lanes,
@@ -70,7 +71,7 @@ def memories_of(reference: ReferenceMap, design: Design) -> Memories:
     design : Design
         Of this map.
     """
-    places, tables = reference.places.counts, None
+    places, events, tables = reference.places.counts, reference.places.activity, None
     if not design.own_mean:
         codes = device_codes(reference)
         tables = codes.row.tolist()
@@ -83,7 +84,8 @@ def memories_of(reference: ReferenceMap, design: Design) -> Memories:
         places.tolist(),
         tables,
         mean=None if reference.mean is None else reference.mean.tolist(),
-        activity=activity_of_drive(reference.places.activity) if adaptive else 0,
+        activity=activity_of_drive(events) if adaptive else 0,
+        place_activity=place_activity(events).tolist() if design.activity_costs else None,
     )
 
 
@@ -91,7 +93,7 @@ def _code_of(reference: ReferenceMap) -> tuple[DeviceCode, int, tuple[int, ...]]
     """Return kind, bits and full scales of the codes."""
     own = reference.own_mean_code
     if own is not None:
-        return "own-mean", own.bits, (own.full_scale,)
+        return "contrast" if own.contrast else "own-mean", own.bits, (own.full_scale,)
     codes = device_codes(reference).codes
     return codes[0].kind, codes[0].bits, tuple(code.full_scale for code in codes)
 

@@ -36,7 +36,8 @@ _FILTER = {"matching": "filter", "anchor": "end", "score": None}
 _SMOOTH = {"smooth": True}
 _LOG = {"counter_code": "log", "score": None}
 _OWN = {**_LOG, "counter_scaling": "own-mean"}
-_ROBOT = {**_FILTER, **_OWN, "query_mean": "running"}
+_CONTRAST = {**_LOG, "counter_scaling": "contrast"}
+_ROBOT = {**_FILTER, **_CONTRAST, "query_mean": "running"}
 VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "sequences of 5, counts (the paper)": {"sequence_length": 5},
     "sequences of 5, 3-bit log": {**_LOG, "sequence_length": 5},
@@ -45,18 +46,21 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "place filter, counts": _FILTER,
     "place filter, 3-bit log": {**_FILTER, **_LOG},
     "place filter, own mean": {**_FILTER, **_OWN},
+    "place filter, contrast": {**_FILTER, **_CONTRAST},
+    "place filter, contrast, steps 1,0,1": {**_FILTER, **_CONTRAST, "filter_steps": (1, 0, 1)},
     "place filter, running mean (robot)": _ROBOT,
     "place filter, running mean (robot), 4 windows late": {**_ROBOT, "delay": 4},
-    "place filter, own mean, smoothed (default)": {**_FILTER, **_OWN, **_SMOOTH},
+    "place filter, contrast, smoothed (default)": {**_FILTER, **_CONTRAST, **_SMOOTH},
 }
-BEST = "place filter, own mean, smoothed (default)"
+BEST = "place filter, contrast, smoothed (default)"
 ROBOT = "place filter, running mean (robot)"
 SCORES: tuple[Score, ...] = ("distance", "ratio", "margin", "trust")
 #: values of the sensitivity plot, around the default
 SWEEPS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
-    "cost of a restart": {str(p): {"filter_restart": p} for p in (8, 12, 16, 24, 32, 64)},
+    "cost of a restart": {str(p): {"filter_restart": p} for p in (8, 12, 16, 24, 40, 64)},
     "cost of standing and of double pace": {
-        str(p): {"filter_steps": (p, 0, p)} for p in (0, 1, 2, 3, 4)
+        "by activity": {},
+        **{str(p): {"filter_steps": (p, 0, p)} for p in (0, 1, 2, 3, 4)},
     },
     "bits of a code": {str(bits): {"counter_bits": bits} for bits in (2, 3, 4, 5)},
 }
@@ -249,7 +253,7 @@ def _right_and_recall(found: Sequence[Evaluation]) -> str:
 
 def started(drives: Mapping[str, Sequence[Counted]]) -> str:
     """Return P@100R without the first and last windows as a Markdown table."""
-    names = ("sequences of 10, own mean", "place filter, own mean", BEST)
+    names = ("sequences of 10, own mean", "place filter, contrast", BEST)
     rows = [
         [
             pair,

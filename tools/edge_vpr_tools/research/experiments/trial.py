@@ -23,7 +23,7 @@ from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.research.baselines import map_all_pixels
 from edge_vpr_tools.research.baselines.baseline import fastest
 
-#: matching of the default: the place filter with own-mean codes
+#: matching of the default: the place filter with contrast codes
 DEFAULT_MATCHING = {
     name: getattr(PRESETS["default"], name)
     for name in ("matching", "smooth", "counter_code", "counter_scaling", "anchor", "score")

@@ -1,0 +1,65 @@
+"""Activity of a window: the logarithm of its events, and the costs of steps that follow from it.
+
+A camera that moves slowly sees fewer events. The activity of a window, less that of a place, is
+therefore a measure of the speed there, relative to the reference drive.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+#: number of logarithms in an octave
+PARTS = 16
+#: largest number of events of a window: larger ones saturate
+EVENTS_TOP = (1 << 23) - 1
+#: largest logarithm: 9 bits
+LOG_TOP = 23 * PARTS
+#: activity of a place against the mean of the reference: 8 bits with sign
+PLACE_LOW, PLACE_HIGH = -128, 127
+
+#: cost of a step of 0, 1, 2 and 3 places, in units of 1/4: a row for each half octave of a window's
+#: activity less that of the place that is reached, from -6 to 2 octaves; see `activity_costs`
+ACTIVITY_COSTS = (
+    (4, 24, 47, 71), (4, 22, 43, 66), (4, 20, 39, 61), (4, 17, 36, 57), (4, 15, 32, 52),
+    (4, 12, 28, 48), (4, 10, 24, 43), (4, 7, 20, 38), (4, 5, 17, 34), (4, 3, 13, 30),
+    (5, 1, 10, 26), (7, 0, 8, 22), (9, 0, 6, 20), (11, 0, 5, 18), (15, 1, 5, 17),
+    (19, 3, 5, 16), (22, 4, 4, 15),
+)  # fmt: skip
+#: a row of `ACTIVITY_COSTS` spans ``2**ROW_BITS`` parts of an octave; the row of equal activity
+ROW_BITS, SAME_ROW = 3, 12
+#: evidence has no weight up to this activity, and all of it, ``2**WEIGHT_BITS``, an octave above
+WEIGHT_FROM, WEIGHT_BITS = -3 * PARTS, 3
+
+
+def least_events() -> npt.NDArray[np.int64]:
+    """Return the least number of events whose logarithm is 1, 2 ... `LOG_TOP`.
+
+    The logarithm of n events is ``floor(16 log2(1 + n))``, which is the number of entries that are
+    n or less.
+    """
+    # ceil(2**(j / 16)) - 1: four square roots, each rounded up
+    found = []
+    for j in range(1, LOG_TOP + 1):
+        root = 1 << j
+        for _ in range(4):
+            root = math.isqrt(root - 1) + 1
+        found.append(root - 1)
+    return np.array(found, dtype=np.int64)
+
+
+def activity_costs() -> npt.NDArray[np.int64]:
+    """Compute `ACTIVITY_COSTS` from the shares of steps, and from the speed that each stands for.
+
+    A step of i places costs ``-ln(share)``, and that of a normal distribution: the logarithm of the
+    activity has a standard deviation of 1.2 octaves around that of i, or of 0.3 for standing. The
+    cheapest step of a row costs at most 1.
+    """
+    octaves = np.arange(len(ACTIVITY_COSTS)) / 2 - SAME_ROW / 2
+    steps, share = np.array([0.3, 1.0, 2.0, 3.0]), np.array([0.2, 0.6, 0.19, 0.01])
+    off = octaves[:, None] - np.log2(steps)
+    cost = off**2 / (2 * 1.2**2) - np.log(share)
+    least = cost.min(axis=1, keepdims=True)
+    return np.rint(4 * (cost - least + np.minimum(least - least.min(), 1))).astype(np.int64)
