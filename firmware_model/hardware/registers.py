@@ -38,9 +38,7 @@ class Register(NamedTuple):
 REGISTERS = (
     Register("ID", 0x00, "read", f"{ID_VALUE:#x}"),
     Register("DESIGN", 0x04, "read", "CRC-32 of the design's file: is the map of this design?"),
-    Register(
-        "CONTROL", 0x08, "write", "bit 0: restart, with the start below; loaded places are kept"
-    ),
+    Register("CONTROL", 0x08, "write", "bit 0: restart at the start below; places are kept"),
     Register(
         "STATUS",
         0x0C,
