@@ -370,8 +370,9 @@ static uint32_t misfit_of(const vpr_design_t *d, const vpr_state_t *s, const sca
                           uint32_t place)
 {
     const uint32_t distance = sad(s->query, &d->places[place * d->stride], d->stride);
-    const uint32_t scaled = ((distance - scale->nearest) * scale->reciprocal) >> EVIDENCE_SHIFT;
-    return (scaled * scale->weight) >> WEIGHT_BITS;
+    return ((((distance - scale->nearest) * scale->reciprocal) >> EVIDENCE_SHIFT) *
+            scale->weight) >>
+           WEIGHT_BITS;
 }
 
 /* Trust the match by its margin, and by those before it as long as it follows from them; less what

@@ -297,7 +297,7 @@ class Design(DesignFile):
     activity_costs: bool = False
     steps: tuple[int, ...] = ()
     back: tuple[int, ...] = ()
-    restart: int = 40
+    restart: int = 16
     keep_distances: bool = False
     lanes: int = 8
     exclusion: int = 3

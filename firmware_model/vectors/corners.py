@@ -603,6 +603,7 @@ def filter_cases(design: Design) -> list[Case]:
     return [
         *(drive(name, variant, route) for name, (variant, route) in _routes(plain).items()),
         *_pauses(plain),
+        *_limits(replace(adaptive, exclusion=1)),
         *_thresholds(plain),
         *_means(adaptive),
         *_contrasts(contrast),
@@ -719,11 +720,14 @@ def _pauses(design: Design) -> list[Case]:
         # in a pause, a restart for nothing leads to the first place
         free = replace(forward, restart=0)
         cases.append(drive("pauses_of_free_restart", free, route))
-    return cases + _limits(forward)
+    return cases
 
 
 def _limits(design: Design) -> list[Case]:
-    """Make the cases with windows that have just enough events, and just too few."""
+    """Make the cases with windows that have just enough events, and just too few.
+
+    Evidence has no weight in either, but the means move in the first alone.
+    """
     every = list(range(design.places))
     at = _activity_at_limit(design, 6)
     # the first window, whose usual number is the initial one
@@ -736,8 +740,8 @@ def _limits(design: Design) -> list[Case]:
         drive("busy_at_threshold", design, every, None, at - 1),
         # usual events whose lowest bits are not 0, but whose lowest bit is
         drive("pause_by_two", design, every, None, _activity_at_limit(design, 6, above=2)),
-        drive("first_busy", design, every[:3], None, at_first),
-        drive("first_pauses", design, every[:3], None, at_first + 1),
+        drive("first_busy", design, every, None, at_first),
+        drive("first_pauses", design, every, None, at_first + 1),
         drive(
             "pause_by_eight_events", design, every, None,
             _activity_at_limit(design, 6, above=8 << ACTIVITY_BITS),
@@ -848,7 +852,8 @@ def _weights_of_far_places(design: Design) -> Case:
         numbers = range(_APART_COUNT, 4 * _APART_EVENTS)
         shown.append(next(n for n in numbers if weight_of(usual.relative(n)) == weight))
         usual.update(shown[-1])
-    memories = _place_apart(replace(design, exclusion=4), 0, {})
+    # a place may cost more than 8 bits hold
+    memories = _place_apart(replace(design, exclusion=4, restart=254), 0, {})
     return _numbers("weights_of_far_places", memories, shown)
 
 

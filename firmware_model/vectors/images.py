@@ -182,11 +182,11 @@ def _many(steps: int, back: int) -> Draft:
 
 
 def _cut_means() -> bytes:
-    """Cut the image off after the first 32 bytes of its means."""
+    """Cut the image off after the first 32 bytes of its means, where no activities begin."""
     draft = adaptive(pixels=11, code_bits=2, lookup_depth=32)
     whole = draft.pack()
     cut = draft.words[Word.MEAN_TABLE] + 32
-    draft.header(bytes=cut)
+    draft.header(bytes=cut, place_activity_table=cut)
     return draft.raw(whole[HEADER_WORDS * 4 : cut])
 
 
