@@ -227,7 +227,7 @@ COLUMNS = (
     "sequences of 10, own mean",
     "place filter, running mean (robot)",
     "place filter, running mean (robot), 4 windows late",
-    "place filter, own mean, smoothed (default)",
+    "place filter, contrast, smoothed (default)",
 )
 
 
