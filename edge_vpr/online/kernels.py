@@ -330,24 +330,28 @@ def age(time, slot, bound, moves, totals, tau, n, until):
 
 
 @kernel(inline="always")
-def note_steps(column, less, more, up, slot, arrivals, expiries, totals, counters, arrays):
-    """Note that a counter's code has changed between `less` and `more`, up (1) or down (-1).
+def note_steps(slot, column, before, now, noted, totals, counters, arrays):
+    """Note the steps from one code of a counter to another.
 
     Parameters
     ----------
+    slot : int
     column : int
         Of the lag, counted from the oldest.
-    arrivals, expiries : int
-        Steps that are noted already.
+    before, now : int
+    noted : tuple of int
+        Steps up and steps down that are noted already.
     arrays : tuple
         `columns`, `sums` and `steps` of `SlidingWindows`.
 
     Returns
     -------
-    arrivals, expiries : int
+    tuple of int
+        As `noted`.
     """
-    total, (columns, sums, steps) = totals[0], arrays
-    for step in range(less, more):
+    total, (columns, sums, steps), (arrivals, expiries) = totals[0], arrays, noted
+    up = 1 if now > before else -1
+    for step in range(min(before, now), max(before, now)):
         # if all counts of the map are on one side, all places change by the same amount
         if step >= counters[slot].high:
             total.common += up
@@ -370,68 +374,57 @@ def note_steps(column, less, more, up, slot, arrivals, expiries, totals, counter
 
 
 @kernel
-def take_moves(moves, totals, counts, code, levels, counters, columns, sums, steps):
+def take_moves(moves, totals, counts, code, counters, columns, sums, steps):
     """Update counters and distances by the noted moves; the arrays are those of `s`.
 
     Of own-mean codes, which depend on more than a count, only the counters: see `recode`.
     """
     total = totals[0]
     lags = counts.shape[0]
-    arrivals = expiries = 0
+    noted = (0, 0)
     for m in range(total.moves):
         slot, left = moves[m].slot, moves[m].left
         for lag in range(max(left, 0), min(left + 2, lags)):
-            up = -1 if lag == left else 1
-            less = counts[lag, slot] + min(up, 0)
-            counts[lag, slot] += up
-            if levels.size > 0:
+            before = counts[lag, slot]
+            now = before + (-1 if lag == left else 1)
+            counts[lag, slot] = now
+            if len(code) == 0:
                 continue
-            first, last = less, less + 1
             if code.size > 0:
                 table = counters[slot].table
-                first = np.int64(code[table, min(first, code.shape[1] - 1)])
-                last = np.int64(code[table, min(last, code.shape[1] - 1)])
-            arrivals, expiries = note_steps(
-                lags - 1 - lag, first, last, up, slot, arrivals, expiries, totals, counters,
-                (columns, sums, steps),
-            )  # fmt: skip
+                before = np.int64(code[table, min(before, code.shape[1] - 1)])
+                now = np.int64(code[table, min(now, code.shape[1] - 1)])
+            arrays = columns, sums, steps
+            column = lags - 1 - lag
+            noted = note_steps(slot, column, before, now, noted, totals, counters, arrays)
     total.moves = 0
-    if arrivals + expiries > 0:
-        update_blocks(sums, columns, steps, arrivals, expiries, total.sums)
+    if noted[0] + noted[1] > 0:
+        update_blocks(sums, columns, steps, noted[0], noted[1], total.sums)
 
 
 @kernel
-def recode(totals, counts, levels, means, codes, contrast, bits, counters, columns, sums, steps):
+def recode(own, counts, totals, counters, columns, sums, steps):
     """Update own-mean codes and distances by the counters and means; the arrays are those of `s`.
 
     Most codes are the same as before; only those that changed take a pass over the places.
     """
-    write_codes(counts[0], levels, means, contrast, bits, codes[1])
-    arrivals = expiries = 0
-    for slot in range(codes.shape[1]):
-        before, now = codes[0, slot], codes[1, slot]
-        if before == now:
-            continue
-        codes[0, slot] = now
-        arrivals, expiries = note_steps(
-            0, min(before, now), max(before, now), 1 if now > before else -1, slot,
-            arrivals, expiries, totals, counters, (columns, sums, steps),
-        )  # fmt: skip
-    if arrivals + expiries > 0:
-        update_blocks(sums, columns, steps, arrivals, expiries, totals[0].sums)
+    write_codes(counts[0], own, own.codes[1])
+    noted = (0, 0)
+    for slot in range(own.codes.shape[1]):
+        before, now = own.codes[0, slot], own.codes[1, slot]
+        own.codes[0, slot] = now
+        arrays = columns, sums, steps
+        noted = note_steps(slot, 0, before, now, noted, totals, counters, arrays)
+    if noted[0] + noted[1] > 0:
+        update_blocks(sums, columns, steps, noted[0], noted[1], totals[0].sums)
 
 
 @kernel
 def settle(s):
     """Update counters and distances of the state by the noted moves."""
-    take_moves(
-        s.moves, s.totals, s.counts, s.code, s.levels, s.counters, s.columns, s.sums, s.steps
-    )
-    if s.levels.size > 0:
-        recode(
-            s.totals, s.counts, s.levels, s.means, s.codes, s.contrast, s.bits, s.counters,
-            s.columns, s.sums, s.steps,
-        )  # fmt: skip
+    take_moves(s.moves, s.totals, s.counts, s.code, s.counters, s.columns, s.sums, s.steps)
+    if s.own.levels.size > 0:
+        recode(s.own, s.counts, s.totals, s.counters, s.columns, s.sums, s.steps)
 
 
 @kernel
@@ -443,26 +436,23 @@ def advance(s, until):
 
 
 @kernel
-def write_codes(counts, levels, means, contrast, bits, codes):
+def write_codes(counts, own, codes):
     """Write the own-mean codes of the counters of a window, as `OwnMeanCode.encode` does.
 
     Parameters
     ----------
     counts : ndarray of int64, shape (J,)
-    levels : ndarray of int32, shape (size,)
-        Of `OwnMeanCode`.
-    means : ndarray of int32, shape (J,)
-    contrast : bool
-    bits : int
+    own : OwnCodes
     codes : ndarray of int64, shape (J,)
         Written to.
     """
+    levels, means, bits = own.levels, own.means, own.bits
     half, total = np.int64(1 << (bits - 1)), np.int64(0)
     for j in range(codes.size):
         codes[j] = levels[min(counts[j], levels.size - 1)] - means[j]
         total += codes[j]
     offset = np.int64(1 << (LEVEL_BITS - 1))
-    if contrast:
+    if own.contrast:
         offset -= (2 * total + codes.size) // (2 * codes.size)
     for j in range(codes.size):
         codes[j] = min(max((codes[j] + offset) >> LEVEL_BITS, -half), half - 1) + half
@@ -540,17 +530,15 @@ def _second(sums, count, best, exclusion, places):
 
 
 @kernel
-def filter_answer(state, steps, evidence, metric, found, sums, c, events, row):
+def filter_answer(state, steps, rows, sums, c, events, row):
     """Write the place of the lowest metric for the unfinished window.
 
     Parameters
     ----------
     state : FilterState
     steps : StepTable
-    evidence : ndarray of uint8, shape (K,)
-    metric : ndarray of int32, shape (K,)
-    found : ndarray of int64, shape (6,)
-        Scratch, see `match_window`.
+    rows : WindowRows
+        Of one window; scratch.
     sums : ndarray of uint16 or uint32
         Of `SlidingWindows` with one window, with all moves taken.
     c : record of CONTROL
@@ -565,7 +553,10 @@ def filter_answer(state, steps, evidence, metric, found, sums, c, events, row):
     bool
         False if only changes are asked for and there is none; nothing is written then.
     """
-    match_window(state, steps, c.exclusion, sums[: metric.size], events, evidence, metric, found)
+    metric, found = rows.metrics[0], rows.columns[0]
+    match_window(
+        state, steps, c.exclusion, sums[: metric.size], events, rows.evidence[0], metric, found
+    )
     best, least, second, second_least = found[0], found[1], found[2], found[3]
     if c.change and best == c.last_reported:
         return False

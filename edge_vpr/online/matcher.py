@@ -34,6 +34,7 @@ from edge_vpr.online.state import (
     MatchSchedule,
     OnlineState,
     OnlineWindows,
+    OwnCodes,
     SlidingWindows,
     grown,
 )
@@ -76,9 +77,8 @@ def follow(box, slots, times, until):
     ring_slot, ring_time, bound = s.slot, s.time, s.bound
     moves, totals, counts, code, counters = s.moves, s.totals, s.counts, s.code, s.counters
     columns, sums, steps = s.columns, s.sums, s.steps
-    levels, means, codes = s.levels, s.means, s.codes
+    own, rows = OwnCodes(*s.own), WindowRows(*f.rows)
     tau, n, length, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
-    evidence, metric, found = f.evidence, f.metric, f.found
     given, i = 0, 0
     # counted down, because a division would take as long as the rest of an event's processing
     left = c.every - bound[0] % c.every if c.every > 0 else np.int64(-1)
@@ -101,14 +101,11 @@ def follow(box, slots, times, until):
             age(ring_time, ring_slot, bound, moves, totals, tau, room, seen_until)
             and totals[0].moves < len(moves)
         ):
-            take_moves(moves, totals, counts, code, levels, counters, columns, sums, steps)
+            take_moves(moves, totals, counts, code, counters, columns, sums, steps)
         if over:
-            take_moves(moves, totals, counts, code, levels, counters, columns, sums, steps)
-            if levels.size > 0:
-                recode(
-                    totals, counts, levels, means, codes, s.contrast, s.bits, counters,
-                    columns, sums, steps,
-                )  # fmt: skip
+            take_moves(moves, totals, counts, code, counters, columns, sums, steps)
+            if own.levels.size > 0:
+                recode(own, counts, totals, counters, columns, sums, steps)
             return i, given, WINDOW_OVER
         if tick:
             c.next_tick += c.interval
@@ -127,15 +124,12 @@ def follow(box, slots, times, until):
         complete = seen_until >= length * tau if tau > 0 else bound[0] >= length * n
         if not complete:
             continue
-        take_moves(moves, totals, counts, code, levels, counters, columns, sums, steps)
-        if levels.size > 0:
-            recode(
-                totals, counts, levels, means, codes, s.contrast, s.bits, counters,
-                columns, sums, steps,
-            )  # fmt: skip
+        take_moves(moves, totals, counts, code, counters, columns, sums, steps)
+        if own.levels.size > 0:
+            recode(own, counts, totals, counters, columns, sums, steps)
         row, events = out[given], bound[0] - bound[1]
-        if metric.size > 0:
-            answered = filter_answer(state, step, evidence, metric, found, sums, c, events, row)
+        if state.metric.size > 0:
+            answered = filter_answer(state, step, rows, sums, c, events, row)
         else:
             answered = sequence_answer(sums, totals[0], c, length, row)
         if answered:
@@ -410,7 +404,7 @@ class FilterRun(MatchRun):
         self.odometer.end_window()
         if self.mean is not None and self._code is not None and not paused:
             self.mean.update(self._code.level(counts))
-            s.means[:] = self.mean.mean
+            s.own.means[:] = self.mean.mean
 
     def _ended(self, rows: WindowRows) -> None:
         """Take the results of a window that has ended."""
@@ -460,7 +454,7 @@ class FilterRun(MatchRun):
             check_range(arrays["filter_mean"], "filter_mean", 0, np.iinfo(np.int32).max)
             self.mean.total = arrays["filter_mean"].copy()
             self.mean.windows = int(arrays["filter_mean_windows"][0])
-            self.windows.s.means[:] = self.mean.mean
+            self.windows.s.own.means[:] = self.mean.mean
 
 
 # Matching by sequences event by event.

@@ -23,8 +23,9 @@ from edge_vpr.matching.place_filter import (
     TRUST_TOP,
     FilterState,
     PlaceFilter,
+    WindowRows,
 )
-from edge_vpr.matching.transitions import METRIC_TOP, Metrics, StepTable
+from edge_vpr.matching.transitions import METRIC_TOP, StepTable
 from edge_vpr.online.kernels import BLOCK, LANES, MAX_STEPS, advance, settle, write_codes
 from edge_vpr.route import MOST_MM
 from edge_vpr.settings import Settings, duration_us
@@ -59,6 +60,28 @@ COUNTER = np.dtype([("table", "<i8"), ("low", "<i8"), ("high", "<i8")])
 TOTALS = np.dtype([("common", "<i8"), ("moves", "<i8"), ("stride", "<i8"), ("sums", "<i8")])
 
 
+class OwnCodes(NamedTuple):
+    """Own-mean codes of a window, which have no table.
+
+    Attributes
+    ----------
+    levels : ndarray of int32, shape (size,)
+        Logarithm of each count, see `OwnMeanCode`; of size 0 where there are other codes.
+    means : ndarray of int32, shape (J,)
+    codes : ndarray of int64, shape (2, J)
+        Those that the distances are of, and scratch.
+    contrast : bool
+    bits : int
+        Of `OwnMeanCode`.
+    """
+
+    levels: npt.NDArray[np.int32]
+    means: npt.NDArray[np.int32]
+    codes: npt.NDArray[np.int64]
+    contrast: bool
+    bits: int
+
+
 class SlidingWindows(NamedTuple):
     """State of the kernels of sliding windows and of their distances to a map.
 
@@ -77,16 +100,8 @@ class SlidingWindows(NamedTuple):
         Length of a window in microseconds, or in events; the other is 0.
     code : ndarray of uint16, shape (codes, size)
         Tables, a row each: code of each count, not decreasing; the last stands for all larger
-        counts. Of size 0: the count itself.
-    levels : ndarray of int32, shape (size,)
-        Logarithm of each count; of size 0 but with own-mean codes, which have no table.
-    means : ndarray of int32, shape (J,)
-        What own-mean codes subtract.
-    codes : ndarray of int64, shape (2, J)
-        The own-mean codes that the distances are of, and scratch.
-    contrast : bool
-    bits : int
-        Of `OwnMeanCode`.
+        counts. Of shape (1, 0): the count itself; (0, 0): see `own`.
+    own : OwnCodes
     counters : ndarray of COUNTER, shape (J,)
     columns : ndarray of uint8 or uint16
         Map, a pixel's places one after another, `stride` apart from pixel to pixel.
@@ -106,11 +121,7 @@ class SlidingWindows(NamedTuple):
     tau: int
     n: int
     code: npt.NDArray[np.uint16]
-    levels: npt.NDArray[np.int32]
-    means: npt.NDArray[np.int32]
-    codes: npt.NDArray[np.int64]
-    contrast: bool
-    bits: int
+    own: OwnCodes
     counters: npt.NDArray[np.void]
     columns: npt.NDArray[np.unsignedinteger]
     sums: npt.NDArray[np.unsignedinteger]
@@ -136,11 +147,13 @@ def empty_windows(window: Window, length: int, counters: int) -> SlidingWindows:
         tau=window.tau_us if isinstance(window, FixedTime) else 0,
         n=0 if isinstance(window, FixedTime) else window.events,
         code=np.empty((1, 0), dtype=np.uint16),
-        levels=np.empty(0, dtype=np.int32),
-        means=np.zeros(counters, dtype=np.int32),
-        codes=np.zeros((2, counters), dtype=np.int64),
-        contrast=False,
-        bits=0,
+        own=OwnCodes(
+            np.empty(0, dtype=np.int32),
+            np.zeros(counters, dtype=np.int32),
+            np.zeros((2, counters), dtype=np.int64),
+            False,
+            0,
+        ),
         counters=np.zeros(counters, dtype=COUNTER).view(np.recarray),
         columns=np.empty(0, dtype=np.uint8),
         sums=np.empty(0, dtype=np.uint16),
@@ -196,8 +209,10 @@ def start(
     state = empty_windows(window, length, places.shape[1])
     if isinstance(codes, OwnMeanCode) and mean is not None:
         # a copy, because for Numba a read-only array is of another type
-        state = state._replace(levels=codes.levels.copy(), contrast=codes.contrast, bits=codes.bits)
-        state.means[:] = mean
+        own = state.own._replace(
+            levels=codes.levels.copy(), means=mean.copy(), contrast=codes.contrast, bits=codes.bits
+        )
+        state = state._replace(code=np.empty((0, 0), dtype=np.uint16), own=own)
     elif isinstance(codes, PixelCodes):
         state.counters["table"] = codes.row
         state = state._replace(code=codes.tables)
@@ -214,7 +229,7 @@ def with_distances(s: SlidingWindows, places: npt.NDArray[np.unsignedinteger]) -
     columns[: places.shape[1] * stride].reshape(-1, stride)[:, : len(places)] = places.T
     low, high = places.min(axis=0).astype(np.int64), places.max(axis=0).astype(np.int64)
 
-    s = s._replace(codes=np.zeros_like(s.codes))
+    s = s._replace(own=s.own._replace(codes=np.zeros_like(s.own.codes)))
     coded = _coded(s)
     # places with the smallest counts fill the last vector
     spare = np.broadcast_to(low.astype(places.dtype), (LANES, len(low)))
@@ -254,9 +269,9 @@ def _find_least(sums: npt.NDArray[np.unsignedinteger], count: int) -> None:
 
 def _coded(s: SlidingWindows) -> npt.NDArray[np.int64]:
     """Return the codes of the counters of each lag, shape (L, J); own-mean codes are kept."""
-    if s.levels.size:
-        write_codes(s.counts[0], s.levels, s.means, s.contrast, s.bits, s.codes[0])
-        return s.codes[:1]
+    if s.own.levels.size:
+        write_codes(s.counts[0], s.own, s.own.codes[0])
+        return s.own.codes[:1]
     if s.code.size == 0:
         return s.counts
     return s.code[s.counters["table"], np.minimum(s.counts, s.code.shape[1] - 1)].astype(np.int64)
@@ -572,10 +587,8 @@ class OnlineState(NamedTuple):
         Of the place filter; of size 0 where sequences are matched.
     step : StepTable
         Of `Transitions`.
-    evidence : ndarray of uint8, shape (K,)
-    metric : ndarray of int32, shape (K,)
-    found : ndarray of int64, shape (6,)
-        Scratch of the place filter.
+    rows : WindowRows
+        Of one window; scratch of the place filter.
     control : ndarray of CONTROL, shape (1,)
     trust : ndarray of int64, shape (m,)
     probability : ndarray of float64, shape (m,)
@@ -592,9 +605,7 @@ class OnlineState(NamedTuple):
     s: SlidingWindows
     state: FilterState
     step: StepTable
-    evidence: npt.NDArray[np.uint8]
-    metric: Metrics
-    found: npt.NDArray[np.int64]
+    rows: WindowRows
     control: npt.NDArray[np.void]
     trust: npt.NDArray[np.int64]
     probability: npt.NDArray[np.float64]
@@ -648,9 +659,7 @@ class OnlineState(NamedTuple):
             s,
             state,
             step,
-            np.empty(state.metric.size, dtype=np.uint8),
-            np.empty(state.metric.size, dtype=np.int32),
-            np.empty(6, dtype=np.int64),
+            WindowRows.empty(1, state.metric.size),
             control,
             trust,
             probability,

@@ -23,7 +23,7 @@ from edge_vpr.matching.matches import margin_to_second, ratio_to_second
 from edge_vpr.online.kernels import write_codes
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.matcher import follow_chunk
-from edge_vpr.online.state import CHUNK_EVENTS, MATCHES_AT_ONCE, MatchSchedule
+from edge_vpr.online.state import CHUNK_EVENTS, MATCHES_AT_ONCE, MatchSchedule, OwnCodes
 from fixedpoint.own_mean import OwnMeanCode
 
 TABLE = Confidence(
@@ -187,7 +187,8 @@ def test_codes_are_written_in_place_as_windows_are_coded(seed, bits, full_scale,
     code, rng = OwnMeanCode(bits, full_scale, contrast), np.random.default_rng(seed)
     counts, mean = rng.integers(0, 2_000, 6), rng.integers(0, 4_000, 6).astype(np.int32)
     written = np.full(6, 999, dtype=np.int64)
-    write_codes(counts, code.levels.copy(), mean, contrast, bits, written)
+    own = OwnCodes(code.levels.copy(), mean, np.zeros((2, 6), dtype=np.int64), contrast, bits)
+    write_codes(counts, own, written)
     assert written.tolist() == code.encode(counts, mean).tolist()
 
 
