@@ -27,7 +27,7 @@ LEAST_PROBABILITY = 0.9
 #: the newest drive weighs at least 1/5 in the mean, so that a map follows a route that changes
 MOST_DRIVES = 4
 #: a drive of which fewer windows can be aligned is refused, or learnt with a warning
-LEAST_ALIGNED, FEW_ALIGNED = 0.3, 0.5
+LEAST_ALIGNED, FEW_ALIGNED = 0.5, 0.75
 #: places that are looked at for confusion, spread over the route
 SAMPLE = 2_000
 #: share of places that may newly be confused with others before there is a warning

@@ -122,6 +122,7 @@ def test_matches_online_say_what_the_localiser_says(drive, tmp_path, every):
         "report.html",
         "run.json",
         "metrics.json",
+        "windows.npz",
     }
     matches = Matches.load(output / "matches.npz")
     place = matches.place

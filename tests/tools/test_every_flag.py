@@ -88,6 +88,7 @@ RUNS = [
     ("replay {f}/filtered -o {f}/match.html --frames 2 --all-events", 0),
     ("replay {f}/filtered -o {f}/match.html --frames 2 --overwrite", 0),
     ("map {f}/reference.npz -o {f}/wide_map.npz --pixels 60 --sigma 0 --tau 100ms", 0),
+    ("map {f}/reference.npz {f}/query.npz -o {f}/same_pixels.npz --pixel-map {f}/wide_map.npz", 0),
     ("match {f}/wide_map.npz {f}/query.npz -o {f}/registered --register --no-figures", 0),
     ("match {f}/filter_map.npz {f}/query.npz -o {f}/fed --online --every 50ms --no-figures "
      "--no-smooth --odometry {f}/odometry.csv", 0),
@@ -191,7 +192,7 @@ RUNS = [
     ("sweep {f}/sweep.toml -o {f}/swept --workers 1 --retry-failed", 0),
     # 2: an address without a port
     ("sweep {f}/sweep.toml -o {f}/swept --scheduler nowhere", 2),
-    ("compare {f}/swept -o {f}/compared", 0),
+    ("compare {f}/swept -o {f}/compared --over pixels", 0),
     ("compare {f}/swept -o {f}/compared --overwrite --figures pdf,svg --measure recall_at_1", 0),
     ("completion bash", 0),
     ("demo -o {f}/demo --seed 1 --overwrite", 0),

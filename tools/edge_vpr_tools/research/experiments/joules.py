@@ -14,9 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from edge_vpr_tools.estimate.model import Mission
+from edge_vpr_tools.estimate.search import on_target
+from edge_vpr_tools.estimate.targets import find, names
 from edge_vpr_tools.report.style import CYCLE, panels
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
+from firmware_model.model.design import Design
 
 PLACES, EVENTS_PER_S = 1_000, 100_000
 PIXELS = (150, 25)
@@ -51,11 +55,6 @@ PUBLISHED = (
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Model the designs on every target whose energy is known, and list what was published."""
-    from edge_vpr_tools.estimate.model import Mission
-    from edge_vpr_tools.estimate.search import on_target
-    from edge_vpr_tools.estimate.targets import find, names
-    from firmware_model.model.design import Design
-
     for pixels in PIXELS:
         design = Design(
             width=346, height=260, pixels=pixels, places=PLACES, matching="filter",
