@@ -425,10 +425,36 @@ def large_cases() -> list[Case]:
     return [
         by_count,
         *evidence,
+        _wide_misfit(many_pixels),
         _shown("held", held, [3 + i % 7 for i in range(42)], lambda k: [k * 7 % 97]),
         _shown("zone", zone, [9, 9, 9], lambda k: [9 if k > 32_795 else 30 + k % 50]),
         _shown("wide", wide, [1, 1], lambda k: [k] * wide.slots),
     ]
+
+
+def _wide_misfit(design: Design) -> Case:
+    """Show a place, and then another, against which there was so much that the first still matches.
+
+    The evidence against the first is 0x10000, before its limit.
+    """
+    design = replace(
+        design, code="linear", code_bits=8, full_scales=(0,), restart=254, exclusion=1,
+        accept="margin", margin=0,
+    )  # fmt: skip
+    near = [0] * 65
+    far, between = [255] * 64 + [64], [127] * 32 + [128] * 32 + [32]
+    rest = [0] * (design.slots - 66)
+
+    def window(counts: list[int]) -> list[int]:
+        # as many events in each, the others at a slot that is full
+        return [*counts, *rest, 17_000 - sum(counts)]
+
+    stream = Stream.showing(
+        design, choose_pixels(design), map(window, (between, near, between, near, between, far))
+    )
+    places = [[*codes, *rest, 255] for codes in [far] * (design.places - 1) + [near]]
+    memories = Memories(design, stream.pixels, places, activity=17_000 << ACTIVITY_BITS)
+    return Case("wide_misfit", memories, tuple(stream.events))
 
 
 def _shown(

@@ -196,7 +196,7 @@ COUNTED = Settings(pixels=3, tau_us=100_000, matching="filter", remove_bursts=Fa
 
 
 def test_a_table_travels_with_its_map_and_with_the_state_of_a_localiser(tmp_path):
-    own = table((0, 0.25, 8), (40, 0.75, 8))
+    own = table((0, 0.25, 8), (8, 0.75, 8))
     reference = a_map(COUNTED.replaced({"precision": 0.7}, "test"), confidence=own)
     reference.save(tmp_path / "map.npz")
     loaded = ReferenceMap.load(tmp_path / "map.npz")
@@ -207,7 +207,7 @@ def test_a_table_travels_with_its_map_and_with_the_state_of_a_localiser(tmp_path
     localiser = Localiser(loaded)
     rows = localiser.update(events[:200])
     assert set(rows["probability"]) <= {0.25, 0.75} and set(rows["lost"]) == {True, False}
-    assert np.array_equal(rows["lost"], rows["trust"] < 40)
+    assert np.array_equal(rows["lost"], rows["trust"] < 8)
     localiser.save(tmp_path / "state.npz")
     resumed = Localiser.load(tmp_path / "state.npz")
     assert np.array_equal(resumed.update(events[200:]), localiser.update(events[200:]))

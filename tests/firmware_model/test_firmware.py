@@ -593,8 +593,8 @@ FILTER_MUTATIONS = {
     ),
     "activity of all events so far": (
         "vpr.c",
-        "- (int32_t)event_log(s->usual >> ACTIVITY_BITS)",
-        "- (int32_t)event_log(d->activity >> ACTIVITY_BITS)",
+        "(int32_t)event_log(s->usual >> ACTIVITY_BITS)",
+        "(int32_t)event_log(d->activity >> ACTIVITY_BITS)",
     ),
     "no mean of the window": ("vpr.c", "if (!d->contrast) {", "if (true) {"),
     "the mean of the window is cut off": ("vpr.c", "(sum * 2U) + d->slots", "sum * 2U"),
