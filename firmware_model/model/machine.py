@@ -225,10 +225,11 @@ class Machine:
 
         Encoding takes a cycle a slot; contrast codes take it twice, and a division between. The
         distance unit takes P codes of a place in a cycle, for all places: then total and least
-        distance are known, and a restoring divider makes the mean, a bit a cycle. The filter takes a place in a cycle; or in as many as its distance takes, if
-        that is computed again. The divider makes the spread and its reciprocal for the next window.
-        The first window, whose evidence is scaled by its own spread, takes as many cycles more as
-        the deviations and two divisions do. A window that pauses needs no distances.
+        distance are known, and a restoring divider makes the mean, a bit a cycle. The filter takes
+        a place in a cycle; or in as many as its distance takes, if that is computed again. The
+        divider makes the spread and its reciprocal for the next window. The first window, whose
+        evidence is scaled by its own spread, takes as many cycles more as the deviations and two
+        divisions do. A window that pauses needs no distances.
         """
         design, cost = self.design, cycles(self.design)
         phases = self._encoded()

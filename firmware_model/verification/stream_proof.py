@@ -2,7 +2,8 @@
 
 The core has small parameters. Its memories are replaced by ones that return any word, so that a
 claim holds for all tables, places and contents, and its activity by one that says anything.
-`formal/vpr_core_properties.sv` states what must hold at the core's ports, ``formal/vpr_core_inside.sv`` what must hold inside it, and
+`formal/vpr_core_properties.sv` states what must hold at the core's ports,
+``formal/vpr_core_inside.sv`` what must hold inside it, and
 ``formal/vpr_counters_properties.sv`` what must hold for the counters.
 """
 

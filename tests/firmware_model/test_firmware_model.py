@@ -285,7 +285,7 @@ def test_cycles_and_results_of_the_stepped_filter():
             if number in (1, 3):
                 assert len(states) == cost.cycles(design).match
             if paused:
-                assert len(states) == design.slots + design.places + 1
+                assert len(states) == cost.encoding_cycles(design) + design.places + 1
 
 
 def test_cycles_agree_with_the_measured_core():
