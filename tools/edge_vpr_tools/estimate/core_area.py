@@ -30,6 +30,7 @@ _SINGLE = replace(_SEQUENCES, length=1)
 _FILTER = replace(_SINGLE, matching="filter")
 _OWN_MEANS = replace(_SINGLE, code="own-mean", full_scales=(0,))
 _BOTH = replace(_OWN_MEANS, matching="filter")
+_DEFAULT = replace(_BOTH, code="contrast", activity_costs=True, steps=())
 #: sizes that change apart from one another
 FITTED_ON = {
     "sequences, 2 lanes": replace(_SEQUENCES, lanes=2),
@@ -41,6 +42,8 @@ FITTED_ON = {
     "place filter, 16 lanes": replace(_FILTER, lanes=16),
     "single windows, own means, 4 lanes": replace(_OWN_MEANS, lanes=4),
     "place filter, own means, 8 lanes": _BOTH,
+    "place filter by activity, 8 lanes": replace(_FILTER, activity_costs=True, steps=()),
+    "place filter by activity, contrast codes, 8 lanes": _DEFAULT,
 }
 #: designs that the fit is judged on
 JUDGED_ON = {
@@ -50,6 +53,9 @@ JUDGED_ON = {
     ),
     "place filter, own means, 60 pixels, 1,500 places, 12 lanes": replace(
         _BOTH, pixels=60, places=1500, lanes=12
+    ),
+    "place filter by activity, contrast codes, 60 pixels, 1,500 places, 4 lanes": replace(
+        _DEFAULT, pixels=60, places=1500, lanes=4
     ),
 }
 
@@ -110,9 +116,15 @@ def _fitted() -> tuple[float, ...]:
 
 
 def _terms(design: Design) -> tuple[int, ...]:
-    """Core, bits of a word, place filter, own means, and sums of several windows."""
+    """Return what each term of the fit counts, in this order.
+
+    The core, bits of a word, the place filter, step costs by activity, own means, contrast codes,
+    and sums of several windows.
+    """
     several = not design.filters and design.length > 1
-    return 1, design.lanes * design.code_bits, design.filters, design.own_mean, several
+    word, contrast = design.lanes * design.code_bits, design.code == "contrast"
+    activity = design.activity_costs
+    return 1, word, design.filters, activity, design.own_mean, contrast, several
 
 
 def measure(designs: Mapping[str, Design]) -> list[Netlist]:
