@@ -31,8 +31,8 @@ module vpr_logarithm (
     integer of, at;
     initial
         for (of = 0; of < 16; of = of + 1)
-            for (at = 8; at < 32; at = at + 1)
-                memory[(15 - of) * 32 + at] = POWERS[24*of+at-8];
+            for (at = 0; at < 32; at = at + 1)
+                memory[(15 - of) * 32 + at] = at < 8 ? 1'b0 : POWERS[24*of+(at<8?0:at-8)];
 
     logic [4:0] octaves_inverse;
     logic [3:0] fraction_inverse;
