@@ -74,7 +74,7 @@ def refused(capsys, *words):
         ("experiment speck-walk", "did you mean speck-walks?"),
         ("map a.npz -o b.npz --tau -1s", "--tau: '-1s': expected a time"),
         ("map a.npz -o b.npz --tau=-1s", "--tau: '-1s': expected a time"),
-        ("map none.raw -o b.npz -L -5", "sequence_length = -5: expected 1 or more"),
+        ("map a.npz -o b.npz -L -5", "sequence_length = -5: expected 1 or more"),
         ("map a.npz -o b.npz --pixels many", "--pixels: 'many' is not a whole number"),
         ("map a.npz -o b.npz --sigma wide", "--sigma: 'wide' is not a number"),
         ("evaluate r --ground-truth t --tolerance nan", "'nan' is not a finite number"),

@@ -121,7 +121,7 @@ def test_a_command_compiles_before_its_work(drive, tmp_path):  # noqa: F811
         f"match {tmp_path}/map.npz {query} -o {tmp_path}/L3 --matching sequence -L 3 --no-figures",
     ]
     done = subprocess.run(
-        [sys.executable, str(ROOT / "tests/tools/left_to_compile.py"), *commands],
+        [sys.executable, str(ROOT / "tests/tools/left_by_commands.py"), *commands],
         env={
             **os.environ,
             "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}",

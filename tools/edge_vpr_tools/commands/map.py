@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from edge_vpr.descriptors.windows import PublishedWindows
     from edge_vpr.evaluation.tracks import Track
     from edge_vpr.recordings import Recording
+    from edge_vpr.settings import Settings
     from edge_vpr_tools.runs.mapping import MapRun
 
 EXAMPLES = """\
@@ -129,8 +130,9 @@ def run(args: argparse.Namespace) -> None:
         _check_flags_of_a_map(args)
         reference = ReferenceMap.load(args.recording)
     else:
+        settings = map_settings(args)
         recording = open_source(args, args.recording)
-        run = _mapped(args, recording, of_drives.pop(0) if of_drives else None)
+        run = _mapped(args, settings, recording, of_drives.pop(0) if of_drives else None)
         reference = run.reference
     for drive, track in itertools.zip_longest(args.more, of_drives):
         other = open_source(args, drive, reference.frame_period)
@@ -168,7 +170,10 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _mapped(
-    args: argparse.Namespace, recording: Recording | PublishedWindows, track: Track | None
+    args: argparse.Namespace,
+    settings: Settings,
+    recording: Recording | PublishedWindows,
+    track: Track | None,
 ) -> MapRun:
     """Make the map of the reference drive."""
     from edge_vpr.descriptors.cleaning import load_hot_pixels
@@ -178,7 +183,7 @@ def _mapped(
     from edge_vpr_tools.progress import tracked, warmed_up
     from edge_vpr_tools.runs.mapping import map_recording
 
-    settings, listed = map_settings(args), _hot_pixel_file(args)
+    listed = _hot_pixel_file(args)
     detail_settings(settings.to_dict())
     if not isinstance(recording, WindowSource):
         warmed_up(mapping_steps(settings))
