@@ -963,7 +963,7 @@ def test_the_default_is_recommended_where_it_is_better(tmp_path, capsys, monkeyp
 
     It is the answer of docs/estimate.md, where more designs are tried.
     """
-    monkeypatch.setattr(accuracy, "PIXELS", (10, 50, 250))
+    monkeypatch.setattr(accuracy, "PIXELS", (10, 75, 250))
     monkeypatch.setattr(accuracy, "BITS", (2, 3))
     out = tmp_path / "answer.json"
     rover = ["estimate", "--route-km", "8", "--fit", "64KiB", "--fit", "5mW", "--json", str(out)]
