@@ -24,6 +24,7 @@ EXPERIMENTS = {
     "window-length": "window_length",
     "fixed-number": "fixed_number",
     "joules": "joules",
+    "several-drives": "several_drives",
 }
 
 #: experiments that are no declarations

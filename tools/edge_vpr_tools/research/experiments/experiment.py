@@ -289,7 +289,7 @@ class Measured:
         cells = [{name: _cell(row.get(name)) for name in self.columns} for row in self.rows]
         drives = dict.fromkeys(row[DRIVES] for row in cells)
         return "\n\n".join(
-            f"{name}:\n\n{table_of(cells, TableView({DRIVES: name}, view.columns, view.across))}"
+            f"{name}:\n\n{table_of(cells, TableView({**view.only, DRIVES: name}, view.columns, view.across))}"
             for name in drives
         )
 

@@ -1,0 +1,115 @@
+"""Maps of one drive and of several, in the same light and in others, on simulated streets.
+
+The map is made of a drive in the sun. One or two more drives of the street in other light are
+learnt, aligned by matching or by their tracks; a further drive in each light judges the map.
+Nothing was chosen on these streets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import partial
+from typing import NamedTuple
+
+from edge_vpr.evaluation.ground_truth import from_tracks
+from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.evaluation.tracks import with_positions
+from edge_vpr.learning import learn_drive
+from edge_vpr.pipeline import count_windows, match_query
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import PRESETS
+from edge_vpr.simulation import SimulatedRecording, simulate_pair
+from edge_vpr_tools.report.tables import TableView
+from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
+from edge_vpr_tools.research.experiments.place_filter import STREETS
+from edge_vpr_tools.research.experiments.plots import dots
+
+LENGTH_M, TOLERANCE_M = 450.0, 10.0
+FIRST_SEED = 80
+PIXELS = (25, 150)
+LIGHTS: Mapping[str, str] = {
+    "in other light": "street",
+    "in low sun": "street, low sun",
+    "at noon": "street, noon",
+}
+#: further drives of a map, by what it is called
+LEARNT: Mapping[str, tuple[str, ...]] = {
+    "one drive": (),
+    "and one at noon": ("at noon",),
+    "and one at noon, one in low sun": ("at noon", "in low sun"),
+}
+
+
+class Street(NamedTuple):
+    """The drive that a map is made of, one per light to learn, and one per light to judge by."""
+
+    reference: SimulatedRecording
+    learnt: Mapping[str, SimulatedRecording]
+    judges: Mapping[str, SimulatedRecording]
+
+
+def open_street(seed: int) -> Street:
+    """Simulate the drives of one street."""
+    reference, query = simulate_pair(FIRST_SEED + seed, "default", length_m=LENGTH_M)
+
+    def driven(offset: int) -> dict[str, SimulatedRecording]:
+        return {
+            light: SimulatedRecording(
+                query.world,
+                query.camera,
+                STREETS[name].drive,
+                seed=query.seed + offset + i,
+                device=query.device,
+            ).keep()
+            for i, (light, name) in enumerate(LIGHTS.items())
+        }
+
+    return Street(reference.keep(), driven(1_000), driven(2_000))
+
+
+def measure(draw: Draw) -> Iterator[Row]:
+    """Learn the drives in both ways, and judge each map in each light."""
+    street: Street = draw.pair
+    for pixels in PIXELS:
+        settings = PRESETS["default"].replaced({"pixels": pixels, "seed": draw.seed}, "street")
+        first = ReferenceMap.build(street.reference, settings)
+        counted = {
+            name: {light: count_windows(one, first.pixel_map, settings) for light, one in of}
+            for name, of in (("learnt", street.learnt.items()), ("judges", street.judges.items()))
+        }
+        for name, lights in LEARNT.items():
+            for aligned in ("by matching", "by tracks") if lights else ("-",):
+                by_tracks = aligned == "by tracks"
+                route = with_positions(first, street.reference.track) if by_tracks else first
+                for light in lights:
+                    track = street.learnt[light].track if by_tracks else None
+                    route = learn_drive(route, counted["learnt"][light], track=track).reference
+                for light, judge in street.judges.items():
+                    queries = counted["judges"][light]
+                    truth = from_tracks(
+                        street.reference.track,
+                        judge.track,
+                        first.places.centre_us,
+                        queries.centre_us,
+                        TOLERANCE_M,
+                    )
+                    for matched, by in (("live", route.causal()), ("recorded", route)):
+                        found = evaluate(match_query(by, by.coded(queries)), truth)
+                        yield {
+                            "map": name,
+                            "aligned": aligned,
+                            "pixels": pixels,
+                            "query": light,
+                            "matched": matched,
+                            "P@100R": found.precision_at_100_recall,
+                        }
+
+
+EXPERIMENT = Experiment(
+    drives=lambda data: [Drives(f"streets of {LENGTH_M:g} m", open_street, varied=True)],
+    names=("map", "aligned", "pixels", "query", "matched"),
+    measure=measure,
+    figure=partial(dots, measures=("P@100R",), row="map", series="aligned"),
+    view=TableView({"matched": "live"}, ("map", "aligned", "query", "P@100R"), "query"),
+    reads_data=False,
+)
