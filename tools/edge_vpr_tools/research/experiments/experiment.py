@@ -10,7 +10,7 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -288,10 +288,8 @@ class Measured:
         view = open_experiment(self.name).view
         cells = [{name: _cell(row.get(name)) for name in self.columns} for row in self.rows]
         drives = dict.fromkeys(row[DRIVES] for row in cells)
-        return "\n\n".join(
-            f"{name}:\n\n{table_of(cells, TableView({**view.only, DRIVES: name}, view.columns, view.across))}"
-            for name in drives
-        )
+        views = {name: replace(view, only={**view.only, DRIVES: name}) for name in drives}
+        return "\n\n".join(f"{name}:\n\n{table_of(cells, one)}" for name, one in views.items())
 
 
 def run_experiments(

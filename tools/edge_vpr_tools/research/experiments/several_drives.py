@@ -78,7 +78,7 @@ def measure(draw: Draw) -> Iterator[Row]:
             for name, of in (("learnt", street.learnt.items()), ("judges", street.judges.items()))
         }
         for name, lights in LEARNT.items():
-            for aligned in ("by matching", "by tracks") if lights else ("-",):
+            for aligned in ("by matching", "by tracks") if lights else ("alone",):
                 by_tracks = aligned == "by tracks"
                 route = with_positions(first, street.reference.track) if by_tracks else first
                 for light in lights:
