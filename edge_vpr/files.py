@@ -117,11 +117,6 @@ def link_if_same(path: Path, others: Iterable[str | Path]) -> None:
 
     Files are only ever replaced whole (`replacing`), so that no change of one reaches the other. A
     file system that does not link keeps the copy.
-
-    Parameters
-    ----------
-    path : Path
-    others : iterable of path
     """
     for other in others:
         if Path(other).is_file() and filecmp.cmp(other, path, shallow=False):

@@ -121,7 +121,6 @@ def learn_drive(
 
     Parameters
     ----------
-    reference : MapRecord
     counted : Descriptors
         Counts of the drive at the pixels of the map, n windows.
     track : Track, optional

@@ -75,12 +75,7 @@ _EVENTS, _LEAST_STEP_US = 8_000, 8
 
 
 def mapping_steps(settings: Settings) -> list[WarmUpStep]:
-    """Return the warm-up of making a map with these settings.
-
-    Parameters
-    ----------
-    settings : Settings
-    """
+    """Return the warm-up of making a map with these settings."""
     small = settings.replaced({"pixels": min(settings.pixels, _PIXELS)}, "the warm-up")
     step_us = max(4 * settings.tau_us // _EVENTS, _LEAST_STEP_US)
     rng = np.random.default_rng(0)
@@ -106,7 +101,6 @@ def matching_steps(reference: MapRecord, *, odometry: bool = False) -> list[Warm
 
     Parameters
     ----------
-    reference : MapRecord
     odometry : bool
         Whether the query has odometry.
     """
@@ -150,7 +144,6 @@ def localising_steps(
 
     Parameters
     ----------
-    reference : MapRecord
     every : str or MatchSchedule or None
         When to give a match.
     bursts : BurstFilter or CausalBurstFilter

@@ -28,7 +28,6 @@ def memories(design: Design, slow_blocks: bool = False) -> dict[str, Memory]:
 
     Parameters
     ----------
-    design : Design
     slow_blocks : bool
         Whether the core has registers for slow block memories, as on an ECP5: an event then takes a
         clock more.

@@ -147,7 +147,6 @@ def alarms(memories: Memories, *, sources: Path = SOURCES, seconds: int = 600) -
 
     Parameters
     ----------
-    memories : Memories
     sources : path
         Folder of the firmware.
     seconds : int

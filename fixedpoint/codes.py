@@ -49,6 +49,7 @@ class CounterCode:
     Parameters
     ----------
     kind : {"linear", "sqrt", "log"}
+        How codes grow with counts.
     bits : int
         1 to 16.
     full_scale : int
@@ -234,6 +235,7 @@ class PixelCodes:
         Parameters
         ----------
         codes : ndarray of int, shape (..., J)
+            Of J counters.
 
         Returns
         -------

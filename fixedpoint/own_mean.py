@@ -123,6 +123,7 @@ class OwnMeanCode:
         Parameters
         ----------
         counts : ndarray of int, shape (..., J)
+            Not negative.
         mean : ndarray of int, shape (J,)
             See `encode`.
 

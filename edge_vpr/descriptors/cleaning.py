@@ -431,7 +431,6 @@ def load_pixels(path: str | Path, sensor: Sensor, what: str) -> npt.NDArray[np.i
     ----------
     path : path
         Text file; empty lines, lines that start with ``#``, and a header are skipped.
-    sensor : Sensor
     what : str
         What the file is, for messages.
 

@@ -29,7 +29,6 @@ def codes_of(
 
     Parameters
     ----------
-    settings : Settings
     counters : int
         J, or with polarity 2 J.
     full_scale : ndarray of uint16, shape (counters,), optional
@@ -67,9 +66,9 @@ def drive_mean(
     Parameters
     ----------
     counts : ndarray of int, shape (n, J)
+        Of each window.
     paused : ndarray of bool, shape (n,)
         If all are pauses, they count all the same.
-    code : OwnMeanCode
 
     Returns
     -------
@@ -87,7 +86,6 @@ def encode_own(counted: Descriptors, code: OwnMeanCode, mean_activity: int) -> D
     ----------
     counted : Descriptors
         Counts.
-    code : OwnMeanCode
     mean_activity : int
         Selected events that a window of the reference has, see `pauses.Activity`.
     """
@@ -104,7 +102,6 @@ def encode_running(
     ----------
     counted : Descriptors
         Counts.
-    code : OwnMeanCode
     mean : ndarray of int32, shape (J,)
         Of the reference: where the running mean starts.
     mean_activity : int

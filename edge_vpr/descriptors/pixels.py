@@ -428,6 +428,7 @@ def plugin_pixels(
     settings : Settings
         `strategy` is ``plugin:NAME``.
     exclude : ndarray of bool, shape (height, width)
+        Pixels that may not be selected.
 
     Raises
     ------
@@ -466,7 +467,6 @@ def load_pixel_map(path: str | Path, sensor: Sensor) -> PixelMap:
     ----------
     path : str or Path
         Text as `edge_vpr.descriptors.cleaning.load_pixels` reads it.
-    sensor : Sensor
 
     Raises
     ------

@@ -94,7 +94,7 @@ class WindowCounts(NamedTuple):
     Attributes
     ----------
     counts : ndarray of int64, shape (J,) or with polarity (2 J,)
-    start_us, end_us : int
+        Of each slot.
     events : int
         At any pixel.
     """
@@ -395,7 +395,6 @@ class PublishedWindows:
 
     Attributes
     ----------
-    sensor : Sensor
     window_us : int
         Length of a window in microseconds, rounded.
     counted : ndarray of bool, shape (height, width)

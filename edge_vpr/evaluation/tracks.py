@@ -577,7 +577,6 @@ def unix_remedy(flag: str, *tracks: Track, start_us: int | None = None) -> str:
     ----------
     flag : str
         Takes the offsets.
-    *tracks : Track
     start_us : int, optional
         The recording's start on its own clock, which is taken if it is near the track.
 

@@ -270,6 +270,7 @@ class ReferenceIndex:
         Parameters
         ----------
         queries : ndarray of int, shape (Q, J)
+            Descriptors, one a row.
 
         Returns
         -------

@@ -124,9 +124,6 @@ class _Drive(NamedTuple):
 
     Attributes
     ----------
-    place_filter : PlaceFilter
-    reference : ReferenceIndex
-    queries : Descriptors
     ways : list of int or None
         Distance driven before each window.
     """
@@ -332,8 +329,6 @@ def filter_of(
 
     Parameters
     ----------
-    places : Descriptors
-    settings : Settings
     jumps, along_mm : ndarray or None
         Of the map, see `match_descriptors`.
     """
@@ -350,6 +345,7 @@ def check_no_ways(jumps: npt.NDArray[np.int32] | None, odometry: bool) -> None:
     Parameters
     ----------
     jumps : ndarray of int32, shape (n, 2), optional
+        None if there are none.
     odometry : bool
         Whether it is given.
     """
@@ -410,7 +406,6 @@ def drive_distances(
     ----------
     places, queries : Descriptors
         K and Q of them.
-    settings : Settings
     jumps, along_mm, odometry
         As `match_descriptors` takes them.
 

@@ -114,7 +114,6 @@ class Matches(EqualByValue):
 
     Attributes
     ----------
-    settings : Settings
     places_in_map : int
         K.
     query : ndarray of int64, shape (n,)
@@ -203,8 +202,6 @@ class Matches(EqualByValue):
         ----------
         rows : ndarray of MATCH_DTYPE, shape (n,)
             Each is a query, of the window that was newest at its time. Ties are not counted.
-        settings : Settings
-        places_in_map : int
         """
         n, length = len(rows), settings.windows_per_match
         known = rows["second"] >= 0
@@ -347,7 +344,6 @@ def write_csv(path: str | Path, matches: Matches, route: Route | None = None) ->
 
     Parameters
     ----------
-    path : path
     matches : Matches
         Fields are empty where there is no second, where the probability is not known, and of
         ``lost`` where no precision is wanted.

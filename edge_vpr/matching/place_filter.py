@@ -103,6 +103,7 @@ def reciprocal_of_spread(distances: npt.NDArray[np.integer]) -> int:
     Parameters
     ----------
     distances : ndarray of int, shape (K,)
+        Of a window to each place.
 
     Returns
     -------
@@ -214,6 +215,7 @@ class FilterState(NamedTuple):
     Attributes
     ----------
     numbers : ndarray of NUMBERS, shape (1,)
+        Of `NUMBER_NAMES`, and the activity that the prediction holds for.
     metric : ndarray of int32, shape (K,)
         After the window before.
     prediction : ndarray of int32, shape (K,)
@@ -286,10 +288,10 @@ def update_windows(
     ----------
     state : FilterState
         Before the first window; after the call, after the last.
-    steps : StepTable
     exclusion : int
         Of `PlaceFilter`.
     distances : ndarray of int, shape (n, K)
+        Of each window to each place.
     events : ndarray of int64, shape (n,)
         At the selected pixels in each window.
     rows : WindowRows
@@ -330,14 +332,14 @@ def match_window(
     ----------
     state : FilterState
         Only its prediction is changed, which the next call for this window may use again.
-    steps : StepTable
-    exclusion : int
     distances : ndarray of int, shape (K,)
         What all of them have in common does not matter.
     events : int
         At the selected pixels in the window.
     evidence : ndarray of uint8, shape (K,)
+        Written to: what the window adds at each place.
     metric : ndarray of int32, shape (K,)
+        Written to: the metric of each place.
     row : ndarray of int64, shape (6,)
         Of `FilterMatch`; all three are written to.
 
@@ -383,6 +385,7 @@ def write_match(
     Parameters
     ----------
     metric : ndarray of int32, shape (K,)
+        Cost of each place.
     place, second, ties : int
         Of `least_and_second`.
     row : ndarray of int64, shape (6,)
@@ -414,8 +417,6 @@ def smooth_windows(
         the first.
     ahead : ndarray of int32, shape (K,)
         Written to: the cost of going on from the first window, with its own evidence.
-    steps : StepTable
-    exclusion : int
     activity, evidence
         See `WindowRows`.
     summed : ndarray of int32, shape (n, K)
@@ -439,7 +440,7 @@ def match_summed(
     metric : ndarray of int32, shape (K,)
         After the call, the cost of the best path through each place.
     onward : ndarray of int32, shape (K,)
-    exclusion : int
+        Cost of going on from each place.
     row : ndarray of int64, shape (6,)
         Of `FilterMatch`, written to but for its trust.
 
@@ -467,10 +468,9 @@ def go_back(
     Parameters
     ----------
     onward : ndarray of int32, shape (K,)
+        Cost of going on from each place.
     ahead : ndarray of int32, shape (K,)
         Written to: the cost after the window before, with the evidence of this window.
-    steps : StepTable
-    activity : int
     evidence : ndarray of uint8, shape (K,)
         Of this window, see `WindowRows`.
     """
@@ -494,7 +494,6 @@ class FilterMatch(NamedTuple):
     ----------
     place : int
         Place of the least metric; the lowest of equals.
-    metric : int
     second, second_metric : int
         Least metric outside the exclusion zone; -1 if nothing lies outside.
     ties : int
@@ -521,7 +520,6 @@ class PlaceFilter:
     ----------
     places : int
         K.
-    costs : TransitionCosts
     exclusion : int
         The second best is searched more than this many places from the best.
     mean_activity : int
@@ -532,7 +530,6 @@ class PlaceFilter:
 
     Attributes
     ----------
-    transitions : Transitions
     state : FilterState
         Its numbers: `reciprocal` is ``floor(2**16 / spread)`` of the window before and scales the
         evidence (0 before the first, and after a spread above 2**16: then the window's own does);
@@ -592,6 +589,7 @@ class PlaceFilter:
         Parameters
         ----------
         distances : ndarray of int, shape (K,)
+            Of the window to each place.
         events : int
             At the selected pixels in the window.
         """
@@ -606,6 +604,7 @@ class PlaceFilter:
         Parameters
         ----------
         distances : ndarray of int, shape (n, K)
+            Of each window to each place.
         events : ndarray of int64, shape (n,)
             At the selected pixels in each window.
         """
@@ -632,6 +631,7 @@ class PlaceFilter:
         Parameters
         ----------
         metric : ndarray of int32, shape (K,)
+            Cost of each place.
         numbers : sequence of int
             Of that filter.
         """

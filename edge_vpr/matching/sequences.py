@@ -114,7 +114,6 @@ def sequence_matches(
 
     Parameters
     ----------
-    parts : list of BestSequences
     settings : Settings
         `sequence_length` and `anchor` say which window a sequence's match belongs to.
     places : int

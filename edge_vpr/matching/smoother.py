@@ -37,7 +37,6 @@ class SmoothedMatch(NamedTuple):
 
     Attributes
     ----------
-    match : FilterMatch
     metrics : ndarray of int32, shape (K,)
         Cost of the best path through each place.
     """
@@ -51,7 +50,6 @@ class BackwardPass:
 
     Parameters
     ----------
-    transitions : Transitions
     exclusion : int
         See `PlaceFilter`.
     """
@@ -106,7 +104,6 @@ class FixedLag:
 
     Parameters
     ----------
-    transitions : Transitions
     exclusion : int
         See `PlaceFilter`.
     delay : int
@@ -127,7 +124,6 @@ class FixedLag:
         ----------
         row : WindowRows
             Of this one window, by the place filter.
-        way : int or None
         """
         self._held.append((row, way))
         return self._decide() if len(self._held) > self._delay else None
@@ -160,7 +156,6 @@ def runs(ways: Sequence[Way], most: int) -> Iterator[tuple[int, int]]:
 
     Parameters
     ----------
-    ways : sequence of int or None
     most : int
         Largest number of windows in a run.
     """

@@ -117,6 +117,7 @@ class StepTable(NamedTuple):
     restart : int
         With fraction bits.
     jumps : ndarray of int32, shape (n, 2)
+        Pairs of places, from and to, that follow each other without a step.
     activity : ndarray of int32, shape (K,)
         Of each place, see `place_activity`.
     """
@@ -152,7 +153,7 @@ def predict(
     Parameters
     ----------
     metric : ndarray of int32, shape (K,)
-    steps : StepTable
+        Cost of each place.
     activity : int
         Of the window, see `activity_of`.
     back : bool
@@ -216,14 +217,15 @@ def predict_travelled(
     Parameters
     ----------
     metric : ndarray of int32, shape (K,)
+        Cost of each place.
     along : ndarray of int64, shape (K,)
         Millimetres that the reference had driven at each place, not falling.
     travelled : int
         Millimetres since the window before; below 0 backwards.
     rate_and_spacing : tuple of int
         Cost of a millimetre off in units of ``2**-16``, and millimetres between two places.
-    restart : int
     jumps : ndarray of int32, shape (n, 2)
+        Pairs of places, from and to, that follow each other without a step.
 
     Returns
     -------
@@ -274,7 +276,6 @@ class Transitions:
     ----------
     places : int
         K.
-    costs : TransitionCosts
     place_activity : ndarray of int32, shape (K,), optional
         See `place_activity`; 0 by default.
     jumps : ndarray of int32, shape (n, 2), optional
@@ -340,7 +341,7 @@ class Transitions:
         Parameters
         ----------
         metric : ndarray of int32, shape (K,)
-        travelled_mm : int
+            Of the window before.
         back : bool
             Return the cost of each place before it, from that of the places after it.
 

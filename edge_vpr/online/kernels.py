@@ -212,6 +212,7 @@ else:
         Parameters
         ----------
         sums : ndarray of uint16 or uint32, shape (places + LANES + blocks,)
+            Sums of the places, spare ones, and the smallest of each block.
         columns : ndarray of uint8 or uint16
             Map, one pixel's places after another, ending with LANES spare elements.
         steps : ndarray of int64, shape (2, MAX_STEPS)
@@ -335,10 +336,8 @@ def note_steps(slot, column, before, now, noted, totals, counters, arrays):
 
     Parameters
     ----------
-    slot : int
     column : int
         Of the lag, counted from the oldest.
-    before, now : int
     noted : tuple of int
         Steps up and steps down that are noted already.
     arrays : tuple
@@ -442,7 +441,7 @@ def write_codes(counts, own, codes):
     Parameters
     ----------
     counts : ndarray of int64, shape (J,)
-    own : OwnCodes
+        Of the window.
     codes : ndarray of int64, shape (J,)
         Written to.
     """
@@ -469,7 +468,6 @@ def sequence_answer(sums, total, c, length, row):
     ----------
     sums : ndarray of uint16 or uint32
         Of `SlidingWindows`, with all moves taken.
-    total : record of TOTALS
     c : record of CONTROL
         Changed in place: the place told last.
     length : int
@@ -503,7 +501,6 @@ def write_distances(row, best_sum, second_sum, length):
 
     Parameters
     ----------
-    row : record of MATCH_DTYPE
     best_sum, second_sum : int
         Sums over the L windows; the second is negative if there is no second place.
     length : int
@@ -535,8 +532,6 @@ def filter_answer(state, steps, rows, sums, c, events, row):
 
     Parameters
     ----------
-    state : FilterState
-    steps : StepTable
     rows : WindowRows
         Of one window; scratch.
     sums : ndarray of uint16 or uint32
@@ -575,6 +570,7 @@ def acceptance(row, trust, probability, least_trust):
     row : record of MATCH_DTYPE
         With its trust.
     trust : ndarray of int64, shape (m,)
+        Lowest trust of each step of the probability.
     probability : ndarray of float64, shape (m,)
         Steps of `Confidence`; m is 0 where nothing is known.
     least_trust : int
@@ -657,11 +653,13 @@ def few_in_order(table, events, floor, off_slots, slots, times):
     Parameters
     ----------
     table : ndarray of int16 or int32, shape (height, width)
+        Slot of each pixel, below 0 where it is not selected.
     events : ndarray of EVENT_DTYPE, shape (n,)
-    floor : int
+        From a caller; checked here.
     off_slots : int
         Where the slots of OFF events begin; 0 if polarity does not matter.
     slots : ndarray of int32, shape (n or more,)
+        Written to.
     times : ndarray of int64, shape (n or more,)
         Written to.
 

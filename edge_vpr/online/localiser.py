@@ -108,11 +108,6 @@ class LocaliserState:
     ----------
     reference, every, recent, check_every
         See `edge_vpr.online.localiser.Localiser`.
-
-    Attributes
-    ----------
-    run : FilterRun or SequenceRun
-    windows : OnlineWindows
     """
 
     def __init__(
@@ -549,7 +544,6 @@ class OdometryFeed:
 
     Parameters
     ----------
-    localiser : Localiser
     odometry : Odometry, optional
         Without it, only the events are fed.
     """
@@ -602,13 +596,7 @@ last event matched (-1 if none was), and events in no burst that have yet to be 
 
 
 class Follower:
-    """Feeds events to a burst filter and a localiser in one compiled call.
-
-    Parameters
-    ----------
-    bursts : CausalBurstFilter
-    localiser : Localiser
-    """
+    """Feeds events to a burst filter and a localiser in one compiled call."""
 
     def __init__(self, bursts: CausalBurstFilter, localiser: Localiser) -> None:
         bursts.make_room(CHUNK_EVENTS)

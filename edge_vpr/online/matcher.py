@@ -60,6 +60,7 @@ def follow(box, slots, times, until):
     box : BoxedState
         Of `OnlineState`; its arrays are changed in place.
     slots : ndarray of int32, shape (m,)
+        Of the events, in the order of their times.
     times : ndarray of int64, shape (m,)
         Events at selected pixels, in time order.
     until : int
@@ -146,7 +147,6 @@ def follow_chunk(box, events):
 
     Parameters
     ----------
-    box : BoxedState
     events : ndarray of EVENT_DTYPE, shape (m,)
         1 to `CHUNK_EVENTS`.
 
@@ -183,7 +183,6 @@ class MatchRun:
     ----------
     windows : OnlineWindows
         Its state may be replaced between two calls.
-    followed : OnlineState
     """
 
     #: Name of the array of the schedule in an archive.
@@ -230,9 +229,9 @@ class MatchRun:
         Parameters
         ----------
         slots : ndarray of int32, shape (m,)
+            Of the events, in the order of their times.
         times : ndarray of int64, shape (m,)
             In time order, none before `floor_us`.
-        until : int
 
         Returns
         -------
@@ -332,7 +331,6 @@ class FilterRun(MatchRun):
 
     Parameters
     ----------
-    reference : MapRecord
     windows : OnlineWindows
         Of this map, and one window long.
     schedule : MatchSchedule
@@ -340,10 +338,8 @@ class FilterRun(MatchRun):
 
     Attributes
     ----------
-    place_filter : PlaceFilter
     mean : RunningMean or None
         Of own-mean codes.
-    odometer : Odometer
     """
 
     schedule_name = "filter_schedule"
@@ -465,7 +461,6 @@ class SequenceRun(MatchRun):
 
     Parameters
     ----------
-    reference : MapRecord
     windows : OnlineWindows
         Of this map.
     schedule : MatchSchedule
@@ -501,7 +496,6 @@ class DelayedRun(FilterRun):
     ----------
     reference : MapRecord
         Its settings say N.
-    windows : OnlineWindows
     schedule : MatchSchedule
         At the end of each window.
 

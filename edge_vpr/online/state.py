@@ -68,9 +68,9 @@ class OwnCodes(NamedTuple):
     levels : ndarray of int32, shape (size,)
         Logarithm of each count, see `OwnMeanCode`; of size 0 where there are other codes.
     means : ndarray of int32, shape (J,)
+        Mean logarithm of each counter, in units of 1/256 octave.
     codes : ndarray of int64, shape (2, J)
         Those that the distances are of, and scratch.
-    contrast : bool
     bits : int
         Of `OwnMeanCode`.
     """
@@ -88,6 +88,7 @@ class SlidingWindows(NamedTuple):
     Attributes
     ----------
     slot : ndarray of int32, shape (capacity,)
+        Ring of the slots of selected events, as `time` has their times.
     time : ndarray of int64, shape (capacity,)
         Ring of selected events: event number i is at ``i % capacity``, a power of two.
     bound : ndarray of int64, shape (L + 1,)
@@ -101,8 +102,8 @@ class SlidingWindows(NamedTuple):
     code : ndarray of uint16, shape (codes, size)
         Tables, a row each: code of each count, not decreasing; the last stands for all larger
         counts. Of shape (1, 0): the count itself; (0, 0): see `own`.
-    own : OwnCodes
     counters : ndarray of COUNTER, shape (J,)
+        State of each counter.
     columns : ndarray of uint8 or uint16
         Map, a pixel's places one after another, `stride` apart from pixel to pixel.
     sums : ndarray of uint16 or uint32
@@ -111,6 +112,7 @@ class SlidingWindows(NamedTuple):
     steps : ndarray of int64, shape (2, MAX_STEPS)
         Scratch for the steps of `update_blocks`.
     totals : ndarray of TOTALS, shape (1,)
+        Numbers that are kept for all counters together.
     """
 
     slot: npt.NDArray[np.int32]
@@ -134,7 +136,6 @@ def empty_windows(window: Window, length: int, counters: int) -> SlidingWindows:
 
     Parameters
     ----------
-    window : FixedTime or FixedCount
     length, counters : int
         L, and J (or 2 J).
     """
@@ -198,7 +199,6 @@ def start(
     ----------
     places : ndarray of unsigned int, shape (K, J)
         Map, in codes if there are any.
-    window : FixedTime or FixedCount
     length : int
         L.
     codes : PixelCodes or OwnMeanCode, optional
@@ -286,14 +286,8 @@ class OnlineWindows:
     Counters and distances are updated when they are read. They are then those at the time `now_us`;
     all earlier events have been processed.
 
-    Parameters
-    ----------
-    reference : MapRecord
-    window : FixedTime or FixedCount
-
     Attributes
     ----------
-    s : SlidingWindows
     places : ndarray of unsigned int, shape (K, J)
         Those of the map, and those that were appended.
     """
@@ -328,7 +322,6 @@ class OnlineWindows:
         ----------
         counts : ndarray of int, shape (J,)
             Its descriptor, in codes where the map has a code.
-        now_us : int
 
         Raises
         ------
@@ -456,7 +449,6 @@ class MatchSchedule:
             See `read_every`; None: the default, or ``window`` if matches are late.
         settings : Settings
             Of the map.
-        default : str
 
         Raises
         ------
@@ -582,7 +574,6 @@ class OnlineState(NamedTuple):
 
     Attributes
     ----------
-    s : SlidingWindows
     state : FilterState
         Of the place filter; of size 0 where sequences are matched.
     step : StepTable
@@ -590,12 +581,15 @@ class OnlineState(NamedTuple):
     rows : WindowRows
         Of one window; scratch of the place filter.
     control : ndarray of CONTROL, shape (1,)
+        Numbers of the kernel, each by its name.
     trust : ndarray of int64, shape (m,)
+        Lowest trust of each step of the probability.
     probability : ndarray of float64, shape (m,)
         Steps of `edge_vpr.confidence.Confidence`; of size 0 where nothing is known.
     table : ndarray of int16 or int32, shape (height, width)
         Of `PixelMap.table`.
     slots : ndarray of int32, shape (FEW,)
+        Scratch for the slots of the events of one call.
     times : ndarray of int64, shape (FEW,)
         Scratch for the events of one call.
     out : ndarray of MATCH_DTYPE, shape (MATCHES_AT_ONCE,)
@@ -626,7 +620,6 @@ class OnlineState(NamedTuple):
 
         Parameters
         ----------
-        reference : MapRecord
         s : SlidingWindows
             Of this map.
         schedule : MatchSchedule
@@ -701,7 +694,6 @@ def check_extent(places: int, counters: int, length: int, recent: int, window: W
     ----------
     places, counters, length, recent : int
         K, J (or 2 J), L, and the newest places that are left out.
-    window : FixedTime or FixedCount
 
     Raises
     ------
@@ -747,8 +739,6 @@ def check_state(
         With ``now_us`` and ``floor_us``.
     counters, length, ends : int
         J (or 2 J), L, and the number of places that a sequence can end at.
-    window : FixedTime or FixedCount
-    every : MatchSchedule
     filtered : bool
         Whether the place filter matches, and not sequences.
 
@@ -804,8 +794,6 @@ def check_filter_state(
         Of `FilterRun.to_arrays`, and ``bound``.
     places : int
         K.
-    window : FixedTime or FixedCount
-    every : MatchSchedule
     floor_us : int
         Until when time has passed.
 

@@ -297,7 +297,6 @@ def open_hdf5(path: Path, largest_chunk: int = 0) -> Any:
 
     Parameters
     ----------
-    path : Path
     largest_chunk : int
         Bytes of the largest chunk that is read, for which there must be space.
 

@@ -30,7 +30,6 @@ class Target:
 
     Attributes
     ----------
-    name : str
     triple, cpu : str
         As Zig names them; empty for this computer.
     sad : str
@@ -176,11 +175,8 @@ def run_host(program: Path, folder: Path, image: bytes, events: bytes, start: in
 
     Parameters
     ----------
-    program : path
     folder : path
         For its files.
-    image, events : bytes
-    start : int
 
     Returns
     -------

@@ -32,7 +32,6 @@ class InstructionCounter:
 
     Parameters
     ----------
-    uc : unicorn.Uc
     stack_pointer : int
         Unicorn's number of the register.
 
@@ -123,7 +122,6 @@ class Emulator:
 
     Parameters
     ----------
-    target : Target
     elf : path
         What `firmware_model.emulation.build.build` made for it.
 
@@ -210,8 +208,6 @@ class Emulator:
 
         Parameters
         ----------
-        function : str
-        *arguments : int
         count : bool
             Count `instructions` and `stack`. From the first counted call on, all calls are slower.
 
@@ -305,7 +301,6 @@ class Emulator:
             Eight each.
         start : int
             Time at which the first window opens.
-        ram_bytes : int
         batch : int
             Events that are handed over at a time; their records are written only one by one.
         out_words : int

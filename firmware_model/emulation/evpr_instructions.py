@@ -156,7 +156,6 @@ def measure(target: Target, folder: str | Path) -> EvprInstructions:
 
     Parameters
     ----------
-    target : Target
     folder : path
         For what is compiled.
 

@@ -168,7 +168,6 @@ def measure(target: Target, folder: str | Path) -> Instructions:
 
     Parameters
     ----------
-    target : Target
     folder : path
         For what is compiled.
 

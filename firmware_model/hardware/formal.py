@@ -51,7 +51,6 @@ def solve(model: Path, options: Sequence[str], seconds: int) -> bool:
 
     Parameters
     ----------
-    model : path
     options : sequence of str
         Options of yosys-smtbmc: the number of clocks, and ``-i`` for induction.
     seconds : int
@@ -86,7 +85,6 @@ def model_check(model: Path, seconds: int, method: str = UNBOUNDED) -> bool:
 
     Parameters
     ----------
-    model : path
     method : str
         Commands of yosys-abc: `UNBOUNDED`, `SIMPLIFIED`, or `BOUNDED`, after which the assertions
         hold in the states of the first `CLOCKS` clocks; or of as many as it says.
@@ -127,7 +125,6 @@ def translate(
 
     Parameters
     ----------
-    folder : path
     unit : str
         Name of the module, and of its file.
     source : str or None

@@ -77,10 +77,8 @@ def measure(
 
     Parameters
     ----------
-    design : Design
     seeds : sequence of int
         Seeds of place and route, at least one.
-    board : Board
     keep : path, optional
         JSON file, written after each seed. A seed that it contains for the same design, sources and
         commands is not measured again.
@@ -283,7 +281,6 @@ def netlist_memories(design: Design, slow_blocks: bool = False) -> list[Memory]:
 
     Parameters
     ----------
-    design : Design
     slow_blocks : bool
         Whether the core has registers for slow block memories, as on an ECP5.
 
@@ -333,8 +330,6 @@ def packed_cells(
 
     Parameters
     ----------
-    design : Design
-    board : Board
     written : path, optional
         JSON file of the packed netlist to be written.
 

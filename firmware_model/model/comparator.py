@@ -86,8 +86,6 @@ class SearchModel:
 
     Attributes
     ----------
-    best, second, left : Candidate or None
-    delay : deque of Candidate, at most r + 1
     ties : int
         Further places with the best's sum.
     """
@@ -154,7 +152,6 @@ class SequenceModel:
     history : list of L lists of K int
         A ring of rows: row ``newest`` is of the window that ended last. What was not yet written
         is None: it is never added.
-    newest : int
     seen : int
         Windows so far, at most L.
     """
@@ -275,7 +272,6 @@ class PlaceFilterModel:
         ----------
         number : int
             Of the window.
-        activity : int
         paused : bool
             See `WindowResult`.
         distances : callable

@@ -61,7 +61,6 @@ class MeanModel:
 
     Parameters
     ----------
-    design : Design
     start : sequence of int, length slots
         In units of 1/256 octave.
 
@@ -151,15 +150,12 @@ class DescriptorModel:
 
     Parameters
     ----------
-    memories : Memories
     start : int
         Time at which the first window opens, microseconds. Only its lower `timestamp_bits` matter,
         here and in every event.
 
     Attributes
     ----------
-    memories : Memories
-    lookup : Lookup
     counts : list of int, length slots
         Of the open window.
     start : int
@@ -169,7 +165,6 @@ class DescriptorModel:
         Events at selected pixels in the open window.
     events, windows : int
         Taken, and ended, so far.
-    activity : ActivityModel
     mean : MeanModel
         Of own-mean codes.
     """

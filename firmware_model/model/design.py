@@ -226,6 +226,7 @@ class Design(DesignFile):
     polarity : bool
         Count ON and OFF events apart: J counters for ON are followed by J for OFF.
     code : {"linear", "sqrt", "log", "own-mean", "contrast"}
+        How counts are coded.
     code_bits : int
         What a count is turned into at its window's end, see `fixedpoint.codes.CounterCode`; or its
         logarithm less the counter's running mean, see `fixedpoint.own_mean.OwnMeanCode`, of at
@@ -237,7 +238,6 @@ class Design(DesignFile):
     window : {"time", "count"}
         A window is of `tau_us` microseconds, ``[start, start + tau_us)``, or ends with its
         `window_events`-th event at a selected pixel.
-    tau_us, window_events : int
     timestamp_bits : int
         Of the device's clock, in microseconds, which wraps. What is left of a window at some time
         is their difference modulo 2 to this power, read as a signed number.
@@ -265,7 +265,6 @@ class Design(DesignFile):
     accept : {"margin", "ratio"}
         A match is accepted if ``second - best >= margin``; or, by ratio, if ``second > 0`` and
         ``best * ratio[1] <= second * ratio[0]``. It is not if there is no second.
-    margin : int
     trust : int
         A match of the filter of less trust is not accepted either, in units of 1/16 of a metric.
     ratio : tuple of int

@@ -29,14 +29,12 @@ class WindowState(NamedTuple):
 
     Attributes
     ----------
-    window : int
     counted : int
         Events at selected pixels.
     usual : int
         Usual number of events with which the window is compared, in units of 1/256 event.
     activity : int
         Logarithm of `counted` less that of `usual`, in units of 1/16 octave; -368 without events.
-    paused : bool
     mean_shift : int or None
         Of own-mean codes: the means move by 1 / 2 to this power, if the window does not pause.
     window_mean : int
@@ -99,7 +97,6 @@ class Cycle(NamedTuple):
     ----------
     number : int
         From 0, within this match.
-    phase : str
     slot : int or None
         Whose count was encoded and cleared.
     place, word, accumulator : int or None
@@ -129,19 +126,13 @@ class Machine:
 
     Parameters
     ----------
-    memories : Memories
     start : int
         Time at which the first window opens.
 
     Attributes
     ----------
-    memories : Memories
-    descriptor : DescriptorModel
-    comparator : ComparatorModel
-    sequence : SequenceModel
     search : SearchModel
         Of the last match of sequences.
-    place_filter : PlaceFilterModel
     states : list of WindowState
         Of all windows so far, of a design with pauses.
     """
@@ -328,8 +319,6 @@ def trace(memories: Memories, events: Iterable[Event], start: int = 0) -> Trace:
 
     Parameters
     ----------
-    memories : Memories
-    events : iterable of Event
     start : int
         Time at which the first window opens.
     """

@@ -21,10 +21,8 @@ class Lookup:
 
     Attributes
     ----------
-    displacement : tuple of int, length `height`
     owner : tuple of int, length `lookup_depth`
         Row, or `height` where there is none.
-    slot : tuple of int, length `lookup_depth`
     """
 
     displacement: tuple[int, ...]
@@ -47,7 +45,6 @@ class Memories:
 
     Parameters
     ----------
-    design : Design
     pixels : sequence of (x, y), length J
         Slot j counts pixel ``pixels[j]``.
     places : sequence of sequences of int, shape (K, slots)

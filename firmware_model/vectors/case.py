@@ -35,7 +35,6 @@ class Case:
     ----------
     name : str
         Unique within its suite.
-    memories : Memories
     events : tuple of Event
         Times are on the device's clock, which may wrap.
     start : int

@@ -599,7 +599,6 @@ def bundle(
 
     Parameters
     ----------
-    images : sequence of ImageCase
     cases : iterable of Case
         Cases beyond the reference firmware's limits are left out.
     long_windows : sequence of LongWindow

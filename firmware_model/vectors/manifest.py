@@ -56,8 +56,6 @@ class FileEntry:
 
     Attributes
     ----------
-    bytes : int
-    sha256 : str
     words, bits : int or None
         Number of words of a memory's image, and bits of each.
     """
@@ -78,15 +76,12 @@ class CaseEntry:
 
     Attributes
     ----------
-    name : str
     number : int
         Number that stands for the case in binary results.
     start : int
         Time at which the first window starts.
     activity : int
         Usual activity at which the device starts.
-    events, windows, matches : int
-    design : Design
     widths : dict of str to int
         Bits of the device's values.
     reference_firmware : str
@@ -95,7 +90,6 @@ class CaseEntry:
         Fields of a word of each memory's image.
     coverage : dict of str to int
         How often each corner is reached.
-    files : dict of str to FileEntry
     """
 
     name: str
@@ -168,13 +162,10 @@ class Manifest:
     ----------
     versions : dict of str to str
         Versions of the software that made them.
-    seed : int
     corners : dict of str to str
         Description of each corner.
-    design : Design
     rtl : tuple of str
         Source files of the hardware core.
-    suites : tuple of SuiteEntry
     """
 
     versions: dict[str, str]
@@ -313,8 +304,6 @@ def read_case_file(folder: Path, place: str, case: CaseEntry, name: str) -> byte
         Folder of the vectors.
     place : str
         Name of the case, as ``suite/name``.
-    case : CaseEntry
-    name : str
 
     Raises
     ------

@@ -26,8 +26,6 @@ def random_cases(
 
     Parameters
     ----------
-    design : Design
-    rng : numpy.random.Generator
     number : int
         Number of cases, each with pixels, places and a stimulus of its own.
     events : int

@@ -79,8 +79,8 @@ def descriptor_words(
 
     Parameters
     ----------
-    memories : Memories
     descriptors : tuple of tuple of int, shape (n, slots)
+        Code of each slot, for n windows.
 
     Returns
     -------
@@ -247,7 +247,6 @@ def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[
 
     Parameters
     ----------
-    design : Design
     seed : int
         Seed of the random cases.
     only : str, optional
@@ -267,7 +266,6 @@ def smallest_cases(suites: Suites, most_bytes: float) -> dict[str, list[Case]]:
 
     Parameters
     ----------
-    suites : mapping of str to sequence of Case
     most_bytes : float
         Of all files; estimated from the numbers of events and places.
 
@@ -317,8 +315,6 @@ def write_suites(
         Made if it does not exist; must be empty.
     design : Design
         The design for which the suites were made.
-    suites : mapping of str to sequence of Case
-    seed : int
     rtl : bool
         Add the hardware core's sources and testbench, and add the core's parameters to each case.
     on_case : callable, optional

@@ -94,7 +94,6 @@ def verify(
     ----------
     folder : path
         Folder of the vectors; the hashes of the files that are read are checked.
-    results : iterable of Record
     case : str, optional
         Case, as ``suite/name``, of the records before the first one that names a case.
     kinds : sequence of {"event", "window", "match"}

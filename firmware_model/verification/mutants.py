@@ -68,7 +68,6 @@ class Mutant:
 
     Attributes
     ----------
-    file : str
     function : str
         In which the change is; empty outside of functions.
     number : int
@@ -108,7 +107,6 @@ def mutants(file: str, text: str) -> Iterator[Mutant]:
     ----------
     file : str
         Its name.
-    text : str
 
     Yields
     ------
@@ -286,8 +284,6 @@ def mutants_at(
 
     Parameters
     ----------
-    every : iterable of Mutant
-    places : sequence of str
     places_of : callable
         Returns the names of the places where a mutant is.
     expected : str
@@ -556,8 +552,6 @@ def survey(bench: Bench, chosen: Iterable[Mutant], proved: Iterable[Key]) -> Sur
 
     Parameters
     ----------
-    bench : Bench
-    chosen : iterable of Mutant
     proved : iterable of tuple of str
         Keys of those that are proved to be equal.
     """

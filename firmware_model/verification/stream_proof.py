@@ -275,7 +275,6 @@ def holds(claim: Claim, changed: Mapping[str, str] | None = None, *, seconds: in
 
     Parameters
     ----------
-    claim : Claim
     changed : mapping of str to str, optional
         Text of changed source files, by name.
     seconds : int

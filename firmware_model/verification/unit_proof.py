@@ -23,7 +23,6 @@ class Unit:
     ----------
     name : str
         Name of the module, and of its file.
-    parameters : mapping of str to int or str
     exposed : tuple of str
         Registers to which the induction refers.
     base, induction : int

@@ -37,9 +37,6 @@ class RecordingSummary:
 
     Attributes
     ----------
-    path, format, sensor : str
-    events : int
-    duration_us : int
     events_per_s : float or None
         None if the recording has no duration.
     on_share : float
@@ -48,7 +45,6 @@ class RecordingSummary:
         From the start of the recording.
     start_us : int
         On the file's clock.
-    faults : Faults
     """
 
     path: str

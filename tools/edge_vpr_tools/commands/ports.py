@@ -31,11 +31,8 @@ class Known(NamedTuple):
 
     Attributes
     ----------
-    vendor : int
     product : int or None
         None for any product.
-    what : str
-    protocol : str
     baud : int or None
         None if the baud rate has no effect, or is the user's own choice.
     source : str
@@ -89,7 +86,6 @@ class AttachedPort(NamedTuple):
         Numbers of vendor and product, for example ``0403:6014``.
     protocol : str or None
         Likely protocol.
-    baud : int or None
     """
 
     port: str

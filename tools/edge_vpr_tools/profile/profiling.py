@@ -248,9 +248,6 @@ class _Table:
 
     Parameters
     ----------
-    path : path
-    header : str
-    delimiter : str
     columns : dict of str to _Column
         By quantity.
     voltage : float or None

@@ -68,7 +68,6 @@ def with_tables(page: str, folder: Path) -> str:
 
     Parameters
     ----------
-    page : str
     folder : Path
         Where the files are.
 

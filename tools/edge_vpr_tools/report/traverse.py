@@ -178,12 +178,8 @@ def _add_wrong_windows(
 
     Parameters
     ----------
-    page : Page
-    reference : ReferenceMap
-    queries : Descriptors
     at : ndarray of int, shape (n,)
         Which of them belongs to each match.
-    outcome : Outcome
     """
     errors, truth = outcome.errors, outcome.truth
     if errors is None or truth is None or not outcome.wrong.any():

@@ -51,7 +51,6 @@ class BrisbaneTraverse:
 
     Attributes
     ----------
-    name : str
     recording : str
         Stem of the recording's file names.
     video : str
@@ -111,7 +110,6 @@ class QCRTraverse:
 
     Attributes
     ----------
-    name : str
     recording : str
         Stem of the recording's file names.
     start_s : float
@@ -219,11 +217,8 @@ class PublishedDrive:
 
     Attributes
     ----------
-    name : str
-    path : Path
     recording : Recording
         Its time 0 is that of the track.
-    track : Track
     """
 
     name: str
@@ -279,7 +274,6 @@ def found_traverses(
 
     Parameters
     ----------
-    folder : Path
     files : tuple of {"parquet", "bag"}
         Kinds of files to use, in order of preference.
 
@@ -313,7 +307,6 @@ def open_drive(traverse: BrisbaneTraverse | QCRTraverse, path: Path) -> Publishe
 
     Parameters
     ----------
-    traverse : BrisbaneTraverse or QCRTraverse
     path : Path
         Path of its recording; the GPS log must lie in the same folder.
 

@@ -47,7 +47,6 @@ class Target(NamedTuple):
 
     Attributes
     ----------
-    traverse : str
     track : Track
         Positions over the time of the events.
     """

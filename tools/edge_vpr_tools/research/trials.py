@@ -184,7 +184,6 @@ class Outcome(Generic[Key, Result]):
 
     Attributes
     ----------
-    key : hashable
     result : object or None
         None if the job failed.
     error, where : str
@@ -207,10 +206,8 @@ def run_all(
 
     Parameters
     ----------
-    jobs : mapping of key to job
     run : callable
         A function of a module, so that other processes can import it.
-    workers : Workers
 
     Raises
     ------
@@ -515,12 +512,9 @@ class TrialsRun:
         Number of trials with different keys.
     known : int
         Number of trials whose result or failure was stored by an earlier run.
-    computed, failed : int
-    workers : int
     busy_share : float
         Share of the workers' time, until the last trial ended, in which they computed trials that
         did not fail. The start of their processes counts as idle.
-    elapsed_s : float
     """
 
     trials: int
@@ -556,12 +550,10 @@ def compute(
 
     Parameters
     ----------
-    named : sequence of NamedTrial
     run : callable
         Maps a trial to its result; must be a function of a module.
     store : Store
         Must be opened.
-    workers : Workers
     retry_failed : bool
         Compute trials again that failed before.
     progress : callable

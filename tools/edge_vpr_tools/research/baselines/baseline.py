@@ -94,6 +94,7 @@ class Compared:
     Attributes
     ----------
     distances : ndarray of float64, shape (K, Q)
+        Of every place to every query window.
     bytes_per_place : int
         Size of one stored description in bytes, rounded up.
     operations : int
@@ -120,7 +121,6 @@ def compare(baseline: Baseline, reference: Images, queries: Images) -> Compared:
 
     Parameters
     ----------
-    baseline : Baseline
     reference, queries : ndarray of int, shape (K, height, width) and (Q, height, width)
         Event counts of windows at all pixels.
     """
@@ -168,6 +168,7 @@ def match_distances(
     distances : ndarray of float, shape (K, Q)
         0 or more, finite. Rounding errors are at most 2**-29 of the largest distance.
     query_us : ndarray of int64, shape (Q,)
+        Centres of the queries.
     settings : Settings
         `sequence_length`, `anchor` and `exclusion` are used.
 
@@ -196,6 +197,7 @@ def filter_distances(
     activity : (ndarray of int64, ndarray of int64), shapes (K,) and (Q,)
         Events of each place and of each query window.
     query_us : ndarray of int64, shape (Q,)
+        Middle of each query window, in microseconds.
     settings : Settings
         Of the filter, `precision` among them.
     """

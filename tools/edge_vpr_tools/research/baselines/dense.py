@@ -60,7 +60,7 @@ def mean_cells(images: Images, rows: int, columns: int) -> npt.NDArray[np.float6
     Parameters
     ----------
     images : ndarray of int, shape (n, height, width)
-    rows, columns : int
+        Counts of events at each pixel.
 
     Returns
     -------
@@ -158,7 +158,6 @@ class Member(NamedTuple):
 
     Attributes
     ----------
-    baseline : Baseline
     windows : int
         Number of neighbouring windows whose sum the system gets, at each window.
     """
@@ -239,7 +238,7 @@ def summed(images: Images, windows: int) -> Images:
     Parameters
     ----------
     images : ndarray of int, shape (n, height, width)
-    windows : int
+        Counts of events at each pixel.
 
     Returns
     -------

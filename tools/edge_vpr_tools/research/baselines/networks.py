@@ -308,6 +308,7 @@ class LensWeights(NamedTuple):
     Attributes
     ----------
     feature : ndarray of float32, shape (F, side * side)
+        Weights from each input to each of F features.
     output : ndarray of float32, shape (K, F)
         One row for each place.
     """
@@ -353,7 +354,6 @@ class Lens:
 
     Parameters
     ----------
-    weights : LensWeights
     seed : int
         Seed of the input's random spikes.
     steps : int
@@ -435,7 +435,7 @@ def fire(membrane: Floats, current: Floats, threshold: float) -> Floats:
     membrane : ndarray of float32, shape (n,)
         Changed in place.
     current : ndarray of float32, shape (n,)
-    threshold : float
+        Input of each neuron.
     """
     membrane += current
     spikes = np.maximum(np.trunc(membrane / np.float32(threshold)), np.float32(0))
@@ -450,6 +450,7 @@ def grid_pixels(images: Images, side: int) -> Floats:
     Parameters
     ----------
     images : ndarray of int, shape (n, height, width)
+        Counts of events at each pixel.
     side : int
         Number of cells in a row and in a column.
 

@@ -30,7 +30,6 @@ class SelectedPixels(AbsoluteDifferences):
 
     Parameters
     ----------
-    title : str
     settings : Settings
         `pixels`, `strategy`, `sigma`, `seed` and `clip` are used.
     """
@@ -108,12 +107,12 @@ def map_all_pixels(
 
     Parameters
     ----------
-    recording : EventSource or WindowSource
     settings : Settings
         `pixels` and `strategy` are replaced. A fixed-count window holds `events_per_pixel` events
         for each pixel of the sensor; if that is None, it holds the average number of a window of
         tau.
     hot : ndarray of bool, shape (height, width)
+        Pixels that are left out.
     """
     y, x = np.nonzero(~hot)
     everything = PixelMap(recording.sensor, x.astype(np.uint16), y.astype(np.uint16))

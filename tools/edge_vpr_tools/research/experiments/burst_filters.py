@@ -40,10 +40,8 @@ class Flashed:
 
     Parameters
     ----------
-    recording : EventSource
     rate : float
         Flashes per second.
-    seed : int
     """
 
     def __init__(self, recording: EventSource, rate: float, seed: int) -> None:
@@ -73,8 +71,6 @@ def matched(reference: ReferenceMap, query: EventSource, name: str) -> Matches:
 
     Parameters
     ----------
-    reference : ReferenceMap
-    query : EventSource
     name : str
         Name of one of `FILTERS`.
     """

@@ -45,10 +45,8 @@ class Case:
 
     Parameters
     ----------
-    reference : ReferenceMap
     counted : Descriptors
         Counts of the query at the map's pixels.
-    truth : GroundTruth
     """
 
     reference: ReferenceMap
@@ -135,8 +133,6 @@ class Street(NamedTuple):
 
     Attributes
     ----------
-    seed : int
-    case : Case
     elsewhere : Descriptors or None
         Counts of a drive through the previous street, at the same pixels.
     """
@@ -204,7 +200,6 @@ def first_row(name: str, table: Confidence, switched_on: Sequence[Case]) -> list
     ----------
     name : str
         Name of the row.
-    table : Confidence
     switched_on : sequence of Case
         Drives with the running mean, in which matching starts at several windows.
 
@@ -273,7 +268,6 @@ def versions_of(street: Street, rng: np.random.Generator) -> Iterator[tuple[str,
 
     Parameters
     ----------
-    street : Street
     rng : Generator
         Decides where the map and the drive are cut.
 
@@ -349,7 +343,6 @@ def write_tables(path: Path, learnt: Mapping[str, tuple[Confidence, Sample]], se
 
     Parameters
     ----------
-    path : path
     learnt : mapping of str to (Confidence, Sample)
         Each table, and the matches that it was learnt from, by its name in `MATCHINGS`.
     seeds : int

@@ -41,10 +41,8 @@ def score(
 
     Parameters
     ----------
-    pair : Pair
     seed : int
         Of the draw of pixels.
-    variants : mapping of (name, number) to settings of a code
 
     Returns
     -------

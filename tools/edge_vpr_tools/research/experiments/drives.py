@@ -65,9 +65,8 @@ class Pair:
     ----------
     drives : str
         Name of the drives.
-    reference, query : EventSource or WindowSource
-    settings : Settings
     truth_of : callable
+        Makes the ground truth from the times of places and queries.
     drawn : bool
         Whether pixels are drawn, so that several draws differ.
     tracks : Tracks, optional
@@ -274,7 +273,9 @@ class CountedDrive:
     Attributes
     ----------
     images : ndarray of int, shape (n, height, width)
+        Counts of events at each pixel, for n windows.
     centre_us : ndarray of int64, shape (n,)
+        Centre of each window.
     """
 
     images: npt.NDArray[np.integer]
@@ -361,7 +362,6 @@ def recorded_drives(data: Path | None, *, images: bool = False) -> list[Drives]:
 
     Parameters
     ----------
-    data : path, optional
     images : bool
         Leave out those of which only some pixels were published.
 
@@ -438,7 +438,6 @@ class Contest:
 
     Attributes
     ----------
-    reference, query : CountedDrive
     truths : mapping of str to callable
         Truth by tolerance.
     length : int

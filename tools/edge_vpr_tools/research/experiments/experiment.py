@@ -48,7 +48,6 @@ class Drives:
 
     Parameters
     ----------
-    name : str
     open : callable
         Maps a seed to what the experiment measures: a pair of drives.
     files : sequence of path
@@ -73,7 +72,6 @@ class Draw(NamedTuple):
     ----------
     pair : object
         As `Drives.open` returns it.
-    seed : int
     is_new : bool
         Whether no earlier seed has these drives. Else variants that draw nothing are left out.
     systems : tuple of str
@@ -163,9 +161,6 @@ class ExperimentTrial:
 
     Attributes
     ----------
-    experiment, drives : str
-    seed : int
-    systems : tuple of str
     data : str or None
         Folder of recorded drives.
     inputs : str
@@ -257,7 +252,6 @@ class Measured:
 
     Attributes
     ----------
-    name : str
     rows : list of mapping
         With the columns `DRIVES`, those of the experiment's names, `SEED`, and what was measured.
     elapsed_s : float
@@ -305,15 +299,12 @@ def run_experiments(
 
     Parameters
     ----------
-    names : sequence of str
     data : path, optional
         Folder of recorded drives.
-    seeds : int
     systems : tuple of str
         Baselines in addition.
     store : Store
         Must be opened.
-    workers : Workers
     progress : callable
         See `Progress`.
 

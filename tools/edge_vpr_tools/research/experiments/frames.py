@@ -70,12 +70,10 @@ class FramedDrive:
 
     Attributes
     ----------
-    frames : IntensityFrames
     start_us : int
         Time 0 of the drive on the clock of the frames.
     recording : EventSource or None
         Events of the drive.
-    track : Track
     """
 
     frames: IntensityFrames

@@ -31,7 +31,6 @@ class Published(NamedTuple):
 
     Attributes
     ----------
-    system, device, includes, source : str
     low, central, high : float
         The ends of their interval, where there is one.
     """

@@ -43,7 +43,6 @@ class Way:
 
     Parameters
     ----------
-    name : str
     changes : dict
         Settings that differ from the pair's.
     registered : bool
@@ -79,7 +78,7 @@ class ShiftedWindows:
     Parameters
     ----------
     images : ndarray of int, shape (n, height, width)
-    window_us : int
+        Counts of events at each pixel, for n windows.
     dx, dy : int
         Shift to the right and downwards, in pixels.
     """

@@ -72,7 +72,6 @@ class Second(NamedTuple):
 
     Attributes
     ----------
-    drive : Drive
     contrast : float
         Thresholds of the camera, as a multiple of those in the reference drive.
     """
@@ -113,12 +112,10 @@ class Counted(NamedTuple):
 
     Attributes
     ----------
-    settings : Settings
     reference : ReferenceMap
         Map with counts.
     queries : Descriptors
         Counts of the query.
-    truth : GroundTruth
     odometry : Odometry or None
         Odometry of the query.
     """

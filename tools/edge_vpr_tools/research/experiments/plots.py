@@ -32,7 +32,6 @@ def dots(rows: Rows, measures: Sequence[str], row: str, series: str | None = Non
 
     Parameters
     ----------
-    rows : sequence of mapping
     measures : sequence of str
         Columns of the panels.
     row : str
@@ -73,7 +72,6 @@ def lines(
 
     Parameters
     ----------
-    rows : sequence of mapping
     x, y : str
         Columns of numbers.
     line : str
@@ -117,7 +115,6 @@ def costs(rows: Rows, x: str, y: str, label: str, series: str) -> Figure:
 
     Parameters
     ----------
-    rows : sequence of mapping
     x, y : str
         Columns of the cost and of the measure.
     label : str

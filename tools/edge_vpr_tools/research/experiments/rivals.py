@@ -103,7 +103,6 @@ class System:
 
     Parameters
     ----------
-    name : str
     chosen_on : str
         Data that chose its parameters.
     match : callable
@@ -211,8 +210,6 @@ def rivals_of(pair: Contest, seed: int, is_new: bool, systems: Sequence[str]) ->
 
     Parameters
     ----------
-    pair : Contest
-    seed : int
     is_new : bool
         Yield those too that draw nothing.
     systems : sequence of str

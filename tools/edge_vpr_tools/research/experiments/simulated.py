@@ -40,7 +40,6 @@ class Latency:
         For the places that were recognised before the drive was `reach_m` past their end.
     places : int
         Number of places entered while matches were given.
-    matches : int
     """
 
     seconds: npt.NDArray[np.float64]
@@ -70,8 +69,6 @@ def measure_latency(
 
     Parameters
     ----------
-    reference : ReferenceMap
-    query : EventSource
     reference_track, query_track : Track
         Metric, one coordinate: the distance along the route, which does not decrease.
     every : MatchSchedule
@@ -143,7 +140,6 @@ def run_variants(
 
     Parameters
     ----------
-    reference, query : SimulatedRecording
     seed : int
         Seed of the draw of pixels.
     on_start : callable, optional

@@ -137,7 +137,6 @@ def cases(pair: Pair, seeds: int) -> Iterator[Case]:
 
     Parameters
     ----------
-    pair : Pair
     seeds : int
         Number of draws of pixels.
     """

@@ -55,7 +55,6 @@ class Aedat2Frames:
     ----------
     start_us : int
         Time of the first event, or of the first frame if no events were recorded.
-    has_events : bool
 
     Raises
     ------
@@ -183,7 +182,6 @@ class Aedat3Frames:
 
     Parameters
     ----------
-    path : Path
     topic : str, optional
         Name or number of the camera, if there are several.
 
@@ -191,7 +189,6 @@ class Aedat3Frames:
     ----------
     start_us : int
         Time of the first event, or of the first frame if no events were recorded.
-    has_events : bool
     """
 
     def __init__(self, path: Path, topic: str | None = None) -> None:
@@ -259,7 +256,6 @@ class Aedat4Frames:
 
     Parameters
     ----------
-    path : Path
     topic : str, optional
         Name or number of the stream, if there are several.
 
@@ -267,7 +263,6 @@ class Aedat4Frames:
     ----------
     start_us : int
         Time of the first event, or of the first frame if no events were recorded.
-    has_events : bool
     """
 
     def __init__(self, path: Path, topic: str | None = None) -> None:

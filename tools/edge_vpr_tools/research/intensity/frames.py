@@ -25,6 +25,7 @@ class IntensityFrame(NamedTuple):
     time_us : int
         Time on the clock of the image's source.
     image : ndarray of uint8, shape (height, width)
+        Grey values, from black to white.
     """
 
     time_us: int
@@ -81,7 +82,6 @@ def frames_at(
 
     Parameters
     ----------
-    frames : IntensityFrames
     times_us : ndarray of int64, shape (n,)
         Ascending; 0 is the start of the recording.
     most_apart_us : int
@@ -143,7 +143,6 @@ def start_of(frames: IntensityFrames, path: Path, topic: str | None = None) -> i
     ----------
     frames : IntensityFrames
         Its `has_events` says whether the file holds events.
-    path : Path
     topic : str, optional
         Camera of the events, if there are several.
     """
@@ -188,7 +187,6 @@ def simulated_images(
 
     Parameters
     ----------
-    drive : SimulatedRecording
     time_us : ndarray of int64, shape (n,)
         Ascending, within the drive.
     rng : Generator

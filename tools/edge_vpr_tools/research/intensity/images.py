@@ -41,7 +41,6 @@ class ImageFolder:
 
     Parameters
     ----------
-    path : Path
     period : Fraction, optional
         Time from one image to the next in seconds.
 
@@ -160,7 +159,6 @@ class Hdf5Images:
 
     Parameters
     ----------
-    path : Path
     topic : str, optional
         Name of the data set, if there are several.
 
@@ -269,8 +267,8 @@ class BagImages:
 
     Parameters
     ----------
-    path : Path
     ros : {1, 2}
+        Version of ROS that wrote the bag.
     topic : str, optional
         Name of the topic, if there are several.
 
@@ -278,7 +276,6 @@ class BagImages:
     ----------
     start_us : int
         Start of the events of the same bag, or time of the first image without events.
-    has_events : bool
     """
 
     def __init__(self, path: Path, ros: int, topic: str | None = None) -> None:

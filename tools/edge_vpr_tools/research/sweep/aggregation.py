@@ -46,7 +46,6 @@ class Average:
 
     Attributes
     ----------
-    run, variant : str
     settings : mapping of str to str
         Words of the settings that differ between the variants, by their key.
     drives : int
@@ -95,7 +94,6 @@ def averages(rows: Sequence[Row], measure: str) -> list[Average]:
 
     Parameters
     ----------
-    rows : sequence of Row
     measure : str
         One of `MEASURES`, of the difference.
     """
@@ -247,7 +245,6 @@ def draw_over(rows: Sequence[Row], measure: str, over: str) -> Figure:
 
     Parameters
     ----------
-    rows : sequence of Row
     measure : str
         One of `MEASURES`.
     over : str
@@ -322,8 +319,6 @@ def write_comparison(
 
     Parameters
     ----------
-    folder : Path
-    rows : sequence of Row
     formats : sequence of str
         Names from `report.formats.FORMATS`.
     measure : str

@@ -116,7 +116,6 @@ class Trial:
     ----------
     settings : mapping
         As returned by `Settings.to_dict`, with the seed.
-    drives : PairOfDrives
     inputs : tuple of str
         SHA-256 of each file of `drives.files`, in that order.
     version : str
@@ -148,8 +147,6 @@ class TrialResult:
 
     Attributes
     ----------
-    precision_at_100_recall, recall_at_99_precision, average_precision, recall_at_1 : float
-    queries, places, pixels, bytes_per_place, packed_bytes_per_place, events : int
     mapping_s, counting_s, microseconds_per_match : float
         Times on this machine, under its load during the trial.
     elapsed_s : float
