@@ -232,7 +232,7 @@ def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, caps
     assert main(["map", recording, "-o", first, *small]) == 0
     # as a robot matches, whose table it is to be
     match = ["match", first, recording, "--no-figures", "--no-smooth"]
-    assert main([*match, "-o", str(tmp_path / "a"), "--precision", "0.9"]) == 0
+    assert main([*match, "-o", str(tmp_path / "a"), "--precision", "0.99"]) == 0
     with (tmp_path / "a" / "matches.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     expected = default_confidence().probability_of(np.array([int(row["trust"]) for row in rows]))
@@ -247,7 +247,7 @@ def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, caps
     capsys.readouterr()
     assert main(["evaluate", str(tmp_path / "a"), *given]) == 0
     said = capsys.readouterr().out
-    assert "probabilities are off by" in said and "--precision 0.9:" in said
+    assert "probabilities are off by" in said and "--precision 0.99:" in said
     assert "off the map: AUROC" in said
     evaluation = json.loads((tmp_path / "a" / "metrics.json").read_text())["evaluation"]
     assert evaluation["rejection"]["off_map"] == 9

@@ -192,7 +192,9 @@ RUNS = [
     ("sweep {f}/sweep.toml -o {f}/swept --workers 1 --retry-failed", 0),
     # 2: an address without a port
     ("sweep {f}/sweep.toml -o {f}/swept --scheduler nowhere", 2),
-    ("compare {f}/swept -o {f}/compared --over pixels", 0),
+    ("compare {f}/swept -o {f}/compared", 0),
+    # 2: these runs differ in no setting
+    ("compare {f}/swept -o {f}/compared --overwrite --over pixels", 2),
     ("compare {f}/swept -o {f}/compared --overwrite --figures pdf,svg --measure recall_at_1", 0),
     ("completion bash", 0),
     ("demo -o {f}/demo --seed 1 --overwrite", 0),
