@@ -99,7 +99,7 @@ def draw(rows: Rows) -> Figure:
         )
         axes.set(xscale="log", xlabel="matches per joule (higher is better)")
         axes.invert_yaxis()
-        axes.legend(loc="lower left")
+        axes.legend(loc="upper left")
     return drawing
 
 
