@@ -59,6 +59,8 @@ _SHOWN = 0.8
 #: columns and rows, and how long the view is watched before it is drawn
 _TERMINAL = (80, 9)
 _WATCHED_S = 25
+#: time that the bridge takes to listen, in seconds
+_STARTING_S = 5.0
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 COMMANDS = (
     "edge-vpr simulate -o street",
@@ -229,6 +231,7 @@ def live_view(folder: Path, path: Path) -> None:
     query = ["edge-vpr", "bridge", "street/query.npz", "--start", "60", "--port", address]
     view = ["edge-vpr", "stream", "--port", address, "--protocol", "evpr", "--map", "map.npz"]
     with subprocess.Popen(query, cwd=folder, stdout=subprocess.DEVNULL) as bridge:
+        time.sleep(_STARTING_S)  # the view would tell that nobody listens
         terminal = Terminal([*view, "--every", "50ms"], os.environ, folder, _TERMINAL)
         try:
             terminal.wait_for(lambda text: "% of the route" in text, 60)
