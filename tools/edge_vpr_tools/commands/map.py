@@ -56,7 +56,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--track",
         metavar="FILE",
         action="append",
-        help="track of the reference drive (NMEA, GPX, or CSV with time_s and metres or degrees), "
+        help="track of the reference drive (NMEA, GPX, poses of TUM, KITTI or EuRoC, or CSV with "
+        "time_s or timestamp and metres or degrees), "
         "from which each match gets a position and an interval along the route; given again, of "
         "each further drive, which is then aligned by it instead of by matching",
     )
