@@ -91,9 +91,8 @@ class MapUpdate(Generic[AnyMap]):
         )
         if not self.changed.size:
             return text
-        where = ", ".join(_runs(self.changed)[:8]) + (
-            " ..." if len(_runs(self.changed)) > 8 else ""
-        )
+        runs = _runs(self.changed)
+        where = ", ".join(runs[:8]) + (" ..." if len(runs) > 8 else "")
         return f"{text}; {self.changed.size} places look different: {where}"
 
 
@@ -144,15 +143,44 @@ def learn_drive(
             f"{aligned.sum()} of {aligned.size} windows could be aligned with the map: name a "
             "drive of the same route, or give the tracks of both drives"
         )
-    seen, windows = _mean_by_place(_fine_codes(reference, counted), place, len(reference))
+    code, initial = reference.own_mean_code, reference.mean
+    if code is None or initial is None:
+        fine = reference.coded(counted).counts.astype(np.int64) << FRACTION_BITS
+    else:
+        paused = find_pauses(counted.activity, activity_of_drive(reference.places.activity))
+        own = drive_mean(counted.counts, paused, code)
+        fine = code.fine(counted.counts, own)
+    seen, windows = _mean_by_place(fine, place, len(reference))
     learnt = windows > 0
     before = _learnt_before(reference)
-    weight = np.minimum(before.drives, MOST_DRIVES).astype(np.int64)[:, None]
-    total = before.mean * weight + seen
-    mean = np.where(learnt[:, None], _rounded(total, weight + 1), before.mean).astype(np.int32)
-    drives = np.minimum(before.drives + learnt, MOST_DRIVES).astype(np.uint8)
+    weight = np.minimum(before.drives, MOST_DRIVES).astype(np.int64)
+    total = before.mean.astype(np.int64) * weight[:, None] + seen
+    averaged = _rounded(total, weight[:, None] + 1)
+    mean = np.where(learnt[:, None], averaged, before.mean).astype(np.int32)
+    if code is not None and initial is not None:
+        most = int(weight.max())
+        both = initial.astype(np.int64) * most + own
+        initial = _rounded(both, most + 1).astype(np.int32)
+    places = reference.places
+    # as many events as in a drive that is as bright and as fast as the reference
+    usual, of_drive = (activity_of_drive(each.activity) for each in (places, counted))
+    scaled = counted.activity * usual // max(of_drive, 1)
+    events, _ = _mean_by_place(scaled, place, len(places))
+    activity = _rounded(places.activity * weight + events, weight + 1)
+    codes = (mean + (1 << (FRACTION_BITS - 1))) >> FRACTION_BITS
+    updated = replace(
+        reference,
+        places=replace(
+            places,
+            counts=codes.astype(places.counts.dtype),
+            selected=np.where(learnt, activity, places.activity),
+        ),
+        mean=initial,
+        learnt_mean=mean,
+        drives=np.minimum(before.drives + learnt, MOST_DRIVES).astype(np.uint8),
+        confidence=None,
+    )
     change = np.abs(seen - before.mean).sum(axis=1)
-    updated = _with_codes(reference, counted, place, mean, drives)
     return MapUpdate(
         updated,
         aligned,
@@ -167,7 +195,7 @@ def learn_drive(
 def _aligned_by_matching(
     reference: MapRecord, counted: Descriptors, odometry: Odometry | None
 ) -> npt.NDArray[np.int64]:
-    """Return the place that each window shows, by its smoothed match; -1 where that is not sure."""
+    """Return the place that each window shows, by its smoothed match; -1 if that is unsure."""
     asked = {"matching": "filter", "smooth": True, "query_mean": "own", "precision": None}
     matching = reference.matched_with(reference.settings.replaced(asked, "alignment"))
     matches = match_query(matching, matching.coded(counted), odometry)
@@ -198,21 +226,6 @@ def _aligned_by_track(
     return place
 
 
-def _fine_codes(reference: MapRecord, counted: Descriptors) -> npt.NDArray[np.int64]:
-    """Return the code of each count in units of 1/256, as it is before it is rounded."""
-    code = reference.own_mean_code
-    if code is None:
-        return reference.coded(counted).counts.astype(np.int64) << FRACTION_BITS
-    return code.fine(counted.counts, _mean_of(reference, counted)).astype(np.int64)
-
-
-def _mean_of(reference: MapRecord, counted: Descriptors) -> npt.NDArray[np.int32]:
-    code = reference.own_mean_code
-    assert code is not None, "asked of maps with own-mean codes"
-    paused = find_pauses(counted.activity, activity_of_drive(reference.places.activity))
-    return drive_mean(counted.counts, paused, code)
-
-
 def _mean_by_place(
     values: npt.NDArray[np.int64], place: npt.NDArray[np.int64], places: int
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
@@ -236,40 +249,6 @@ def _learnt_before(reference: MapRecord) -> _Learnt:
         return _Learnt(reference.learnt_mean, reference.drives)
     mean = reference.places.counts.astype(np.int32) << FRACTION_BITS
     return _Learnt(mean, np.ones(len(reference), dtype=np.uint8))
-
-
-def _with_codes(
-    reference: AnyMap,
-    counted: Descriptors,
-    place: npt.NDArray[np.int64],
-    mean: npt.NDArray[np.int32],
-    drives: npt.NDArray[np.uint8],
-) -> AnyMap:
-    """Return the map with new codes, and with the events and means of its counters averaged too."""
-    places = reference.places
-    weight = np.minimum(_learnt_before(reference).drives, MOST_DRIVES).astype(np.int64)
-    # as many events as in a drive that is as bright and as fast as the reference
-    usual, own = (activity_of_drive(each.activity) for each in (places, counted))
-    events, windows = _mean_by_place(counted.activity * usual // max(own, 1), place, len(places))
-    activity = _rounded(places.activity * weight + events, weight + 1)
-    codes = (mean + (1 << (FRACTION_BITS - 1))) >> FRACTION_BITS
-    initial = reference.mean
-    if initial is not None:
-        most = int(weight.max())
-        of_drive = _mean_of(reference, counted).astype(np.int64)
-        initial = _rounded(initial * most + of_drive, most + 1).astype(np.int32)
-    return replace(
-        reference,
-        places=replace(
-            places,
-            counts=codes.astype(places.counts.dtype),
-            selected=np.where(windows > 0, activity, places.activity),
-        ),
-        mean=initial,
-        learnt_mean=mean,
-        drives=drives,
-        confidence=None,
-    )
 
 
 def _outliers(

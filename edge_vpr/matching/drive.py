@@ -294,7 +294,8 @@ def match_descriptors(
     acceptance = Acceptance(confidence, settings.precision)
     if settings.matching == "filter":
         place_filter = filter_of(places, settings, jumps, along_mm)
-        return _match_by_filter(place_filter, places, queries, settings, acceptance, odometry)
+        index = ReferenceIndex(places.counts)
+        return match_by_filter(place_filter, index, queries, settings, acceptance, odometry)
     check_no_ways(jumps, odometry is not None)
     length = settings.sequence_length
     check_length(length, len(places), len(queries))
@@ -357,15 +358,15 @@ def check_no_ways(jumps: npt.NDArray[np.int32] | None, odometry: bool) -> None:
         )
 
 
-def _match_by_filter(
+def match_by_filter(
     place_filter: PlaceFilter,
-    places: Descriptors,
+    index: ReferenceIndex,
     queries: Descriptors,
     settings: Settings,
     acceptance: Acceptance,
-    odometry: Odometry | None,
+    odometry: Odometry | None = None,
 ) -> Matches:
-    index, n = ReferenceIndex(places.counts), len(queries)
+    """Match every query window by a filter before its first window; see `filter_drive`."""
     found = filter_drive(
         place_filter, index, queries, odometry, smooth=settings.smooth, delay=settings.late
     )
@@ -373,8 +374,8 @@ def _match_by_filter(
     probability, lost = acceptance.acceptance(trust)
     return Matches(
         settings=settings,
-        places_in_map=len(places),
-        query=np.arange(n, dtype=np.int64),
+        places_in_map=index.places,
+        query=np.arange(len(queries), dtype=np.int64),
         time_us=queries.centre_us,
         place=place,
         distance_sum=metric,

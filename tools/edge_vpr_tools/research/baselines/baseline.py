@@ -14,7 +14,7 @@ import numpy.typing as npt
 from edge_vpr.confidence import Acceptance, default_confidence
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.matching.distances import ReferenceIndex
-from edge_vpr.matching.drive import filter_drive, filter_of
+from edge_vpr.matching.drive import filter_of, match_by_filter
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.sequences import BestSequences, sequence_matches, sequence_sums
 from edge_vpr.settings import Settings
@@ -203,29 +203,12 @@ def filter_distances(
     """
     given = _GivenDistances(_whole(distances, _FILTER_BITS))
     # the only counter of a window says which column of the matrix it is
-    places, queries = (_numbered(events) for events in activity)
-    found = filter_drive(
-        filter_of(places, settings, None, None), cast(ReferenceIndex, given), queries,
-        smooth=settings.smooth, delay=settings.late,
-    )  # fmt: skip
-    place, metric, second, second_metric, ties, trust = found.columns.T
+    of_places, of_queries = activity
+    places = _numbered(of_places, np.zeros_like(of_places))
+    place_filter = filter_of(places, settings, None, None)
     accepted = Acceptance(default_confidence(settings.smooth, settings.late), settings.precision)
-    probability, lost = accepted.acceptance(trust)
-    return Matches(
-        settings=settings,
-        places_in_map=len(distances),
-        query=np.arange(len(place), dtype=np.int64),
-        time_us=query_us,
-        place=place,
-        distance_sum=metric,
-        second=second,
-        second_sum=second_metric,
-        ties=ties,
-        candidates=found.candidates,
-        trust=trust,
-        probability=probability,
-        lost=lost,
-    )
+    queries = _numbered(of_queries, query_us)
+    return match_by_filter(place_filter, cast(ReferenceIndex, given), queries, settings, accepted)
 
 
 class _GivenDistances:
@@ -240,10 +223,10 @@ class _GivenDistances:
         return self._rows[windows[:, 0]]
 
 
-def _numbered(events: npt.NDArray[np.int64]) -> Descriptors:
+def _numbered(events: npt.NDArray[np.int64], time_us: npt.NDArray[np.int64]) -> Descriptors:
     """Return windows that count their own number."""
-    numbers, none = np.arange(len(events), dtype=np.uint32), np.zeros(len(events), dtype=np.int64)
-    return Descriptors(numbers[:, None], none, none, events, events)
+    numbers = np.arange(len(events), dtype=np.uint32)
+    return Descriptors(numbers[:, None], time_us, time_us, events, events)
 
 
 def _whole(distances: npt.NDArray[np.floating], bits: int) -> npt.NDArray[np.int64]:
