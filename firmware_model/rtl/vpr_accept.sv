@@ -3,12 +3,12 @@
 //
 // The answer is registered at the second clock edge after its inputs are there.
 module vpr_accept #(
-    parameter bit          BY_MARGIN     = 0,
-    parameter logic [31:0] MARGIN        = 0,
-    parameter logic [15:0] NUMERATOR     = 1,
-    parameter logic [15:0] DENOMINATOR   = 2,
-    parameter int          SUM_BITS      = 1,
-    parameter int          PRODUCT_BITS  = 2
+    localparam bit          BY_MARGIN    = vpr_pkg::BY_MARGIN,
+    localparam logic [31:0] MARGIN       = vpr_pkg::MARGIN,
+    localparam logic [15:0] NUMERATOR    = vpr_pkg::NUMERATOR,
+    localparam logic [15:0] DENOMINATOR  = vpr_pkg::DENOMINATOR,
+    localparam int          SUM_BITS     = vpr_pkg::SUM_BITS,
+    localparam int          PRODUCT_BITS = vpr_pkg::PRODUCT_BITS
 ) (
     input  logic                clk,
     input  logic [SUM_BITS-1:0] best_sum,

@@ -8,9 +8,9 @@
 // counted, and no window may end. Both numbers come round before, five times each, for their
 // logarithms. `activity_inverse` stands from `settled` on.
 module vpr_activity #(
-    parameter int EVENTS_BITS   = 23,
-    parameter int ACTIVITY_BITS = 31,
-    parameter bit LOGARITHMS    = 1
+    localparam int EVENTS_BITS   = vpr_pkg::WINDOW_EVENTS_BITS,
+    localparam int ACTIVITY_BITS = vpr_pkg::ACTIVITY_BITS,
+    localparam bit LOGARITHMS    = vpr_pkg::FILTER
 ) (
     input  logic                     clk,
     input  logic                     load,

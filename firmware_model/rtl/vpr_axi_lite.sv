@@ -5,9 +5,18 @@
 // waits for a match. One write and one read are under way at a time. `match_waits` is high while
 // there is a match.
 module vpr_axi_lite #(
-    parameter MEMORY_STYLE = "auto",  // of the places and of past distances, see vpr_ram_single
-    parameter PLACES_FILE  = "",      // of the places; they may be loaded instead
-    parameter LOADABLE     = 1        // tables are loaded, in place of their files
+    localparam int EVENT_BITS      = vpr_pkg::EVENT_BITS,
+    localparam int EVENT_TIME_BITS = vpr_pkg::EVENT_TIME_BITS,
+    localparam int TIMESTAMP_BITS  = vpr_pkg::TIMESTAMP_BITS,
+    localparam int ACTIVITY_BITS   = vpr_pkg::ACTIVITY_BITS,
+    localparam int WORD_BITS       = vpr_pkg::WORD_BITS,
+    localparam int PLACE_BITS      = vpr_pkg::PLACE_BITS,
+    localparam int SUM_BITS        = vpr_pkg::SUM_BITS,
+    localparam int TRUST_BITS      = vpr_pkg::TRUST_BITS,
+    localparam int MATCH_BITS      = vpr_pkg::MATCH_BITS,
+    parameter      MEMORY_STYLE    = "auto",  // see vpr_core
+    parameter      PLACES_FILE     = "",      // see vpr_core
+    parameter      LOADABLE        = 1        // see vpr_core
 ) (
     input  logic        aclk,
     input  logic        aresetn,
@@ -31,17 +40,15 @@ module vpr_axi_lite #(
 
     input  logic        s_event_tvalid,
     output logic        s_event_tready,
-    input  logic [vpr_design::EVENT_TIME_BITS+31:0] s_event_tdata,
+    input  logic [EVENT_BITS-1:0] s_event_tdata,
 
     output logic        match_waits
 );
     localparam logic [1:0] OKAY   = 2'b00;
     localparam logic [1:0] SLVERR = 2'b10;
 
-    localparam int EVENT_BITS = vpr_design::EVENT_TIME_BITS + 32;
-    localparam int WORD_BITS  = vpr_design::LANES * vpr_design::CODE_BITS;
-    localparam int PARTS      = vpr_registers::PLACE_PARTS;
-    localparam int PART_BITS  = $clog2(PARTS + 1);
+    localparam int PARTS     = vpr_registers::PLACE_PARTS;
+    localparam int PART_BITS = $clog2(PARTS + 1);
 
     // A write is taken when address and data are there
     logic       taken;
@@ -61,7 +68,7 @@ module vpr_axi_lite #(
     logic [PART_BITS-1:0]  parts;
     logic                  restart, event_waits, place_waits, take_match;
     logic                  event_tready, place_tready, match_tvalid;
-    logic [vpr_design::MATCH_BITS-1:0] match_word;
+    logic [MATCH_BITS-1:0] match_word;
 
     wire place_ready = place_tready && !place_waits;
 
@@ -128,14 +135,14 @@ module vpr_axi_lite #(
 
     // The match, fields of a word of expected_matches.mem
     logic                              accepted, has_second;
-    logic [vpr_design::PLACE_BITS-1:0] best, second, ties;
-    logic [vpr_design::SUM_BITS-1:0]   best_sum, second_sum;
-    logic [vpr_design::TRUST_BITS-1:0] trust;
+    logic [PLACE_BITS-1:0] best, second, ties;
+    logic [SUM_BITS-1:0]   best_sum, second_sum;
+    logic [TRUST_BITS-1:0] trust;
     logic [31:0]                       window;
-    localparam int UNPACKED_BITS = vpr_design::MATCH_BITS + vpr_design::TRUST_BITS;
+    localparam int UNPACKED_BITS = MATCH_BITS + TRUST_BITS;
     assign {trust, accepted, ties, second_sum, second, has_second, best_sum, best, window} =
-        ($bits(window) + 3 * vpr_design::PLACE_BITS + 2 * vpr_design::SUM_BITS
-         + 2 + vpr_design::TRUST_BITS)'(UNPACKED_BITS'(match_word));
+        ($bits(window) + 3 * PLACE_BITS + 2 * SUM_BITS
+         + 2 + TRUST_BITS)'(UNPACKED_BITS'(match_word));
 
     assign s_axi_arready = !s_axi_rvalid;
 
@@ -172,18 +179,18 @@ module vpr_axi_lite #(
 
     // Events of the bus go before those of the stream
     wire [EVENT_BITS-1:0] event_tdata = event_waits
-        ? {event_pixel, event_time[vpr_design::EVENT_TIME_BITS-1:0]} : s_event_tdata;
+        ? {event_pixel, event_time[EVENT_TIME_BITS-1:0]} : s_event_tdata;
 
     assign s_event_tready = event_tready && !event_waits;
     assign match_waits      = match_tvalid;
 
     // verilator lint_off PINCONNECTEMPTY
-    vpr_device #(
+    vpr_core #(
         .MEMORY_STYLE(MEMORY_STYLE), .PLACES_FILE(PLACES_FILE), .LOADABLE(LOADABLE)
-    ) device (
+    ) core (
         .clk(aclk), .rst(restart || !aresetn), .load(load), .load_address(table_address),
-        .load_word(table_word), .start_time(start[vpr_design::TIMESTAMP_BITS-1:0]),
-        .start_activity(activity[vpr_design::ACTIVITY_BITS-1:0]),
+        .load_word(table_word), .start_time(start[TIMESTAMP_BITS-1:0]),
+        .start_activity(activity[ACTIVITY_BITS-1:0]),
         .s_place_tvalid(place_waits), .s_place_tready(place_tready),
         .s_place_tdata(place[WORD_BITS-1:0]),
         .s_event_tvalid(event_waits || s_event_tvalid), .s_event_tready(event_tready),

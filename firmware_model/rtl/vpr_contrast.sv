@@ -11,10 +11,10 @@
 // subtracted, and `divided` is high for a clock. From then on the code of `slot` follows two steps
 // later: both have the same 2^ENTRY_BITS, and the rounding is in the deviation.
 module vpr_contrast #(
-    parameter int SLOTS      = 1,
-    parameter int SLOT_BITS  = 1,
-    parameter int ENTRY_BITS = 9,
-    parameter int CODE_BITS  = 1
+    localparam int SLOTS      = vpr_pkg::SLOTS,
+    localparam int SLOT_BITS  = vpr_pkg::SLOT_BITS,
+    localparam int ENTRY_BITS = vpr_pkg::ENTRY_BITS,
+    localparam int CODE_BITS  = vpr_pkg::CODE_BITS
 ) (
     input  logic                  clk,
     input  logic                  rst,

@@ -11,64 +11,28 @@
 // s_event_tready rises TIMESTAMP_BITS + 1 clocks after it. Events are taken while a window is matched,
 // after it was encoded; the end of a further window waits.
 module vpr_core #(
-    parameter int          HEIGHT            = 2,
-    parameter int          PIXELS            = 1,
-    parameter bit          POLARITY          = 0,
-    parameter int          LOOKUP_DEPTH      = 2,
-    parameter int          SLOTS             = 1,
-    parameter int          TABLES            = 1,
-    parameter int          COUNT_MAX         = 1,
-    parameter bit          BY_TIME           = 1,
-    parameter logic [63:0] TAU_US            = 1,
-    parameter logic [31:0] WINDOW_EVENTS     = 1,
-    parameter int          PLACES            = 1,
-    parameter int          WORDS             = 1,
-    parameter int          LANES             = 1,
-    parameter int          LENGTH            = 1,
-    parameter bit          OWN_MEAN          = 0,
-    parameter bit          CONTRAST          = 0,
-    parameter bit          FILTER            = 0,
-    parameter bit          KEEP_DISTANCES    = 0,
-    parameter int          STEPS             = 1,
-    parameter int          BACK              = 0,
-    parameter bit          ACTIVITY_COSTS    = 0,
-    parameter logic [159:0] STEP_PRICES      = 0,
-    parameter logic [159:0] BACK_PRICES      = 0,
-    parameter logic [9:0]  RESTART           = 0,
-    parameter logic [8:0]  TRUST             = 0,
-    parameter int          EXCLUSION         = 0,
-    parameter bit          BY_MARGIN         = 0,
-    parameter logic [31:0] MARGIN            = 0,
-    parameter logic [15:0] NUMERATOR         = 1,
-    parameter logic [15:0] DENOMINATOR       = 2,
-    parameter int          EVENT_TIME_BITS   = 32,
-    parameter int          TIMESTAMP_BITS    = 32,
-    parameter int          COLUMN_BITS       = 1,
-    parameter int          ROW_BITS          = 1,
-    parameter int          ADDRESS_BITS      = 1,
-    parameter int          OWNER_BITS        = 2,
-    parameter int          SLOT_BITS         = 1,
-    parameter int          COUNT_BITS        = 1,
-    parameter int          WINDOW_COUNT_BITS = 1,
-    parameter int          TABLE_BITS        = 1,
-    parameter int          ENTRY_BITS        = 1,
-    parameter int          CODE_BITS         = 1,
-    parameter int          DISTANCE_BITS     = 1,
-    parameter int          SUM_BITS          = 1,
-    parameter int          PRODUCT_BITS      = 2,
-    parameter int          PLACE_BITS        = 1,
-    parameter int          WINDOW_EVENTS_BITS  = 23,
-    parameter int          ACTIVITY_BITS       = 31,
-    parameter int          MEAN_BITS           = 17,
-    parameter int          DISTANCE_TOTAL_BITS = 1,
-    parameter int          RECIPROCAL_BITS     = 17,
-    parameter int          EVIDENCE_BITS       = 8,
-    parameter int          TRUST_BITS          = 9,
-    parameter int          MATCH_BITS          = 39,
-    parameter              MEMORY_STYLE      = "auto",
-    parameter              PLACES_FILE       = "",
-    parameter              LOADABLE          = 0,
-    parameter              SLOW_BLOCKS       = 0
+    localparam bit PAUSES         = vpr_pkg::PAUSES,
+    localparam bit FILTER         = vpr_pkg::FILTER,
+    localparam int EVENT_BITS     = vpr_pkg::EVENT_BITS,
+    localparam int TIMESTAMP_BITS = vpr_pkg::TIMESTAMP_BITS,
+    localparam int SLOT_BITS      = vpr_pkg::SLOT_BITS,
+    localparam int COUNT_BITS     = vpr_pkg::COUNT_BITS,
+    localparam int SEEN_BITS      = vpr_pkg::SEEN_BITS,
+    localparam int WORD_BITS      = vpr_pkg::WORD_BITS,
+    localparam int DISTANCE_BITS  = vpr_pkg::DISTANCE_BITS,
+    localparam int SUM_BITS       = vpr_pkg::SUM_BITS,
+    localparam int PLACE_BITS     = vpr_pkg::PLACE_BITS,
+    localparam int ACTIVITY_BITS  = vpr_pkg::ACTIVITY_BITS,
+    localparam int TRUST_BITS     = vpr_pkg::TRUST_BITS,
+    localparam int MATCH_BITS     = vpr_pkg::MATCH_BITS,
+    parameter      MEMORY_STYLE   = "auto",  // of places and past distances, see vpr_ram_single
+    parameter      PLACES_FILE    = "",      // of the places; they may be loaded instead
+    parameter      LOADABLE       = 0,       // tables are loaded, in place of their files
+    // where block memories take more than half a clock: counts and delay lines are not kept in
+    // them, and entries of the look-up, the descriptor and places, and past distances have a
+    // register behind them: an event takes a clock more, and a match one for each pass over places,
+    // and one more with sequences of two and more
+    parameter      SLOW_BLOCKS    = 0
 ) (
     input  logic                                   clk,
     input  logic                                   rst,
@@ -84,19 +48,19 @@ module vpr_core #(
 
     input  logic                                   s_place_tvalid,
     output logic                                   s_place_tready,
-    input  logic [LANES*CODE_BITS-1:0]             s_place_tdata,
+    input  logic [WORD_BITS-1:0]                   s_place_tdata,
 
     input  logic                                   s_event_tvalid,
     output logic                                   s_event_tready,
-    input  logic [EVENT_TIME_BITS+31:0]            s_event_tdata,
+    input  logic [EVENT_BITS-1:0]                  s_event_tdata,
 
     output logic                                   m_event_tvalid,
     input  logic                                   m_event_tready,
-    output logic [SLOT_BITS+COUNT_BITS:0]          m_event_tdata,
+    output logic [SEEN_BITS-1:0]                   m_event_tdata,
 
     output logic                                   m_window_tvalid,
     input  logic                                   m_window_tready,
-    output logic [LANES*CODE_BITS-1:0]             m_window_tdata,
+    output logic [WORD_BITS-1:0]                   m_window_tdata,
     output logic                                   m_window_tlast,
     output logic [31:0]                            m_window_tuser,
 
@@ -104,11 +68,6 @@ module vpr_core #(
     input  logic                                   m_match_tready,
     output logic [MATCH_BITS-1:0]                  m_match_tdata
 );
-    localparam int PLACE_ADDRESS_BITS = PLACES * WORDS > 1 ? $clog2(PLACES * WORDS) : 1;
-    localparam int LONGER             = WORDS > LENGTH ? WORDS : LENGTH;
-    // clocks a place: words of a distance, terms of a sum, and two of the search
-    localparam int PERIOD             = LONGER > 2 ? LONGER : 2;
-
     // Events, and the descriptor of a window that ended
 
     logic                       busy;
@@ -118,18 +77,10 @@ module vpr_core #(
     logic                       drain, draining;
     logic [SLOT_BITS-1:0]       drain_slot, drained_slot;
     logic [COUNT_BITS-1:0]      drained;
-    logic [LANES*CODE_BITS-1:0] place_word;
+    logic [WORD_BITS-1:0]       place_word;
     logic [9:0]                 activity_inverse;
 
-    vpr_events #(
-        .HEIGHT(HEIGHT), .PIXELS(PIXELS), .POLARITY(POLARITY),
-        .LOOKUP_DEPTH(LOOKUP_DEPTH), .SLOTS(SLOTS), .COUNT_MAX(COUNT_MAX), .BY_TIME(BY_TIME),
-        .TAU_US(TAU_US), .WINDOW_EVENTS(WINDOW_EVENTS), .EVENT_TIME_BITS(EVENT_TIME_BITS),
-        .TIMESTAMP_BITS(TIMESTAMP_BITS), .COLUMN_BITS(COLUMN_BITS), .ROW_BITS(ROW_BITS),
-        .ADDRESS_BITS(ADDRESS_BITS), .OWNER_BITS(OWNER_BITS), .SLOT_BITS(SLOT_BITS),
-        .COUNT_BITS(COUNT_BITS), .WINDOW_COUNT_BITS(WINDOW_COUNT_BITS),
-        .LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)
-    ) events (
+    vpr_events #(.LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)) events (
         .clk(clk), .rst(rst), .load(load[1:0]), .load_address(load_address), .load_word(load_word),
         .start_time(start_time),
         .s_event_tvalid(s_event_tvalid), .s_event_tready(s_event_tready),
@@ -142,12 +93,7 @@ module vpr_core #(
         .drained_slot(drained_slot)
     );
 
-    vpr_encoder #(
-        .SLOTS(SLOTS), .WORDS(WORDS), .LANES(LANES), .TABLES(TABLES), .COUNT_MAX(COUNT_MAX),
-        .OWN_MEAN(OWN_MEAN), .CONTRAST(CONTRAST), .SLOT_BITS(SLOT_BITS), .COUNT_BITS(COUNT_BITS),
-        .TABLE_BITS(TABLE_BITS), .ENTRY_BITS(ENTRY_BITS), .MEAN_BITS(MEAN_BITS),
-        .CODE_BITS(CODE_BITS), .LOADABLE(LOADABLE)
-    ) encoder (
+    vpr_encoder #(.LOADABLE(LOADABLE)) encoder (
         .clk(clk), .rst(rst), .load(load[4:2]), .load_address(load_address), .load_word(load_word),
         .start(window_end), .paused(paused),
         .draining(draining), .drain(drain), .drain_slot(drain_slot), .drained(drained),
@@ -157,12 +103,9 @@ module vpr_core #(
     );
 
     generate
-        if (OWN_MEAN || FILTER) begin : g_pauses
+        if (PAUSES) begin : g_pauses
             logic pauses;
-            vpr_activity #(
-                .EVENTS_BITS(WINDOW_EVENTS_BITS), .ACTIVITY_BITS(ACTIVITY_BITS),
-                .LOGARITHMS(FILTER)
-            ) activity (
+            vpr_activity activity (
                 .clk(clk), .load(rst), .start_activity(start_activity), .counted(counted),
                 .window_end(window_end), .settled(settled), .pauses(pauses),
                 .activity_inverse(activity_inverse)
@@ -189,21 +132,14 @@ module vpr_core #(
 
     wire query_write = m_window_tvalid && m_window_tready;
 
-    vpr_place_memory #(
-        .PLACES(PLACES), .WORDS(WORDS), .WORD_BITS(LANES * CODE_BITS),
-        .ADDRESS_BITS(PLACE_ADDRESS_BITS), .MEMORY_STYLE(MEMORY_STYLE),
-        .FILE(PLACES_FILE)
-    ) place_memory (
+    vpr_place_memory #(.MEMORY_STYLE(MEMORY_STYLE), .FILE(PLACES_FILE)) place_memory (
         .clk(clk), .rst(rst), .busy(busy), .stop(window_end),
         .s_place_tvalid(s_place_tvalid), .s_place_tready(s_place_tready),
         .s_place_tdata(s_place_tdata),
         .start(begun), .step(place_step), .last(place_last), .word(place_word)
     );
 
-    vpr_distance #(
-        .WORDS(WORDS), .LANES(LANES), .PERIOD(PERIOD), .CODE_BITS(CODE_BITS),
-        .DISTANCE_BITS(DISTANCE_BITS), .SLOW_BLOCKS(SLOW_BLOCKS)
-    ) distances (
+    vpr_distance #(.SLOW_BLOCKS(SLOW_BLOCKS)) distances (
         .clk(clk), .rst(rst), .query_write(query_write), .query_inverse(~m_window_tdata),
         .follow(begun && !(FILTER && paused)), .start(distance_start), .place_step(place_step), .place_last(place_last), .place_word(place_word),
         .distance_valid(distance_valid), .distance(distance)
@@ -219,13 +155,7 @@ module vpr_core #(
         if (FILTER) begin : g_filter
             logic [4:0] misfit;
 
-            vpr_filter #(
-                .PLACES(PLACES), .KEEP(KEEP_DISTANCES), .STEPS(STEPS), .BACK(BACK),
-                .ACTIVITY_COSTS(ACTIVITY_COSTS), .STEP_PRICES(STEP_PRICES), .BACK_PRICES(BACK_PRICES), .RESTART(RESTART),
-                .PLACE_BITS(PLACE_BITS), .DISTANCE_BITS(DISTANCE_BITS),
-                .TOTAL_BITS(DISTANCE_TOTAL_BITS), .RECIPROCAL_BITS(RECIPROCAL_BITS),
-                .EVIDENCE_BITS(EVIDENCE_BITS), .METRIC_BITS(SUM_BITS), .LOADABLE(LOADABLE)
-            ) place_filter (
+            vpr_filter #(.LOADABLE(LOADABLE)) place_filter (
                 .clk(clk), .rst(rst), .load(load[5]), .load_address(load_address),
                 .load_word(load_word), .start(compare), .paused(paused), .settled(settled),
                 .activity_inverse(activity_inverse), .idle(filter_idle),
@@ -234,10 +164,7 @@ module vpr_core #(
                 .sum(sum), .misfit(misfit), .found(ends_search), .best_sum(best_sum)
             );
             assign sum_complete = 1'b1;
-            vpr_trust #(
-                .STEPS(STEPS), .BACK(BACK), .TRUST(TRUST), .PLACE_BITS(PLACE_BITS),
-                .METRIC_BITS(SUM_BITS), .TRUST_BITS(TRUST_BITS)
-            ) trust_in_matches (
+            vpr_trust trust_in_matches (
                 .clk(clk), .rst(rst), .became(became), .misfit(misfit), .update(ends_search),
                 .best(best), .best_sum(best_sum), .has_second(has_second),
                 .second_sum(second_sum), .trust(trust), .trusted(trusted)
@@ -249,11 +176,7 @@ module vpr_core #(
         end else begin : g_sequence
             assign distance_start = 1'b0;
             assign filter_idle    = 1'b1;
-            vpr_sequence #(
-                .PLACES(PLACES), .LENGTH(LENGTH), .PLACE_BITS(PLACE_BITS),
-                .DISTANCE_BITS(DISTANCE_BITS), .SUM_BITS(SUM_BITS), .MEMORY_STYLE(MEMORY_STYLE),
-                .SLOW_BLOCKS(SLOW_BLOCKS)
-            ) sequence_sums (
+            vpr_sequence #(.MEMORY_STYLE(MEMORY_STYLE), .SLOW_BLOCKS(SLOW_BLOCKS)) sequence_sums (
                 .clk(clk), .rst(rst), .start(compare),
                 .distance_valid(distance_valid), .distance(distance),
                 .sum_valid(sum_valid), .sum_complete(sum_complete), .sum_last(sum_last),
@@ -268,10 +191,7 @@ module vpr_core #(
         end
     endgenerate
 
-    vpr_search #(
-        .EXCLUSION(EXCLUSION), .SUM_BITS(SUM_BITS), .PLACE_BITS(PLACE_BITS),
-        .SLOW_BLOCKS(SLOW_BLOCKS)
-    ) search (
+    vpr_search #(.SLOW_BLOCKS(SLOW_BLOCKS)) search (
         .clk(clk), .rst(rst), .start(compare),
         .sum_valid(sum_valid && sum_complete), .place(place), .sum(sum), .became(became),
         .has_best(has_best),
@@ -279,10 +199,7 @@ module vpr_core #(
         .has_second(has_second), .second(second), .second_sum(second_sum)
     );
 
-    vpr_accept #(
-        .BY_MARGIN(BY_MARGIN), .MARGIN(MARGIN), .NUMERATOR(NUMERATOR), .DENOMINATOR(DENOMINATOR),
-        .SUM_BITS(SUM_BITS), .PRODUCT_BITS(PRODUCT_BITS)
-    ) accept (
+    vpr_accept accept (
         .clk(clk), .best_sum(best_sum), .has_second(has_second), .second_sum(second_sum),
         .accepted(accepted)
     );

@@ -8,11 +8,11 @@
 // `drain`: it is read, `drained` and `read_slot` stay until the next, and in place of a raised count 0
 // is written. No slot is taken in the two clocks after that; `enable` is high meanwhile.
 module vpr_counters #(
-    parameter int          SLOTS      = 1,
-    parameter int          SLOT_BITS  = 1,
-    parameter int          COUNT_BITS = 1,
-    parameter int          COUNT_MAX  = 1,
-    parameter bit          SLOW_BLOCKS = 0  // see vpr_device
+    localparam int SLOTS       = vpr_pkg::SLOTS,
+    localparam int SLOT_BITS   = vpr_pkg::SLOT_BITS,
+    localparam int COUNT_BITS  = vpr_pkg::COUNT_BITS,
+    localparam int COUNT_MAX   = vpr_pkg::COUNT_MAX,
+    parameter  bit SLOW_BLOCKS = 0  // see vpr_core
 ) (
     input  logic                  clk,
     input  logic                  rst,

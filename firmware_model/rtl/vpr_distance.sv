@@ -4,31 +4,33 @@
 // after it; after `start`, with what was written. The fixed period leaves the sequence unit its
 // LENGTH clocks and the search its two, so that nothing within a match ever waits.
 module vpr_distance #(
-    parameter int WORDS         = 1,
-    parameter int LANES         = 1,
-    parameter int PERIOD        = 2,
-    parameter int CODE_BITS     = 1,
-    parameter int DISTANCE_BITS = 1,
-    parameter bit SLOW_BLOCKS   = 0  // a register behind the memories, see vpr_device
+    localparam int WORDS         = vpr_pkg::WORDS,
+    localparam int LANES         = vpr_pkg::LANES,
+    localparam int LENGTH        = vpr_pkg::LENGTH,
+    localparam int WORD_BITS     = vpr_pkg::WORD_BITS,
+    localparam int SAD_BITS      = vpr_pkg::SAD_BITS,
+    localparam int DISTANCE_BITS = vpr_pkg::DISTANCE_BITS,
+    parameter  bit SLOW_BLOCKS   = 0  // a register behind the memories, see vpr_core
 ) (
     input  logic                       clk,
     input  logic                       rst,
     input  logic                       query_write,
-    input  logic [LANES*CODE_BITS-1:0] query_inverse,  // of a word of the descriptor
+    input  logic [WORD_BITS-1:0]       query_inverse,  // of a word of the descriptor
     input  logic                       follow,
     input  logic                       start,
     output logic                       place_step,
     input  logic                       place_last,
-    input  logic [LANES*CODE_BITS-1:0] place_word,
+    input  logic [WORD_BITS-1:0]       place_word,
     output logic                       distance_valid,
     output logic [DISTANCE_BITS-1:0]   distance
 );
-    localparam int WORD_BITS   = LANES * CODE_BITS;
+    // clocks a place: words of a distance, terms of a sum, and two of the search
+    localparam int LONGER      = WORDS > LENGTH ? WORDS : LENGTH;
+    localparam int PERIOD      = LONGER > 2 ? LONGER : 2;
     localparam int PERIOD_BITS = $clog2(PERIOD);
     localparam int QUERY_BITS  = WORDS > 1 ? $clog2(WORDS) : 1;
     // from an address to its word's sum: the memories, the differences, the levels of the tree
     localparam int LATENCY     = 2 + (SLOW_BLOCKS ? 1 : 0) + $clog2(LANES);
-    localparam int SAD_BITS    = CODE_BITS + $clog2(LANES);
 
     logic                   running;
     logic                   following, written;  // the words of the descriptor, as they come
@@ -93,9 +95,7 @@ module vpr_distance #(
         .read(1'b1), .read_address(query_address), .read_word(query)
     );
 
-    vpr_sad_lanes #(
-        .LANES(LANES), .CODE_BITS(CODE_BITS), .SUM_BITS(SAD_BITS)
-    ) sad_lanes (
+    vpr_sad_lanes sad_lanes (
         .clk(clk), .a(codes), .b_inverse(query_codes), .sum(sad), .lacks(sad_lacks)
     );
 

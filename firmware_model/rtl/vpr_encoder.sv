@@ -5,23 +5,20 @@
 // holds while it needs the counters. Codes of contrast (CONTRAST) need the mean over all slots: a
 // first pass reads and clears them, without a word, and a second, behind the division, encodes.
 module vpr_encoder #(
-    parameter int          SLOTS      = 1,
-    parameter int          WORDS      = 1,
-    parameter int          LANES      = 1,
-    parameter int          TABLES     = 1,
-    parameter int          COUNT_MAX  = 1,
-    parameter bit          OWN_MEAN   = 0,
-    parameter bit          CONTRAST   = 0,
-    parameter int          SLOT_BITS  = 1,
-    parameter int          COUNT_BITS = 1,
-    parameter int          TABLE_BITS = 1,
-    parameter int          ENTRY_BITS = 1,
-    parameter int          MEAN_BITS  = 1,
-    parameter int          CODE_BITS  = 1,
-    parameter bit          LOADABLE         = 0,
-    parameter              CODES_FILE       = "codes.mem",
-    parameter              CODE_TABLES_FILE = "code_tables.mem",
-    parameter              MEANS_FILE       = "means.mem"
+    localparam int SLOTS      = vpr_pkg::SLOTS,
+    localparam int WORDS      = vpr_pkg::WORDS,
+    localparam int LANES      = vpr_pkg::LANES,
+    localparam int TABLES     = vpr_pkg::TABLES,
+    localparam int COUNT_MAX  = vpr_pkg::COUNT_MAX,
+    localparam bit OWN_MEAN   = vpr_pkg::OWN_MEAN,
+    localparam bit CONTRAST   = vpr_pkg::CONTRAST,
+    localparam int SLOT_BITS  = vpr_pkg::SLOT_BITS,
+    localparam int COUNT_BITS = vpr_pkg::COUNT_BITS,
+    localparam int TABLE_BITS = vpr_pkg::TABLE_BITS,
+    localparam int ENTRY_BITS = vpr_pkg::ENTRY_BITS,
+    localparam int CODE_BITS  = vpr_pkg::CODE_BITS,
+    localparam int WORD_BITS  = vpr_pkg::WORD_BITS,
+    parameter  bit LOADABLE   = 0
 ) (
     input  logic                       clk,
     input  logic                       rst,
@@ -38,7 +35,7 @@ module vpr_encoder #(
     output logic                       word_valid,
     input  logic                       word_ready,
     output logic                       word_last,
-    output logic [LANES*CODE_BITS-1:0] word
+    output logic [WORD_BITS-1:0]       word
 );
     // lanes beyond the last slot
     localparam int FILL         = WORDS * LANES - SLOTS;
@@ -60,11 +57,11 @@ module vpr_encoder #(
     logic [CODE_BITS-1:0] code;
 
     // as the differences of codes take it
-    logic [LANES*CODE_BITS-1:0] word_inverse;
+    logic [WORD_BITS-1:0]       word_inverse;
     assign word = ~word_inverse;
 
     // the newest lane above those before it, which move down by one, and at last to the end
-    wire [LANES*CODE_BITS-1:0] next_word = (LANES * CODE_BITS)'({code, word}
+    wire [WORD_BITS-1:0]       next_word = WORD_BITS'({code, word}
         >> (coded_last[STAGES-1] ? CODE_BITS * (FILL + 1) : CODE_BITS));
 
     wire step      = !word_valid || word_ready;
@@ -120,12 +117,7 @@ module vpr_encoder #(
                 1'b0, load[1], own_code, deviates, deviating_last, deviating_slot, deviation
             };
 
-            vpr_own_mean #(
-                .SLOTS(SLOTS), .COUNT_MAX(COUNT_MAX), .SLOT_BITS(SLOT_BITS),
-                .COUNT_BITS(COUNT_BITS), .ENTRY_BITS(ENTRY_BITS), .MEAN_BITS(MEAN_BITS),
-                .CODE_BITS(CODE_BITS), .CONTRAST(CONTRAST), .LOADABLE(LOADABLE), .CODES_FILE(CODES_FILE),
-                .MEANS_FILE(MEANS_FILE)
-            ) own_mean (
+            vpr_own_mean #(.LOADABLE(LOADABLE)) own_mean (
                 .clk(clk), .rst(rst), .load({load[2], load[0]}), .load_address(load_address),
                 .load_word(load_word), .step(step), .clearing(clearing), .hold(paused),
                 .valid(counted && !(CONTRAST && encodes)), .last(counted && counted_last && !(CONTRAST && encodes)),
@@ -134,10 +126,7 @@ module vpr_encoder #(
                 .deviation(deviation)
             );
             if (CONTRAST) begin : g_contrast
-                vpr_contrast #(
-                    .SLOTS(SLOTS), .SLOT_BITS(SLOT_BITS), .ENTRY_BITS(ENTRY_BITS),
-                    .CODE_BITS(CODE_BITS)
-                ) contrast (
+                vpr_contrast contrast (
                     .clk(clk), .rst(rst), .clear(start), .deviates(deviates),
                     .last(deviating_last), .deviating_slot(deviating_slot),
                     .deviation(deviation), .divided(again), .step(step), .slot(index),
@@ -153,7 +142,7 @@ module vpr_encoder #(
             assign again = 1'b0;
             vpr_rom #(
                 .DEPTH(ENTRIES), .BITS(CODE_BITS), .ADDRESS_BITS(INDEXED_BITS),
-                .FILE(CODES_FILE), .LOADABLE(LOADABLE), .STYLE("block")
+                .FILE("codes.mem"), .LOADABLE(LOADABLE), .STYLE("block")
             ) codes (
                 .clk(clk), .enable(step), .address(entry), .word(code),
                 .load(load[0]), .load_address(load_address), .load_word(load_word)
@@ -162,7 +151,7 @@ module vpr_encoder #(
                 logic [TABLE_BITS-1:0] code_table;
                 vpr_rom #(
                     .DEPTH(SLOTS), .BITS(TABLE_BITS), .ADDRESS_BITS(SLOT_BITS),
-                    .FILE(CODE_TABLES_FILE), .LOADABLE(LOADABLE)
+                    .FILE("code_tables.mem"), .LOADABLE(LOADABLE)
                 ) code_tables (
                     .clk(clk), .enable(step), .address(drain_slot), .word(code_table),
                     .load(load[1]), .load_address(load_address), .load_word(load_word)

@@ -7,26 +7,15 @@
 // (`window_ready`), and as many clocks longer as a timestamp has bits; those behind a window's last
 // one by count wait before they are counted. So do all while the counters are drained (`pending`).
 module vpr_events #(
-    parameter int          HEIGHT            = 2,
-    parameter int          PIXELS            = 1,
-    parameter bit          POLARITY          = 0,
-    parameter int          LOOKUP_DEPTH      = 2,
-    parameter int          SLOTS             = 1,
-    parameter int          COUNT_MAX         = 1,
-    parameter bit          BY_TIME           = 1,
-    parameter logic [63:0] TAU_US            = 1,
-    parameter logic [31:0] WINDOW_EVENTS     = 1,
-    parameter int          EVENT_TIME_BITS   = 32,
-    parameter int          TIMESTAMP_BITS    = 32,
-    parameter int          COLUMN_BITS       = 1,
-    parameter int          ROW_BITS          = 1,
-    parameter int          ADDRESS_BITS      = 1,
-    parameter int          OWNER_BITS        = 2,
-    parameter int          SLOT_BITS         = 1,
-    parameter int          COUNT_BITS        = 1,
-    parameter int          WINDOW_COUNT_BITS = 1,
-    parameter bit          LOADABLE          = 0,
-    parameter bit          SLOW_BLOCKS       = 0   // see vpr_device
+    localparam bit BY_TIME         = vpr_pkg::BY_TIME,
+    localparam int EVENT_TIME_BITS = vpr_pkg::EVENT_TIME_BITS,
+    localparam int TIMESTAMP_BITS  = vpr_pkg::TIMESTAMP_BITS,
+    localparam int EVENT_BITS      = vpr_pkg::EVENT_BITS,
+    localparam int SEEN_BITS       = vpr_pkg::SEEN_BITS,
+    localparam int SLOT_BITS       = vpr_pkg::SLOT_BITS,
+    localparam int COUNT_BITS      = vpr_pkg::COUNT_BITS,
+    parameter  bit LOADABLE        = 0,
+    parameter  bit SLOW_BLOCKS     = 0  // see vpr_core
 ) (
     input  logic                            clk,
     input  logic                            rst,
@@ -36,10 +25,10 @@ module vpr_events #(
     input  logic [TIMESTAMP_BITS-1:0]       start_time,
     input  logic                            s_event_tvalid,
     output logic                            s_event_tready,
-    input  logic [EVENT_TIME_BITS+31:0]     s_event_tdata,
+    input  logic [EVENT_BITS-1:0]           s_event_tdata,
     output logic                            m_event_tvalid,
     input  logic                            m_event_tready,
-    output logic [SLOT_BITS+COUNT_BITS:0]   m_event_tdata,
+    output logic [SEEN_BITS-1:0]            m_event_tdata,
     input  logic                            pending,
     input  logic                            window_ready,
     output logic                            window_end,
@@ -110,12 +99,7 @@ module vpr_events #(
     // windows by count do not look at the time, nor narrow clocks at all of it
     wire unused = &{1'b0, s_event_tdata, start_time};
 
-    vpr_pixel_lookup #(
-        .HEIGHT(HEIGHT), .PIXELS(PIXELS), .POLARITY(POLARITY),
-        .DEPTH(LOOKUP_DEPTH), .COLUMN_BITS(COLUMN_BITS), .ROW_BITS(ROW_BITS),
-        .ADDRESS_BITS(ADDRESS_BITS), .OWNER_BITS(OWNER_BITS), .SLOT_BITS(SLOT_BITS),
-        .LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)
-    ) pixel_lookup (
+    vpr_pixel_lookup #(.LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)) pixel_lookup (
         .clk(clk), .rst(rst), .load(load), .load_address(load_address), .load_word(load_word),
         .take(take), .enable(looks),
         .column(s_event_tdata[EVENT_TIME_BITS+:16]),
@@ -129,9 +113,7 @@ module vpr_events #(
     generate
         if (BY_TIME) begin : g_by_time
             assign full = 1'b0;
-            vpr_window_timer #(
-                .TIMESTAMP_BITS(TIMESTAMP_BITS), .TAU_US(TAU_US)
-            ) window_timer (
+            vpr_window_timer window_timer (
                 .clk(clk), .load(rst), .start_time(start_time), .next_window(window_end),
                 .take(room), .timestamp(s_event_tdata[TIMESTAMP_BITS-1:0]),
                 .settled(settled), .over(over)
@@ -139,18 +121,13 @@ module vpr_events #(
         end else begin : g_by_count
             assign settled = 1'b1;
             assign over    = 1'b0;
-            vpr_window_quota #(
-                .WINDOW_COUNT_BITS(WINDOW_COUNT_BITS), .WINDOW_EVENTS(WINDOW_EVENTS)
-            ) window_quota (
+            vpr_window_quota window_quota (
                 .clk(clk), .load(rst), .counted(counting), .next_window(window_end), .full(full)
             );
         end
     endgenerate
 
-    vpr_counters #(
-        .SLOTS(SLOTS), .SLOT_BITS(SLOT_BITS), .COUNT_BITS(COUNT_BITS), .COUNT_MAX(COUNT_MAX),
-        .SLOW_BLOCKS(SLOW_BLOCKS)
-    ) counters (
+    vpr_counters #(.SLOW_BLOCKS(SLOW_BLOCKS)) counters (
         .clk(clk), .rst(rst), .enable(moves), .take(counting), .slot(slot),
         .raises(counts), .raised_slot(raised_slot), .raised(raised),
         .draining(draining), .drain(drain), .drain_slot(drain_slot), .drained(drained),

@@ -4,8 +4,8 @@
 // A window takes passes over all places: for the mean of the distances; for their spread, unless it
 // is known from the window before; and for the metrics, each the prediction plus the evidence,
 // saturated. Each pass asks for the distances again (`distance_start`), unless they are kept
-// (KEEP); those of the first pass come unasked, some clocks after `start`. In a pause there is no
-// evidence, and there are no distances. The spread of this window is divided after its match; until
+// (KEEP_DISTANCES); those of the first pass come unasked, some clocks after `start`. In a pause there
+// is no evidence, and there are no distances. The spread of this window is divided after its match; until
 // then the unit is not `idle`, and no window may end. No pass for metrics begins before the window's
 // activity stands (`settled`): it says what the evidence weighs, and what steps cost
 // (ACTIVITY_COSTS; otherwise STEP_PRICES).
@@ -13,22 +13,21 @@
 // `misfit` is the evidence that the metric has, saturated at 23. `found` says that the search stands at
 // `best_sum`, the least metric. Distances come two clocks apart at least, and so do metrics.
 module vpr_filter #(
-    parameter int            PLACES          = 1,
-    parameter bit            KEEP            = 0,
-    parameter int            STEPS           = 1,
-    parameter int            BACK            = 0,
-    parameter bit            ACTIVITY_COSTS  = 0,
-    parameter logic [159:0]  STEP_PRICES     = 0,
-    parameter logic [159:0]  BACK_PRICES     = 0,
-    parameter logic [9:0]    RESTART         = 0,
-    parameter int            PLACE_BITS      = 1,
-    parameter int            DISTANCE_BITS   = 1,
-    parameter int            TOTAL_BITS      = 1,
-    parameter int            RECIPROCAL_BITS = 17,
-    parameter int            EVIDENCE_BITS   = 8,
-    parameter int            METRIC_BITS     = 10,
-    parameter int            MISFIT_BITS     = 5,
-    parameter bit            LOADABLE        = 0
+    localparam int           PLACES          = vpr_pkg::PLACES,
+    localparam bit           KEEP_DISTANCES  = vpr_pkg::KEEP_DISTANCES,
+    localparam int           STEPS           = vpr_pkg::STEPS,
+    localparam int           BACK            = vpr_pkg::BACK,
+    localparam bit           ACTIVITY_COSTS  = vpr_pkg::ACTIVITY_COSTS,
+    localparam logic [159:0] STEP_PRICES     = vpr_pkg::STEP_PRICES,
+    localparam logic [9:0]   RESTART         = vpr_pkg::RESTART,
+    localparam int           PLACE_BITS      = vpr_pkg::PLACE_BITS,
+    localparam int           DISTANCE_BITS   = vpr_pkg::DISTANCE_BITS,
+    localparam int           RECIPROCAL_BITS = vpr_pkg::RECIPROCAL_BITS,
+    localparam int           COST_BITS       = vpr_pkg::COST_BITS,
+    localparam int           EVIDENCE_BITS   = vpr_pkg::EVIDENCE_BITS,
+    localparam int           METRIC_BITS     = vpr_pkg::METRIC_BITS,
+    localparam int           MISFIT_BITS     = vpr_pkg::MISFIT_BITS,
+    parameter  bit           LOADABLE        = 0
 ) (
     input  logic                     clk,
     input  logic                     rst,
@@ -55,7 +54,6 @@ module vpr_filter #(
     // from a place's distance to its prediction; the evidence takes 4 or 5, and waits for it
     localparam int PREDICTED     = 3 + $clog2(ENTRIES + 1);
     localparam int WAITS         = PREDICTED > 5 ? PREDICTED - 5 : 0;
-    localparam int COST_BITS     = ACTIVITY_COSTS ? 7 : 10;
     localparam int PRODUCT_BITS  = DISTANCE_BITS + RECIPROCAL_BITS - 1;
     // fraction bits of the reciprocal, less those of a metric
     localparam int SHIFT         = RECIPROCAL_BITS - 1 - 2;
@@ -81,9 +79,9 @@ module vpr_filter #(
     logic [RECIPROCAL_BITS-2:0] factor;  // see vpr_spread
 
     // A place: its distance comes from the distance unit, from memory, or is not asked for
-    wire                     unasked   = paused || (KEEP && pass != FOR_MEAN);
+    wire                     unasked   = paused || (KEEP_DISTANCES && pass != FOR_MEAN);
     wire                     item      = state == RUN && (unasked ? beat : distance_valid);
-    wire [DISTANCE_BITS-1:0] here      = KEEP && pass != FOR_MEAN ? kept : distance;
+    wire [DISTANCE_BITS-1:0] here      = KEEP_DISTANCES && pass != FOR_MEAN ? kept : distance;
     // the distance less the nearest; the carry says that it is not below
     wire [DISTANCE_BITS+1:0] farther   = {1'b0, here, 1'b1} + {1'b0, nearest_inverse, 1'b1};
     wire                     item_last = index == PLACE_BITS'(PLACES - 1);
@@ -120,7 +118,7 @@ module vpr_filter #(
                 if (pass == FOR_METRICS) state <= IDLE;
                 else begin
                     state          <= next_pass == FOR_METRICS && BACK > 0 ? LEAD : RUN;
-                    distance_start <= !KEEP && !(next_pass == FOR_METRICS && BACK > 0);
+                    distance_start <= !KEEP_DISTANCES && !(next_pass == FOR_METRICS && BACK > 0);
                 end
             end
         endcase
@@ -141,17 +139,14 @@ module vpr_filter #(
         end
     end
 
-    vpr_spread #(
-        .PLACES(PLACES), .DISTANCE_BITS(DISTANCE_BITS), .TOTAL_BITS(TOTAL_BITS),
-        .RECIPROCAL_BITS(RECIPROCAL_BITS)
-    ) scale (
+    vpr_spread scale (
         .clk(clk), .rst(rst), .clear(begins), .valid(item && !paused), .distance(here),
         .of_mean(pass == FOR_MEAN), .divide(divide), .done(done),
         .known(known), .whole(whole), .factor(factor)
     );
 
     generate
-        if (KEEP) begin : g_keep
+        if (KEEP_DISTANCES) begin : g_keep
             vpr_ram #(
                 .DEPTH(PLACES), .BITS(DISTANCE_BITS), .ADDRESS_BITS(PLACE_BITS)
             ) distances (
@@ -212,10 +207,7 @@ module vpr_filter #(
 
     generate
         if (ACTIVITY_COSTS) begin : g_by_activity
-            vpr_step_costs #(
-                .PLACES(PLACES), .PLACE_BITS(PLACE_BITS), .RESTART(RESTART),
-                .COST_BITS(COST_BITS), .LOADABLE(LOADABLE)
-            ) step_costs (
+            vpr_step_costs #(.LOADABLE(LOADABLE)) step_costs (
                 .clk(clk), .load(load), .load_address(load_address), .load_word(load_word),
                 .activity_inverse(activity_inverse), .place(index), .costs(costs)
             );
@@ -229,10 +221,7 @@ module vpr_filter #(
         end
     endgenerate
 
-    vpr_prediction #(
-        .STEPS(STEPS), .BACK(BACK), .COST_BITS(COST_BITS), .BACK_PRICES(BACK_PRICES),
-        .RESTART(RESTART), .METRIC_BITS(METRIC_BITS)
-    ) predictions (
+    vpr_prediction predictions (
         .clk(clk), .clear(state == IDLE || state == DIVIDE), .shift(shift),
         .off(off), .metric(~former_inverse), .costs(costs), .placed(placed),
         .least(least), .prediction(prediction)

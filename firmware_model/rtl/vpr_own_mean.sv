@@ -8,17 +8,15 @@
 // The mean then moves by 1/16 of the difference, in the end by 1/256, unless the window pauses
 // (`hold`). While `clearing`, after reset, the means become those of the file.
 module vpr_own_mean #(
-    parameter int SLOTS      = 1,
-    parameter int COUNT_MAX  = 1,
-    parameter int SLOT_BITS  = 1,
-    parameter int COUNT_BITS = 1,
-    parameter int ENTRY_BITS = 9,
-    parameter int MEAN_BITS  = 17,
-    parameter int CODE_BITS  = 1,
-    parameter bit CONTRAST   = 0,
-    parameter bit LOADABLE   = 0,
-    parameter     CODES_FILE = "codes.mem",
-    parameter     MEANS_FILE = "means.mem"
+    localparam int SLOTS      = vpr_pkg::SLOTS,
+    localparam int COUNT_MAX  = vpr_pkg::COUNT_MAX,
+    localparam int SLOT_BITS  = vpr_pkg::SLOT_BITS,
+    localparam int COUNT_BITS = vpr_pkg::COUNT_BITS,
+    localparam int ENTRY_BITS = vpr_pkg::ENTRY_BITS,
+    localparam int MEAN_BITS  = vpr_pkg::MEAN_BITS,
+    localparam int CODE_BITS  = vpr_pkg::CODE_BITS,
+    localparam bit CONTRAST   = vpr_pkg::CONTRAST,
+    parameter  bit LOADABLE   = 0
 ) (
     input  logic                  clk,
     input  logic                  rst,
@@ -85,7 +83,7 @@ module vpr_own_mean #(
     assign deviating_slot = moved_slot;
 
     vpr_rom #(
-        .DEPTH(COUNT_MAX + 1), .BITS(ENTRY_BITS), .ADDRESS_BITS(COUNT_BITS), .FILE(CODES_FILE),
+        .DEPTH(COUNT_MAX + 1), .BITS(ENTRY_BITS), .ADDRESS_BITS(COUNT_BITS), .FILE("codes.mem"),
         .LOADABLE(LOADABLE)
     ) levels (
         .clk(clk), .enable(step), .address(count), .word(level),
@@ -93,7 +91,7 @@ module vpr_own_mean #(
     );
 
     vpr_rom #(
-        .DEPTH(SLOTS), .BITS(ENTRY_BITS), .ADDRESS_BITS(SLOT_BITS), .FILE(MEANS_FILE),
+        .DEPTH(SLOTS), .BITS(ENTRY_BITS), .ADDRESS_BITS(SLOT_BITS), .FILE("means.mem"),
         .LOADABLE(LOADABLE)
     ) first_means (
         .clk(clk), .enable(step), .address(slot), .word(first_mean),

@@ -5,19 +5,17 @@
 // third clock edge with `enable` after that one, or at the fourth (SLOW_BLOCKS). Another pixel may
 // come with each clock.
 module vpr_pixel_lookup #(
-    parameter int HEIGHT       = 2,
-    parameter int PIXELS       = 1,
-    parameter bit POLARITY     = 0,
-    parameter int DEPTH        = 2,
-    parameter int COLUMN_BITS  = 1,
-    parameter int ROW_BITS     = 1,
-    parameter int ADDRESS_BITS = 1,
-    parameter int OWNER_BITS   = 2,
-    parameter int SLOT_BITS    = 1,
-    parameter bit LOADABLE          = 0,
-    parameter bit SLOW_BLOCKS       = 0,  // see vpr_device
-    parameter     DISPLACEMENT_FILE = "displacement.mem",
-    parameter     LOOKUP_FILE       = "lookup.mem"
+    localparam int HEIGHT       = vpr_pkg::HEIGHT,
+    localparam int PIXELS       = vpr_pkg::PIXELS,
+    localparam bit POLARITY     = vpr_pkg::POLARITY,
+    localparam int DEPTH        = vpr_pkg::LOOKUP_DEPTH,
+    localparam int COLUMN_BITS  = vpr_pkg::COLUMN_BITS,
+    localparam int ROW_BITS     = vpr_pkg::ROW_BITS,
+    localparam int ADDRESS_BITS = vpr_pkg::ADDRESS_BITS,
+    localparam int OWNER_BITS   = vpr_pkg::OWNER_BITS,
+    localparam int SLOT_BITS    = vpr_pkg::SLOT_BITS,
+    parameter  bit LOADABLE     = 0,
+    parameter  bit SLOW_BLOCKS  = 0  // see vpr_core
 ) (
     input  logic                 clk,
     input  logic                 rst,
@@ -69,7 +67,7 @@ module vpr_pixel_lookup #(
 
     vpr_rom #(
         .DEPTH(HEIGHT), .BITS(ADDRESS_BITS), .ADDRESS_BITS(ROW_BITS),
-        .FILE(DISPLACEMENT_FILE), .LOADABLE(LOADABLE)
+        .FILE("displacement.mem"), .LOADABLE(LOADABLE)
     ) displacements (
         .clk(clk), .enable(take), .address(row[ROW_BITS-1:0]), .word(displacement),
         .load(load[0]), .load_address(load_address), .load_word(load_word)
@@ -77,7 +75,7 @@ module vpr_pixel_lookup #(
 
     vpr_rom #(
         .DEPTH(DEPTH), .BITS(ENTRY_BITS), .ADDRESS_BITS(ADDRESS_BITS),
-        .FILE(LOOKUP_FILE), .LOADABLE(LOADABLE)
+        .FILE("lookup.mem"), .LOADABLE(LOADABLE)
     ) entries (
         .clk(clk), .enable(enable), .address(address), .word(entry[ENTRY_BITS-1:0]),
         .load(load[1]), .load_address(load_address), .load_word(load_word)

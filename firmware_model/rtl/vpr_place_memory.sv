@@ -2,12 +2,11 @@
 // to read them: it returns to the first word after the last, after reset and with `start`, in the
 // clock after a window's end (`stop`). A load that a match interrupts begins again. They may also come from a file for $readmemh.
 module vpr_place_memory #(
-    parameter int PLACES       = 1,
-    parameter int WORDS        = 1,
-    parameter int WORD_BITS    = 1,
-    parameter int ADDRESS_BITS = 1,
-    parameter     MEMORY_STYLE = "auto",
-    parameter     FILE         = ""
+    localparam int PLACES       = vpr_pkg::PLACES,
+    localparam int WORDS        = vpr_pkg::WORDS,
+    localparam int WORD_BITS    = vpr_pkg::WORD_BITS,
+    parameter      MEMORY_STYLE = "auto",
+    parameter      FILE         = ""
 ) (
     input  logic                    clk,
     input  logic                    rst,
@@ -21,6 +20,7 @@ module vpr_place_memory #(
     output logic                    last,
     output logic [WORD_BITS-1:0]    word
 );
+    localparam int ADDRESS_BITS = PLACES * WORDS > 1 ? $clog2(PLACES * WORDS) : 1;
     localparam logic [ADDRESS_BITS-1:0] LAST = ADDRESS_BITS'(PLACES * WORDS - 1);
 
     logic [ADDRESS_BITS-1:0] address;

@@ -8,12 +8,12 @@
 // each level of the tree of comparisons; it stays until the next. Before the first window
 // (`placed`) it is 0.
 module vpr_prediction #(
-    parameter int            STEPS        = 1,
-    parameter int            BACK         = 0,
-    parameter int            COST_BITS    = 10,
-    parameter logic [159:0]  BACK_PRICES  = 0,
-    parameter logic [9:0]    RESTART      = 0,
-    parameter int            METRIC_BITS  = 10
+    localparam int           STEPS       = vpr_pkg::STEPS,
+    localparam int           BACK        = vpr_pkg::BACK,
+    localparam int           COST_BITS   = vpr_pkg::COST_BITS,
+    localparam logic [159:0] BACK_PRICES = vpr_pkg::BACK_PRICES,
+    localparam logic [9:0]   RESTART     = vpr_pkg::RESTART,
+    localparam int           METRIC_BITS = vpr_pkg::METRIC_BITS
 ) (
     input  logic                   clk,
     input  logic                   clear,

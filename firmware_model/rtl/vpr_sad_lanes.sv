@@ -2,9 +2,9 @@
 // subtraction takes it. The differences are registered, and so is each level of the adder tree. The
 // result is `sum` + `lacks`, and follows 1 + log2(LANES), rounded up, clocks later.
 module vpr_sad_lanes #(
-    parameter int LANES     = 1,
-    parameter int CODE_BITS = 1,
-    parameter int SUM_BITS  = 1
+    localparam int LANES     = vpr_pkg::LANES,
+    localparam int CODE_BITS = vpr_pkg::CODE_BITS,
+    localparam int SUM_BITS  = vpr_pkg::SAD_BITS
 ) (
     input  logic                       clk,
     input  logic [LANES*CODE_BITS-1:0] a,

@@ -8,10 +8,10 @@
 // stay for the clock after `sum_valid`. The result stands from two clocks after the last sum until
 // `start`; without a second best, `second` and `second_sum` are 0.
 module vpr_search #(
-    parameter int EXCLUSION  = 0,
-    parameter int SUM_BITS   = 1,
-    parameter int PLACE_BITS = 1,
-    parameter bit SLOW_BLOCKS = 0  // see vpr_device
+    localparam int EXCLUSION   = vpr_pkg::EXCLUSION,
+    localparam int SUM_BITS    = vpr_pkg::SUM_BITS,
+    localparam int PLACE_BITS  = vpr_pkg::PLACE_BITS,
+    parameter  bit SLOW_BLOCKS = 0  // see vpr_core
 ) (
     input  logic                  clk,
     input  logic                  rst,

@@ -6,13 +6,13 @@
 // it stands beside this unit. `sum` and `place` stay for the clock after `sum_valid`; there is a
 // sum for every place, but those that no sequence ends at are not `complete`.
 module vpr_sequence #(
-    parameter int PLACES        = 1,
-    parameter int LENGTH        = 1,
-    parameter int PLACE_BITS    = 1,
-    parameter int DISTANCE_BITS = 1,
-    parameter int SUM_BITS      = 1,
-    parameter     MEMORY_STYLE  = "auto",
-    parameter bit SLOW_BLOCKS   = 0  // a register behind the memory, see vpr_device
+    localparam int PLACES        = vpr_pkg::PLACES,
+    localparam int LENGTH        = vpr_pkg::LENGTH,
+    localparam int PLACE_BITS    = vpr_pkg::PLACE_BITS,
+    localparam int DISTANCE_BITS = vpr_pkg::DISTANCE_BITS,
+    localparam int SUM_BITS      = vpr_pkg::SUM_BITS,
+    parameter      MEMORY_STYLE  = "auto",
+    parameter  bit SLOW_BLOCKS   = 0  // a register behind the memory, see vpr_core
 ) (
     input  logic                     clk,
     input  logic                     rst,

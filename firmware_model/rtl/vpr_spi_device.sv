@@ -1,8 +1,14 @@
 // The device behind SPI, as all boards have it: `locked` is low until `clk` stands. `ready` is high
 // while an event can be sent, `match` while there is a match to read.
 module vpr_spi_device #(
-    parameter MEMORY_STYLE = "auto",   // of the places and of past distances, see vpr_ram_single
-    parameter SLOW_BLOCKS  = 0        // see vpr_device
+    localparam bit PAUSES         = vpr_pkg::PAUSES,
+    localparam int EVENT_BITS     = vpr_pkg::EVENT_BITS,
+    localparam int TIMESTAMP_BITS = vpr_pkg::TIMESTAMP_BITS,
+    localparam int ACTIVITY_BITS  = vpr_pkg::ACTIVITY_BITS,
+    localparam int WORD_BITS      = vpr_pkg::WORD_BITS,
+    localparam int MATCH_BITS     = vpr_pkg::MATCH_BITS,
+    parameter      MEMORY_STYLE   = "auto",  // of the places and of past distances, see vpr_ram_single
+    parameter      SLOW_BLOCKS    = 0        // see vpr_core
 ) (
     input  logic clk,
     input  logic locked,
@@ -13,11 +19,8 @@ module vpr_spi_device #(
     output logic ready,
     output logic match
 );
-    localparam int EVENT_BITS = vpr_design::EVENT_TIME_BITS + 32;
-    localparam int WORD_BITS  = vpr_design::LANES * vpr_design::CODE_BITS;
-    localparam int MATCH_BITS = vpr_design::MATCH_BITS;
-    localparam int TIME_BITS  = 8 * ((vpr_design::TIMESTAMP_BITS + 7) / 8);
-    localparam int START_BITS = TIME_BITS + (vpr_design::FILTER || vpr_design::OWN_MEAN ? 32 : 0);
+    localparam int TIME_BITS  = 8 * ((TIMESTAMP_BITS + 7) / 8);
+    localparam int START_BITS = TIME_BITS + (PAUSES ? 32 : 0);
 
     // in reset until the clock stands, and when the host starts anew
     logic [1:0] stands;
@@ -46,12 +49,12 @@ module vpr_spi_device #(
         .match_tvalid(match_tvalid), .match_tready(match_tready), .match_tdata(match_tdata)
     );
 
-    vpr_device #(
+    vpr_core #(
         .MEMORY_STYLE(MEMORY_STYLE), .SLOW_BLOCKS(SLOW_BLOCKS)
-    ) device (
+    ) core (
         .clk(clk), .rst(rst), .load('0), .load_address('0), .load_word('0),
-        .start_time(start_value[vpr_design::TIMESTAMP_BITS-1:0]),
-        .start_activity(vpr_design::ACTIVITY_BITS'(start_value >> TIME_BITS)),
+        .start_time(start_value[TIMESTAMP_BITS-1:0]),
+        .start_activity(ACTIVITY_BITS'(start_value >> TIME_BITS)),
         .s_place_tvalid(place_tvalid), .s_place_tready(place_tready), .s_place_tdata(place_tdata),
         .s_event_tvalid(event_tvalid), .s_event_tready(event_tready), .s_event_tdata(event_tdata),
         .m_event_tvalid(), .m_event_tready(1'b1), .m_event_tdata(),

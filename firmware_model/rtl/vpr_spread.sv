@@ -7,10 +7,10 @@
 // or it is the spread, whose reciprocal is then made. Division is by restoring, a bit a clock.
 // `done` is high in the clock in which the results stand.
 module vpr_spread #(
-    parameter int PLACES          = 1,
-    parameter int DISTANCE_BITS   = 1,
-    parameter int TOTAL_BITS      = 1,
-    parameter int RECIPROCAL_BITS = 17
+    localparam int PLACES          = vpr_pkg::PLACES,
+    localparam int DISTANCE_BITS   = vpr_pkg::DISTANCE_BITS,
+    localparam int TOTAL_BITS      = vpr_pkg::DISTANCE_TOTAL_BITS,
+    localparam int RECIPROCAL_BITS = vpr_pkg::RECIPROCAL_BITS
 ) (
     input  logic                       clk,
     input  logic                       rst,

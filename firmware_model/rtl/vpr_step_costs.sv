@@ -6,12 +6,11 @@
 // third edge behind it: its activity, the difference, and the row are a clock each. They stay for as
 // many clocks as the place. No cost is above RESTART.
 module vpr_step_costs #(
-    parameter int         PLACES     = 1,
-    parameter int         PLACE_BITS = 1,
-    parameter logic [9:0] RESTART    = 0,
-    parameter int         COST_BITS  = 7,
-    parameter bit         LOADABLE   = 0,
-    parameter             FILE       = "place_activity.mem"
+    localparam int         PLACES     = vpr_pkg::PLACES,
+    localparam int         PLACE_BITS = vpr_pkg::PLACE_BITS,
+    localparam logic [9:0] RESTART    = vpr_pkg::RESTART,
+    localparam int         COST_BITS  = vpr_pkg::COST_BITS,
+    parameter  bit         LOADABLE   = 0
 ) (
     input  logic                       clk,
     input  logic                       load,  // see vpr_rom
@@ -68,7 +67,7 @@ module vpr_step_costs #(
     logic [ROW_BITS-1:0] difference;
 
     vpr_rom #(
-        .DEPTH(PLACES), .BITS(8), .ADDRESS_BITS(PLACE_BITS), .FILE(FILE), .LOADABLE(LOADABLE)
+        .DEPTH(PLACES), .BITS(8), .ADDRESS_BITS(PLACE_BITS), .FILE("place_activity.mem"), .LOADABLE(LOADABLE)
     ) place_activity (
         .clk(clk), .enable(1'b1), .address(place), .word(of_place),
         .load(load), .load_address(load_address), .load_word(load_word)

@@ -9,13 +9,13 @@
 // stands; `trust` and `trusted` are registered at the seventh clock edge behind it, and the eighth,
 // and stay.
 module vpr_trust #(
-    parameter int           STEPS       = 1,
-    parameter int           BACK        = 0,
-    parameter logic [8:0]   TRUST       = 0,
-    parameter int           PLACE_BITS  = 1,
-    parameter int           METRIC_BITS = 10,
-    parameter int           TRUST_BITS  = 9,
-    parameter int           MARGIN_BITS = 5
+    localparam int         STEPS       = vpr_pkg::STEPS,
+    localparam int         BACK        = vpr_pkg::BACK,
+    localparam logic [8:0] TRUST       = vpr_pkg::TRUST,
+    localparam int         PLACE_BITS  = vpr_pkg::PLACE_BITS,
+    localparam int         METRIC_BITS = vpr_pkg::METRIC_BITS,
+    localparam int         TRUST_BITS  = vpr_pkg::TRUST_BITS,
+    localparam int         MARGIN_BITS = vpr_pkg::MISFIT_BITS
 ) (
     input  logic                   clk,
     input  logic                   rst,

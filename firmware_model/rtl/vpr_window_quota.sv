@@ -1,8 +1,8 @@
 // End of a window by count: it is full with its WINDOW_EVENTS-th event at a selected pixel, until the
 // next window begins.
 module vpr_window_quota #(
-    parameter int          WINDOW_COUNT_BITS = 1,
-    parameter logic [31:0] WINDOW_EVENTS     = 1
+    localparam int          WINDOW_COUNT_BITS = vpr_pkg::WINDOW_COUNT_BITS,
+    localparam logic [31:0] WINDOW_EVENTS     = vpr_pkg::WINDOW_EVENTS
 ) (
     input  logic clk,
     input  logic load,

@@ -5,8 +5,8 @@
 // by it. A new window moves the end by TAU_US, and what the event is behind it, a bit a clock:
 // meanwhile `settled` is low, `over` has no meaning, and no event may be taken.
 module vpr_window_timer #(
-    parameter int          TIMESTAMP_BITS = 32,
-    parameter logic [63:0] TAU_US         = 1
+    localparam int          TIMESTAMP_BITS = vpr_pkg::TIMESTAMP_BITS,
+    localparam logic [63:0] TAU_US         = vpr_pkg::TAU_US
 ) (
     input  logic                      clk,
     input  logic                      load,

@@ -23,25 +23,27 @@ class Unit:
     ----------
     name : str
         Name of the module, and of its file.
+    constants : mapping of str to int
+        Of the package of sizes and widths.
     exposed : tuple of str
         Registers to which the induction refers.
     base, induction : int
         Clocks of the base case, and of an induction step.
     broken : mapping of str to (str, str)
         Broken versions: text of the file, and its replacement.
-    claimed : mapping of str to int or str
+    claimed : mapping of str to int
         Parameters of the properties.
     beside : tuple of str
         Files of properties with the units that this one uses.
     """
 
     name: str
-    parameters: Mapping[str, int | str]
+    constants: Mapping[str, int]
     exposed: tuple[str, ...]
     base: int
     induction: int
     broken: Mapping[str, tuple[str, str]]
-    claimed: Mapping[str, int | str] = field(default_factory=dict)
+    claimed: Mapping[str, int] = field(default_factory=dict)
     beside: tuple[str, ...] = ()
 
     def proved(self) -> bool:
@@ -67,7 +69,7 @@ class Unit:
     def _solved(self, source: str | None, induction: int | None = None) -> bool:
         with tempfile.TemporaryDirectory() as folder:
             model = translate(
-                Path(folder), self.name, source, self.parameters, self.exposed, self.claimed,
+                Path(folder), self.name, source, self.constants, self.exposed, self.claimed,
                 self.beside,
             )  # fmt: skip
             base = solve(model, ["-t", str(self.base)], _SECONDS)
@@ -86,7 +88,7 @@ _REGISTERS_OF_SEARCH = (
 
 
 class Size(NamedTuple):
-    """Parameters of a search that is proved."""
+    """Sizes of a search that is proved."""
 
     exclusion: int
     sum_bits: int
@@ -132,15 +134,14 @@ _BROKEN_SEARCHES = {
 
 def search(size: Size, *, induction: bool = True) -> Unit:
     """Return the search of one size, for a proof by induction or for a bounded check."""
-    parameters = {name.upper(): value for name, value in size._asdict().items()}
     return Unit(
         "vpr_search",
-        parameters,
+        {name.upper(): value for name, value in size._asdict().items()},
         _REGISTERS_OF_SEARCH,
         base=4 if induction else 24,
         induction=4,
         broken=_BROKEN_SEARCHES,
-        claimed=parameters | {"INDUCTION": int(induction)},
+        claimed={"INDUCTION": int(induction)},
         beside=("vpr_shift_delay.sv",),
     )
 
@@ -155,7 +156,7 @@ PREDICTION = Unit(
         "STEPS": 3,
         "BACK": 1,
         "COST_BITS": 4,
-        "BACK_PRICES": "160'h3",
+        "BACK_PRICES": 3,
         "RESTART": 9,
         "METRIC_BITS": 4,
     },

@@ -1,11 +1,11 @@
-"""Replay golden vectors on ``vpr_device`` by cocotb, with stalls and resets at random.
+"""Replay golden vectors on ``vpr_core`` by cocotb, with stalls and resets at random.
 
 ``python cocotb/vpr_cocotb.py vectors/corners/tie_of_two ...`` in the folder of the project compiles
 the sources by Icarus Verilog (or ``--simulator``) and replays each case; without names, all cases
 of all suites. Words of every stream are compared with the case's files. What is offered must stay
 until it is taken, no handshake may be undefined, and nothing may follow the last word.
 
-The bench knows the streams of ``vpr_device`` alone: a core of one's own with the same ports can
+The bench knows the streams of ``vpr_core`` alone: a core of one's own with the same ports can
 stand in its place (``--sources``).
 """
 
@@ -169,9 +169,16 @@ async def replay(dut: Any) -> None:
         for number, (word, right) in enumerate(zip(found, words, strict=False)):
             assert word == right, f"{name} {number} is {word:#x}, and must be {right:#x}"
         assert len(found) == len(words), f"{len(found)} of {len(words)} words of {name} came"
-    (in_window,) = re.findall(r" WORDS = (\d+);", (case / "vpr_design.sv").read_text("ascii"))
+    in_window = words_of_a_window((case / "vpr_pkg.sv").read_text("ascii"))
     for number, (_, last) in enumerate(taken["m_window"]):
-        assert last == ((number + 1) % int(in_window) == 0), f"m_window_tlast of word {number}"
+        assert last == ((number + 1) % in_window == 0), f"m_window_tlast of word {number}"
+
+
+def words_of_a_window(package: str) -> int:
+    """Return the number of words of a descriptor by the constants of a design."""
+    found = re.findall(r"localparam \w+ +(\w+) += (?:1'd)?(\d+);", package)
+    known = {name: int(value) for name, value in found}
+    return -(-(known["PIXELS"] << known["POLARITY"]) // known["LANES"])
 
 
 async def until_all(
@@ -204,21 +211,21 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--build", type=Path, default=Path("sim_build"), metavar="FOLDER")
     args = parser.parse_args(words)
     home = Path(__file__).resolve().parents[1]
-    every = sorted(path.parent for path in (home / "vectors").glob("*/*/vpr_design.sv"))
+    every = sorted(path.parent for path in (home / "vectors").glob("*/*/vpr_pkg.sv"))
     cases = [case.resolve() for case in args.cases] or every
     sources = args.sources or sorted((home / "src").glob("vpr_*.sv"))
     device = [path.resolve() for path in sources if path.name not in _NOT_OF_THE_DEVICE]
     builds: dict[str, Path] = {}
     failed = 0
     for case in cases:
-        package = case / "vpr_design.sv"
+        package = case / "vpr_pkg.sv"
         text = package.read_text("ascii")
         new = text not in builds
         build = builds.setdefault(text, args.build.resolve() / str(len(builds)))
         runner = get_runner(args.simulator)
         runner.build(
             sources=[package, *device],
-            hdl_toplevel="vpr_device",
+            hdl_toplevel="vpr_core",
             always=new,
             timescale=("1ns", "1ps"),
             build_dir=build,
@@ -227,7 +234,7 @@ def main(words: Sequence[str] | None = None) -> int:
         with suppress(SystemExit):  # which says that it failed: so do the results
             runner.test(
                 test_module=Path(__file__).stem,
-                hdl_toplevel="vpr_device",
+                hdl_toplevel="vpr_core",
                 build_dir=build,
                 test_dir=case,
                 results_xml=str(results),
@@ -254,7 +261,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
 #: beside the device and its units
 _NOT_OF_THE_DEVICE = {
-    *("vpr_design.sv", "vpr_registers.sv", "vpr_axi_lite.sv", "vpr_spi.sv", "vpr_spi_device.sv"),
+    *("vpr_pkg.sv", "vpr_registers.sv", "vpr_axi_lite.sv", "vpr_spi.sv", "vpr_spi_device.sv"),
     *("vpr_up5k.sv", "vpr_ulx3s.sv", "vpr_bench.sv", "vpr_axi_bench.sv", "vpr_up5k_bench.sv"),
 }
 

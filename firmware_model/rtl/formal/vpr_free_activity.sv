@@ -2,9 +2,7 @@
 // pauses or does not, with any activity. What is proved of a core with it holds for any numbers of
 // events, and for the weight and the costs of any activity.
 module vpr_activity #(
-    parameter EVENTS_BITS   = 23,
-    parameter ACTIVITY_BITS = 31,
-    parameter LOGARITHMS    = 1
+    localparam ACTIVITY_BITS = vpr_pkg::ACTIVITY_BITS
 ) (
     input  logic                     clk,
     input  logic                     load,

@@ -5,8 +5,8 @@
 // are any, but those of the clock that counts are not above RESTART. The entries are seen through a
 // port that the proof's script adds.
 module vpr_prediction_properties #(
-    parameter METRIC_BITS = 4,
-    parameter RESTART     = 9
+    localparam METRIC_BITS = vpr_pkg::METRIC_BITS,
+    localparam RESTART     = vpr_pkg::RESTART
 ) (
     input logic                   clk,
     input logic                   clear,

@@ -4,10 +4,10 @@
 // search's registers are seen through ports that the proof's script adds to it; they serve the
 // induction alone (INDUCTION), so that broken versions are refused by what the outputs must be.
 module vpr_search_properties #(
-    parameter INDUCTION  = 1,
-    parameter EXCLUSION  = 1,
-    parameter SUM_BITS   = 3,
-    parameter PLACE_BITS = 3
+    localparam EXCLUSION  = vpr_pkg::EXCLUSION,
+    localparam SUM_BITS   = vpr_pkg::SUM_BITS,
+    localparam PLACE_BITS = vpr_pkg::PLACE_BITS,
+    parameter  INDUCTION  = 1
 ) (
     input logic                  clk,
     input logic                  rst,

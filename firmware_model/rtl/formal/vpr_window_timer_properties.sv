@@ -2,8 +2,8 @@
 // end of the open window is kept here as a sum; the unit's own is seen through a port that the
 // proof's script adds.
 module vpr_window_timer_properties #(
-    parameter TIMESTAMP_BITS = 6,
-    parameter TAU_US         = 11
+    localparam TIMESTAMP_BITS = vpr_pkg::TIMESTAMP_BITS,
+    localparam TAU_US         = vpr_pkg::TAU_US
 ) (
     input logic                      clk,
     input logic                      load,
