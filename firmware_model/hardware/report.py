@@ -318,7 +318,7 @@ def netlist_memories(design: Design, slow_blocks: bool = False) -> list[Memory]:
     registers = [
         Memory(1, len(core["netnames"][name]["bits"]))
         for name in core["netnames"]
-        if name.endswith("search.delay.oldest") and design.exclusion == 0
+        if name.endswith("search.delay.oldest_o") and design.exclusion == 0
     ]
     return sorted([*memories, *registers])
 

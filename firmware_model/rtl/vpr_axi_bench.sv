@@ -16,7 +16,7 @@ module vpr_axi_bench;
     wire         s_event_tvalid = 1'b0;
     wire [EVENT_BITS-1:0] s_event_tdata = 'x;
 
-    vpr_axi_lite bus (.*);
+    vpr_axi_lite bus (.match_waits_o(match_waits), .*);
 
     always #10 aclk = !aclk;
 

@@ -33,11 +33,10 @@ module vpr_bench #(
     logic [MATCH_BITS-1:0]     m_match_tdata;
 
     // tables come from the files of the case
-    wire [5:0]  load         = '0;
-    wire [19:0] load_address = '0;
-    wire [31:0] load_word    = '0;
-
-    vpr_core #(.SLOW_BLOCKS(SLOW_BLOCKS)) core (.*);
+    vpr_core #(.SLOW_BLOCKS(SLOW_BLOCKS)) core (
+        .clk_i(clk), .rst_i(rst), .load_i('0), .load_address_i('0), .load_word_i('0),
+        .start_time_i(start_time), .start_activity_i(start_activity), .*
+    );
 
     always #10 clk = !clk;
 

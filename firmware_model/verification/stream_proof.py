@@ -215,19 +215,19 @@ BROKEN: dict[str, tuple[Claim, str, str, str]] = {
     "an event that is not taken is overwritten": (
         core_claim("EVENT", _BY_TIME),
         "vpr_events.sv",
-        "!has_raised || m_event_tready;",
+        "!has_raised_q || m_event_tready;",
         "1'b1;",
     ),
     "an event is lost when the window is full": (
         core_claim("EVENT", _BY_COUNT),
         "vpr_events.sv",
-        "has_count  <= has_slot && looks;",
-        "has_count  <= has_slot && looks && !counting;",
+        "has_count_q  <= has_slot_q && looks;",
+        "has_count_q  <= has_slot_q && looks && !counting;",
     ),
     "a word of a window is not held": (
         core_claim("WINDOW", _BY_TIME),
         "vpr_encoder.sv",
-        "!word_valid || word_ready;",
+        "!word_valid_o || word_ready_i;",
         "1'b1;",
     ),
     "a match is not held until it is taken": (
@@ -245,20 +245,20 @@ BROKEN: dict[str, tuple[Claim, str, str, str]] = {
     "a window before the L-th gives a match": (
         core_claim("ONE", _BY_TIME),
         "vpr_sequence.sv",
-        "sum_complete = seen_all && place",
-        "sum_complete = place",
+        "sum_complete_o = seen_all && place_o",
+        "sum_complete_o = place_o",
     ),
     "a reset keeps the windows that were seen": (
         core_claim("ONE", _BY_TIME),
         "vpr_sequence.sv",
-        "seen      <= '0;",
-        "seen      <= seen;",
+        "seen_q      <= '0;",
+        "seen_q      <= seen_q;",
     ),
     "the first window has the number 1": (
         core_claim("NUMBER", _BY_TIME),
         "vpr_core.sv",
-        "window         <= '1;",
-        "window         <= '0;",
+        "window_q         <= '1;",
+        "window_q         <= '0;",
     ),
     "a window ends while the spread is divided": (
         core_claim("IDLE", _FILTER),
@@ -281,22 +281,22 @@ BROKEN: dict[str, tuple[Claim, str, str, str]] = {
     "the last sum of a window is not recognised": (
         core_claim("PATIENCE", _BY_COUNT),
         "vpr_sequence.sv",
-        "sum_last = place == PLACE_BITS'(PLACES - 1);",
-        "sum_last = 1'b0;",
+        "sum_last_o = place_o == PLACE_BITS'(PLACES - 1);",
+        "sum_last_o = 1'b0;",
     ),
     "the last count of a slot is not looked at": (
         COUNTERS,
         "vpr_counters.sv",
-        "same_1 ? raised : ",
+        "same_1_q ? raised_o : ",
         "",
     ),
     "the count before the last is not looked at": (
         COUNTERS,
         "vpr_counters.sv",
-        "same_2 ? written : ",
+        "same_2_q ? written_q : ",
         "",
     ),
-    "a drained count is kept": (COUNTERS, "vpr_counters.sv", "clears ? '0 : ", ""),
+    "a drained count is kept": (COUNTERS, "vpr_counters.sv", "clears_q ? '0 : ", ""),
     "a delay line has a word more": (DELAY, "vpr_delay.sv", "STEPS - 1) ? '0", "STEPS) ? '0"),
     "a count wraps": (COUNTERS, "vpr_counters.sv", "count == FULL ? FULL : count", "count"),
 }

@@ -317,20 +317,20 @@ FAULTS = {
     ),
     "the end of a window moves without its carry": (
         "vpr_window_timer.sv",
-        "added ^ end_carry",
-        "added",
+        "added_q ^ end_carry_q",
+        "added_q",
     ),
     "the row of an event off the sensor is not looked at": (
         "vpr_pixel_lookup.sv",
-        "{1'b0, row} >= 16'(HEIGHT)",
+        "{1'b0, row_i} >= 16'(HEIGHT)",
         "1'b0",
     ),
     "the upper bits of a column are not looked at": (
         "vpr_pixel_lookup.sv",
-        "column != 16'(column[COLUMN_BITS-1:0])",
+        "column_i != 16'(column_i[COLUMN_BITS-1:0])",
         "1'b0",
     ),
-    "counters are not cleared": ("vpr_counters.sv", "clears ? '0 : ", ""),
+    "counters are not cleared": ("vpr_counters.sv", "clears_q ? '0 : ", ""),
     "what an adder lacks is lost": (
         "vpr_sad_lanes.sv",
         "node_lacks <= negative",
@@ -343,15 +343,15 @@ FAULTS = {
     ),
     "sums begin one place too early": (
         "vpr_sequence.sv",
-        "place >= PLACE_BITS'(LENGTH - 1)",
+        "place_o >= PLACE_BITS'(LENGTH - 1)",
         "1'b1",
     ),
     "of equal sums the highest place is best": (
         "vpr_search.sv",
         "below_best[SUM_BITS];",
-        "below_best[SUM_BITS] || sum == best_sum;",
+        "below_best[SUM_BITS] || sum_i == best_sum_o;",
     ),
-    "a second best of zero is accepted": ("vpr_accept.sv", "second_sum != 0 && ", ""),
+    "a second best of zero is accepted": ("vpr_accept.sv", "second_sum_i != 0 && ", ""),
     "a match is not held until it is taken": (
         "vpr_core.sv",
         "else if (match_taken) m_match_tvalid",
@@ -359,8 +359,8 @@ FAULTS = {
     ),
     "a reset keeps the windows that were seen": (
         "vpr_sequence.sv",
-        "seen      <= '0;",
-        "seen      <= seen;",
+        "seen_q      <= '0;",
+        "seen_q      <= seen_q;",
     ),
 }
 
@@ -754,8 +754,8 @@ def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
     dearer = changed("vpr_prediction.sv", "right < left", "1'b1")
     assert bench.found_by(dearer) in {case.name for case in bench.cases}
     for file, old, new in (
-        ("vpr_filter.sv", "whole ? product", "1'b0 ? product"),
-        ("vpr_spread.sv", "{low[RECIPROCAL_BITS-1] || ", "{"),
+        ("vpr_filter.sv", "whole ? product_q", "1'b0 ? product_q"),
+        ("vpr_spread.sv", "{low_q[RECIPROCAL_BITS-1] || ", "{"),
     ):
         assert bench.found_by(changed(file, old, new)) == "filter/spread_of_one"
     assert bench.cases[0].name == "filter/spread_of_one"
@@ -772,7 +772,7 @@ def test_a_sum_that_a_reset_begins_is_found_when_the_places_stay(tmp_path):
     folder, case = tmp_path / "v", f"quick/{cases[0].name}"
     write_suites(folder, mutants.QUICK, {"quick": cases}, 1, rtl=True)
     source = (folder / "rtl" / "vpr_distance.sv").read_text(encoding="ascii")
-    broken = re.sub(r"(distance_valid +<= )1'b0;", r"\1 1'b1;", source)
+    broken = re.sub(r"(distance_valid_o +<= )1'b0;", r"\1 1'b1;", source)
     outcomes = []
     for text in (source, broken):
         (folder / "rtl" / "vpr_distance.sv").write_text(text, encoding="ascii")
@@ -789,8 +789,8 @@ def test_a_sum_that_a_reset_begins_is_found_when_the_places_stay(tmp_path):
 @pytest.mark.parametrize(
     ("suite", "file", "cleared"),
     [
-        ("reset_sum", "vpr_sequence.sv", "terms      <= '0;"),
-        ("reset_match", "vpr_core.sv", "finishing      <= '0;"),
+        ("reset_sum", "vpr_sequence.sv", "terms_q      <= '0;"),
+        ("reset_match", "vpr_core.sv", "finishing_q      <= '0;"),
     ],
 )
 def test_what_a_reset_does_not_clear_is_found_by_a_reset_at_each_clock(
@@ -813,7 +813,7 @@ def test_the_usual_number_of_events_is_compared_by_all_its_bits(tmp_path):
     """That of a window that pauses, above the threshold by two."""
     bench = mutants.Bench(tmp_path, 1, only=("pause_by_two",))
     assert bench.found_by(None) is None
-    first = changed("vpr_activity.sv", "step == STEP_BITS'(DROPPED - 1)", "step == 0")
+    first = changed("vpr_activity.sv", "step_q == STEP_BITS'(DROPPED - 1)", "step_q == 0")
     assert bench.found_by(first) == "filter/pause_by_two"
 
 
@@ -826,9 +826,9 @@ module bench;
     logic [8:0] events[WINDOWS];
     int clocks;
     vpr_activity activity (
-        .clk(clk), .load(load), .start_activity(14'd START), .counted(counted),
-        .window_end(window_end), .settled(settled), .pauses(pauses),
-        .activity_inverse(activity_inverse)
+        .clk_i(clk), .load_i(load), .start_activity_i(14'd START), .counted_i(counted),
+        .window_end_i(window_end), .settled_o(settled), .pauses_o(pauses),
+        .activity_inverse_o(activity_inverse)
     );
     always #1 clk = !clk;
     initial begin
@@ -855,7 +855,7 @@ module bench;
             clocks = 0;
             @(negedge clk) window_end = 0;
             while (!settled) @(negedge clk) clocks++;
-            $display("%0d %0d %0d", activity.usual, $signed(~activity_inverse), clocks);
+            $display("%0d %0d %0d", activity.usual_q, $signed(~activity_inverse), clocks);
         end
         $finish;
     end
@@ -929,7 +929,8 @@ module bench;
     logic [8:0] inverse;
     logic [22:0] n, numbers[0:NUMBERS-1];
     vpr_logarithm logarithm (
-        .clk(clk), .round(round), .valid(valid), .number(number), .decide(decide), .inverse(inverse)
+        .clk_i(clk), .round_i(round), .valid_i(valid), .number_i(number),
+        .decide_i(decide), .inverse_o(inverse)
     );
     always #1 clk = !clk;
     initial begin
@@ -976,8 +977,8 @@ module bench;
     logic [9:0] activity;
     logic [27:0] costs;
     vpr_step_costs #(.LOADABLE(1)) step_costs (
-        .clk(clk), .load(1'b0), .load_address(20'd0), .load_word(32'd0),
-        .activity_inverse(~activity), .place(1'b1), .costs(costs)
+        .clk_i(clk), .load_i(1'b0), .load_address_i(20'd0), .load_word_i(32'd0),
+        .activity_inverse_i(~activity), .place_i(1'b1), .costs_o(costs)
     );
     always #1 clk = !clk;
     initial begin

@@ -57,7 +57,7 @@ class Side:
             getattr(dut, f"{name}_{part}") for part in ("tvalid", "tready", "tdata")
         )
         last = dut.m_window_tlast if name == "m_window" else None
-        return Stream(dut.clk, valid, ready, data, last)
+        return Stream(dut.clk_i, valid, ready, data, last)
 
     async def offer(self, name: str, words: Sequence[int]) -> None:
         """Offer words, one after the other; each stays until it is taken."""
@@ -125,15 +125,15 @@ async def reset(side: Side, case: Path) -> None:
         side.stream(name).valid.value = 0
     for name in ("m_event", "m_window", "m_match"):
         side.stream(name).ready.value = 0
-    await FallingEdge(dut.clk)
-    dut.rst.value = 1
-    (dut.start_time.value,) = (words_of(case, "start")[0] % (1 << len(dut.start_time)),)
+    await FallingEdge(dut.clk_i)
+    dut.rst_i.value = 1
+    (dut.start_time_i.value,) = (words_of(case, "start")[0] % (1 << len(dut.start_time_i)),)
     activity = words_of(case, "activity")
-    dut.start_activity.value = activity[0] if activity else 0
+    dut.start_activity_i.value = activity[0] if activity else 0
     for _ in range(side._draw.randint(1, 3)):
-        await FallingEdge(dut.clk)
-    dut.rst.value = 0
-    for signal in (dut.start_time, dut.start_activity):
+        await FallingEdge(dut.clk_i)
+    dut.rst_i.value = 0
+    for signal in (dut.start_time_i, dut.start_activity_i):
         signal.value = side._draw.getrandbits(len(signal))
 
 
@@ -146,8 +146,8 @@ async def replay(dut: Any) -> None:
         name: words_of(case, f"expected_{kind}")
         for name, kind in (("m_event", "events"), ("m_window", "windows"), ("m_match", "matches"))
     }
-    Clock(dut.clk, 20, "ns").start()
-    for signal in (dut.load, dut.load_address, dut.load_word):
+    Clock(dut.clk_i, 20, "ns").start()
+    for signal in (dut.load_i, dut.load_address_i, dut.load_word_i):
         signal.value = 0
     for left in reversed(range(int(os.environ["VPR_RESETS"]) + 1)):
         await reset(side, case)
@@ -161,7 +161,7 @@ async def replay(dut: Any) -> None:
         with running(give(), *(side.take(name, words) for name, words in taken.items())):
             if left:
                 for _ in range(side._draw.randint(20, 3000)):
-                    await RisingEdge(dut.clk)
+                    await RisingEdge(dut.clk_i)
             else:
                 await until_all(dut, taken, expected)
     for name, words in expected.items():
@@ -187,7 +187,7 @@ async def until_all(
     """Wait until as many words came as must, and some clocks more, in which none may come."""
     quiet, before = 0, -1
     while True:
-        await RisingEdge(dut.clk)
+        await RisingEdge(dut.clk_i)
         come = sum(map(len, taken.values()))
         quiet, before = (quiet + 1 if come == before else 0), come
         whole = all(len(taken[name]) >= len(words) for name, words in expected.items())

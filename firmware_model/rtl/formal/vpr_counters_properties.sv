@@ -22,9 +22,10 @@ module vpr_counters_properties #(
     logic [COUNT_BITS-1:0] raised, drained;
 
     vpr_counters counters (
-        .clk(clk), .rst(rst), .enable(enable), .take(take),
-        .slot(slot), .raises(raises), .raised_slot(raised_slot), .raised(raised), .draining(draining),
-        .drain(drain), .drain_slot(drain_slot), .drained(drained), .read_slot(read_slot)
+        .clk_i(clk), .rst_i(rst), .enable_i(enable), .take_i(take),
+        .slot_i(slot), .raises_o(raises), .raised_slot_o(raised_slot), .raised_o(raised),
+        .draining_i(draining),
+        .drain_i(drain), .drain_slot_i(drain_slot), .drained_o(drained), .read_slot_o(read_slot)
     );
 
     // the count of `k`, which is known once it was cleared; and slots that are on their way

@@ -19,9 +19,11 @@ module vpr_window_timer_properties #(
     wire  [TIMESTAMP_BITS-1:0] carried = TIMESTAMP_BITS'(due) << (TIMESTAMP_BITS / 2);
 
     vpr_window_timer window_timer (
-        .clk(clk), .load(load), .start_time(start_time), .next_window(next_window), .take(take),
-        .timestamp(timestamp), .settled(settled), .over(over), .end_inverse(end_inverse), .behind(behind),
-        .due(due)
+        .clk_i(clk), .load_i(load), .start_time_i(start_time), .next_window_i(next_window),
+        .take_i(take),
+        .timestamp_i(timestamp), .settled_o(settled), .over_o(over), .end_inverse_q(end_inverse),
+        .behind_q(behind),
+        .due_q(due)
     );
 
     logic                      begun = 1'b0;
