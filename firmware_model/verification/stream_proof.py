@@ -347,6 +347,11 @@ def holds(claim: Claim, changed: Mapping[str, str] | None = None, *, seconds: in
         return model_check(model, seconds, claim.method)
 
 
+def reached(claim: Claim, *, seconds: int = 3600) -> bool:
+    """Return whether the state of a `cover` is reached; raises as `holds`."""
+    return not holds(claim, seconds=seconds)
+
+
 def refused(name: str, *, seconds: int = 3600) -> bool:
     """Return whether a broken version, by its name in `BROKEN`, is refused; raises as `holds`."""
     claim, file, old, new = BROKEN[name]
