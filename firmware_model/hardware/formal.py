@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from firmware_model.errors import ToolError
+from firmware_model.hardware.parameters import PACKAGE, package_with
 from firmware_model.hardware.sources import FOLDER
 
 #: folder of properties, and of memories without contents
@@ -106,7 +107,14 @@ def model_check(model: Path, seconds: int, method: str = UNBOUNDED) -> bool:
     raise ToolError(f"yosys-abc gives no answer: {(done.stderr + done.stdout).strip()}")
 
 
-def chparam(parameters: Mapping[str, int | str], module: str) -> str:
+def write_package(folder: Path, constants: Mapping[str, int]) -> Path:
+    """Write the package of sizes and widths, with the values of some constants, into a folder."""
+    file = folder / f"{PACKAGE}.sv"
+    file.write_text(package_with(constants), encoding="ascii")
+    return file
+
+
+def chparam(parameters: Mapping[str, int], module: str) -> str:
     """Return the command of yosys that sets parameters of a module; empty without parameters."""
     chosen = " ".join(f"-set {name} {value}" for name, value in parameters.items())
     return f"chparam {chosen} {module}" if chosen else ""
@@ -116,9 +124,9 @@ def translate(
     folder: Path,
     unit: str,
     source: str | None,
-    parameters: Mapping[str, int | str],
+    constants: Mapping[str, int],
     exposed: Sequence[str],
-    claimed: Mapping[str, int | str],
+    claimed: Mapping[str, int],
     beside: Sequence[str],
 ) -> Path:
     """Write the SMT2 model of a unit and its properties.
@@ -129,20 +137,20 @@ def translate(
         Name of the module, and of its file.
     source : str or None
         Text of that file; None for the original.
-    parameters, exposed, claimed, beside
+    constants, exposed, claimed, beside
         Same as of `firmware_model.verification.unit_proof.Unit`.
     """
     file, model = folder / f"{unit}.sv", folder / f"{unit}.smt2"
     file.write_text(core_source(file.name) if source is None else source, encoding="ascii")
     properties = f"{unit}_properties"
     # wires of an inner unit get names that ports can have
-    files = [file, *(PROPERTIES / name for name in beside)]
+    package = write_package(folder, constants)
+    files = [package, file, *(PROPERTIES / name for name in beside)]
     inner = [name for name in exposed if "." in name]
     outer = [name.rpartition(".")[2] for name in exposed]
     run_yosys(
         [
             f"read_verilog -formal -sv {' '.join(map(str, files))}",
-            chparam(parameters, unit),
             f"hierarchy -top {unit}; proc; flatten; cd {unit}",
             *(f"rename {name} {name.rpartition('.')[2]}" for name in inner),
             "cd",

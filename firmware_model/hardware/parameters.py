@@ -1,31 +1,20 @@
-"""Parameters of the core from a design: all sizes and widths, as in the model; the boards."""
+"""Sizes and widths of the core of a design, as a SystemVerilog package; the boards."""
 
 from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+from firmware_model.errors import ToolError
 from firmware_model.hardware import sources
-from firmware_model.model.design import ACTIVITY_COSTS, FRACTION_BITS, Design, widths_of
+from firmware_model.model.design import ACTIVITY_COSTS, FRACTION_BITS, Design
 
-# Parameters of the core from a design: all sizes and widths, as in the model.
-
-
-#: name of the generated package, and of its file
-PACKAGE = "vpr_design"
+#: name of the package, and of its file
+PACKAGE = "vpr_pkg"
 #: tables that the core reads from files; places are loaded at run time
 _TABLES = ("displacement", "lookup", "codes", "code_tables")
-
-#: quantities of every design whose widths are parameters
-_WIDTHS = (
-    "timestamp", "column", "row", "address", "owner", "slot", "count", "window_count", "table",
-    "entry", "code", "distance", "sum", "product", "place",
-)  # fmt: skip
-#: quantities that a design with fixed codes and sequences does not have
-_ADAPTIVE = (
-    "window_events", "activity", "mean", "distance_total", "reciprocal", "evidence", "trust",
-)  # fmt: skip
 #: bits of a price in a list of prices
 PRICE_BITS = 10
 
@@ -36,82 +25,72 @@ def tables(design: Design) -> tuple[str, ...]:
     return (*_TABLES, *(name for name, there in adaptive.items() if there))
 
 
-def match_bits(design: Design) -> int:
-    """Return the number of bits of a match's word, as in ``expected_matches.mem``."""
-    bits = widths_of(design)
-    # window, place, sum, has_second, second, second_sum, ties, accepted, trust
-    return 32 + 3 * bits["place"] + 2 * bits["sum"] + 2 + bits.get("trust", 0)
-
-
-def parameters(design: Design) -> dict[str, tuple[str, int]]:
-    """Return the parameters of ``vpr_core``.
-
-    Returns
-    -------
-    dict of str to (str, int)
-        SystemVerilog type and value by name, in the order of the core's declaration.
-    """
-    bits = widths_of(design)
+def constants(design: Design) -> dict[str, int]:
+    """Return the constants of the package's first part, from which its second part follows."""
+    levels = {"LEVEL_MAX": design.entry_max} if design.own_mean else {}
     return {
-        "HEIGHT": ("int", design.height),
-        "PIXELS": ("int", design.pixels),
-        "POLARITY": ("bit", int(design.polarity)),
-        "LOOKUP_DEPTH": ("int", design.lookup_depth),
-        "SLOTS": ("int", design.slots),
-        "TABLES": ("int", len(design.full_scales)),
-        "COUNT_MAX": ("int", design.count_max),
-        "BY_TIME": ("bit", int(design.window == "time")),
-        "TAU_US": ("logic [63:0]", design.tau_us),
-        "WINDOW_EVENTS": ("logic [31:0]", design.window_events),
-        "PLACES": ("int", design.places),
-        "WORDS": ("int", design.words),
-        "LANES": ("int", design.lanes),
-        "LENGTH": ("int", design.length),
-        "OWN_MEAN": ("bit", int(design.own_mean)),
-        "CONTRAST": ("bit", int(design.contrast)),
-        "FILTER": ("bit", int(design.filters)),
-        "KEEP_DISTANCES": ("bit", int(design.keep_distances)),
-        "STEPS": ("int", len(ACTIVITY_COSTS[0]) if design.activity_costs else len(design.steps)),
-        "BACK": ("int", len(design.back)),
-        "ACTIVITY_COSTS": ("bit", int(design.activity_costs)),
-        "STEP_PRICES": ("logic [159:0]", _prices(design.steps)),
-        "BACK_PRICES": ("logic [159:0]", _prices(design.back)),
-        "RESTART": ("logic [9:0]", design.restart << FRACTION_BITS),
-        "TRUST": ("logic [8:0]", design.trust),
-        "EXCLUSION": ("int", design.exclusion),
-        "BY_MARGIN": ("bit", int(design.accept == "margin")),
-        "MARGIN": ("logic [31:0]", design.margin),
-        "NUMERATOR": ("logic [15:0]", design.ratio[0]),
-        "DENOMINATOR": ("logic [15:0]", design.ratio[1]),
-        "EVENT_TIME_BITS": ("int", 32 if design.timestamp_bits <= 32 else 64),
-        **{f"{name.upper()}_BITS": ("int", bits[name]) for name in _WIDTHS},
-        **{f"{name.upper()}_BITS": ("int", bits.get(name, 1)) for name in _ADAPTIVE},
-        "MATCH_BITS": ("int", match_bits(design)),
+        "WIDTH": design.width,
+        "HEIGHT": design.height,
+        "PIXELS": design.pixels,
+        "POLARITY": int(design.polarity),
+        "LOOKUP_DEPTH": design.lookup_depth,
+        "TIMESTAMP_BITS": design.timestamp_bits,
+        "BY_TIME": int(design.window == "time"),
+        "TAU_US": design.tau_us,
+        "WINDOW_EVENTS": design.window_events,
+        "COUNT_MAX": design.count_max,
+        "TABLES": len(design.full_scales),
+        "CODE_BITS": design.code_bits,
+        "OWN_MEAN": int(design.own_mean),
+        "CONTRAST": int(design.contrast),
+        **levels,
+        "PLACES": design.places,
+        "LANES": design.lanes,
+        "LENGTH": design.length,
+        "FILTER": int(design.filters),
+        "KEEP_DISTANCES": int(design.keep_distances),
+        "STEPS": len(ACTIVITY_COSTS[0]) if design.activity_costs else len(design.steps),
+        "BACK": len(design.back),
+        "ACTIVITY_COSTS": int(design.activity_costs),
+        "STEP_PRICES": _prices(design.steps),
+        "BACK_PRICES": _prices(design.back),
+        "RESTART": design.restart << FRACTION_BITS,
+        "TRUST": design.trust,
+        "EXCLUSION": design.exclusion,
+        "BY_MARGIN": int(design.accept == "margin"),
+        "MARGIN": design.margin,
+        "NUMERATOR": design.ratio[0],
+        "DENOMINATOR": design.ratio[1],
     }
 
 
 def package(design: Design) -> str:
-    """Write the parameters as a SystemVerilog package.
+    """Return the source text of the package of a design: ``vpr_pkg.sv`` with its constants."""
+    return package_with(constants(design))
 
-    Returns
-    -------
-    str
-        Source text of `PACKAGE`, which ``vpr_device.sv`` passes to the core.
+
+def package_with(values: Mapping[str, int]) -> str:
+    """Return the source text of ``vpr_pkg.sv`` with other values of some of its constants.
+
+    Parameters
+    ----------
+    values : mapping of str to int
+        Values by name, also of what otherwise follows from the design.
+
+    Raises
+    ------
+    ToolError
+        If the package has no such constant.
     """
-    lines = [
-        "// Parameters of one design, made by edge-vpr from its design.toml: do not edit.",
-        f"package {PACKAGE};",
-    ]
-    for name, (kind, value) in parameters(design).items():
-        lines.append(f"    localparam {kind} {name} = {_literal(kind, value)};")
-    return "\n".join([*lines, "endpackage", ""])
-
-
-def _literal(kind: str, value: int) -> str:
-    width = re.fullmatch(r"logic \[(\d+):0\]", kind)
-    if kind == "int":
-        return str(value)
-    return f"{1 if width is None else int(width[1]) + 1}'d{value}"
+    text = (sources.FOLDER / f"{PACKAGE}.sv").read_text(encoding="ascii")
+    for name, value in values.items():
+        pattern = rf"(localparam (int|bit|logic \[(\d+):0\])\s+{name}\s*=\s*)[^;]+;"
+        found = re.search(pattern, text)
+        if found is None:
+            raise ToolError(f"{PACKAGE}.sv has no constant {name}: name one of its localparams")
+        size = {"int": "", "bit": "1'd"}.get(found[2], f"{int(found[3] or 0) + 1}'d")
+        text = f"{text[: found.start()]}{found[1]}{size}{value};{text[found.end() :]}"
+    return text
 
 
 def _prices(prices: tuple[int, ...]) -> int:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from firmware_model.errors import DesignError
-from firmware_model.hardware.parameters import parameters
 from firmware_model.model.design import Design
 
 #: name of the generated package, and of its file
@@ -81,13 +80,13 @@ def constants(design: Design) -> dict[str, int]:
     dict of str to int
         ``PLACE_PARTS`` is the number of writes to `PLACE` for one word of ``places.mem``.
     """
-    known = parameters(design)
-    names = ("PIXELS", "SLOTS", "PLACES", "WORDS", "LANES", "CODE_BITS", "TIMESTAMP_BITS", "FILTER")
+    names = ("pixels", "slots", "places", "words", "lanes", "code_bits", "timestamp_bits")
     return {
         "ID_VALUE": ID_VALUE,
         "DESIGN_VALUE": zlib.crc32(design.to_toml().encode("utf-8")),
-        "PLACE_PARTS": -(-design.lanes * known["CODE_BITS"][1] // 32),
-        **{name: known[name][1] for name in names},
+        "PLACE_PARTS": -(-design.lanes * design.code_bits // 32),
+        **{name.upper(): getattr(design, name) for name in names},
+        "FILTER": int(design.filters),
     }
 
 

@@ -301,14 +301,14 @@ def netlist_memories(design: Design, slow_blocks: bool = False) -> list[Memory]:
         run_yosys(
             [
                 f"read_verilog -sv {' '.join(map(str, files))}",
-                f"chparam -set SLOW_BLOCKS {int(slow_blocks)} vpr_device",
-                "hierarchy -check -top vpr_device; proc; flatten; opt_clean; memory_collect",
+                f"chparam -set SLOW_BLOCKS {int(slow_blocks)} vpr_core",
+                "hierarchy -check -top vpr_core; proc; flatten; opt_clean; memory_collect",
                 f"write_json {found}",
             ],
             "core",
             folder,
         )
-        core = json.loads(found.read_text(encoding="utf-8"))["modules"]["vpr_device"]
+        core = json.loads(found.read_text(encoding="utf-8"))["modules"]["vpr_core"]
     memories = [
         Memory(*(int(cell["parameters"][size], 2) for size in ("SIZE", "WIDTH")))
         for cell in core["cells"].values()
@@ -318,7 +318,7 @@ def netlist_memories(design: Design, slow_blocks: bool = False) -> list[Memory]:
     registers = [
         Memory(1, len(core["netnames"][name]["bits"]))
         for name in core["netnames"]
-        if name.endswith("search.delay.oldest") and design.exclusion == 0
+        if name.endswith("search.delay.oldest_o") and design.exclusion == 0
     ]
     return sorted([*memories, *registers])
 

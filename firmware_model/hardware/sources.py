@@ -17,8 +17,8 @@ UNITS = (
     "vpr_prediction.sv", "vpr_filter.sv", "vpr_trust.sv", "vpr_search.sv", "vpr_accept.sv",
     "vpr_core.sv",
 )  # fmt: skip
-#: core of one design; the generated package comes first
-DEVICE = (*MEMORIES, *UNITS, "vpr_device.sv")
+#: the core; the package of a design comes first
+DEVICE = (*MEMORIES, *UNITS)
 #: testbench that replays a case of golden vectors
 BENCH = "vpr_bench.sv"
 #: files for a simulation, in addition to the package and the case

@@ -24,7 +24,7 @@ from firmware_model.model.design import Design
 
 #: names for cells of the top itself, and for cells of carry chains without a unit
 TOP, CARRIES = "window's number, busy, board", "ends of carries"
-_SKIPPED = re.compile(r"^(?:device\.)*(?:core\.)?|\bg_\w+(?:\[\d+\])?\.|\bgenblk\d+\.")
+_SKIPPED = re.compile(r"^(?:device\.)?(?:core\.)?|\bg_\w+(?:\[\d+\])?\.|\bgenblk\d+\.")
 
 
 def unit_of(cell: str) -> str:

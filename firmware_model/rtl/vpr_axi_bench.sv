@@ -2,10 +2,8 @@
 // in the folder of the case, as vpr_bench does: +case=NAME +results=FILE +seed=N +stall=PER_CENT
 `timescale 1ns / 1ps
 module vpr_axi_bench;
-    import vpr_design::*;
+    import vpr_pkg::*;
 
-    localparam int EVENT_BITS = EVENT_TIME_BITS + 32;
-    localparam int WORD_BITS  = LANES * CODE_BITS;
 
     logic        aclk = 1'b0, aresetn = 1'b0;
     logic        s_axi_awvalid = 1'b0, s_axi_wvalid = 1'b0, s_axi_bready = 1'b0;
@@ -18,7 +16,7 @@ module vpr_axi_bench;
     wire         s_event_tvalid = 1'b0;
     wire [EVENT_BITS-1:0] s_event_tdata = 'x;
 
-    vpr_axi_lite bus (.*);
+    vpr_axi_lite bus (.match_waits_o(match_waits), .*);
 
     always #10 aclk = !aclk;
 
@@ -140,7 +138,7 @@ module vpr_axi_bench;
         value_of("start.mem");
         give(vpr_registers::START, word[31:0]);
         if (TIMESTAMP_BITS > 32) give(vpr_registers::START_HIGH, word[63:32]);
-        if (FILTER || OWN_MEAN) begin
+        if (PAUSES) begin
             value_of("activity.mem");
             give(vpr_registers::ACTIVITY, word[31:0]);
         end

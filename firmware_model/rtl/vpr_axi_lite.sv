@@ -2,12 +2,21 @@
 // design): start, tables and places, events, and matches. Events may also come by `s_event`.
 //
 // A write that comes too early, or to no register, is answered by SLVERR and lost: the bus never
-// waits for a match. One write and one read are under way at a time. `match_waits` is high while
+// waits for a match. One write and one read are under way at a time. `match_waits_o` is high while
 // there is a match.
 module vpr_axi_lite #(
-    parameter MEMORY_STYLE = "auto",  // of the places and of past distances, see vpr_ram_single
-    parameter PLACES_FILE  = "",      // of the places; they may be loaded instead
-    parameter LOADABLE     = 1        // tables are loaded, in place of their files
+    localparam int EVENT_BITS      = vpr_pkg::EVENT_BITS,
+    localparam int EVENT_TIME_BITS = vpr_pkg::EVENT_TIME_BITS,
+    localparam int TIMESTAMP_BITS  = vpr_pkg::TIMESTAMP_BITS,
+    localparam int ACTIVITY_BITS   = vpr_pkg::ACTIVITY_BITS,
+    localparam int WORD_BITS       = vpr_pkg::WORD_BITS,
+    localparam int PLACE_BITS      = vpr_pkg::PLACE_BITS,
+    localparam int SUM_BITS        = vpr_pkg::SUM_BITS,
+    localparam int TRUST_BITS      = vpr_pkg::TRUST_BITS,
+    localparam int MATCH_BITS      = vpr_pkg::MATCH_BITS,
+    parameter      MEMORY_STYLE    = "auto",  // see vpr_core
+    parameter      PLACES_FILE     = "",      // see vpr_core
+    parameter      LOADABLE        = 1        // see vpr_core
 ) (
     input  logic        aclk,
     input  logic        aresetn,
@@ -31,111 +40,109 @@ module vpr_axi_lite #(
 
     input  logic        s_event_tvalid,
     output logic        s_event_tready,
-    input  logic [vpr_design::EVENT_TIME_BITS+31:0] s_event_tdata,
+    input  logic [EVENT_BITS-1:0] s_event_tdata,
 
-    output logic        match_waits
+    output logic        match_waits_o
 );
     localparam logic [1:0] OKAY   = 2'b00;
     localparam logic [1:0] SLVERR = 2'b10;
 
-    localparam int EVENT_BITS = vpr_design::EVENT_TIME_BITS + 32;
-    localparam int WORD_BITS  = vpr_design::LANES * vpr_design::CODE_BITS;
-    localparam int PARTS      = vpr_registers::PLACE_PARTS;
-    localparam int PART_BITS  = $clog2(PARTS + 1);
+    localparam int PARTS     = vpr_registers::PLACE_PARTS;
+    localparam int PART_BITS = $clog2(PARTS + 1);
 
     // A write is taken when address and data are there
-    logic       taken;
+    logic       taken_q;
     logic [7:0] address;
-    wire        write = s_axi_awvalid && s_axi_wvalid && !s_axi_bvalid && !taken;
+    wire        write = s_axi_awvalid && s_axi_wvalid && !s_axi_bvalid && !taken_q;
 
-    assign s_axi_awready = taken;
-    assign s_axi_wready  = taken;
+    assign s_axi_awready = taken_q;
+    assign s_axi_wready  = taken_q;
     assign address       = s_axi_awaddr & 8'hFC;
 
-    logic [63:0]           start, event_time;
-    logic [31:0]           activity, event_pixel, table_word;
-    logic [5:0]            load;
-    logic [2:0]            selected;  // table
-    logic [19:0]           table_address;
-    logic [32*PARTS-1:0]   place;
-    logic [PART_BITS-1:0]  parts;
-    logic                  restart, event_waits, place_waits, take_match;
+    logic [63:0]           start_q, event_time_q;
+    logic [31:0]           activity_q, event_pixel_q, table_word_q;
+    logic [5:0]            load_q;
+    logic [2:0]            selected_q;  // table
+    logic [19:0]           table_address_q;
+    logic [32*PARTS-1:0]   place_q;
+    logic [PART_BITS-1:0]  parts_q;
+    logic                  restart_q, event_waits_q, place_waits_q, take_match_q;
     logic                  event_tready, place_tready, match_tvalid;
-    logic [vpr_design::MATCH_BITS-1:0] match_word;
+    logic [MATCH_BITS-1:0] match_word;
 
-    wire place_ready = place_tready && !place_waits;
+    wire place_ready = place_tready && !place_waits_q;
 
     always_ff @(posedge aclk) begin
-        taken      <= write;
-        restart    <= 1'b0;
-        load       <= '0;
-        take_match <= 1'b0;
-        if (event_waits && event_tready) event_waits <= 1'b0;
-        if (place_waits && place_tready) place_waits <= 1'b0;
-        if (load != 0) table_address <= table_address + 1'b1;
+        taken_q      <= write;
+        restart_q    <= 1'b0;
+        load_q       <= '0;
+        take_match_q <= 1'b0;
+        if (event_waits_q && event_tready) event_waits_q <= 1'b0;
+        if (place_waits_q && place_tready) place_waits_q <= 1'b0;
+        if (load_q != 0) table_address_q <= table_address_q + 1'b1;
         if (s_axi_bready) s_axi_bvalid <= 1'b0;
-        if (taken) s_axi_bvalid <= 1'b1;
+        if (taken_q) s_axi_bvalid <= 1'b1;
         if (write) begin
             s_axi_bresp <= OKAY;
             case (address)
-                vpr_registers::CONTROL:         restart <= s_axi_wdata[0];
-                vpr_registers::START:           start[31:0] <= s_axi_wdata;
-                vpr_registers::START_HIGH:      start[63:32] <= s_axi_wdata;
-                vpr_registers::ACTIVITY:        activity <= s_axi_wdata;
-                vpr_registers::EVENT_TIME:      event_time[31:0] <= s_axi_wdata;
-                vpr_registers::EVENT_TIME_HIGH: event_time[63:32] <= s_axi_wdata;
+                vpr_registers::CONTROL:         restart_q <= s_axi_wdata[0];
+                vpr_registers::START:           start_q[31:0] <= s_axi_wdata;
+                vpr_registers::START_HIGH:      start_q[63:32] <= s_axi_wdata;
+                vpr_registers::ACTIVITY:        activity_q <= s_axi_wdata;
+                vpr_registers::EVENT_TIME:      event_time_q[31:0] <= s_axi_wdata;
+                vpr_registers::EVENT_TIME_HIGH: event_time_q[63:32] <= s_axi_wdata;
                 vpr_registers::EVENT_PIXEL:
-                    if (event_waits) s_axi_bresp <= SLVERR;
+                    if (event_waits_q) s_axi_bresp <= SLVERR;
                     else begin
-                        event_pixel <= s_axi_wdata;
-                        event_waits <= 1'b1;
+                        event_pixel_q <= s_axi_wdata;
+                        event_waits_q <= 1'b1;
                     end
                 vpr_registers::PLACE:
                     if (!place_ready) s_axi_bresp <= SLVERR;
                     else begin
-                        place       <= (32 * PARTS)'({s_axi_wdata, place} >> 32);
-                        parts       <= parts == PART_BITS'(PARTS - 1) ? '0 : parts + 1'b1;
-                        place_waits <= parts == PART_BITS'(PARTS - 1);
+                        place_q       <= (32 * PARTS)'({s_axi_wdata, place_q} >> 32);
+                        parts_q       <= parts_q == PART_BITS'(PARTS - 1) ? '0 : parts_q + 1'b1;
+                        place_waits_q <= parts_q == PART_BITS'(PARTS - 1);
                     end
-                vpr_registers::TABLE_ADDRESS: {selected, table_address} <=
+                vpr_registers::TABLE_ADDRESS: {selected_q, table_address_q} <=
                     {s_axi_wdata[26:24], s_axi_wdata[19:0]};
                 vpr_registers::TABLE_WORD: begin
-                    table_word <= s_axi_wdata;
-                    load       <= 6'd1 << selected;
+                    table_word_q <= s_axi_wdata;
+                    load_q       <= 6'd1 << selected_q;
                 end
                 vpr_registers::MATCH_TAKE:
-                    if (match_tvalid) take_match <= 1'b1;
+                    if (match_tvalid) take_match_q <= 1'b1;
                     else s_axi_bresp <= SLVERR;
                 default: s_axi_bresp <= SLVERR;
             endcase
         end
-        if (restart) begin
-            parts       <= '0;
-            event_waits <= 1'b0;
-            place_waits <= 1'b0;
+        if (restart_q) begin
+            parts_q       <= '0;
+            event_waits_q <= 1'b0;
+            place_waits_q <= 1'b0;
         end
         if (!aresetn) begin
-            taken        <= 1'b0;
-            restart      <= 1'b1;
-            load         <= '0;
-            take_match   <= 1'b0;
-            event_waits  <= 1'b0;
-            place_waits  <= 1'b0;
-            parts        <= '0;
+            taken_q        <= 1'b0;
+            restart_q      <= 1'b1;
+            load_q         <= '0;
+            take_match_q   <= 1'b0;
+            event_waits_q  <= 1'b0;
+            place_waits_q  <= 1'b0;
+            parts_q        <= '0;
             s_axi_bvalid <= 1'b0;
         end
     end
 
     // The match, fields of a word of expected_matches.mem
     logic                              accepted, has_second;
-    logic [vpr_design::PLACE_BITS-1:0] best, second, ties;
-    logic [vpr_design::SUM_BITS-1:0]   best_sum, second_sum;
-    logic [vpr_design::TRUST_BITS-1:0] trust;
+    logic [PLACE_BITS-1:0] best, second, ties;
+    logic [SUM_BITS-1:0]   best_sum, second_sum;
+    logic [TRUST_BITS-1:0] trust;
     logic [31:0]                       window;
-    localparam int UNPACKED_BITS = vpr_design::MATCH_BITS + vpr_design::TRUST_BITS;
+    localparam int UNPACKED_BITS = MATCH_BITS + TRUST_BITS;
     assign {trust, accepted, ties, second_sum, second, has_second, best_sum, best, window} =
-        ($bits(window) + 3 * vpr_design::PLACE_BITS + 2 * vpr_design::SUM_BITS
-         + 2 + vpr_design::TRUST_BITS)'(UNPACKED_BITS'(match_word));
+        ($bits(window) + 3 * PLACE_BITS + 2 * SUM_BITS
+         + 2 + TRUST_BITS)'(UNPACKED_BITS'(match_word));
 
     assign s_axi_arready = !s_axi_rvalid;
 
@@ -148,10 +155,10 @@ module vpr_axi_lite #(
                 vpr_registers::ID:            s_axi_rdata <= vpr_registers::ID_VALUE;
                 vpr_registers::DESIGN:        s_axi_rdata <= vpr_registers::DESIGN_VALUE;
                 vpr_registers::STATUS:        s_axi_rdata <=
-                    {29'b0, match_tvalid, !event_waits, place_ready};
-                vpr_registers::START:         s_axi_rdata <= start[31:0];
-                vpr_registers::START_HIGH:    s_axi_rdata <= start[63:32];
-                vpr_registers::ACTIVITY:      s_axi_rdata <= activity;
+                    {29'b0, match_tvalid, !event_waits_q, place_ready};
+                vpr_registers::START:         s_axi_rdata <= start_q[31:0];
+                vpr_registers::START_HIGH:    s_axi_rdata <= start_q[63:32];
+                vpr_registers::ACTIVITY:      s_axi_rdata <= activity_q;
                 vpr_registers::MATCH_WINDOW:  s_axi_rdata <= window;
                 vpr_registers::MATCH_PLACE:   s_axi_rdata <= 32'(best);
                 vpr_registers::MATCH_SUM:     s_axi_rdata <= 32'(best_sum);
@@ -171,29 +178,29 @@ module vpr_axi_lite #(
     end
 
     // Events of the bus go before those of the stream
-    wire [EVENT_BITS-1:0] event_tdata = event_waits
-        ? {event_pixel, event_time[vpr_design::EVENT_TIME_BITS-1:0]} : s_event_tdata;
+    wire [EVENT_BITS-1:0] event_tdata = event_waits_q
+        ? {event_pixel_q, event_time_q[EVENT_TIME_BITS-1:0]} : s_event_tdata;
 
-    assign s_event_tready = event_tready && !event_waits;
-    assign match_waits      = match_tvalid;
+    assign s_event_tready = event_tready && !event_waits_q;
+    assign match_waits_o      = match_tvalid;
 
     // verilator lint_off PINCONNECTEMPTY
-    vpr_device #(
+    vpr_core #(
         .MEMORY_STYLE(MEMORY_STYLE), .PLACES_FILE(PLACES_FILE), .LOADABLE(LOADABLE)
-    ) device (
-        .clk(aclk), .rst(restart || !aresetn), .load(load), .load_address(table_address),
-        .load_word(table_word), .start_time(start[vpr_design::TIMESTAMP_BITS-1:0]),
-        .start_activity(activity[vpr_design::ACTIVITY_BITS-1:0]),
-        .s_place_tvalid(place_waits), .s_place_tready(place_tready),
-        .s_place_tdata(place[WORD_BITS-1:0]),
-        .s_event_tvalid(event_waits || s_event_tvalid), .s_event_tready(event_tready),
+    ) core (
+        .clk_i(aclk), .rst_i(restart_q || !aresetn), .load_i(load_q), .load_address_i(table_address_q),
+        .load_word_i(table_word_q), .start_time_i(start_q[TIMESTAMP_BITS-1:0]),
+        .start_activity_i(activity_q[ACTIVITY_BITS-1:0]),
+        .s_place_tvalid(place_waits_q), .s_place_tready(place_tready),
+        .s_place_tdata(place_q[WORD_BITS-1:0]),
+        .s_event_tvalid(event_waits_q || s_event_tvalid), .s_event_tready(event_tready),
         .s_event_tdata(event_tdata),
         .m_event_tvalid(), .m_event_tready(1'b1), .m_event_tdata(),
         .m_window_tvalid(), .m_window_tready(1'b1), .m_window_tdata(), .m_window_tlast(),
         .m_window_tuser(),
-        .m_match_tvalid(match_tvalid), .m_match_tready(take_match), .m_match_tdata(match_word)
+        .m_match_tvalid(match_tvalid), .m_match_tready(take_match_q), .m_match_tdata(match_word)
     );
     // verilator lint_on PINCONNECTEMPTY
 
-    wire unused = &{1'b0, start, event_time, activity, place, s_axi_awaddr, s_axi_araddr};
+    wire unused = &{1'b0, start_q, event_time_q, activity_q, place_q, s_axi_awaddr, s_axi_araddr};
 endmodule

@@ -8,13 +8,10 @@
 // +case=NAME +results=FILE +seed=N +stall=PER_CENT +resets=N +reset_at=N +trace=FILE.vcd
 `timescale 1ns / 1ps
 module vpr_bench #(
-    parameter SLOW_BLOCKS = 0  // see vpr_device
+    parameter SLOW_BLOCKS = 0  // see vpr_core
 );
-    import vpr_design::*;
+    import vpr_pkg::*;
 
-    localparam int EVENT_BITS = EVENT_TIME_BITS + 32;
-    localparam int WORD_BITS  = LANES * CODE_BITS;
-    localparam int SEEN_BITS  = SLOT_BITS + COUNT_BITS + 1;
     // more clocks than a match takes, of sequences and of the filter, whose first window has a third
     // pass over the places; a match that takes longer is missing in the records
     localparam int MATCH_CLOCKS = 500 + 2 * SLOTS + 3 * PLACES * (WORDS + LENGTH);
@@ -36,13 +33,10 @@ module vpr_bench #(
     logic [MATCH_BITS-1:0]     m_match_tdata;
 
     // tables come from the files of the case
-    wire [5:0]  load         = '0;
-    wire [19:0] load_address = '0;
-    wire [31:0] load_word    = '0;
-
-    vpr_device #(
-        .SLOW_BLOCKS(SLOW_BLOCKS)
-    ) device (.*);
+    vpr_core #(.SLOW_BLOCKS(SLOW_BLOCKS)) core (
+        .clk_i(clk), .rst_i(rst), .load_i('0), .load_address_i('0), .load_word_i('0),
+        .start_time_i(start_time), .start_activity_i(start_activity), .*
+    );
 
     always #10 clk = !clk;
 
@@ -59,7 +53,7 @@ module vpr_bench #(
         scanned = $fscanf(start_file, "%h", start);
         $fclose(start_file);
         activity = '0;
-        if (FILTER || OWN_MEAN) begin
+        if (PAUSES) begin
             start_file = $fopen("activity.mem", "r");
             if (start_file == 0) fail("activity.mem cannot be opened");
             scanned = $fscanf(start_file, "%h", activity);
@@ -218,7 +212,7 @@ module vpr_bench #(
     string  line;  // events come between the words of a window
     integer events_seen, windows_seen, words_seen, lane;
     logic   match_before;
-    wire    window_end = device.core.window_end;
+    wire    window_end = core.window_end;
     integer clock_now, ended_at, least_cycles, most_cycles, in_a_row, most_in_a_row;
     initial begin
         most_in_a_row = 0;

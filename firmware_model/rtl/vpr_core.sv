@@ -6,97 +6,61 @@
 //   m_match   expected_matches.mem             word, `tuser` the number of events before its end
 // Outputs that are of no use are left open with their tready at 1, and cost nothing.
 //
-// `rst` is synchronous and begins anew but for the places; the first window opens at `start_time`,
-// which is read in its last clock, as is `start_activity`, the usual number of events in a window.
+// `rst_i` is synchronous and begins anew but for the places; the first window opens at `start_time_i`,
+// which is read in its last clock, as is `start_activity_i`, the usual number of events in a window.
 // s_event_tready rises TIMESTAMP_BITS + 1 clocks after it. Events are taken while a window is matched,
 // after it was encoded; the end of a further window waits.
 module vpr_core #(
-    parameter int          HEIGHT            = 2,
-    parameter int          PIXELS            = 1,
-    parameter bit          POLARITY          = 0,
-    parameter int          LOOKUP_DEPTH      = 2,
-    parameter int          SLOTS             = 1,
-    parameter int          TABLES            = 1,
-    parameter int          COUNT_MAX         = 1,
-    parameter bit          BY_TIME           = 1,
-    parameter logic [63:0] TAU_US            = 1,
-    parameter logic [31:0] WINDOW_EVENTS     = 1,
-    parameter int          PLACES            = 1,
-    parameter int          WORDS             = 1,
-    parameter int          LANES             = 1,
-    parameter int          LENGTH            = 1,
-    parameter bit          OWN_MEAN          = 0,
-    parameter bit          CONTRAST          = 0,
-    parameter bit          FILTER            = 0,
-    parameter bit          KEEP_DISTANCES    = 0,
-    parameter int          STEPS             = 1,
-    parameter int          BACK              = 0,
-    parameter bit          ACTIVITY_COSTS    = 0,
-    parameter logic [159:0] STEP_PRICES      = 0,
-    parameter logic [159:0] BACK_PRICES      = 0,
-    parameter logic [9:0]  RESTART           = 0,
-    parameter logic [8:0]  TRUST             = 0,
-    parameter int          EXCLUSION         = 0,
-    parameter bit          BY_MARGIN         = 0,
-    parameter logic [31:0] MARGIN            = 0,
-    parameter logic [15:0] NUMERATOR         = 1,
-    parameter logic [15:0] DENOMINATOR       = 2,
-    parameter int          EVENT_TIME_BITS   = 32,
-    parameter int          TIMESTAMP_BITS    = 32,
-    parameter int          COLUMN_BITS       = 1,
-    parameter int          ROW_BITS          = 1,
-    parameter int          ADDRESS_BITS      = 1,
-    parameter int          OWNER_BITS        = 2,
-    parameter int          SLOT_BITS         = 1,
-    parameter int          COUNT_BITS        = 1,
-    parameter int          WINDOW_COUNT_BITS = 1,
-    parameter int          TABLE_BITS        = 1,
-    parameter int          ENTRY_BITS        = 1,
-    parameter int          CODE_BITS         = 1,
-    parameter int          DISTANCE_BITS     = 1,
-    parameter int          SUM_BITS          = 1,
-    parameter int          PRODUCT_BITS      = 2,
-    parameter int          PLACE_BITS        = 1,
-    parameter int          WINDOW_EVENTS_BITS  = 23,
-    parameter int          ACTIVITY_BITS       = 31,
-    parameter int          MEAN_BITS           = 17,
-    parameter int          DISTANCE_TOTAL_BITS = 1,
-    parameter int          RECIPROCAL_BITS     = 17,
-    parameter int          EVIDENCE_BITS       = 8,
-    parameter int          TRUST_BITS          = 9,
-    parameter int          MATCH_BITS          = 39,
-    parameter              MEMORY_STYLE      = "auto",
-    parameter              PLACES_FILE       = "",
-    parameter              LOADABLE          = 0,
-    parameter              SLOW_BLOCKS       = 0
+    localparam bit PAUSES         = vpr_pkg::PAUSES,
+    localparam bit FILTER         = vpr_pkg::FILTER,
+    localparam int EVENT_BITS     = vpr_pkg::EVENT_BITS,
+    localparam int TIMESTAMP_BITS = vpr_pkg::TIMESTAMP_BITS,
+    localparam int SLOT_BITS      = vpr_pkg::SLOT_BITS,
+    localparam int COUNT_BITS     = vpr_pkg::COUNT_BITS,
+    localparam int SEEN_BITS      = vpr_pkg::SEEN_BITS,
+    localparam int WORD_BITS      = vpr_pkg::WORD_BITS,
+    localparam int DISTANCE_BITS  = vpr_pkg::DISTANCE_BITS,
+    localparam int SUM_BITS       = vpr_pkg::SUM_BITS,
+    localparam int PLACE_BITS     = vpr_pkg::PLACE_BITS,
+    localparam int ACTIVITY_BITS  = vpr_pkg::ACTIVITY_BITS,
+    localparam int TRUST_BITS     = vpr_pkg::TRUST_BITS,
+    localparam int MATCH_BITS     = vpr_pkg::MATCH_BITS,
+    parameter      MEMORY_STYLE   = "auto",  // of places and past distances, see vpr_ram_single
+    parameter      PLACES_FILE    = "",      // of the places; they may be loaded instead
+    parameter      LOADABLE       = 0,       // tables are loaded, in place of their files
+    // where block memories take more than half a clock: counts and delay lines are not kept in
+    // them, and entries of the look-up, the descriptor and places, and past distances have a
+    // register behind them: an event takes a clock more, and a match one for each pass over places,
+    // and one more with sequences of two and more
+    parameter      SLOW_BLOCKS    = 0
 ) (
-    input  logic                                   clk,
-    input  logic                                   rst,
+    input  logic                                   clk_i,
+    input  logic                                   rst_i,
 
-    // tables that are loaded before a reset (LOADABLE): displacement, lookup, codes, code_tables, means,
-    // place_activity
-    input  logic [5:0]                             load,
-    input  logic [19:0]                            load_address,
-    input  logic [31:0]                            load_word,
+    // tables that are loaded before a reset (LOADABLE): displacement, lookup, codes, code_tables,
+    // means, place_activity
+    input  logic [5:0]                             load_i,
+    input  logic [19:0]                            load_address_i,
+    input  logic [31:0]                            load_word_i,
 
-    input  logic [TIMESTAMP_BITS-1:0]              start_time,
-    input  logic [ACTIVITY_BITS-1:0]               start_activity,
+    input  logic [TIMESTAMP_BITS-1:0]              start_time_i,
+    input  logic [ACTIVITY_BITS-1:0]               start_activity_i,
 
     input  logic                                   s_place_tvalid,
     output logic                                   s_place_tready,
-    input  logic [LANES*CODE_BITS-1:0]             s_place_tdata,
+    input  logic [WORD_BITS-1:0]                   s_place_tdata,
 
     input  logic                                   s_event_tvalid,
     output logic                                   s_event_tready,
-    input  logic [EVENT_TIME_BITS+31:0]            s_event_tdata,
+    input  logic [EVENT_BITS-1:0]                  s_event_tdata,
 
     output logic                                   m_event_tvalid,
     input  logic                                   m_event_tready,
-    output logic [SLOT_BITS+COUNT_BITS:0]          m_event_tdata,
+    output logic [SEEN_BITS-1:0]                   m_event_tdata,
 
     output logic                                   m_window_tvalid,
     input  logic                                   m_window_tready,
-    output logic [LANES*CODE_BITS-1:0]             m_window_tdata,
+    output logic [WORD_BITS-1:0]                   m_window_tdata,
     output logic                                   m_window_tlast,
     output logic [31:0]                            m_window_tuser,
 
@@ -104,72 +68,54 @@ module vpr_core #(
     input  logic                                   m_match_tready,
     output logic [MATCH_BITS-1:0]                  m_match_tdata
 );
-    localparam int PLACE_ADDRESS_BITS = PLACES * WORDS > 1 ? $clog2(PLACES * WORDS) : 1;
-    localparam int LONGER             = WORDS > LENGTH ? WORDS : LENGTH;
-    // clocks a place: words of a distance, terms of a sum, and two of the search
-    localparam int PERIOD             = LONGER > 2 ? LONGER : 2;
-
     // Events, and the descriptor of a window that ended
 
-    logic                       busy;
-    logic                       window_ready, window_end;
+    logic                       busy_q;
+    logic                       window_ready_q, window_end;
     logic [31:0]                events_taken;
-    logic                       counted, paused, settled, pending;
+    logic                       counted, paused, settled, pending_q;
     logic                       drain, draining;
     logic [SLOT_BITS-1:0]       drain_slot, drained_slot;
     logic [COUNT_BITS-1:0]      drained;
-    logic [LANES*CODE_BITS-1:0] place_word;
+    logic [WORD_BITS-1:0]       place_word;
     logic [9:0]                 activity_inverse;
 
-    vpr_events #(
-        .HEIGHT(HEIGHT), .PIXELS(PIXELS), .POLARITY(POLARITY),
-        .LOOKUP_DEPTH(LOOKUP_DEPTH), .SLOTS(SLOTS), .COUNT_MAX(COUNT_MAX), .BY_TIME(BY_TIME),
-        .TAU_US(TAU_US), .WINDOW_EVENTS(WINDOW_EVENTS), .EVENT_TIME_BITS(EVENT_TIME_BITS),
-        .TIMESTAMP_BITS(TIMESTAMP_BITS), .COLUMN_BITS(COLUMN_BITS), .ROW_BITS(ROW_BITS),
-        .ADDRESS_BITS(ADDRESS_BITS), .OWNER_BITS(OWNER_BITS), .SLOT_BITS(SLOT_BITS),
-        .COUNT_BITS(COUNT_BITS), .WINDOW_COUNT_BITS(WINDOW_COUNT_BITS),
-        .LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)
-    ) events (
-        .clk(clk), .rst(rst), .load(load[1:0]), .load_address(load_address), .load_word(load_word),
-        .start_time(start_time),
+    vpr_events #(.LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)) events (
+        .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[1:0]), .load_address_i(load_address_i),
+        .load_word_i(load_word_i),
+        .start_time_i(start_time_i),
         .s_event_tvalid(s_event_tvalid), .s_event_tready(s_event_tready),
         .s_event_tdata(s_event_tdata),
         .m_event_tvalid(m_event_tvalid), .m_event_tready(m_event_tready),
         .m_event_tdata(m_event_tdata),
-        .pending(pending), .window_ready(window_ready), .window_end(window_end), .events_taken(events_taken),
-        .counted(counted),
-        .draining(draining), .drain(drain), .drain_slot(drain_slot), .drained(drained),
-        .drained_slot(drained_slot)
+        .pending_i(pending_q), .window_ready_i(window_ready_q), .window_end_o(window_end),
+        .events_taken_o(events_taken),
+        .counted_o(counted),
+        .draining_i(draining), .drain_i(drain), .drain_slot_i(drain_slot), .drained_o(drained),
+        .drained_slot_o(drained_slot)
     );
 
-    vpr_encoder #(
-        .SLOTS(SLOTS), .WORDS(WORDS), .LANES(LANES), .TABLES(TABLES), .COUNT_MAX(COUNT_MAX),
-        .OWN_MEAN(OWN_MEAN), .CONTRAST(CONTRAST), .SLOT_BITS(SLOT_BITS), .COUNT_BITS(COUNT_BITS),
-        .TABLE_BITS(TABLE_BITS), .ENTRY_BITS(ENTRY_BITS), .MEAN_BITS(MEAN_BITS),
-        .CODE_BITS(CODE_BITS), .LOADABLE(LOADABLE)
-    ) encoder (
-        .clk(clk), .rst(rst), .load(load[4:2]), .load_address(load_address), .load_word(load_word),
-        .start(window_end), .paused(paused),
-        .draining(draining), .drain(drain), .drain_slot(drain_slot), .drained(drained),
-        .drained_slot(drained_slot),
-        .word_valid(m_window_tvalid), .word_ready(m_window_tready),
-        .word_last(m_window_tlast), .word(m_window_tdata)
+    vpr_encoder #(.LOADABLE(LOADABLE)) encoder (
+        .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[4:2]), .load_address_i(load_address_i),
+        .load_word_i(load_word_i),
+        .start_i(window_end), .paused_i(paused),
+        .draining_o(draining), .drain_o(drain), .drain_slot_o(drain_slot), .drained_i(drained),
+        .drained_slot_i(drained_slot),
+        .word_valid_o(m_window_tvalid), .word_ready_i(m_window_tready),
+        .word_last_o(m_window_tlast), .word_o(m_window_tdata)
     );
 
     generate
-        if (OWN_MEAN || FILTER) begin : g_pauses
+        if (PAUSES) begin : g_pauses
             logic pauses;
-            vpr_activity #(
-                .EVENTS_BITS(WINDOW_EVENTS_BITS), .ACTIVITY_BITS(ACTIVITY_BITS),
-                .LOGARITHMS(FILTER)
-            ) activity (
-                .clk(clk), .load(rst), .start_activity(start_activity), .counted(counted),
-                .window_end(window_end), .settled(settled), .pauses(pauses),
-                .activity_inverse(activity_inverse)
+            vpr_activity activity (
+                .clk_i(clk_i), .load_i(rst_i), .start_activity_i(start_activity_i), .counted_i(counted),
+                .window_end_i(window_end), .settled_o(settled), .pauses_o(pauses),
+                .activity_inverse_o(activity_inverse)
             );
-            always_ff @(posedge clk) if (window_end) paused <= pauses;
+            always_ff @(posedge clk_i) if (window_end) paused <= pauses;
         end else begin : g_no_pauses
-            wire unused = &{1'b0, start_activity, counted};
+            wire unused = &{1'b0, start_activity_i, counted};
             assign paused  = 1'b0;
             assign settled = 1'b1;
             assign activity_inverse = '1;
@@ -178,8 +124,8 @@ module vpr_core #(
 
     // Distances, sums, and the search
 
-    logic [31:0]                   window;
-    logic                          begun, compare, distance_start, filter_idle;
+    logic [31:0]                   window_q;
+    logic                          begun_q, compare_q, distance_start, filter_idle;
     logic                          place_step, place_last;
     logic                          distance_valid;
     logic [DISTANCE_BITS-1:0]      distance;
@@ -189,24 +135,18 @@ module vpr_core #(
 
     wire query_write = m_window_tvalid && m_window_tready;
 
-    vpr_place_memory #(
-        .PLACES(PLACES), .WORDS(WORDS), .WORD_BITS(LANES * CODE_BITS),
-        .ADDRESS_BITS(PLACE_ADDRESS_BITS), .MEMORY_STYLE(MEMORY_STYLE),
-        .FILE(PLACES_FILE)
-    ) place_memory (
-        .clk(clk), .rst(rst), .busy(busy), .stop(window_end),
+    vpr_place_memory #(.MEMORY_STYLE(MEMORY_STYLE), .FILE(PLACES_FILE)) place_memory (
+        .clk_i(clk_i), .rst_i(rst_i), .busy_i(busy_q), .stop_i(window_end),
         .s_place_tvalid(s_place_tvalid), .s_place_tready(s_place_tready),
         .s_place_tdata(s_place_tdata),
-        .start(begun), .step(place_step), .last(place_last), .word(place_word)
+        .start_i(begun_q), .step_i(place_step), .last_o(place_last), .word_o(place_word)
     );
 
-    vpr_distance #(
-        .WORDS(WORDS), .LANES(LANES), .PERIOD(PERIOD), .CODE_BITS(CODE_BITS),
-        .DISTANCE_BITS(DISTANCE_BITS), .SLOW_BLOCKS(SLOW_BLOCKS)
-    ) distances (
-        .clk(clk), .rst(rst), .query_write(query_write), .query_inverse(~m_window_tdata),
-        .follow(begun && !(FILTER && paused)), .start(distance_start), .place_step(place_step), .place_last(place_last), .place_word(place_word),
-        .distance_valid(distance_valid), .distance(distance)
+    vpr_distance #(.SLOW_BLOCKS(SLOW_BLOCKS)) distances (
+        .clk_i(clk_i), .rst_i(rst_i), .query_write_i(query_write), .query_inverse_i(~m_window_tdata),
+        .follow_i(begun_q && !(FILTER && paused)), .start_i(distance_start),
+        .place_step_o(place_step), .place_last_i(place_last), .place_word_i(place_word),
+        .distance_valid_o(distance_valid), .distance_o(distance)
     );
 
     logic                became, has_best, has_second, accepted, ends_search;
@@ -219,72 +159,54 @@ module vpr_core #(
         if (FILTER) begin : g_filter
             logic [4:0] misfit;
 
-            vpr_filter #(
-                .PLACES(PLACES), .KEEP(KEEP_DISTANCES), .STEPS(STEPS), .BACK(BACK),
-                .ACTIVITY_COSTS(ACTIVITY_COSTS), .STEP_PRICES(STEP_PRICES), .BACK_PRICES(BACK_PRICES), .RESTART(RESTART),
-                .PLACE_BITS(PLACE_BITS), .DISTANCE_BITS(DISTANCE_BITS),
-                .TOTAL_BITS(DISTANCE_TOTAL_BITS), .RECIPROCAL_BITS(RECIPROCAL_BITS),
-                .EVIDENCE_BITS(EVIDENCE_BITS), .METRIC_BITS(SUM_BITS), .LOADABLE(LOADABLE)
-            ) place_filter (
-                .clk(clk), .rst(rst), .load(load[5]), .load_address(load_address),
-                .load_word(load_word), .start(compare), .paused(paused), .settled(settled),
-                .activity_inverse(activity_inverse), .idle(filter_idle),
-                .distance_start(distance_start), .distance_valid(distance_valid),
-                .distance(distance), .sum_valid(sum_valid), .sum_last(sum_last), .place(place),
-                .sum(sum), .misfit(misfit), .found(ends_search), .best_sum(best_sum)
+            vpr_filter #(.LOADABLE(LOADABLE)) place_filter (
+                .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[5]), .load_address_i(load_address_i),
+                .load_word_i(load_word_i), .start_i(compare_q), .paused_i(paused), .settled_i(settled),
+                .activity_inverse_i(activity_inverse), .idle_o(filter_idle),
+                .distance_start_o(distance_start), .distance_valid_i(distance_valid),
+                .distance_i(distance), .sum_valid_o(sum_valid), .sum_last_o(sum_last), .place_o(place),
+                .sum_o(sum), .misfit_o(misfit), .found_i(ends_search), .best_sum_i(best_sum)
             );
             assign sum_complete = 1'b1;
-            vpr_trust #(
-                .STEPS(STEPS), .BACK(BACK), .TRUST(TRUST), .PLACE_BITS(PLACE_BITS),
-                .METRIC_BITS(SUM_BITS), .TRUST_BITS(TRUST_BITS)
-            ) trust_in_matches (
-                .clk(clk), .rst(rst), .became(became), .misfit(misfit), .update(ends_search),
-                .best(best), .best_sum(best_sum), .has_second(has_second),
-                .second_sum(second_sum), .trust(trust), .trusted(trusted)
+            vpr_trust trust_in_matches (
+                .clk_i(clk_i), .rst_i(rst_i), .became_i(became), .misfit_i(misfit),
+                .update_i(ends_search),
+                .best_i(best), .best_sum_i(best_sum), .has_second_i(has_second),
+                .second_sum_i(second_sum), .trust_o(trust), .trusted_o(trusted)
             );
             assign m_match_tdata = {
                 trust, accepted && trusted, ties, second_sum, second, has_second, best_sum, best,
-                window
+                window_q
             };
         end else begin : g_sequence
             assign distance_start = 1'b0;
             assign filter_idle    = 1'b1;
-            vpr_sequence #(
-                .PLACES(PLACES), .LENGTH(LENGTH), .PLACE_BITS(PLACE_BITS),
-                .DISTANCE_BITS(DISTANCE_BITS), .SUM_BITS(SUM_BITS), .MEMORY_STYLE(MEMORY_STYLE),
-                .SLOW_BLOCKS(SLOW_BLOCKS)
-            ) sequence_sums (
-                .clk(clk), .rst(rst), .start(compare),
-                .distance_valid(distance_valid), .distance(distance),
-                .sum_valid(sum_valid), .sum_complete(sum_complete), .sum_last(sum_last),
-                .place(place), .sum(sum)
+            vpr_sequence #(.MEMORY_STYLE(MEMORY_STYLE), .SLOW_BLOCKS(SLOW_BLOCKS)) sequence_sums (
+                .clk_i(clk_i), .rst_i(rst_i), .start_i(compare_q),
+                .distance_valid_i(distance_valid), .distance_i(distance),
+                .sum_valid_o(sum_valid), .sum_complete_o(sum_complete), .sum_last_o(sum_last),
+                .place_o(place), .sum_o(sum)
             );
             assign trust   = '0;
             assign trusted = 1'b1;
-            wire unused = &{1'b0, trust, trusted, became, ends_search, activity_inverse, load[5]};
+            wire unused = &{1'b0, trust, trusted, became, ends_search, activity_inverse, load_i[5]};
             assign m_match_tdata = {
-                accepted, ties, second_sum, second, has_second, best_sum, best, window
+                accepted, ties, second_sum, second, has_second, best_sum, best, window_q
             };
         end
     endgenerate
 
-    vpr_search #(
-        .EXCLUSION(EXCLUSION), .SUM_BITS(SUM_BITS), .PLACE_BITS(PLACE_BITS),
-        .SLOW_BLOCKS(SLOW_BLOCKS)
-    ) search (
-        .clk(clk), .rst(rst), .start(compare),
-        .sum_valid(sum_valid && sum_complete), .place(place), .sum(sum), .became(became),
-        .has_best(has_best),
-        .best(best), .best_sum(best_sum), .ties(ties),
-        .has_second(has_second), .second(second), .second_sum(second_sum)
+    vpr_search #(.SLOW_BLOCKS(SLOW_BLOCKS)) search (
+        .clk_i(clk_i), .rst_i(rst_i), .start_i(compare_q),
+        .sum_valid_i(sum_valid && sum_complete), .place_i(place), .sum_i(sum), .became_o(became),
+        .has_best_o(has_best),
+        .best_o(best), .best_sum_o(best_sum), .ties_o(ties),
+        .has_second_o(has_second), .second_o(second), .second_sum_o(second_sum)
     );
 
-    vpr_accept #(
-        .BY_MARGIN(BY_MARGIN), .MARGIN(MARGIN), .NUMERATOR(NUMERATOR), .DENOMINATOR(DENOMINATOR),
-        .SUM_BITS(SUM_BITS), .PRODUCT_BITS(PRODUCT_BITS)
-    ) accept (
-        .clk(clk), .best_sum(best_sum), .has_second(has_second), .second_sum(second_sum),
-        .accepted(accepted)
+    vpr_accept accept (
+        .clk_i(clk_i), .best_sum_i(best_sum), .has_second_i(has_second), .second_sum_i(second_sum),
+        .accepted_o(accepted)
     );
 
     // A window at a time: from its end until its match is taken, or there is none
@@ -292,35 +214,35 @@ module vpr_core #(
     // the search's two clocks, and the first of the acceptance test; the trust takes six more
     localparam int FINISHING = FILTER ? 9 : 3;
 
-    logic [FINISHING-1:0] finishing;
+    logic [FINISHING-1:0] finishing_q;
 
-    wire finished = finishing[FINISHING-1];
-    assign ends_search = finishing[1];
+    wire finished = finishing_q[FINISHING-1];
+    assign ends_search = finishing_q[1];
 
     wire match_taken = m_match_tvalid && m_match_tready;
 
-    always_ff @(posedge clk) begin
-        begun     <= window_end;
-        compare   <= query_write && m_window_tlast;
-        finishing <= FINISHING'({finishing, sum_valid && sum_last});
+    always_ff @(posedge clk_i) begin
+        begun_q     <= window_end;
+        compare_q   <= query_write && m_window_tlast;
+        finishing_q <= FINISHING'({finishing_q, sum_valid && sum_last});
         if (finished) m_match_tvalid <= has_best;
         else if (match_taken) m_match_tvalid <= 1'b0;
         if (window_end) begin
-            busy           <= 1'b1;
-            window         <= window + 1'b1;
+            busy_q           <= 1'b1;
+            window_q         <= window_q + 1'b1;
             m_window_tuser <= events_taken;
-        end else if (match_taken || (finished && !has_best)) busy <= 1'b0;
+        end else if (match_taken || (finished && !has_best)) busy_q <= 1'b0;
         // no event is counted while the last window's counts are drained, or its number of events used
-        pending      <= window_end || draining || !settled;
-        window_ready <= !busy && !window_end && settled && filter_idle;
-        if (rst) begin
-            begun          <= 1'b0;
-            pending        <= 1'b1;
-            compare        <= 1'b0;
-            finishing      <= '0;
+        pending_q      <= window_end || draining || !settled;
+        window_ready_q <= !busy_q && !window_end && settled && filter_idle;
+        if (rst_i) begin
+            begun_q          <= 1'b0;
+            pending_q        <= 1'b1;
+            compare_q        <= 1'b0;
+            finishing_q      <= '0;
             m_match_tvalid <= 1'b0;
-            busy           <= 1'b0;
-            window         <= '1;
+            busy_q           <= 1'b0;
+            window_q         <= '1;
         end
     end
 endmodule

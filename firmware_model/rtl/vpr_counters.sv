@@ -1,73 +1,73 @@
 // Counters of a window, as it is open and while it is drained.
 //
-// While it is open, a slot is taken in each clock with `enable`: its count is read with the edge that
-// takes it, raised by one, saturating, with the next, and written with the third, when `raised` and
-// `raises` belong to it. A slot that comes again before that is raised from the newer count.
+// While it is open, a slot is taken in each clock with `enable_i`: its count is read with the edge that
+// takes it, raised by one, saturating, with the next, and written with the third, when `raised_o` and
+// `raises_o` belong to it. A slot that comes again before that is raised from the newer count.
 //
-// While it is drained, and no slot is on its way (`draining`), `drain_slot` takes the same way with
-// `drain`: it is read, `drained` and `read_slot` stay until the next, and in place of a raised count 0
-// is written. No slot is taken in the two clocks after that; `enable` is high meanwhile.
+// While it is drained, and no slot is on its way (`draining_i`), `drain_slot_i` takes the same way with
+// `drain_i`: it is read, `drained_o` and `read_slot_o` stay until the next, and in place of a raised
+// count 0 is written. No slot is taken in the two clocks after that; `enable_i` is high meanwhile.
 module vpr_counters #(
-    parameter int          SLOTS      = 1,
-    parameter int          SLOT_BITS  = 1,
-    parameter int          COUNT_BITS = 1,
-    parameter int          COUNT_MAX  = 1,
-    parameter bit          SLOW_BLOCKS = 0  // see vpr_device
+    localparam int SLOTS       = vpr_pkg::SLOTS,
+    localparam int SLOT_BITS   = vpr_pkg::SLOT_BITS,
+    localparam int COUNT_BITS  = vpr_pkg::COUNT_BITS,
+    localparam int COUNT_MAX   = vpr_pkg::COUNT_MAX,
+    parameter  bit SLOW_BLOCKS = 0  // see vpr_core
 ) (
-    input  logic                  clk,
-    input  logic                  rst,
-    input  logic                  enable,
-    input  logic                  take,
-    input  logic [SLOT_BITS-1:0]  slot,
-    output logic                  raises,
-    output logic [SLOT_BITS-1:0]  raised_slot,
-    output logic [COUNT_BITS-1:0] raised,
-    input  logic                  draining,
-    input  logic                  drain,
-    input  logic [SLOT_BITS-1:0]  drain_slot,
-    output logic [COUNT_BITS-1:0] drained,
-    output logic [SLOT_BITS-1:0]  read_slot
+    input  logic                  clk_i,
+    input  logic                  rst_i,
+    input  logic                  enable_i,
+    input  logic                  take_i,
+    input  logic [SLOT_BITS-1:0]  slot_i,
+    output logic                  raises_o,
+    output logic [SLOT_BITS-1:0]  raised_slot_o,
+    output logic [COUNT_BITS-1:0] raised_o,
+    input  logic                  draining_i,
+    input  logic                  drain_i,
+    input  logic [SLOT_BITS-1:0]  drain_slot_i,
+    output logic [COUNT_BITS-1:0] drained_o,
+    output logic [SLOT_BITS-1:0]  read_slot_o
 );
     localparam logic [COUNT_BITS-1:0] FULL = COUNT_BITS'(COUNT_MAX);
 
     // the slot whose count was read, and whether one of the two before it is the same
-    logic                  reads, clears, same_1, same_2;
-    logic                  writes;   // `raised`, or 0
-    logic [COUNT_BITS-1:0] written;  // the latest count that was written
+    logic                  reads_q, clears_q, same_1_q, same_2_q;
+    logic                  writes_q;   // `raised_o`, or 0
+    logic [COUNT_BITS-1:0] written_q;  // the latest count that was written
 
-    wire [COUNT_BITS-1:0] count   = same_1 ? raised : same_2 ? written : drained;
-    wire                  read    = draining ? drain : enable;
-    wire [SLOT_BITS-1:0]  address = draining ? drain_slot : slot;
+    wire [COUNT_BITS-1:0] count   = same_1_q ? raised_o : same_2_q ? written_q : drained_o;
+    wire                  read    = draining_i ? drain_i : enable_i;
+    wire [SLOT_BITS-1:0]  address = draining_i ? drain_slot_i : slot_i;
 
-    always_ff @(posedge clk) begin
-        if (read) read_slot <= address;
-        if (enable) begin
-            reads       <= draining ? drain : take;
-            clears      <= draining;
-            same_1      <= reads && slot == read_slot;
-            same_2      <= writes && slot == raised_slot;
-            raises      <= reads && !clears;
-            writes      <= reads;
-            raised_slot <= read_slot;
-            raised      <= clears ? '0 : count == FULL ? FULL : count + 1'b1;
-            written     <= raised;
+    always_ff @(posedge clk_i) begin
+        if (read) read_slot_o <= address;
+        if (enable_i) begin
+            reads_q       <= draining_i ? drain_i : take_i;
+            clears_q      <= draining_i;
+            same_1_q      <= reads_q && slot_i == read_slot_o;
+            same_2_q      <= writes_q && slot_i == raised_slot_o;
+            raises_o      <= reads_q && !clears_q;
+            writes_q      <= reads_q;
+            raised_slot_o <= read_slot_o;
+            raised_o      <= clears_q ? '0 : count == FULL ? FULL : count + 1'b1;
+            written_q     <= raised_o;
         end
-        if (rst) begin
-            reads  <= 1'b0;
-            raises <= 1'b0;
-            writes <= 1'b0;
+        if (rst_i) begin
+            reads_q  <= 1'b0;
+            raises_o <= 1'b0;
+            writes_q <= 1'b0;
         end
     end
 
     vpr_ram #(
         .DEPTH(SLOTS), .BITS(COUNT_BITS), .ADDRESS_BITS(SLOT_BITS), .IN_LOGIC(SLOW_BLOCKS)
     ) counts (
-        .clk          (clk),
-        .write        (enable && writes),
-        .write_address(raised_slot),
-        .write_word   (raised),
-        .read         (read),
-        .read_address (address),
-        .read_word    (drained)
+        .clk_i          (clk_i),
+        .write_i        (enable_i && writes_q),
+        .write_address_i(raised_slot_o),
+        .write_word_i   (raised_o),
+        .read_i         (read),
+        .read_address_i (address),
+        .read_word_o    (drained_o)
     );
 endmodule

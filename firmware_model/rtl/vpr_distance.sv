@@ -1,115 +1,116 @@
 // Distances of a descriptor to all places, in the order of places, one every PERIOD clocks.
 //
-// After `follow`, the first place is compared while the descriptor is written, each word in the clock
-// after it; after `start`, with what was written. The fixed period leaves the sequence unit its
+// After `follow_i`, the first place is compared while the descriptor is written, each word in the clock
+// after it; after `start_i`, with what was written. The fixed period leaves the sequence unit its
 // LENGTH clocks and the search its two, so that nothing within a match ever waits.
 module vpr_distance #(
-    parameter int WORDS         = 1,
-    parameter int LANES         = 1,
-    parameter int PERIOD        = 2,
-    parameter int CODE_BITS     = 1,
-    parameter int DISTANCE_BITS = 1,
-    parameter bit SLOW_BLOCKS   = 0  // a register behind the memories, see vpr_device
+    localparam int WORDS         = vpr_pkg::WORDS,
+    localparam int LANES         = vpr_pkg::LANES,
+    localparam int LENGTH        = vpr_pkg::LENGTH,
+    localparam int WORD_BITS     = vpr_pkg::WORD_BITS,
+    localparam int SAD_BITS      = vpr_pkg::SAD_BITS,
+    localparam int DISTANCE_BITS = vpr_pkg::DISTANCE_BITS,
+    parameter  bit SLOW_BLOCKS   = 0  // a register behind the memories, see vpr_core
 ) (
-    input  logic                       clk,
-    input  logic                       rst,
-    input  logic                       query_write,
-    input  logic [LANES*CODE_BITS-1:0] query_inverse,  // of a word of the descriptor
-    input  logic                       follow,
-    input  logic                       start,
-    output logic                       place_step,
-    input  logic                       place_last,
-    input  logic [LANES*CODE_BITS-1:0] place_word,
-    output logic                       distance_valid,
-    output logic [DISTANCE_BITS-1:0]   distance
+    input  logic                       clk_i,
+    input  logic                       rst_i,
+    input  logic                       query_write_i,
+    input  logic [WORD_BITS-1:0]       query_inverse_i,  // of a word of the descriptor
+    input  logic                       follow_i,
+    input  logic                       start_i,
+    output logic                       place_step_o,
+    input  logic                       place_last_i,
+    input  logic [WORD_BITS-1:0]       place_word_i,
+    output logic                       distance_valid_o,
+    output logic [DISTANCE_BITS-1:0]   distance_o
 );
-    localparam int WORD_BITS   = LANES * CODE_BITS;
+    // clocks a place: words of a distance, terms of a sum, and two of the search
+    localparam int LONGER      = WORDS > LENGTH ? WORDS : LENGTH;
+    localparam int PERIOD      = LONGER > 2 ? LONGER : 2;
     localparam int PERIOD_BITS = $clog2(PERIOD);
     localparam int QUERY_BITS  = WORDS > 1 ? $clog2(WORDS) : 1;
     // from an address to its word's sum: the memories, the differences, the levels of the tree
     localparam int LATENCY     = 2 + (SLOW_BLOCKS ? 1 : 0) + $clog2(LANES);
-    localparam int SAD_BITS    = CODE_BITS + $clog2(LANES);
 
-    logic                   running;
-    logic                   following, written;  // the words of the descriptor, as they come
-    logic                   reading;  // in the first WORDS clocks of a period
-    logic [PERIOD_BITS-1:0] phase;
-    logic [QUERY_BITS-1:0]  query_address;
-    logic [QUERY_BITS-1:0]  write_address;
+    logic                   running_q;
+    logic                   following_q, written_q;  // the words of the descriptor, as they come
+    logic                   reading_q;  // in the first WORDS clocks of a period
+    logic [PERIOD_BITS-1:0] phase_q;
+    logic [QUERY_BITS-1:0]  query_address_q;
+    logic [QUERY_BITS-1:0]  write_address_q;
     logic [WORD_BITS-1:0]   query, codes, query_codes;
     logic [SAD_BITS-1:0]    sad;
     logic                   sad_lacks;
-    logic [LATENCY-1:0]     valid, first, last;
+    logic [LATENCY-1:0]     valid_q, first_q, last_q;
 
-    wire [DISTANCE_BITS-1:0] so_far = first[LATENCY-1] ? '0 : distance;
+    wire [DISTANCE_BITS-1:0] so_far = first_q[LATENCY-1] ? '0 : distance_o;
 
-    wire end_phase = phase == PERIOD_BITS'(PERIOD - 1);
-    wire end_word  = query_address == QUERY_BITS'(WORDS - 1);
+    wire end_phase = phase_q == PERIOD_BITS'(PERIOD - 1);
+    wire end_word  = query_address_q == QUERY_BITS'(WORDS - 1);
 
-    wire   goes       = running && (!following || written);
-    assign place_step = goes && reading;
+    wire   goes       = running_q && (!following_q || written_q);
+    assign place_step_o = goes && reading_q;
 
     // more lanes than slots: the sum has bits that a distance does not need
     wire unused = &{1'b0, sad};
 
-    always_ff @(posedge clk) begin
-        if (query_write)
-            write_address <= write_address == QUERY_BITS'(WORDS - 1) ? '0 : write_address + 1'b1;
-        written <= query_write;
-        if (start || follow) begin
-            running       <= 1'b1;
-            reading       <= 1'b1;
-            following     <= follow;
-            phase         <= '0;
-            query_address <= '0;
+    always_ff @(posedge clk_i) begin
+        if (query_write_i)
+            write_address_q <= write_address_q == QUERY_BITS'(WORDS - 1) ? '0 : write_address_q + 1'b1;
+        written_q <= query_write_i;
+        if (start_i || follow_i) begin
+            running_q       <= 1'b1;
+            reading_q       <= 1'b1;
+            following_q     <= follow_i;
+            phase_q         <= '0;
+            query_address_q <= '0;
         end else if (goes) begin
-            phase <= end_phase ? '0 : phase + 1'b1;
-            if (reading) begin
-                query_address <= end_word ? '0 : query_address + 1'b1;
-                if (end_word) following <= 1'b0;
-                if (place_last) running <= 1'b0;
+            phase_q <= end_phase ? '0 : phase_q + 1'b1;
+            if (reading_q) begin
+                query_address_q <= end_word ? '0 : query_address_q + 1'b1;
+                if (end_word) following_q <= 1'b0;
+                if (place_last_i) running_q <= 1'b0;
             end
-            reading <= end_phase || (reading && !end_word);
+            reading_q <= end_phase || (reading_q && !end_word);
         end
-        valid <= LATENCY'({valid, place_step});
-        first <= LATENCY'({first, query_address == 0});
-        last  <= LATENCY'({last, end_word});
+        valid_q <= LATENCY'({valid_q, place_step_o});
+        first_q <= LATENCY'({first_q, query_address_q == 0});
+        last_q  <= LATENCY'({last_q, end_word});
         // with a carry into the lowest bit
-        if (valid[LATENCY-1])
-            distance <= DISTANCE_BITS'(({so_far, 1'b1} + {DISTANCE_BITS'(sad), sad_lacks}) >> 1);
-        distance_valid <= valid[LATENCY-1] && last[LATENCY-1];
-        if (rst) begin
-            running        <= 1'b0;
-            write_address  <= '0;
-            valid          <= '0;
-            distance_valid <= 1'b0;
+        if (valid_q[LATENCY-1])
+            distance_o <= DISTANCE_BITS'(({so_far, 1'b1} + {DISTANCE_BITS'(sad), sad_lacks}) >> 1);
+        distance_valid_o <= valid_q[LATENCY-1] && last_q[LATENCY-1];
+        if (rst_i) begin
+            running_q        <= 1'b0;
+            write_address_q  <= '0;
+            valid_q          <= '0;
+            distance_valid_o <= 1'b0;
         end
     end
 
     vpr_ram #(
         .DEPTH(WORDS), .BITS(WORD_BITS), .ADDRESS_BITS(QUERY_BITS)
     ) queries (
-        .clk(clk), .write(query_write), .write_address(write_address), .write_word(query_inverse),
-        .read(1'b1), .read_address(query_address), .read_word(query)
+        .clk_i(clk_i), .write_i(query_write_i), .write_address_i(write_address_q),
+        .write_word_i(query_inverse_i),
+        .read_i(1'b1), .read_address_i(query_address_q), .read_word_o(query)
     );
 
-    vpr_sad_lanes #(
-        .LANES(LANES), .CODE_BITS(CODE_BITS), .SUM_BITS(SAD_BITS)
-    ) sad_lanes (
-        .clk(clk), .a(codes), .b_inverse(query_codes), .sum(sad), .lacks(sad_lacks)
+    vpr_sad_lanes sad_lanes (
+        .clk_i(clk_i), .a_i(codes), .b_inverse_i(query_codes), .sum_o(sad), .lacks_o(sad_lacks)
     );
 
     generate
         if (SLOW_BLOCKS) begin : g_registers
-            logic [WORD_BITS-1:0] held_codes, held_query;
-            always_ff @(posedge clk) begin
-                held_codes <= place_word;
-                held_query <= query;
+            logic [WORD_BITS-1:0] held_codes_q, held_query_q;
+            always_ff @(posedge clk_i) begin
+                held_codes_q <= place_word_i;
+                held_query_q <= query;
             end
-            assign codes       = held_codes;
-            assign query_codes = held_query;
+            assign codes       = held_codes_q;
+            assign query_codes = held_query_q;
         end else begin : g_direct
-            assign codes       = place_word;
+            assign codes       = place_word_i;
             assign query_codes = query;
         end
     endgenerate

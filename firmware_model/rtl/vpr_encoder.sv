@@ -1,44 +1,41 @@
 // Counts of the ended window to a descriptor: a slot a clock is read, cleared, encoded by its code
 // table, or against its running mean (OWN_MEAN), and packed, LANES codes a word, the first in the
 // least significant bits. Lanes beyond the last slot are zero. The whole unit stands while a word is
-// not taken. After reset it passes over all slots once, without a word, to clear them. `draining`
+// not taken. After reset it passes over all slots once, without a word, to clear them. `draining_o`
 // holds while it needs the counters. Codes of contrast (CONTRAST) need the mean over all slots: a
 // first pass reads and clears them, without a word, and a second, behind the division, encodes.
 module vpr_encoder #(
-    parameter int          SLOTS      = 1,
-    parameter int          WORDS      = 1,
-    parameter int          LANES      = 1,
-    parameter int          TABLES     = 1,
-    parameter int          COUNT_MAX  = 1,
-    parameter bit          OWN_MEAN   = 0,
-    parameter bit          CONTRAST   = 0,
-    parameter int          SLOT_BITS  = 1,
-    parameter int          COUNT_BITS = 1,
-    parameter int          TABLE_BITS = 1,
-    parameter int          ENTRY_BITS = 1,
-    parameter int          MEAN_BITS  = 1,
-    parameter int          CODE_BITS  = 1,
-    parameter bit          LOADABLE         = 0,
-    parameter              CODES_FILE       = "codes.mem",
-    parameter              CODE_TABLES_FILE = "code_tables.mem",
-    parameter              MEANS_FILE       = "means.mem"
+    localparam int SLOTS      = vpr_pkg::SLOTS,
+    localparam int WORDS      = vpr_pkg::WORDS,
+    localparam int LANES      = vpr_pkg::LANES,
+    localparam int TABLES     = vpr_pkg::TABLES,
+    localparam int COUNT_MAX  = vpr_pkg::COUNT_MAX,
+    localparam bit OWN_MEAN   = vpr_pkg::OWN_MEAN,
+    localparam bit CONTRAST   = vpr_pkg::CONTRAST,
+    localparam int SLOT_BITS  = vpr_pkg::SLOT_BITS,
+    localparam int COUNT_BITS = vpr_pkg::COUNT_BITS,
+    localparam int TABLE_BITS = vpr_pkg::TABLE_BITS,
+    localparam int ENTRY_BITS = vpr_pkg::ENTRY_BITS,
+    localparam int CODE_BITS  = vpr_pkg::CODE_BITS,
+    localparam int WORD_BITS  = vpr_pkg::WORD_BITS,
+    parameter  bit LOADABLE   = 0
 ) (
-    input  logic                       clk,
-    input  logic                       rst,
-    input  logic [2:0]                 load,  // see vpr_rom
-    input  logic [19:0]                load_address,
-    input  logic [31:0]                load_word,
-    input  logic                       start,
-    input  logic                       paused,
-    output logic                       draining,
-    output logic                       drain,
-    output logic [SLOT_BITS-1:0]       drain_slot,
-    input  logic [COUNT_BITS-1:0]      drained,
-    input  logic [SLOT_BITS-1:0]       drained_slot,
-    output logic                       word_valid,
-    input  logic                       word_ready,
-    output logic                       word_last,
-    output logic [LANES*CODE_BITS-1:0] word
+    input  logic                       clk_i,
+    input  logic                       rst_i,
+    input  logic [2:0]                 load_i,  // see vpr_rom
+    input  logic [19:0]                load_address_i,
+    input  logic [31:0]                load_word_i,
+    input  logic                       start_i,
+    input  logic                       paused_i,
+    output logic                       draining_o,
+    output logic                       drain_o,
+    output logic [SLOT_BITS-1:0]       drain_slot_o,
+    input  logic [COUNT_BITS-1:0]      drained_i,
+    input  logic [SLOT_BITS-1:0]       drained_slot_i,
+    output logic                       word_valid_o,
+    input  logic                       word_ready_i,
+    output logic                       word_last_o,
+    output logic [WORD_BITS-1:0]       word_o
 );
     // lanes beyond the last slot
     localparam int FILL         = WORDS * LANES - SLOTS;
@@ -49,64 +46,66 @@ module vpr_encoder #(
     // steps from a count to its code
     localparam int STAGES       = OWN_MEAN && !CONTRAST ? 3 : 1;
 
-    logic                 issuing, clearing;
-    logic                 again, encodes;  // behind the first pass of two; in the pass that has words
-    logic [SLOT_BITS-1:0] index;
-    logic [LANE_BITS-1:0] lane;
+    logic                 issuing_q, clearing_q;
+    logic                 again, encodes_q;  // behind the first pass of two; in the pass that has words
+    logic [SLOT_BITS-1:0] index_q;
+    logic [LANE_BITS-1:0] lane_q;
 
     // behind the counters, and on the way to the code
-    logic                 counted, counted_word, counted_last;
-    logic [STAGES-1:0]    coded, coded_word, coded_last;
+    logic                 counted_q, counted_word_q, counted_last_q;
+    logic [STAGES-1:0]    coded_q, coded_word_q, coded_last_q;
     logic [CODE_BITS-1:0] code;
 
     // as the differences of codes take it
-    logic [LANES*CODE_BITS-1:0] word_inverse;
-    assign word = ~word_inverse;
+    logic [WORD_BITS-1:0]       word_inverse_q;
+    assign word_o = ~word_inverse_q;
 
     // the newest lane above those before it, which move down by one, and at last to the end
-    wire [LANES*CODE_BITS-1:0] next_word = (LANES * CODE_BITS)'({code, word}
-        >> (coded_last[STAGES-1] ? CODE_BITS * (FILL + 1) : CODE_BITS));
+    wire [WORD_BITS-1:0]       next_word = WORD_BITS'({code, word_o}
+        >> (coded_last_q[STAGES-1] ? CODE_BITS * (FILL + 1) : CODE_BITS));
 
-    wire step      = !word_valid || word_ready;
-    wire end_index = index == SLOT_BITS'(SLOTS - 1);
-    wire end_lane  = lane == LANE_BITS'(LANES - 1) || end_index;
+    wire step      = !word_valid_o || word_ready_i;
+    wire end_index = index_q == SLOT_BITS'(SLOTS - 1);
+    wire end_lane  = lane_q == LANE_BITS'(LANES - 1) || end_index;
 
-    assign draining   = (issuing || counted) && !(CONTRAST && encodes);
-    assign drain      = step && issuing;
-    assign drain_slot = index;
+    assign draining_o   = (issuing_q || counted_q) && !(CONTRAST && encodes_q);
+    assign drain_o      = step && issuing_q;
+    assign drain_slot_o = index_q;
 
-    always_ff @(posedge clk) begin
-        if (start || rst || again) begin
-            issuing <= 1'b1;
-            encodes <= again && !rst;
-            index   <= '0;
-            lane    <= '0;
+    always_ff @(posedge clk_i) begin
+        if (start_i || rst_i || again) begin
+            issuing_q <= 1'b1;
+            encodes_q <= again && !rst_i;
+            index_q   <= '0;
+            lane_q    <= '0;
         end else if (step) begin
-            if (issuing) begin
-                index <= index + 1'b1;
-                lane  <= end_lane ? '0 : lane + 1'b1;
+            if (issuing_q) begin
+                index_q <= index_q + 1'b1;
+                lane_q  <= end_lane ? '0 : lane_q + 1'b1;
             end
-            if (end_index) issuing <= 1'b0;
+            if (end_index) issuing_q <= 1'b0;
         end
         if (step) begin
-            counted        <= issuing;
-            counted_word   <= issuing && end_lane;
-            counted_last   <= end_index;
-            coded          <= STAGES'({coded, counted && (encodes || !CONTRAST)});
-            coded_word     <= STAGES'({coded_word, counted_word && (CONTRAST ? encodes : !clearing)});
-            coded_last     <= STAGES'({coded_last, counted_last});
-            if (coded[STAGES-1]) word_inverse <= ~next_word;
-            word_valid     <= coded_word[STAGES-1];
-            word_last      <= coded_last[STAGES-1];
+            counted_q        <= issuing_q;
+            counted_word_q   <= issuing_q && end_lane;
+            counted_last_q   <= end_index;
+            coded_q          <= STAGES'({coded_q, counted_q && (encodes_q || !CONTRAST)});
+            coded_word_q     <= STAGES'({
+                coded_word_q, counted_word_q && (CONTRAST ? encodes_q : !clearing_q)
+            });
+            coded_last_q     <= STAGES'({coded_last_q, counted_last_q});
+            if (coded_q[STAGES-1]) word_inverse_q <= ~next_word;
+            word_valid_o     <= coded_word_q[STAGES-1];
+            word_last_o      <= coded_last_q[STAGES-1];
         end
-        if (counted && counted_last) clearing <= 1'b0;
-        if (rst) begin
-            clearing     <= 1'b1;
-            counted      <= 1'b0;
-            counted_word <= 1'b0;
-            coded        <= '0;
-            coded_word   <= '0;
-            word_valid   <= 1'b0;
+        if (counted_q && counted_last_q) clearing_q <= 1'b0;
+        if (rst_i) begin
+            clearing_q     <= 1'b1;
+            counted_q      <= 1'b0;
+            counted_word_q <= 1'b0;
+            coded_q        <= '0;
+            coded_word_q   <= '0;
+            word_valid_o   <= 1'b0;
         end
     end
 
@@ -117,31 +116,25 @@ module vpr_encoder #(
             logic [ENTRY_BITS+1:0] deviation;
             logic [CODE_BITS-1:0]  own_code;
             wire                   unused = &{
-                1'b0, load[1], own_code, deviates, deviating_last, deviating_slot, deviation
+                1'b0, load_i[1], own_code, deviates, deviating_last, deviating_slot, deviation
             };
 
-            vpr_own_mean #(
-                .SLOTS(SLOTS), .COUNT_MAX(COUNT_MAX), .SLOT_BITS(SLOT_BITS),
-                .COUNT_BITS(COUNT_BITS), .ENTRY_BITS(ENTRY_BITS), .MEAN_BITS(MEAN_BITS),
-                .CODE_BITS(CODE_BITS), .CONTRAST(CONTRAST), .LOADABLE(LOADABLE), .CODES_FILE(CODES_FILE),
-                .MEANS_FILE(MEANS_FILE)
-            ) own_mean (
-                .clk(clk), .rst(rst), .load({load[2], load[0]}), .load_address(load_address),
-                .load_word(load_word), .step(step), .clearing(clearing), .hold(paused),
-                .valid(counted && !(CONTRAST && encodes)), .last(counted && counted_last && !(CONTRAST && encodes)),
-                .slot(drained_slot), .count(drained), .code(own_code), .deviates(deviates),
-                .deviating_last(deviating_last), .deviating_slot(deviating_slot),
-                .deviation(deviation)
+            vpr_own_mean #(.LOADABLE(LOADABLE)) own_mean (
+                .clk_i(clk_i), .rst_i(rst_i), .load_i({load_i[2], load_i[0]}),
+                .load_address_i(load_address_i),
+                .load_word_i(load_word_i), .step_i(step), .clearing_i(clearing_q), .hold_i(paused_i),
+                .valid_i(counted_q && !(CONTRAST && encodes_q)),
+                .last_i(counted_q && counted_last_q && !(CONTRAST && encodes_q)),
+                .slot_i(drained_slot_i), .count_i(drained_i), .code_o(own_code), .deviates_o(deviates),
+                .deviating_last_o(deviating_last), .deviating_slot_o(deviating_slot),
+                .deviation_o(deviation)
             );
             if (CONTRAST) begin : g_contrast
-                vpr_contrast #(
-                    .SLOTS(SLOTS), .SLOT_BITS(SLOT_BITS), .ENTRY_BITS(ENTRY_BITS),
-                    .CODE_BITS(CODE_BITS)
-                ) contrast (
-                    .clk(clk), .rst(rst), .clear(start), .deviates(deviates),
-                    .last(deviating_last), .deviating_slot(deviating_slot),
-                    .deviation(deviation), .divided(again), .step(step), .slot(index),
-                    .code(code)
+                vpr_contrast contrast (
+                    .clk_i(clk_i), .rst_i(rst_i), .clear_i(start_i), .deviates_i(deviates),
+                    .last_i(deviating_last), .deviating_slot_i(deviating_slot),
+                    .deviation_i(deviation), .divided_o(again), .step_i(step), .slot_i(index_q),
+                    .code_o(code)
                 );
             end else begin : g_own_codes
                 assign again = 1'b0;
@@ -149,28 +142,28 @@ module vpr_encoder #(
             end
         end else begin : g_table
             logic [INDEXED_BITS-1:0] entry;
-            wire                     unused = &{1'b0, paused, load, drained_slot};
+            wire                     unused = &{1'b0, paused_i, load_i, drained_slot_i};
             assign again = 1'b0;
             vpr_rom #(
                 .DEPTH(ENTRIES), .BITS(CODE_BITS), .ADDRESS_BITS(INDEXED_BITS),
-                .FILE(CODES_FILE), .LOADABLE(LOADABLE), .STYLE("block")
+                .FILE("codes.mem"), .LOADABLE(LOADABLE), .STYLE("block")
             ) codes (
-                .clk(clk), .enable(step), .address(entry), .word(code),
-                .load(load[0]), .load_address(load_address), .load_word(load_word)
+                .clk_i(clk_i), .enable_i(step), .address_i(entry), .word_o(code),
+                .load_i(load_i[0]), .load_address_i(load_address_i), .load_word_i(load_word_i)
             );
             if (TABLES > 1) begin : g_tables
                 logic [TABLE_BITS-1:0] code_table;
                 vpr_rom #(
                     .DEPTH(SLOTS), .BITS(TABLE_BITS), .ADDRESS_BITS(SLOT_BITS),
-                    .FILE(CODE_TABLES_FILE), .LOADABLE(LOADABLE)
+                    .FILE("code_tables.mem"), .LOADABLE(LOADABLE)
                 ) code_tables (
-                    .clk(clk), .enable(step), .address(drain_slot), .word(code_table),
-                    .load(load[1]), .load_address(load_address), .load_word(load_word)
+                    .clk_i(clk_i), .enable_i(step), .address_i(drain_slot_o), .word_o(code_table),
+                    .load_i(load_i[1]), .load_address_i(load_address_i), .load_word_i(load_word_i)
                 );
                 assign entry = INDEXED_BITS'(code_table) * INDEXED_BITS'(STRIDE)
-                               + INDEXED_BITS'(drained);
+                               + INDEXED_BITS'(drained_i);
             end else begin : g_one_table
-                assign entry = INDEXED_BITS'(drained);
+                assign entry = INDEXED_BITS'(drained_i);
             end
         end
     endgenerate

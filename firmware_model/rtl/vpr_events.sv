@@ -4,58 +4,47 @@
 // s_event carries a word of events.mem: time, column (16 bits), row (15), ON (1), from the least
 // significant bit. m_event carries a word of expected_events.mem for each: selected, slot, count.
 // An event that ends windows by time waits in the first stage until the matcher takes each of them
-// (`window_ready`), and as many clocks longer as a timestamp has bits; those behind a window's last
-// one by count wait before they are counted. So do all while the counters are drained (`pending`).
+// (`window_ready_i`), and as many clocks longer as a timestamp has bits; those behind a window's last
+// one by count wait before they are counted. So do all while the counters are drained (`pending_i`).
 module vpr_events #(
-    parameter int          HEIGHT            = 2,
-    parameter int          PIXELS            = 1,
-    parameter bit          POLARITY          = 0,
-    parameter int          LOOKUP_DEPTH      = 2,
-    parameter int          SLOTS             = 1,
-    parameter int          COUNT_MAX         = 1,
-    parameter bit          BY_TIME           = 1,
-    parameter logic [63:0] TAU_US            = 1,
-    parameter logic [31:0] WINDOW_EVENTS     = 1,
-    parameter int          EVENT_TIME_BITS   = 32,
-    parameter int          TIMESTAMP_BITS    = 32,
-    parameter int          COLUMN_BITS       = 1,
-    parameter int          ROW_BITS          = 1,
-    parameter int          ADDRESS_BITS      = 1,
-    parameter int          OWNER_BITS        = 2,
-    parameter int          SLOT_BITS         = 1,
-    parameter int          COUNT_BITS        = 1,
-    parameter int          WINDOW_COUNT_BITS = 1,
-    parameter bit          LOADABLE          = 0,
-    parameter bit          SLOW_BLOCKS       = 0   // see vpr_device
+    localparam bit BY_TIME         = vpr_pkg::BY_TIME,
+    localparam int EVENT_TIME_BITS = vpr_pkg::EVENT_TIME_BITS,
+    localparam int TIMESTAMP_BITS  = vpr_pkg::TIMESTAMP_BITS,
+    localparam int EVENT_BITS      = vpr_pkg::EVENT_BITS,
+    localparam int SEEN_BITS       = vpr_pkg::SEEN_BITS,
+    localparam int SLOT_BITS       = vpr_pkg::SLOT_BITS,
+    localparam int COUNT_BITS      = vpr_pkg::COUNT_BITS,
+    parameter  bit LOADABLE        = 0,
+    parameter  bit SLOW_BLOCKS     = 0  // see vpr_core
 ) (
-    input  logic                            clk,
-    input  logic                            rst,
-    input  logic [1:0]                      load,  // see vpr_rom
-    input  logic [19:0]                     load_address,
-    input  logic [31:0]                     load_word,
-    input  logic [TIMESTAMP_BITS-1:0]       start_time,
+    input  logic                            clk_i,
+    input  logic                            rst_i,
+    input  logic [1:0]                      load_i,  // see vpr_rom
+    input  logic [19:0]                     load_address_i,
+    input  logic [31:0]                     load_word_i,
+    input  logic [TIMESTAMP_BITS-1:0]       start_time_i,
     input  logic                            s_event_tvalid,
     output logic                            s_event_tready,
-    input  logic [EVENT_TIME_BITS+31:0]     s_event_tdata,
+    input  logic [EVENT_BITS-1:0]           s_event_tdata,
     output logic                            m_event_tvalid,
     input  logic                            m_event_tready,
-    output logic [SLOT_BITS+COUNT_BITS:0]   m_event_tdata,
-    input  logic                            pending,
-    input  logic                            window_ready,
-    output logic                            window_end,
-    output logic [31:0]                     events_taken,
-    output logic                            counted,
-    input  logic                            draining,
-    input  logic                            drain,
-    input  logic [SLOT_BITS-1:0]            drain_slot,
-    output logic [COUNT_BITS-1:0]           drained,
-    output logic [SLOT_BITS-1:0]            drained_slot
+    output logic [SEEN_BITS-1:0]            m_event_tdata,
+    input  logic                            pending_i,
+    input  logic                            window_ready_i,
+    output logic                            window_end_o,
+    output logic [31:0]                     events_taken_o,
+    output logic                            counted_o,
+    input  logic                            draining_i,
+    input  logic                            drain_i,
+    input  logic [SLOT_BITS-1:0]            drain_slot_i,
+    output logic [COUNT_BITS-1:0]           drained_o,
+    output logic [SLOT_BITS-1:0]            drained_slot_o
 );
     localparam int ENTRY_STEPS = SLOW_BLOCKS ? 2 : 1;
 
     // an event in each stage: its displacement, address, entry, slot, count, and raised count
-    logic displaces, addresses, has_slot, has_count, has_raised;
-    logic [ENTRY_STEPS-1:0] enters;
+    logic displaces_q, addresses_q, has_slot_q, has_count_q, has_raised_q;
+    logic [ENTRY_STEPS-1:0] enters_q;
 
     logic                  settled, over, full;
     logic                  counts;  // the event with the raised count is of a selected pixel
@@ -63,97 +52,88 @@ module vpr_events #(
     logic [SLOT_BITS-1:0]  slot, raised_slot;
     logic [COUNT_BITS-1:0] raised;
 
-    wire moves = !has_raised || m_event_tready;       // the last two stages
-    wire looks = moves && !full && !pending;          // those before them
-    wire waits = displaces && (over || !settled);     // in the first stage, for its window
+    wire moves = !has_raised_q || m_event_tready;       // the last two stages
+    wire looks = moves && !full && !pending_i;          // those before them
+    wire waits = displaces_q && (over || !settled);     // in the first stage, for its window
     wire take  = s_event_tvalid && s_event_tready;
 
-    wire room = !displaces || (looks && !over);        // but while a window's end moves
+    wire room = !displaces_q || (looks && !over);        // but while a window's end moves
 
     assign s_event_tready = settled && room;
-    assign m_event_tvalid = has_raised;
+    assign m_event_tvalid = has_raised_q;
     assign m_event_tdata  = counts ? {raised, raised_slot, 1'b1} : '0;
 
-    assign counted = counts && moves;
+    assign counted_o = counts && moves;
 
     // all events of the window are counted
     // verilator lint_off WIDTH
-    wire ends = BY_TIME ? displaces && over && settled && !addresses && !enters && !has_slot : full;
+    wire ends = BY_TIME ? displaces_q && over && settled && !addresses_q && !enters_q && !has_slot_q : full;
     // verilator lint_on WIDTH
 
-    always_ff @(posedge clk) begin
-        window_end <= window_ready && ends && !has_count && !has_raised && !window_end;
+    always_ff @(posedge clk_i) begin
+        window_end_o <= window_ready_i && ends && !has_count_q && !has_raised_q && !window_end_o;
         // one that leaves makes room in the same clock
-        displaces  <= s_event_tready ? s_event_tvalid : displaces;
+        displaces_q  <= s_event_tready ? s_event_tvalid : displaces_q;
         if (looks) begin
-            addresses <= displaces && !waits;
-            enters    <= ENTRY_STEPS'({enters, addresses});
-            has_slot  <= enters[ENTRY_STEPS-1];
+            addresses_q <= displaces_q && !waits;
+            enters_q    <= ENTRY_STEPS'({enters_q, addresses_q});
+            has_slot_q  <= enters_q[ENTRY_STEPS-1];
         end
         if (moves) begin
-            has_count  <= has_slot && looks;
-            has_raised <= has_count;
+            has_count_q  <= has_slot_q && looks;
+            has_raised_q <= has_count_q;
         end
-        if (m_event_tvalid && m_event_tready) events_taken <= events_taken + 1'b1;
-        if (rst) begin
-            window_end   <= 1'b0;
-            displaces    <= 1'b0;
-            addresses    <= 1'b0;
-            enters       <= '0;
-            has_slot     <= 1'b0;
-            has_count    <= 1'b0;
-            has_raised   <= 1'b0;
-            events_taken <= '0;
+        if (m_event_tvalid && m_event_tready) events_taken_o <= events_taken_o + 1'b1;
+        if (rst_i) begin
+            window_end_o   <= 1'b0;
+            displaces_q    <= 1'b0;
+            addresses_q    <= 1'b0;
+            enters_q       <= '0;
+            has_slot_q     <= 1'b0;
+            has_count_q    <= 1'b0;
+            has_raised_q   <= 1'b0;
+            events_taken_o <= '0;
         end
     end
 
     // windows by count do not look at the time, nor narrow clocks at all of it
-    wire unused = &{1'b0, s_event_tdata, start_time};
+    wire unused = &{1'b0, s_event_tdata, start_time_i};
 
-    vpr_pixel_lookup #(
-        .HEIGHT(HEIGHT), .PIXELS(PIXELS), .POLARITY(POLARITY),
-        .DEPTH(LOOKUP_DEPTH), .COLUMN_BITS(COLUMN_BITS), .ROW_BITS(ROW_BITS),
-        .ADDRESS_BITS(ADDRESS_BITS), .OWNER_BITS(OWNER_BITS), .SLOT_BITS(SLOT_BITS),
-        .LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)
-    ) pixel_lookup (
-        .clk(clk), .rst(rst), .load(load), .load_address(load_address), .load_word(load_word),
-        .take(take), .enable(looks),
-        .column(s_event_tdata[EVENT_TIME_BITS+:16]),
-        .row(s_event_tdata[EVENT_TIME_BITS+16+:15]),
-        .on(s_event_tdata[EVENT_TIME_BITS+31]),
-        .selected(selected), .slot(slot)
+    vpr_pixel_lookup #(.LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)) pixel_lookup (
+        .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i), .load_address_i(load_address_i),
+        .load_word_i(load_word_i),
+        .take_i(take), .enable_i(looks),
+        .column_i(s_event_tdata[EVENT_TIME_BITS+:16]),
+        .row_i(s_event_tdata[EVENT_TIME_BITS+16+:15]),
+        .on_i(s_event_tdata[EVENT_TIME_BITS+31]),
+        .selected_o(selected), .slot_o(slot)
     );
 
-    wire counting = has_slot && selected && looks;
+    wire counting = has_slot_q && selected && looks;
 
     generate
         if (BY_TIME) begin : g_by_time
             assign full = 1'b0;
-            vpr_window_timer #(
-                .TIMESTAMP_BITS(TIMESTAMP_BITS), .TAU_US(TAU_US)
-            ) window_timer (
-                .clk(clk), .load(rst), .start_time(start_time), .next_window(window_end),
-                .take(room), .timestamp(s_event_tdata[TIMESTAMP_BITS-1:0]),
-                .settled(settled), .over(over)
+            vpr_window_timer window_timer (
+                .clk_i(clk_i), .load_i(rst_i), .start_time_i(start_time_i),
+                .next_window_i(window_end_o),
+                .take_i(room), .timestamp_i(s_event_tdata[TIMESTAMP_BITS-1:0]),
+                .settled_o(settled), .over_o(over)
             );
         end else begin : g_by_count
             assign settled = 1'b1;
             assign over    = 1'b0;
-            vpr_window_quota #(
-                .WINDOW_COUNT_BITS(WINDOW_COUNT_BITS), .WINDOW_EVENTS(WINDOW_EVENTS)
-            ) window_quota (
-                .clk(clk), .load(rst), .counted(counting), .next_window(window_end), .full(full)
+            vpr_window_quota window_quota (
+                .clk_i(clk_i), .load_i(rst_i), .counted_i(counting), .next_window_i(window_end_o),
+                .full_o(full)
             );
         end
     endgenerate
 
-    vpr_counters #(
-        .SLOTS(SLOTS), .SLOT_BITS(SLOT_BITS), .COUNT_BITS(COUNT_BITS), .COUNT_MAX(COUNT_MAX),
-        .SLOW_BLOCKS(SLOW_BLOCKS)
-    ) counters (
-        .clk(clk), .rst(rst), .enable(moves), .take(counting), .slot(slot),
-        .raises(counts), .raised_slot(raised_slot), .raised(raised),
-        .draining(draining), .drain(drain), .drain_slot(drain_slot), .drained(drained),
-        .read_slot(drained_slot)
+    vpr_counters #(.SLOW_BLOCKS(SLOW_BLOCKS)) counters (
+        .clk_i(clk_i), .rst_i(rst_i), .enable_i(moves), .take_i(counting), .slot_i(slot),
+        .raises_o(counts), .raised_slot_o(raised_slot), .raised_o(raised),
+        .draining_i(draining_i), .drain_i(drain_i), .drain_slot_i(drain_slot_i), .drained_o(drained_o),
+        .read_slot_o(drained_slot_o)
     );
 endmodule

@@ -3,59 +3,58 @@
 //
 // A window takes passes over all places: for the mean of the distances; for their spread, unless it
 // is known from the window before; and for the metrics, each the prediction plus the evidence,
-// saturated. Each pass asks for the distances again (`distance_start`), unless they are kept
-// (KEEP); those of the first pass come unasked, some clocks after `start`. In a pause there is no
-// evidence, and there are no distances. The spread of this window is divided after its match; until
-// then the unit is not `idle`, and no window may end. No pass for metrics begins before the window's
-// activity stands (`settled`): it says what the evidence weighs, and what steps cost
+// saturated. Each pass asks for the distances again (`distance_start_o`), unless they are kept
+// (KEEP_DISTANCES); those of the first pass come unasked, some clocks after `start_i`. In a pause there
+// is no evidence, and there are no distances. The spread of this window is divided after its match;
+// until then the unit is not `idle_o`, and no window may end. No pass for metrics begins before the
+// window's activity stands (`settled_i`): it says what the evidence weighs, and what steps cost
 // (ACTIVITY_COSTS; otherwise STEP_PRICES).
 //
-// `misfit` is the evidence that the metric has, saturated at 23. `found` says that the search stands at
-// `best_sum`, the least metric. Distances come two clocks apart at least, and so do metrics.
+// `misfit_o` is the evidence that the metric has, saturated at 23. `found_i` says that the search
+// stands at `best_sum_i`, the least metric. Distances come two clocks apart at least, and so do
+// metrics.
 module vpr_filter #(
-    parameter int            PLACES          = 1,
-    parameter bit            KEEP            = 0,
-    parameter int            STEPS           = 1,
-    parameter int            BACK            = 0,
-    parameter bit            ACTIVITY_COSTS  = 0,
-    parameter logic [159:0]  STEP_PRICES     = 0,
-    parameter logic [159:0]  BACK_PRICES     = 0,
-    parameter logic [9:0]    RESTART         = 0,
-    parameter int            PLACE_BITS      = 1,
-    parameter int            DISTANCE_BITS   = 1,
-    parameter int            TOTAL_BITS      = 1,
-    parameter int            RECIPROCAL_BITS = 17,
-    parameter int            EVIDENCE_BITS   = 8,
-    parameter int            METRIC_BITS     = 10,
-    parameter int            MISFIT_BITS     = 5,
-    parameter bit            LOADABLE        = 0
+    localparam int           PLACES          = vpr_pkg::PLACES,
+    localparam bit           KEEP_DISTANCES  = vpr_pkg::KEEP_DISTANCES,
+    localparam int           STEPS           = vpr_pkg::STEPS,
+    localparam int           BACK            = vpr_pkg::BACK,
+    localparam bit           ACTIVITY_COSTS  = vpr_pkg::ACTIVITY_COSTS,
+    localparam logic [159:0] STEP_PRICES     = vpr_pkg::STEP_PRICES,
+    localparam logic [9:0]   RESTART         = vpr_pkg::RESTART,
+    localparam int           PLACE_BITS      = vpr_pkg::PLACE_BITS,
+    localparam int           DISTANCE_BITS   = vpr_pkg::DISTANCE_BITS,
+    localparam int           RECIPROCAL_BITS = vpr_pkg::RECIPROCAL_BITS,
+    localparam int           COST_BITS       = vpr_pkg::COST_BITS,
+    localparam int           EVIDENCE_BITS   = vpr_pkg::EVIDENCE_BITS,
+    localparam int           METRIC_BITS     = vpr_pkg::METRIC_BITS,
+    localparam int           MISFIT_BITS     = vpr_pkg::MISFIT_BITS,
+    parameter  bit           LOADABLE        = 0
 ) (
-    input  logic                     clk,
-    input  logic                     rst,
-    input  logic                     load,  // see vpr_rom
-    input  logic [19:0]              load_address,
-    input  logic [31:0]              load_word,
-    input  logic                     start,
-    input  logic                     paused,
-    input  logic                     settled,
-    input  logic [9:0]               activity_inverse,
-    output logic                     idle,
-    output logic                     distance_start,
-    input  logic                     distance_valid,
-    input  logic [DISTANCE_BITS-1:0] distance,
-    output logic                     sum_valid,
-    output logic                     sum_last,
-    output logic [PLACE_BITS-1:0]    place,
-    output logic [METRIC_BITS-1:0]   sum,
-    output logic [MISFIT_BITS-1:0]   misfit,
-    input  logic                     found,
-    input  logic [METRIC_BITS-1:0]   best_sum
+    input  logic                     clk_i,
+    input  logic                     rst_i,
+    input  logic                     load_i,  // see vpr_rom
+    input  logic [19:0]              load_address_i,
+    input  logic [31:0]              load_word_i,
+    input  logic                     start_i,
+    input  logic                     paused_i,
+    input  logic                     settled_i,
+    input  logic [9:0]               activity_inverse_i,
+    output logic                     idle_o,
+    output logic                     distance_start_o,
+    input  logic                     distance_valid_i,
+    input  logic [DISTANCE_BITS-1:0] distance_i,
+    output logic                     sum_valid_o,
+    output logic                     sum_last_o,
+    output logic [PLACE_BITS-1:0]    place_o,
+    output logic [METRIC_BITS-1:0]   sum_o,
+    output logic [MISFIT_BITS-1:0]   misfit_o,
+    input  logic                     found_i,
+    input  logic [METRIC_BITS-1:0]   best_sum_i
 );
     localparam int ENTRIES       = STEPS + BACK;
     // from a place's distance to its prediction; the evidence takes 4 or 5, and waits for it
     localparam int PREDICTED     = 3 + $clog2(ENTRIES + 1);
     localparam int WAITS         = PREDICTED > 5 ? PREDICTED - 5 : 0;
-    localparam int COST_BITS     = ACTIVITY_COSTS ? 7 : 10;
     localparam int PRODUCT_BITS  = DISTANCE_BITS + RECIPROCAL_BITS - 1;
     // fraction bits of the reciprocal, less those of a metric
     localparam int SHIFT         = RECIPROCAL_BITS - 1 - 2;
@@ -71,126 +70,124 @@ module vpr_filter #(
     localparam logic [1:0] FOR_SPREAD  = 2'd1;
     localparam logic [1:0] FOR_METRICS = 2'd2;
 
-    logic [1:0]                 state, pass;
-    logic                       waiting, beat, ends, divide, done;
-    logic                       scaled;  // by the spread of this window
-    logic [LEAD_BITS-1:0]       lead;
-    logic [PLACE_BITS-1:0]      index;
-    logic [DISTANCE_BITS-1:0]   kept, nearest_inverse;
+    logic [1:0]                 state_q, pass_q;
+    logic                       waiting_q, beat_q, ends_q, divide_q, done;
+    logic                       scaled_q;  // by the spread of this window
+    logic [LEAD_BITS-1:0]       lead_q;
+    logic [PLACE_BITS-1:0]      index_q;
+    logic [DISTANCE_BITS-1:0]   kept, nearest_inverse_q;
     logic                       known, whole;
     logic [RECIPROCAL_BITS-2:0] factor;  // see vpr_spread
 
     // A place: its distance comes from the distance unit, from memory, or is not asked for
-    wire                     unasked   = paused || (KEEP && pass != FOR_MEAN);
-    wire                     item      = state == RUN && (unasked ? beat : distance_valid);
-    wire [DISTANCE_BITS-1:0] here      = KEEP && pass != FOR_MEAN ? kept : distance;
+    wire                     unasked   = paused_i || (KEEP_DISTANCES && pass_q != FOR_MEAN);
+    wire                     item      = state_q == RUN && (unasked ? beat_q : distance_valid_i);
+    wire [DISTANCE_BITS-1:0] here      = KEEP_DISTANCES && pass_q != FOR_MEAN ? kept : distance_i;
     // the distance less the nearest; the carry says that it is not below
-    wire [DISTANCE_BITS+1:0] farther   = {1'b0, here, 1'b1} + {1'b0, nearest_inverse, 1'b1};
-    wire                     item_last = index == PLACE_BITS'(PLACES - 1);
-    wire                     begins    = waiting;  // it is idle when a window begins
-    wire                     leads     = state == LEAD && beat;
-    assign idle = state == IDLE && !waiting;
+    wire [DISTANCE_BITS+1:0] farther   = {1'b0, here, 1'b1} + {1'b0, nearest_inverse_q, 1'b1};
+    wire                     item_last = index_q == PLACE_BITS'(PLACES - 1);
+    wire                     begins    = waiting_q;  // it is idle when a window begins
+    wire                     leads     = state_q == LEAD && beat_q;
+    assign idle_o = state_q == IDLE && !waiting_q;
     // the next pass: one after the mean, unless this window's own spread is needed first
-    wire [1:0]               next_pass =
-        pass == FOR_MEAN && !known ? FOR_SPREAD : FOR_METRICS;
+    wire [1:0]               pass_d =
+        pass_q == FOR_MEAN && !known ? FOR_SPREAD : FOR_METRICS;
 
-    always_ff @(posedge clk) begin
-        waiting        <= start || (waiting && paused && !settled);
-        beat           <= (state == RUN || state == LEAD) && !beat;
-        distance_start <= 1'b0;
-        divide         <= 1'b0;
-        ends           <= (item && item_last) || (ends && !settled);
-        case (state)
+    always_ff @(posedge clk_i) begin
+        waiting_q        <= start_i || (waiting_q && paused_i && !settled_i);
+        beat_q           <= (state_q == RUN || state_q == LEAD) && !beat_q;
+        distance_start_o <= 1'b0;
+        divide_q         <= 1'b0;
+        ends_q           <= (item && item_last) || (ends_q && !settled_i);
+        case (state_q)
             IDLE: begin
-                pass <= paused ? FOR_METRICS : FOR_MEAN;
-                if (waiting && (!paused || settled)) state <= paused && BACK > 0 ? LEAD : RUN;
+                pass_q <= paused_i ? FOR_METRICS : FOR_MEAN;
+                if (waiting_q && (!paused_i || settled_i)) state_q <= paused_i && BACK > 0 ? LEAD : RUN;
             end
-            LEAD: if (leads && lead == 1) begin
-                state          <= RUN;
-                beat           <= 1'b0;
-                distance_start <= !unasked;
+            LEAD: if (leads && lead_q == 1) begin
+                state_q          <= RUN;
+                beat_q           <= 1'b0;
+                distance_start_o <= !unasked;
             end
-            RUN: if (ends && settled) begin
-                state  <= paused || scaled ? IDLE : DIVIDE;
-                divide <= !paused && !scaled;
+            RUN: if (ends_q && settled_i) begin
+                state_q  <= paused_i || scaled_q ? IDLE : DIVIDE;
+                divide_q <= !paused_i && !scaled_q;
             end
             default: if (done) begin
-                pass   <= next_pass;
-                scaled <= pass == FOR_SPREAD;
-                if (pass == FOR_METRICS) state <= IDLE;
+                pass_q   <= pass_d;
+                scaled_q <= pass_q == FOR_SPREAD;
+                if (pass_q == FOR_METRICS) state_q <= IDLE;
                 else begin
-                    state          <= next_pass == FOR_METRICS && BACK > 0 ? LEAD : RUN;
-                    distance_start <= !KEEP && !(next_pass == FOR_METRICS && BACK > 0);
+                    state_q          <= pass_d == FOR_METRICS && BACK > 0 ? LEAD : RUN;
+                    distance_start_o <= !KEEP_DISTANCES && !(pass_d == FOR_METRICS && BACK > 0);
                 end
             end
         endcase
-        if (leads) lead <= lead - 1'b1;
-        if (state == IDLE || state == DIVIDE) begin
-            index <= '0;
-            lead  <= LEAD_BITS'(BACK);
-        end else if (item && !item_last) index <= index + 1'b1;
-        if (begins) scaled <= 1'b0;
-        if (begins) nearest_inverse <= '0;
-        else if (distance_valid && pass == FOR_MEAN && !farther[DISTANCE_BITS+1])
-            nearest_inverse <= ~distance;
-        if (rst) begin
-            state          <= IDLE;
-            waiting        <= 1'b0;
-            ends           <= 1'b0;
-            distance_start <= 1'b0;
+        if (leads) lead_q <= lead_q - 1'b1;
+        if (state_q == IDLE || state_q == DIVIDE) begin
+            index_q <= '0;
+            lead_q  <= LEAD_BITS'(BACK);
+        end else if (item && !item_last) index_q <= index_q + 1'b1;
+        if (begins) scaled_q <= 1'b0;
+        if (begins) nearest_inverse_q <= '0;
+        else if (distance_valid_i && pass_q == FOR_MEAN && !farther[DISTANCE_BITS+1])
+            nearest_inverse_q <= ~distance_i;
+        if (rst_i) begin
+            state_q          <= IDLE;
+            waiting_q        <= 1'b0;
+            ends_q           <= 1'b0;
+            distance_start_o <= 1'b0;
         end
     end
 
-    vpr_spread #(
-        .PLACES(PLACES), .DISTANCE_BITS(DISTANCE_BITS), .TOTAL_BITS(TOTAL_BITS),
-        .RECIPROCAL_BITS(RECIPROCAL_BITS)
-    ) scale (
-        .clk(clk), .rst(rst), .clear(begins), .valid(item && !paused), .distance(here),
-        .of_mean(pass == FOR_MEAN), .divide(divide), .done(done),
-        .known(known), .whole(whole), .factor(factor)
+    vpr_spread scale (
+        .clk_i(clk_i), .rst_i(rst_i), .clear_i(begins), .valid_i(item && !paused_i), .distance_i(here),
+        .of_mean_i(pass_q == FOR_MEAN), .divide_i(divide_q), .done_o(done),
+        .known_o(known), .whole_o(whole), .factor_o(factor)
     );
 
     generate
-        if (KEEP) begin : g_keep
+        if (KEEP_DISTANCES) begin : g_keep
             vpr_ram #(
                 .DEPTH(PLACES), .BITS(DISTANCE_BITS), .ADDRESS_BITS(PLACE_BITS)
             ) distances (
-                .clk(clk), .write(item && pass == FOR_MEAN && !paused), .write_address(index),
-                .write_word(distance), .read(1'b1), .read_address(index), .read_word(kept)
+                .clk_i(clk_i), .write_i(item && pass_q == FOR_MEAN && !paused_i),
+                .write_address_i(index_q),
+                .write_word_i(distance_i), .read_i(1'b1), .read_address_i(index_q), .read_word_o(kept)
             );
         end else begin : g_again
             assign kept = '0;
         end
     endgenerate
 
-    logic [METRIC_BITS-1:0] sum_inverse;  // as the search compares it
-    assign sum = ~sum_inverse;
+    logic [METRIC_BITS-1:0] sum_inverse_q;  // as the search compares it
+    assign sum_o = ~sum_inverse_q;
 
     // Prediction: the metrics of the window before are read BACK places ahead
 
-    logic                   placed;
-    logic [METRIC_BITS-1:0] least, former_inverse, prediction;
+    logic                   placed_q;
+    logic [METRIC_BITS-1:0] least_q, former_inverse, prediction;
     logic [PLACE_BITS-1:0]  ahead;  // its metric is read
     logic                   off;
 
-    wire metrics = item && pass == FOR_METRICS;
+    wire metrics = item && pass_q == FOR_METRICS;
     wire shift   = metrics || leads;
 
-    always_ff @(posedge clk) begin
-        if (found) begin
-            least  <= best_sum;
-            placed <= 1'b1;
+    always_ff @(posedge clk_i) begin
+        if (found_i) begin
+            least_q  <= best_sum_i;
+            placed_q <= 1'b1;
         end
-        if (rst) placed <= 1'b0;
+        if (rst_i) placed_q <= 1'b0;
     end
 
     generate
         if (BACK == 0) begin : g_here
-            assign ahead = index;
+            assign ahead = index_q;
             assign off   = 1'b0;
         end else begin : g_ahead
-            always_ff @(posedge clk) begin
-                if (state == IDLE || state == DIVIDE) begin
+            always_ff @(posedge clk_i) begin
+                if (state_q == IDLE || state_q == DIVIDE) begin
                     ahead <= '0;
                     off   <= 1'b0;
                 end else if (shift) begin
@@ -204,20 +201,18 @@ module vpr_filter #(
     vpr_ram #(
         .DEPTH(PLACES), .BITS(METRIC_BITS), .ADDRESS_BITS(PLACE_BITS)
     ) metric_memory (
-        .clk(clk), .write(sum_valid), .write_address(place), .write_word(sum_inverse),
-        .read(1'b1), .read_address(ahead), .read_word(former_inverse)
+        .clk_i(clk_i), .write_i(sum_valid_o), .write_address_i(place_o), .write_word_i(sum_inverse_q),
+        .read_i(1'b1), .read_address_i(ahead), .read_word_o(former_inverse)
     );
 
     logic [STEPS*COST_BITS-1:0] costs;
 
     generate
         if (ACTIVITY_COSTS) begin : g_by_activity
-            vpr_step_costs #(
-                .PLACES(PLACES), .PLACE_BITS(PLACE_BITS), .RESTART(RESTART),
-                .COST_BITS(COST_BITS), .LOADABLE(LOADABLE)
-            ) step_costs (
-                .clk(clk), .load(load), .load_address(load_address), .load_word(load_word),
-                .activity_inverse(activity_inverse), .place(index), .costs(costs)
+            vpr_step_costs #(.LOADABLE(LOADABLE)) step_costs (
+                .clk_i(clk_i), .load_i(load_i), .load_address_i(load_address_i),
+                .load_word_i(load_word_i),
+                .activity_inverse_i(activity_inverse_i), .place_i(index_q), .costs_o(costs)
             );
         end else begin : g_fixed
             genvar step;
@@ -225,77 +220,74 @@ module vpr_filter #(
                 localparam logic [9:0] PRICE = STEP_PRICES[10*step+:10];
                 assign costs[COST_BITS*step+:COST_BITS] = PRICE < RESTART ? PRICE : RESTART;
             end
-            wire unused = &{1'b0, load, load_address, load_word};
+            wire unused = &{1'b0, load_i, load_address_i, load_word_i};
         end
     endgenerate
 
-    vpr_prediction #(
-        .STEPS(STEPS), .BACK(BACK), .COST_BITS(COST_BITS), .BACK_PRICES(BACK_PRICES),
-        .RESTART(RESTART), .METRIC_BITS(METRIC_BITS)
-    ) predictions (
-        .clk(clk), .clear(state == IDLE || state == DIVIDE), .shift(shift),
-        .off(off), .metric(~former_inverse), .costs(costs), .placed(placed),
-        .least(least), .prediction(prediction)
+    vpr_prediction predictions (
+        .clk_i(clk_i), .clear_i(state_q == IDLE || state_q == DIVIDE), .shift_i(shift),
+        .off_i(off), .metric_i(~former_inverse), .costs_i(costs), .placed_i(placed_q),
+        .least_i(least_q), .prediction_o(prediction)
     );
 
     // Evidence: how far the place's distance is above the least, by the reciprocal of the spread,
     // limited, and of that as many eighths as the window's activity says: all of them from 2 octaves
     // below the usual one on, none 3 below it. In a pause there is none.
 
-    wire [9:0] activity = ~activity_inverse;
+    wire [9:0] activity = ~activity_inverse_i;
     wire [3:0] weight   = !activity[9] || &activity[8:5] ? 4'd8
                           : activity[8:4] == 5'b11101 ? {1'b0, activity[3:1]} : 4'd0;
 
-    logic [DISTANCE_BITS-1:0] above;
-    logic [PRODUCT_BITS-1:0]  product;
-    logic [EVIDENCE_BITS-1:0] limited;
-    logic [EVIDENCE_BITS+3:0] evidence;  // in eighths
-    logic [PREDICTED-1:0]     valid;
+    logic [DISTANCE_BITS-1:0] above_q;
+    logic [PRODUCT_BITS-1:0]  product_q;
+    logic [EVIDENCE_BITS-1:0] limited_q;
+    logic [EVIDENCE_BITS+3:0] evidence_q;  // in eighths
+    logic [PREDICTED-1:0]     valid_q;
 
     // half of a reciprocal of 2^16: a shift of one bit less
     wire [PRODUCT_BITS-SHIFT:0] divided =
-        whole ? product[PRODUCT_BITS-1:SHIFT-1] : {1'b0, product[PRODUCT_BITS-1:SHIFT]};
+        whole ? product_q[PRODUCT_BITS-1:SHIFT-1] : {1'b0, product_q[PRODUCT_BITS-1:SHIFT]};
 
     wire  [EVIDENCE_BITS-1:0]     against;
     wire [METRIC_BITS:0]          metric = {1'b0, prediction} + (METRIC_BITS + 1)'(against);
 
     generate
         if (WAITS == 0) begin : g_at_once
-            assign against = evidence[EVIDENCE_BITS+2:3];
+            assign against = evidence_q[EVIDENCE_BITS+2:3];
         end else begin : g_waits
             integer i;
-            logic [EVIDENCE_BITS-1:0] waits[0:WAITS-1];
-            always_ff @(posedge clk) begin
-                waits[0] <= evidence[EVIDENCE_BITS+2:3];
-                for (i = 1; i < WAITS; i = i + 1) waits[i] <= waits[i-1];
+            logic [EVIDENCE_BITS-1:0] waits_q[0:WAITS-1];
+            always_ff @(posedge clk_i) begin
+                waits_q[0] <= evidence_q[EVIDENCE_BITS+2:3];
+                for (i = 1; i < WAITS; i = i + 1) waits_q[i] <= waits_q[i-1];
             end
-            assign against = waits[WAITS-1];
+            assign against = waits_q[WAITS-1];
         end
     endgenerate
 
-    always_ff @(posedge clk) begin
-        if (item) above <= farther[DISTANCE_BITS:1];
-        product     <= PRODUCT_BITS'(above) * PRODUCT_BITS'(factor);
-        limited     <= paused ? '0
+    always_ff @(posedge clk_i) begin
+        if (item) above_q <= farther[DISTANCE_BITS:1];
+        product_q     <= PRODUCT_BITS'(above_q) * PRODUCT_BITS'(factor);
+        limited_q     <= paused_i ? '0
                        : (divided >> EVIDENCE_BITS) != 0 ? '1 : EVIDENCE_BITS'(divided);
-        evidence    <= (EVIDENCE_BITS + 4)'(limited) * (EVIDENCE_BITS + 4)'(weight);
-        valid <= PREDICTED'({valid, metrics});
-        sum_valid <= valid[PREDICTED-1];
-        if (valid[PREDICTED-1]) begin
-            sum_inverse <= metric[METRIC_BITS] ? '0 : ~metric[METRIC_BITS-1:0];
+        evidence_q    <= (EVIDENCE_BITS + 4)'(limited_q) * (EVIDENCE_BITS + 4)'(weight);
+        valid_q <= PREDICTED'({valid_q, metrics});
+        sum_valid_o <= valid_q[PREDICTED-1];
+        if (valid_q[PREDICTED-1]) begin
+            sum_inverse_q <= metric[METRIC_BITS] ? '0 : ~metric[METRIC_BITS-1:0];
             // 24 and above are those with both upper bits, or with more
-            misfit <= (against >> MISFIT_BITS) != 0 || &against[MISFIT_BITS-1:MISFIT_BITS-2]
+            misfit_o <= (against >> MISFIT_BITS) != 0 || &against[MISFIT_BITS-1:MISFIT_BITS-2]
                 ? MISFIT_TOP : MISFIT_BITS'(against);
-            place <= place + 1'b1;
+            place_o <= place_o + 1'b1;
         end
-        if (begins) place <= '1;
-        if (rst) begin
-            valid     <= '0;
-            sum_valid <= 1'b0;
+        if (begins) place_o <= '1;
+        if (rst_i) begin
+            valid_q     <= '0;
+            sum_valid_o <= 1'b0;
         end
     end
 
-    assign sum_last = place == PLACE_BITS'(PLACES - 1);
+    assign sum_last_o = place_o == PLACE_BITS'(PLACES - 1);
 
-    wire unused = &{1'b0, product[SHIFT-1:0], farther, evidence, activity};
+    wire unused = &{1'b0, product_q[SHIFT-1:0], farther, evidence_q, activity};
 endmodule

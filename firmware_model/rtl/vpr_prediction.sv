@@ -1,29 +1,30 @@
 // Price of the cheapest way to a place: by a step of 0, 1 ... places from a lower one, by a step
 // back from a higher one, or by a restart, which costs the same for all. The metrics of the window
-// before come in the order of places, with `shift`; `metric` is that of the place BACK ahead, or
-// there is none (`off`). `clear` forgets those before. `costs` are those of steps of 0, 1 ... places
-// to the place that is BACK below it, in the second clock behind `shift`; none is above RESTART.
+// before come in the order of places, with `shift_i`; `metric_i` is that of the place BACK ahead, or
+// there is none (`off_i`). `clear_i` forgets those before. `costs_i` are those of steps of 0, 1 ...
+// places to the place that is BACK below it, in the second clock behind `shift_i`; none is above
+// RESTART.
 //
-// `prediction` is registered at the third clock edge after the one that shifts, and one more for
+// `prediction_o` is registered at the third clock edge after the one that shifts, and one more for
 // each level of the tree of comparisons; it stays until the next. Before the first window
-// (`placed`) it is 0.
+// (`placed_i`) it is 0.
 module vpr_prediction #(
-    parameter int            STEPS        = 1,
-    parameter int            BACK         = 0,
-    parameter int            COST_BITS    = 10,
-    parameter logic [159:0]  BACK_PRICES  = 0,
-    parameter logic [9:0]    RESTART      = 0,
-    parameter int            METRIC_BITS  = 10
+    localparam int           STEPS       = vpr_pkg::STEPS,
+    localparam int           BACK        = vpr_pkg::BACK,
+    localparam int           COST_BITS   = vpr_pkg::COST_BITS,
+    localparam logic [159:0] BACK_PRICES = vpr_pkg::BACK_PRICES,
+    localparam logic [9:0]   RESTART     = vpr_pkg::RESTART,
+    localparam int           METRIC_BITS = vpr_pkg::METRIC_BITS
 ) (
-    input  logic                   clk,
-    input  logic                   clear,
-    input  logic                   shift,
-    input  logic                   off,
-    input  logic [METRIC_BITS-1:0] metric,
-    input  logic [STEPS*COST_BITS-1:0] costs,
-    input  logic                   placed,
-    input  logic [METRIC_BITS-1:0] least,
-    output logic [METRIC_BITS-1:0] prediction
+    input  logic                   clk_i,
+    input  logic                   clear_i,
+    input  logic                   shift_i,
+    input  logic                   off_i,
+    input  logic [METRIC_BITS-1:0] metric_i,
+    input  logic [STEPS*COST_BITS-1:0] costs_i,
+    input  logic                   placed_i,
+    input  logic [METRIC_BITS-1:0] least_i,
+    output logic [METRIC_BITS-1:0] prediction_o
 );
     localparam int ENTRIES = STEPS + BACK;
     localparam int LEVELS  = $clog2(ENTRIES + 1);
@@ -36,22 +37,22 @@ module vpr_prediction #(
     localparam logic [BITS-1:0] LIMIT = BITS'(RESTART);
 
     // the newest, of the highest place, is the first; those off the map are as dear as a restart
-    logic [ENTRIES*BITS-1:0] entries;
+    logic [ENTRIES*BITS-1:0] entries_q;
 
     // of the metric of the clock before
-    logic [METRIC_BITS-1:0] above_inverse;
-    wire  [METRIC_BITS-1:0] above = ~above_inverse;  // metric - least
-    logic                   shifts, shifts_off;
+    logic [METRIC_BITS-1:0] above_inverse_q;
+    wire  [METRIC_BITS-1:0] above = ~above_inverse_q;  // metric - least
+    logic                   shifts_q, shifts_off_q;
 
     wire [METRIC_BITS:0]   below = {1'b0, above} - (METRIC_BITS + 1)'(RESTART);
-    wire [BITS-1:0]        entry = shifts_off || !below[METRIC_BITS] ? LIMIT : BITS'(above);
+    wire [BITS-1:0]        entry = shifts_off_q || !below[METRIC_BITS] ? LIMIT : BITS'(above);
 
-    always_ff @(posedge clk) begin
-        above_inverse <= ~metric + least;
-        shifts        <= shift;
-        shifts_off    <= off;
-        if (clear) entries <= {ENTRIES{LIMIT}};
-        else if (shifts) entries <= (ENTRIES * BITS)'({entries, entry});
+    always_ff @(posedge clk_i) begin
+        above_inverse_q <= ~metric_i + least_i;
+        shifts_q        <= shift_i;
+        shifts_off_q    <= off_i;
+        if (clear_i) entries_q <= {ENTRIES{LIMIT}};
+        else if (shifts_q) entries_q <= (ENTRIES * BITS)'({entries_q, entry});
     end
 
     genvar level, node;
@@ -66,17 +67,17 @@ module vpr_prediction #(
                     wire [SUM_BITS-1:0] left  = g_level[level-1].nearest[2*node*SUM_BITS+:SUM_BITS];
                     wire [SUM_BITS-1:0] right =
                         g_level[level-1].nearest[(2*node+1)*SUM_BITS+:SUM_BITS];
-                    always_ff @(posedge clk) found <= right < left ? right : left;
+                    always_ff @(posedge clk_i) found <= right < left ? right : left;
                 end else if (node < ENTRIES) begin : g_price
                     wire [BITS-1:0] cost;
                     if (node < BACK) begin : g_back
                         localparam logic [9:0] PRICE = BACK_PRICES[10*(BACK-1-node)+:10];
                         assign cost = BITS'(PRICE < RESTART ? PRICE : RESTART);
                     end else begin : g_ahead
-                        assign cost = BITS'(costs[COST_BITS*(node-BACK)+:COST_BITS]);
+                        assign cost = BITS'(costs_i[COST_BITS*(node-BACK)+:COST_BITS]);
                     end
-                    always_ff @(posedge clk)
-                        found <= SUM_BITS'(entries[node*BITS+:BITS]) + SUM_BITS'(cost);
+                    always_ff @(posedge clk_i)
+                        found <= SUM_BITS'(entries_q[node*BITS+:BITS]) + SUM_BITS'(cost);
                 end else begin : g_filler
                     assign found = SUM_BITS'(RESTART);
                 end
@@ -84,7 +85,7 @@ module vpr_prediction #(
         end
     endgenerate
 
-    assign prediction = placed ? METRIC_BITS'(g_level[LEVELS].nearest) : '0;
+    assign prediction_o = placed_i ? METRIC_BITS'(g_level[LEVELS].nearest) : '0;
 
     wire unused = &{1'b0, below, g_level[LEVELS].nearest};
 endmodule

@@ -8,35 +8,35 @@ module vpr_ram #(
     parameter bit IN_LOGIC     = 0,
     parameter bit IN_BLOCK     = 0
 ) (
-    input  logic                    clk,
-    input  logic                    write,
-    input  logic [ADDRESS_BITS-1:0] write_address,
-    input  logic [BITS-1:0]         write_word,
-    input  logic                    read,
-    input  logic [ADDRESS_BITS-1:0] read_address,
-    output logic [BITS-1:0]         read_word
+    input  logic                    clk_i,
+    input  logic                    write_i,
+    input  logic [ADDRESS_BITS-1:0] write_address_i,
+    input  logic [BITS-1:0]         write_word_i,
+    input  logic                    read_i,
+    input  logic [ADDRESS_BITS-1:0] read_address_i,
+    output logic [BITS-1:0]         read_word_o
 );
     generate
         if (IN_LOGIC) begin : g_logic
             (* ram_style = "distributed" *)
             logic [BITS-1:0] memory[0:DEPTH-1];
-            always_ff @(posedge clk) begin
-                if (write) memory[write_address] <= write_word;
-                if (read) read_word <= memory[read_address];
+            always_ff @(posedge clk_i) begin
+                if (write_i) memory[write_address_i] <= write_word_i;
+                if (read_i) read_word_o <= memory[read_address_i];
             end
         end else if (IN_BLOCK) begin : g_block
             (* ram_style = "block", no_rw_check *)
             logic [BITS-1:0] memory[0:DEPTH-1];
-            always_ff @(posedge clk) begin
-                if (write) memory[write_address] <= write_word;
-                if (read) read_word <= memory[read_address];
+            always_ff @(posedge clk_i) begin
+                if (write_i) memory[write_address_i] <= write_word_i;
+                if (read_i) read_word_o <= memory[read_address_i];
             end
         end else begin : g_auto
             (* no_rw_check *)
             logic [BITS-1:0] memory[0:DEPTH-1];
-            always_ff @(posedge clk) begin
-                if (write) memory[write_address] <= write_word;
-                if (read) read_word <= memory[read_address];
+            always_ff @(posedge clk_i) begin
+                if (write_i) memory[write_address_i] <= write_word_i;
+                if (read_i) read_word_o <= memory[read_address_i];
             end
         end
     endgenerate

@@ -1,16 +1,16 @@
 // Sum of absolute differences of two words of LANES codes, one of which comes inverted, as a
 // subtraction takes it. The differences are registered, and so is each level of the adder tree. The
-// result is `sum` + `lacks`, and follows 1 + log2(LANES), rounded up, clocks later.
+// result is `sum_o` + `lacks_o`, and follows 1 + log2(LANES), rounded up, clocks later.
 module vpr_sad_lanes #(
-    parameter int LANES     = 1,
-    parameter int CODE_BITS = 1,
-    parameter int SUM_BITS  = 1
+    localparam int LANES     = vpr_pkg::LANES,
+    localparam int CODE_BITS = vpr_pkg::CODE_BITS,
+    localparam int SUM_BITS  = vpr_pkg::SAD_BITS
 ) (
-    input  logic                       clk,
-    input  logic [LANES*CODE_BITS-1:0] a,
-    input  logic [LANES*CODE_BITS-1:0] b_inverse,
-    output logic [SUM_BITS-1:0]        sum,
-    output logic                       lacks
+    input  logic                       clk_i,
+    input  logic [LANES*CODE_BITS-1:0] a_i,
+    input  logic [LANES*CODE_BITS-1:0] b_inverse_i,
+    output logic [SUM_BITS-1:0]        sum_o,
+    output logic                       lacks_o
 );
     localparam int LEVELS = $clog2(LANES);
     localparam int WIDE   = 1 << LEVELS;
@@ -33,19 +33,19 @@ module vpr_sad_lanes #(
                     wire [BITS-2:0] left  = g_level[level-1].sums[(2*node)*(BITS-1)+:BITS-1];
                     wire [BITS-2:0] right = g_level[level-1].sums[(2*node+1)*(BITS-1)+:BITS-1];
                     wire            carry = g_level[level-1].lacking[2*node];
-                    always_ff @(posedge clk) begin
+                    always_ff @(posedge clk_i) begin
                         node_sum   <= BITS'(({1'b0, left, 1'b1} + {1'b0, right, carry}) >> 1);
                         node_lacks <= g_level[level-1].lacking[2*node+1];
                     end
                 end else if (node < LANES) begin : g_difference
                     // a - b, with a carry into the lowest bit
                     wire [CODE_BITS+1:0] sum_of_both =
-                        {1'b0, a[node*CODE_BITS+:CODE_BITS], 1'b1}
-                        + {1'b1, b_inverse[node*CODE_BITS+:CODE_BITS], 1'b1};
+                        {1'b0, a_i[node*CODE_BITS+:CODE_BITS], 1'b1}
+                        + {1'b1, b_inverse_i[node*CODE_BITS+:CODE_BITS], 1'b1};
                     wire [CODE_BITS:0] difference = sum_of_both[CODE_BITS+1:1];
                     wire unused = sum_of_both[0];
                     wire negative = difference[CODE_BITS];
-                    always_ff @(posedge clk) begin
+                    always_ff @(posedge clk_i) begin
                         node_sum   <= difference[BITS-1:0] ^ {BITS{negative}};
                         node_lacks <= negative;
                     end
@@ -57,6 +57,6 @@ module vpr_sad_lanes #(
         end
     endgenerate
 
-    assign sum   = SUM_BITS'(g_level[LEVELS].sums);
-    assign lacks = g_level[LEVELS].lacking[0];
+    assign sum_o   = SUM_BITS'(g_level[LEVELS].sums);
+    assign lacks_o = g_level[LEVELS].lacking[0];
 endmodule

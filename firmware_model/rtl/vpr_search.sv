@@ -2,45 +2,45 @@
 //
 // The best is a running minimum with a strict comparison: of equal sums the lowest place wins. When
 // a place becomes the best, the places left of its zone are those that have left a delay line of
-// EXCLUSION + 1 sums, and the lowest of them is `left`; places right of the zone come later.
+// EXCLUSION + 1 sums, and the lowest of them is `left_q`; places right of the zone come later.
 //
-// Two clocks a sum: compare, then update. Sums come at least two clocks apart, and `sum` and `place`
-// stay for the clock after `sum_valid`. The result stands from two clocks after the last sum until
-// `start`; without a second best, `second` and `second_sum` are 0.
+// Two clocks a sum: compare, then update. Sums come at least two clocks apart, and `sum_i` and
+// `place_i` stay for the clock after `sum_valid_i`. The result stands from two clocks after the last
+// sum until `start_i`; without a second best, `second_o` and `second_sum_o` are 0.
 module vpr_search #(
-    parameter int EXCLUSION  = 0,
-    parameter int SUM_BITS   = 1,
-    parameter int PLACE_BITS = 1,
-    parameter bit SLOW_BLOCKS = 0  // see vpr_device
+    localparam int EXCLUSION   = vpr_pkg::EXCLUSION,
+    localparam int SUM_BITS    = vpr_pkg::SUM_BITS,
+    localparam int PLACE_BITS  = vpr_pkg::PLACE_BITS,
+    parameter  bit SLOW_BLOCKS = 0  // see vpr_core
 ) (
-    input  logic                  clk,
-    input  logic                  rst,
-    input  logic                  start,
-    input  logic                  sum_valid,
-    input  logic [PLACE_BITS-1:0] place,
-    input  logic [SUM_BITS-1:0]   sum,
-    output logic                  became,  // in the clock after `sum_valid`: it is the best
-    output logic                  has_best,
-    output logic [PLACE_BITS-1:0] best,
-    output logic [SUM_BITS-1:0]   best_sum,
-    output logic [PLACE_BITS-1:0] ties,
-    output logic                  has_second,
-    output logic [PLACE_BITS-1:0] second,
-    output logic [SUM_BITS-1:0]   second_sum
+    input  logic                  clk_i,
+    input  logic                  rst_i,
+    input  logic                  start_i,
+    input  logic                  sum_valid_i,
+    input  logic [PLACE_BITS-1:0] place_i,
+    input  logic [SUM_BITS-1:0]   sum_i,
+    output logic                  became_o,  // in the clock after `sum_valid_i`: it is the best
+    output logic                  has_best_o,
+    output logic [PLACE_BITS-1:0] best_o,
+    output logic [SUM_BITS-1:0]   best_sum_o,
+    output logic [PLACE_BITS-1:0] ties_o,
+    output logic                  has_second_o,
+    output logic [PLACE_BITS-1:0] second_o,
+    output logic [SUM_BITS-1:0]   second_sum_o
 );
     localparam int DELAY     = EXCLUSION + 1;
     localparam int ZONE_BITS = $clog2(DELAY + 1);
 
-    logic [ZONE_BITS-1:0]  filled;
-    logic [ZONE_BITS-1:0]  behind;  // places since the best, at most EXCLUSION
-    logic                  has_left;
-    logic [PLACE_BITS-1:0] left;
-    logic [SUM_BITS-1:0]   left_sum;
+    logic [ZONE_BITS-1:0]  filled_q;
+    logic [ZONE_BITS-1:0]  behind_q;  // places since the best, at most EXCLUSION
+    logic                  has_left_q;
+    logic [PLACE_BITS-1:0] left_q;
+    logic [SUM_BITS-1:0]   left_sum_q;
 
     // first clock: compare
-    logic                  update;
-    logic                  sum_lower, sum_equal, sum_below_second, oldest_lower;
-    logic [PLACE_BITS-1:0] oldest_place;
+    logic                  update_q;
+    logic                  sum_lower_q, sum_equal_q, sum_below_second_q, oldest_lower_q;
+    logic [PLACE_BITS-1:0] oldest_place_q;
 
     // the sum of DELAY places before, inverted, as it is compared
     logic [SUM_BITS-1:0] oldest_inverse;
@@ -49,69 +49,69 @@ module vpr_search #(
     vpr_delay #(
         .STEPS(DELAY), .BITS(SUM_BITS), .IN_LOGIC(SLOW_BLOCKS)
     ) delay (
-        .clk(clk), .rst(rst), .push(update), .word(~sum), .oldest(oldest_inverse)
+        .clk_i(clk_i), .rst_i(rst_i), .push_i(update_q), .word_i(~sum_i), .oldest_o(oldest_inverse)
     );
 
     // the carry of b + ~a says that a is less than b
-    wire [SUM_BITS:0] below_best   = {1'b0, best_sum} + {1'b0, ~sum};
-    wire [SUM_BITS:0] below_second = {1'b0, second_sum} + {1'b0, ~sum};
-    wire [SUM_BITS:0] below_left   = {1'b0, left_sum} + {1'b0, oldest_inverse};
+    wire [SUM_BITS:0] below_best   = {1'b0, best_sum_o} + {1'b0, ~sum_i};
+    wire [SUM_BITS:0] below_second = {1'b0, second_sum_o} + {1'b0, ~sum_i};
+    wire [SUM_BITS:0] below_left   = {1'b0, left_sum_q} + {1'b0, oldest_inverse};
 
-    always_ff @(posedge clk) begin
-        update           <= sum_valid && !start && !rst;
-        sum_lower        <= below_best[SUM_BITS];
-        sum_equal        <= sum == best_sum;
-        sum_below_second <= below_second[SUM_BITS];
-        oldest_lower     <= below_left[SUM_BITS];
-        oldest_place     <= place - PLACE_BITS'(DELAY);
+    always_ff @(posedge clk_i) begin
+        update_q           <= sum_valid_i && !start_i && !rst_i;
+        sum_lower_q        <= below_best[SUM_BITS];
+        sum_equal_q        <= sum_i == best_sum_o;
+        sum_below_second_q <= below_second[SUM_BITS];
+        oldest_lower_q     <= below_left[SUM_BITS];
+        oldest_place_q     <= place_i - PLACE_BITS'(DELAY);
     end
 
     // second clock: update
-    wire leaves   = filled == ZONE_BITS'(DELAY);
-    wire nearer   = leaves && (!has_left || oldest_lower);
-    wire becomes  = !has_best || sum_lower;
-    wire outside  = behind == ZONE_BITS'(EXCLUSION);
-    assign became = update && becomes;
+    wire leaves   = filled_q == ZONE_BITS'(DELAY);
+    wire nearer   = leaves && (!has_left_q || oldest_lower_q);
+    wire becomes  = !has_best_o || sum_lower_q;
+    wire outside  = behind_q == ZONE_BITS'(EXCLUSION);
+    assign became_o = update_q && becomes;
 
-    wire [PLACE_BITS-1:0] next_left     = nearer ? oldest_place : left;
-    wire [SUM_BITS-1:0]   next_left_sum = nearer ? oldest : left_sum;
+    wire [PLACE_BITS-1:0] left_d     = nearer ? oldest_place_q : left_q;
+    wire [SUM_BITS-1:0]   left_sum_d = nearer ? oldest : left_sum_q;
 
-    always_ff @(posedge clk) begin
-        if (update) begin
-            if (!leaves) filled <= filled + 1'b1;
-            has_left <= has_left || leaves;
-            left     <= next_left;
-            left_sum <= next_left_sum;
-            has_best <= 1'b1;
+    always_ff @(posedge clk_i) begin
+        if (update_q) begin
+            if (!leaves) filled_q <= filled_q + 1'b1;
+            has_left_q <= has_left_q || leaves;
+            left_q     <= left_d;
+            left_sum_q <= left_sum_d;
+            has_best_o <= 1'b1;
             if (becomes) begin
-                best       <= place;
-                best_sum   <= sum;
-                ties       <= '0;
-                behind     <= '0;
-                has_second <= has_left || leaves;
-                second     <= next_left;
-                second_sum <= next_left_sum;
+                best_o       <= place_i;
+                best_sum_o   <= sum_i;
+                ties_o       <= '0;
+                behind_q     <= '0;
+                has_second_o <= has_left_q || leaves;
+                second_o     <= left_d;
+                second_sum_o <= left_sum_d;
             end else begin
-                if (sum_equal) ties <= ties + 1'b1;
-                if (!outside) behind <= behind + 1'b1;
-                else if (!has_second || sum_below_second) begin
-                    has_second <= 1'b1;
-                    second     <= place;
-                    second_sum <= sum;
+                if (sum_equal_q) ties_o <= ties_o + 1'b1;
+                if (!outside) behind_q <= behind_q + 1'b1;
+                else if (!has_second_o || sum_below_second_q) begin
+                    has_second_o <= 1'b1;
+                    second_o     <= place_i;
+                    second_sum_o <= sum_i;
                 end
             end
         end
-        if (start || rst) begin
-            filled     <= '0;
-            behind     <= '0;
-            has_left   <= 1'b0;
-            has_best   <= 1'b0;
-            has_second <= 1'b0;
-            ties       <= '0;
-            left       <= '0;
-            left_sum   <= '0;
-            second     <= '0;
-            second_sum <= '0;
+        if (start_i || rst_i) begin
+            filled_q     <= '0;
+            behind_q     <= '0;
+            has_left_q   <= 1'b0;
+            has_best_o   <= 1'b0;
+            has_second_o <= 1'b0;
+            ties_o       <= '0;
+            left_q       <= '0;
+            left_sum_q   <= '0;
+            second_o     <= '0;
+            second_sum_o <= '0;
         end
     end
 

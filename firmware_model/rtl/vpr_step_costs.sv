@@ -2,24 +2,23 @@
 // of the place that is reached, in sixteenths of an octave: a row of the table for each half octave
 // from -6 to +2, to which the difference is rounded and limited.
 //
-// `place` stands for two clocks at least. `costs` are those of a place that came with an edge at the
-// third edge behind it: its activity, the difference, and the row are a clock each. They stay for as
-// many clocks as the place. No cost is above RESTART.
+// `place_i` stands for two clocks at least. `costs_o` are those of a place that came with an edge at
+// the third edge behind it: its activity, the difference, and the row are a clock each. They stay
+// for as many clocks as the place. No cost is above RESTART.
 module vpr_step_costs #(
-    parameter int         PLACES     = 1,
-    parameter int         PLACE_BITS = 1,
-    parameter logic [9:0] RESTART    = 0,
-    parameter int         COST_BITS  = 7,
-    parameter bit         LOADABLE   = 0,
-    parameter             FILE       = "place_activity.mem"
+    localparam int         PLACES     = vpr_pkg::PLACES,
+    localparam int         PLACE_BITS = vpr_pkg::PLACE_BITS,
+    localparam logic [9:0] RESTART    = vpr_pkg::RESTART,
+    localparam int         COST_BITS  = vpr_pkg::COST_BITS,
+    parameter  bit         LOADABLE   = 0
 ) (
-    input  logic                       clk,
-    input  logic                       load,  // see vpr_rom
-    input  logic [19:0]                load_address,
-    input  logic [31:0]                load_word,
-    input  logic [9:0]                 activity_inverse,
-    input  logic [PLACE_BITS-1:0]      place,
-    output logic [4*COST_BITS-1:0]     costs
+    input  logic                       clk_i,
+    input  logic                       load_i,  // see vpr_rom
+    input  logic [19:0]                load_address_i,
+    input  logic [31:0]                load_word_i,
+    input  logic [9:0]                 activity_inverse_i,
+    input  logic [PLACE_BITS-1:0]      place_i,
+    output logic [4*COST_BITS-1:0]     costs_o
 );
     localparam int STEPS    = 4;
     localparam int ROWS     = 17;
@@ -65,23 +64,24 @@ module vpr_step_costs #(
             rows[at] = {cost_at(at, 3), cost_at(at, 2), cost_at(at, 1), cost_at(at, 0)};
 
     logic [7:0]          of_place;
-    logic [ROW_BITS-1:0] difference;
+    logic [ROW_BITS-1:0] difference_q;
 
     vpr_rom #(
-        .DEPTH(PLACES), .BITS(8), .ADDRESS_BITS(PLACE_BITS), .FILE(FILE), .LOADABLE(LOADABLE)
+        .DEPTH(PLACES), .BITS(8), .ADDRESS_BITS(PLACE_BITS), .FILE("place_activity.mem"),
+        .LOADABLE(LOADABLE)
     ) place_activity (
-        .clk(clk), .enable(1'b1), .address(place), .word(of_place),
-        .load(load), .load_address(load_address), .load_word(load_word)
+        .clk_i(clk_i), .enable_i(1'b1), .address_i(place_i), .word_o(of_place),
+        .load_i(load_i), .load_address_i(load_address_i), .load_word_i(load_word_i)
     );
 
     // the place's less the window's, less 1: the inverse of the window's less the place's
-    wire [9:0] less = {{2{of_place[7]}}, of_place} + activity_inverse;
+    wire [9:0] less = {{2{of_place[7]}}, of_place} + activity_inverse_i;
     wire       fits = less[8:7] == {2{less[9]}};
 
-    always_ff @(posedge clk) begin
+    always_ff @(posedge clk_i) begin
         // beyond 8 octaves it is as far as 6 bits can tell, which is behind the last row
-        difference <= fits ? ~less[7:2] : {!less[9], {(ROW_BITS - 1){less[9]}}};
-        costs      <= rows[difference];
+        difference_q <= fits ? ~less[7:2] : {!less[9], {(ROW_BITS - 1){less[9]}}};
+        costs_o      <= rows[difference_q];
     end
 
     wire unused = &{1'b0, less};

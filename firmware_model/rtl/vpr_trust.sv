@@ -5,29 +5,29 @@
 // misfit is the most evidence against the matched place of this window and the two before, times
 // 16. Margin and evidence saturate at 23. Below TRUST a match is not trusted.
 //
-// `misfit` is that of the place that has become the best (`became`). `update` begins when the match
-// stands; `trust` and `trusted` are registered at the seventh clock edge behind it, and the eighth,
-// and stay.
+// `misfit_i` is that of the place that has become the best (`became_i`). `update_i` begins when the
+// match stands; `trust_o` and `trusted_o` are registered at the seventh clock edge behind it, and
+// the eighth, and stay.
 module vpr_trust #(
-    parameter int           STEPS       = 1,
-    parameter int           BACK        = 0,
-    parameter logic [8:0]   TRUST       = 0,
-    parameter int           PLACE_BITS  = 1,
-    parameter int           METRIC_BITS = 10,
-    parameter int           TRUST_BITS  = 9,
-    parameter int           MARGIN_BITS = 5
+    localparam int         STEPS       = vpr_pkg::STEPS,
+    localparam int         BACK        = vpr_pkg::BACK,
+    localparam logic [8:0] TRUST       = vpr_pkg::TRUST,
+    localparam int         PLACE_BITS  = vpr_pkg::PLACE_BITS,
+    localparam int         METRIC_BITS = vpr_pkg::METRIC_BITS,
+    localparam int         TRUST_BITS  = vpr_pkg::TRUST_BITS,
+    localparam int         MARGIN_BITS = vpr_pkg::MISFIT_BITS
 ) (
-    input  logic                   clk,
-    input  logic                   rst,
-    input  logic                   became,
-    input  logic [MARGIN_BITS-1:0] misfit,
-    input  logic                   update,
-    input  logic [PLACE_BITS-1:0]  best,
-    input  logic [METRIC_BITS-1:0] best_sum,
-    input  logic                   has_second,
-    input  logic [METRIC_BITS-1:0] second_sum,
-    output logic [TRUST_BITS-1:0]  trust,
-    output logic                   trusted
+    input  logic                   clk_i,
+    input  logic                   rst_i,
+    input  logic                   became_i,
+    input  logic [MARGIN_BITS-1:0] misfit_i,
+    input  logic                   update_i,
+    input  logic [PLACE_BITS-1:0]  best_i,
+    input  logic [METRIC_BITS-1:0] best_sum_i,
+    input  logic                   has_second_i,
+    input  logic [METRIC_BITS-1:0] second_sum_i,
+    output logic [TRUST_BITS-1:0]  trust_o,
+    output logic                   trusted_o
 );
     localparam int FRACTION       = TRUST_BITS - MARGIN_BITS;
     localparam int TRUST_SHIFT    = 2;
@@ -39,64 +39,64 @@ module vpr_trust #(
     localparam logic [4:0] LONGEST = 5'(LAST + BACK);
     localparam logic [MARGIN_BITS-1:0] MARGIN_TOP = MARGIN_BITS'(23);
 
-    logic [5:0]                    phase;
-    logic                          placed, beyond, stays, falls;
+    logic [5:0]                    phase_q;
+    logic                          placed_q, beyond_q, stays_q, falls_q;
     // as they are subtracted: the lowest place that follows from the match before, and the margin
-    logic [BITS-1:0]               lowest_inverse;
-    logic [METRIC_BITS-1:0]        margin_inverse;
-    logic [MARGIN_BITS-1:0]        limited_inverse;
-    logic [BITS-1:0]               step;  // from that place; from below it, very long
-    logic [TRUST_BITS-1:0]         support;
-    logic signed [TRUST_BITS:0]    difference;
-    logic [TRUST_BITS-1:0]         moves;
+    logic [BITS-1:0]               lowest_inverse_q;
+    logic [METRIC_BITS-1:0]        margin_inverse_q;
+    logic [MARGIN_BITS-1:0]        limited_inverse_q;
+    logic [BITS-1:0]               step_q;  // from that place; from below it, very long
+    logic [TRUST_BITS-1:0]         support_q;
+    logic signed [TRUST_BITS:0]    difference_q;
+    logic [TRUST_BITS-1:0]         moves_q;
     // of this match, of the two before, the larger of these, and the largest of all
-    logic [MARGIN_BITS-1:0]        newest, former, earlier, larger, worst;
+    logic [MARGIN_BITS-1:0]        newest_q, former_q, earlier_q, larger_q, worst_q;
 
     // what it falls by where the place stays, unless it falls by more than that anyway
-    wire [TRUST_BITS-1:0]      fall  = support >> STANDING_SHIFT;
-    wire signed [TRUST_BITS:0] moved = difference >>> TRUST_SHIFT;
+    wire [TRUST_BITS-1:0]      fall  = support_q >> STANDING_SHIFT;
+    wire signed [TRUST_BITS:0] moved = difference_q >>> TRUST_SHIFT;
     wire signed [TRUST_BITS:0] more  = moved + $signed({1'b0, fall});
-    wire [TRUST_BITS:0]        lacking = {1'b0, trust} - (TRUST_BITS + 1)'(TRUST);
+    wire [TRUST_BITS:0]        lacking = {1'b0, trust_o} - (TRUST_BITS + 1)'(TRUST);
     // the carry says that the support is not below the misfit
     wire [MARGIN_BITS:0]       left =
-        {1'b1, support[TRUST_BITS-1:FRACTION]} - {1'b0, worst};
+        {1'b1, support_q[TRUST_BITS-1:FRACTION]} - {1'b0, worst_q};
 
-    always_ff @(posedge clk) begin
-        phase      <= {phase[4:0], update};
-        margin_inverse <= best_sum + ~second_sum;
-        if (!has_second) margin_inverse <= '0;
+    always_ff @(posedge clk_i) begin
+        phase_q      <= {phase_q[4:0], update_i};
+        margin_inverse_q <= best_sum_i + ~second_sum_i;
+        if (!has_second_i) margin_inverse_q <= '0;
         // 24 and above are those with both upper bits, or with more
-        limited_inverse <= &margin_inverse[METRIC_BITS-1:MARGIN_BITS]
-            && |margin_inverse[MARGIN_BITS-1:MARGIN_BITS-2]
-            ? margin_inverse[MARGIN_BITS-1:0] : ~MARGIN_TOP;
-        step       <= BITS'(({BITS'(best), 1'b1} + {lowest_inverse, 1'b1}) >> 1);
-        beyond     <= step[BITS-1:5] != 0 || step[4:0] > LONGEST;
-        stays      <= placed && step == BITS'(BACK);
-        difference <= ~({1'b1, limited_inverse, {FRACTION{1'b1}}} + {1'b0, support});
-        falls      <= stays && !more[TRUST_BITS];
-        moves      <= stays && !more[TRUST_BITS] ? ~fall : moved[TRUST_BITS-1:0];
-        if (phase[1] && (!placed || beyond)) support <= '0;
-        larger     <= former > earlier ? former : earlier;
-        worst      <= newest > larger ? newest : larger;
-        if (became) newest <= misfit;
-        if (phase[4]) begin
+        limited_inverse_q <= &margin_inverse_q[METRIC_BITS-1:MARGIN_BITS]
+            && |margin_inverse_q[MARGIN_BITS-1:MARGIN_BITS-2]
+            ? margin_inverse_q[MARGIN_BITS-1:0] : ~MARGIN_TOP;
+        step_q       <= BITS'(({BITS'(best_i), 1'b1} + {lowest_inverse_q, 1'b1}) >> 1);
+        beyond_q     <= step_q[BITS-1:5] != 0 || step_q[4:0] > LONGEST;
+        stays_q      <= placed_q && step_q == BITS'(BACK);
+        difference_q <= ~({1'b1, limited_inverse_q, {FRACTION{1'b1}}} + {1'b0, support_q});
+        falls_q      <= stays_q && !more[TRUST_BITS];
+        moves_q      <= stays_q && !more[TRUST_BITS] ? ~fall : moved[TRUST_BITS-1:0];
+        if (phase_q[1] && (!placed_q || beyond_q)) support_q <= '0;
+        larger_q     <= former_q > earlier_q ? former_q : earlier_q;
+        worst_q      <= newest_q > larger_q ? newest_q : larger_q;
+        if (became_i) newest_q <= misfit_i;
+        if (phase_q[4]) begin
             // the inverse of the fall, and a carry
-            support <= TRUST_BITS'(({support, 1'b1} + {moves, falls}) >> 1);
-            lowest_inverse <= ~(BITS'(best) - BITS'(BACK));
-            placed <= 1'b1;
+            support_q <= TRUST_BITS'(({support_q, 1'b1} + {moves_q, falls_q}) >> 1);
+            lowest_inverse_q <= ~(BITS'(best_i) - BITS'(BACK));
+            placed_q <= 1'b1;
         end
-        if (phase[5]) begin
-            trust   <= left[MARGIN_BITS]
-                ? {left[MARGIN_BITS-1:0], support[FRACTION-1:0]} : '0;
-            former  <= newest;
-            earlier <= former;
+        if (phase_q[5]) begin
+            trust_o   <= left[MARGIN_BITS]
+                ? {left[MARGIN_BITS-1:0], support_q[FRACTION-1:0]} : '0;
+            former_q  <= newest_q;
+            earlier_q <= former_q;
         end
-        trusted <= !lacking[TRUST_BITS];
-        if (rst) begin
-            phase   <= '0;
-            placed  <= 1'b0;
-            former  <= '0;
-            earlier <= '0;
+        trusted_o <= !lacking[TRUST_BITS];
+        if (rst_i) begin
+            phase_q   <= '0;
+            placed_q  <= 1'b0;
+            former_q  <= '0;
+            earlier_q <= '0;
         end
     end
 

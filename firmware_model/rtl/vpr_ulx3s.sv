@@ -25,7 +25,7 @@ module vpr_ulx3s (
     vpr_spi_device #(
         .MEMORY_STYLE("auto"), .SLOW_BLOCKS(1)
     ) device (
-        .clk(clk), .locked(locked), .sck(sck), .ss_n(ss_n), .mosi(mosi), .miso(miso),
-        .ready(ready), .match(match)
+        .clk_i(clk), .locked_i(locked), .sck_i(sck), .ss_n_i(ss_n), .mosi_i(mosi), .miso_o(miso),
+        .ready_o(ready), .match_o(match)
     );
 endmodule

@@ -24,12 +24,11 @@ module SB_PLL40_PAD #(
 endmodule
 
 module vpr_up5k_bench;
-    import vpr_design::*;
+    import vpr_pkg::*;
 
-    localparam int EVENT_BITS  = EVENT_TIME_BITS + 32;
     localparam int PLACE_BYTES = (LANES * CODE_BITS + 7) / 8;
     localparam int TIME_BYTES  = (TIMESTAMP_BITS + 7) / 8;
-    localparam int START_BYTES = TIME_BYTES + (FILTER || OWN_MEAN ? 4 : 0);
+    localparam int START_BYTES = TIME_BYTES + (PAUSES ? 4 : 0);
     localparam int MATCH_BYTES = (MATCH_BITS + 7) / 8;
 
     logic clk = 1'b0, sck = 1'b0, ss_n = 1'b1, mosi = 1'b0;
@@ -109,7 +108,7 @@ module vpr_up5k_bench;
         file = $fopen("start.mem", "r");
         if ($fscanf(file, "%h", value) != 1) $fatal(1, "start.mem");
         $fclose(file);
-        if (FILTER || OWN_MEAN) begin
+        if (PAUSES) begin
             file = $fopen("activity.mem", "r");
             if ($fscanf(file, "%h", activity) != 1) $fatal(1, "activity.mem");
             $fclose(file);

@@ -1,21 +1,21 @@
 // End of a window by time, on a clock that wraps: what is left of the window at time t is
 // end - t modulo 2^TIMESTAMP_BITS, read as a signed number. The window has ended if it is 0 or less.
 //
-// `take` reads the time of an event, if there is one; from the next clock, `over` says whether the window has ended
-// by it. A new window moves the end by TAU_US, and what the event is behind it, a bit a clock:
-// meanwhile `settled` is low, `over` has no meaning, and no event may be taken.
+// `take_i` reads the time of an event, if there is one; from the next clock, `over_o` says whether
+// the window has ended by it. A new window moves the end by TAU_US, and what the event is behind it,
+// a bit a clock: meanwhile `settled_o` is low, `over_o` has no meaning, and no event may be taken.
 module vpr_window_timer #(
-    parameter int          TIMESTAMP_BITS = 32,
-    parameter logic [63:0] TAU_US         = 1
+    localparam int          TIMESTAMP_BITS = vpr_pkg::TIMESTAMP_BITS,
+    localparam logic [63:0] TAU_US         = vpr_pkg::TAU_US
 ) (
-    input  logic                      clk,
-    input  logic                      load,
-    input  logic [TIMESTAMP_BITS-1:0] start_time,
-    input  logic                      next_window,
-    input  logic                      take,
-    input  logic [TIMESTAMP_BITS-1:0] timestamp,
-    output logic                      settled,
-    output logic                      over
+    input  logic                      clk_i,
+    input  logic                      load_i,
+    input  logic [TIMESTAMP_BITS-1:0] start_time_i,
+    input  logic                      next_window_i,
+    input  logic                      take_i,
+    input  logic [TIMESTAMP_BITS-1:0] timestamp_i,
+    output logic                      settled_o,
+    output logic                      over_o
 );
     localparam int STEP_BITS = $clog2(TIMESTAMP_BITS);
     localparam logic [(1<<STEP_BITS)-1:0] LESS_TAU =
@@ -27,62 +27,62 @@ module vpr_window_timer #(
 
     // The inverse of the end is kept, as an adder that subtracts takes it; and t - end, and whether
     // the bits of that below the highest are 0. The carry of its lower half into the upper one is
-    // `due`, as carries through both take too long. It would go through to the highest bit if the
-    // others of the upper half are all 1 (`passes`), and is added when the end has moved.
-    logic [TIMESTAMP_BITS-1:0] end_inverse, behind;
-    logic                      low_zero, due, passes;
-    logic [STEP_BITS-1:0]      step;
-    logic                      end_carry;
-    logic [1:0]                behind_carry;
+    // `due_q`, as carries through both take too long. It would go through to the highest bit if the
+    // others of the upper half are all 1 (`passes_q`), and is added when the end has moved.
+    logic [TIMESTAMP_BITS-1:0] end_inverse_q, behind_q;
+    logic                      low_zero_q, due_q, passes_q;
+    logic [STEP_BITS-1:0]      step_q;
+    logic                      end_carry_q;
+    logic [1:0]                behind_carry_q;
 
-    logic added;  // the bit of -TAU_US for this step, which is selected in the one before
+    logic added_q;  // the bit of -TAU_US for this step, which is selected in the one before
 
-    // `behind` is not negative, or the lowest number, which is its own negative
-    assign over = behind[TIMESTAMP_BITS-1] == (due && passes) || low_zero;
+    // `behind_q` is not negative, or the lowest number, which is its own negative
+    assign over_o = behind_q[TIMESTAMP_BITS-1] == (due_q && passes_q) || low_zero_q;
 
-    wire [2:0] moved    = 3'(behind[0]) + 3'(added) + 3'(behind_carry);
+    wire [2:0] moved    = 3'(behind_q[0]) + 3'(added_q) + 3'(behind_carry_q);
     wire       next_bit = moved[0];
 
     // bits of the difference that are 1 but for carries
     wire [TIMESTAMP_BITS-2:0] ones =
-        timestamp[TIMESTAMP_BITS-2:0] ^ end_inverse[TIMESTAMP_BITS-2:0];
+        timestamp_i[TIMESTAMP_BITS-2:0] ^ end_inverse_q[TIMESTAMP_BITS-2:0];
 
-    always_ff @(posedge clk) begin
-        if (load) end_inverse <= ~start_time;
-        else if (!settled)
-            end_inverse <= {end_inverse[0] ^ added ^ end_carry, end_inverse[TIMESTAMP_BITS-1:1]};
-        if (settled && take) begin
-            {due, behind[LOW_BITS-1:0]} <= (LOW_BITS + 1)'(({1'b0, timestamp[LOW_BITS-1:0], 1'b1}
-                + {1'b0, end_inverse[LOW_BITS-1:0], 1'b1}) >> 1);
-            behind[TIMESTAMP_BITS-1:LOW_BITS] <=
-                timestamp[TIMESTAMP_BITS-1:LOW_BITS] + end_inverse[TIMESTAMP_BITS-1:LOW_BITS];
-            low_zero <= &ones;
-            passes   <= &(ones | LOW);
-        end else if (!settled) begin
-            behind <= {next_bit, behind[TIMESTAMP_BITS-1:1]};
-            if (step == STEP_BITS'(LOW_BITS - 1)) due <= 1'b0;
+    always_ff @(posedge clk_i) begin
+        if (load_i) end_inverse_q <= ~start_time_i;
+        else if (!settled_o)
+            end_inverse_q <= {end_inverse_q[0] ^ added_q ^ end_carry_q, end_inverse_q[TIMESTAMP_BITS-1:1]};
+        if (settled_o && take_i) begin
+            {due_q, behind_q[LOW_BITS-1:0]} <= (LOW_BITS + 1)'(({1'b0, timestamp_i[LOW_BITS-1:0], 1'b1}
+                + {1'b0, end_inverse_q[LOW_BITS-1:0], 1'b1}) >> 1);
+            behind_q[TIMESTAMP_BITS-1:LOW_BITS] <=
+                timestamp_i[TIMESTAMP_BITS-1:LOW_BITS] + end_inverse_q[TIMESTAMP_BITS-1:LOW_BITS];
+            low_zero_q <= &ones;
+            passes_q   <= &(ones | LOW);
+        end else if (!settled_o) begin
+            behind_q <= {next_bit, behind_q[TIMESTAMP_BITS-1:1]};
+            if (step_q == STEP_BITS'(LOW_BITS - 1)) due_q <= 1'b0;
             // all bits but the last to come
-            low_zero <= step == STEP_BITS'(TIMESTAMP_BITS - 1) ? low_zero
-                        : (low_zero || step == 0) && !next_bit;
+            low_zero_q <= step_q == STEP_BITS'(TIMESTAMP_BITS - 1) ? low_zero_q
+                        : (low_zero_q || step_q == 0) && !next_bit;
         end
-        if (settled) begin
-            step         <= '0;
-            added        <= LESS_TAU[0];
-            end_carry    <= 1'b0;
-            behind_carry <= '0;
-            settled      <= !next_window;
+        if (settled_o) begin
+            step_q         <= '0;
+            added_q        <= LESS_TAU[0];
+            end_carry_q    <= 1'b0;
+            behind_carry_q <= '0;
+            settled_o      <= !next_window_i;
         end else begin
-            step         <= step + 1'b1;
-            added        <= NEXT_OF_TAU[step];
-            end_carry    <= (end_inverse[0] && (added || end_carry)) || (added && end_carry);
-            behind_carry <= moved[2:1] + 2'(due && step == STEP_BITS'(LOW_BITS - 1));
-            settled      <= step == STEP_BITS'(TIMESTAMP_BITS - 1);
+            step_q         <= step_q + 1'b1;
+            added_q        <= NEXT_OF_TAU[step_q];
+            end_carry_q    <= (end_inverse_q[0] && (added_q || end_carry_q)) || (added_q && end_carry_q);
+            behind_carry_q <= moved[2:1] + 2'(due_q && step_q == STEP_BITS'(LOW_BITS - 1));
+            settled_o      <= step_q == STEP_BITS'(TIMESTAMP_BITS - 1);
         end
-        if (load) begin
-            settled   <= 1'b0;
-            step      <= '0;
-            added     <= LESS_TAU[0];
-            end_carry <= 1'b0;
+        if (load_i) begin
+            settled_o   <= 1'b0;
+            step_q      <= '0;
+            added_q     <= LESS_TAU[0];
+            end_carry_q <= 1'b0;
         end
     end
 endmodule

@@ -923,7 +923,7 @@ def _rounded_means(design: Design) -> list[Case]:
 
 
 def _thresholds(design: Design) -> list[Case]:
-    """Set the threshold of trust to a value that occurs, and to one above it."""
+    """Set the threshold of trust to a value that occurs, to one above it, and above 8 bits."""
     forward = replace(design, exclusion=1, accept="margin", margin=0, trust=0)
     route = [0, 1, 2, 3, 4, 5, 6]
     told = [match.trust for match in drive("", forward, route).trace().matches]
@@ -931,6 +931,8 @@ def _thresholds(design: Design) -> list[Case]:
     return [
         drive("trusted", replace(forward, trust=trust), route),
         drive("distrusted", replace(forward, trust=trust + 1), route),
+        # of whose lower 8 bits there is more
+        drive("distrusted_by_far", replace(forward, trust=min(trust + 256, TRUST_TOP)), route),
     ]
 
 

@@ -63,10 +63,10 @@ FIRST = (
 )  # fmt: skip
 #: mutants that behave as the source does, and the reason
 EQUAL = {
-    ("vpr_activity.sv", "{wrapped, events} - {1'b0, {EVENTS_BITS{has_events}}} + "
-     "(EVENTS_BITS + 1)'(counted);"): "the operand is 0 whenever the sum is taken",
-    ("vpr_activity.sv", "{wrapped, events} + {1'b0, {EVENTS_BITS{has_events}}} + "
-     "(EVENTS_BITS - 1)'(counted);"): "either width holds the one bit",
+    ("vpr_activity.sv", "{wrapped_q, events_q} - {1'b0, {EVENTS_BITS{has_events_q}}} + "
+     "(EVENTS_BITS + 1)'(counted_i);"): "the operand is 0 whenever the sum is taken",
+    ("vpr_activity.sv", "{wrapped_q, events_q} + {1'b0, {EVENTS_BITS{has_events_q}}} + "
+     "(EVENTS_BITS - 1)'(counted_i);"): "either width holds the one bit",
     ("vpr_logarithm.sv", "memory[(15 - of) * 32 + at] = at < 8 ? 1'b1 : "
      "POWERS[24*of+(at<8?0:at-8)];"): "the words below the lowest bit of a power are not read",
 }  # fmt: skip

@@ -4,49 +4,92 @@ The proofs use yosys and its yosys-smtbmc with the solver z3 (``apt install yosy
 package ``z3-solver``), and its model checker pdr for the core's streams. The files in ``formal/``
 state what must hold. No proof has a bound on the number of clocks, unless its claim says so. Each
 deliberately broken version must be refused, and so must be the claim that a state is never reached.
+Each line ends with the seconds of the processor; ``--table`` writes those of the claims about the
+core's streams as a table.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
+import resource
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from pathlib import Path
+from typing import NamedTuple
 
 from firmware_model.errors import ToolError
 from firmware_model.verification import stream_proof, unit_proof
 
 
+class Trial(NamedTuple):
+    """What is tried, by its name, and what is said of it where it is as it must be, and if not."""
+
+    name: str
+    succeeds: Callable[[], bool]
+    good: str
+    bad: str
+
+
 def main(words: Sequence[str] | None = None) -> int:
-    """Run the command; return 1 if a proof fails, or a broken version passes."""
-    argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0]).parse_args(words)
-    failures = 0
-    try:
-        for what, holds in _outcomes():
-            failures += not holds
-            print(what, flush=True)
-    except ToolError as error:
-        print(error, file=sys.stderr)
-        return 1
+    """Run the command; return 1 if a proof fails or has no answer, or a broken version passes."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument(
+        "--only", metavar="TEXT", default="", help="those whose name has this text alone"
+    )
+    parser.add_argument("--skip", type=int, default=0, metavar="N", help="go on behind the first N")
+    parser.add_argument("--table", type=Path, metavar="FILE.csv", help="seconds by claim and kind")
+    args = parser.parse_args(words)
+    chosen = [trial for trial in _trials() if args.only in trial.name][args.skip :]
+    failures, seconds = 0, {}
+    for trial in chosen:
+        begun = _processor_seconds()
+        try:
+            good = trial.succeeds()
+            said = trial.good if good else trial.bad
+        except ToolError as error:
+            if isinstance(error.__cause__, FileNotFoundError):
+                print(error, file=sys.stderr)
+                return 1
+            good, said = False, f"NO ANSWER, {error}"
+        failures += not good
+        seconds[trial.name] = _processor_seconds() - begun
+        print(f"{trial.name}: {said}, {seconds[trial.name]:.0f} s", flush=True)
+    if args.table is not None:
+        with args.table.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file, lineterminator="\n").writerows(_table(seconds))
     return int(failures > 0)
 
 
-def _outcomes() -> Iterator[tuple[str, bool]]:
-    """Run all proofs and covers, and check that each broken version is refused."""
+def _processor_seconds() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def _trials() -> Iterator[Trial]:
+    """Yield all proofs and covers, and the broken versions that must be refused."""
     proofs = {name: unit.proved for name, unit in unit_proof.PROVED.items()}
     proofs |= {claim.name: partial(stream_proof.holds, claim) for claim in stream_proof.CLAIMS}
-    for what, proof in proofs.items():
-        holds = proof()
-        yield f"{what}: {'proved' if holds else 'NOT PROVED'}", holds
+    for name, proof in proofs.items():
+        yield Trial(name, proof, "proved", "NOT PROVED")
     for claim in stream_proof.REACHED:
-        reached = not stream_proof.holds(claim)
-        yield f"{claim.name}: {'refused' if reached else 'NEVER REACHED'}", reached
+        reached = partial(stream_proof.reached, claim)
+        yield Trial(claim.name, reached, "refused", "NEVER REACHED")
     broken_units = (unit_proof.SMALL_SEARCH, unit_proof.PREDICTION, unit_proof.TIMER)
     trials = {name: partial(unit.refused, name) for unit in broken_units for name in unit.broken}
     trials |= {name: partial(stream_proof.refused, name) for name in stream_proof.BROKEN}
-    for what, trial in trials.items():
-        refused = trial()
-        yield f"{what}: {'refused' if refused else 'NOT REFUSED'}", refused
+    for name, trial in trials.items():
+        yield Trial(name, trial, "refused", "NOT REFUSED")
+
+
+def _table(seconds: dict[str, float]) -> Iterator[list[str]]:
+    """Yield the rows of a table: a claim about the core's streams, and its seconds by kind."""
+    yield ["claim", *stream_proof.CORE_KINDS]
+    for define, claim in stream_proof.CORE_CLAIMS.items():
+        names = [stream_proof.core_claim(define, kind).name for kind in stream_proof.CORE_KINDS]
+        if any(name in seconds for name in names):
+            yield [claim, *(f"{seconds[n]:.0f}" if n in seconds else "-" for n in names)]
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from firmware_model.hardware.formal import (
     BOUNDED,
@@ -25,9 +26,12 @@ from firmware_model.hardware.formal import (
     core_source,
     model_check,
     run_yosys,
+    write_package,
 )
 from firmware_model.hardware.sources import UNITS
 
+#: module of the core
+CORE = "vpr_core"
 #: claim of each define of ``vpr_core_properties.sv``
 CORE_CLAIMS = {
     "EVENT": "m_event stays until it is taken, and returns each event that s_event took",
@@ -51,20 +55,35 @@ COVERS = {
 #: claims about place filters alone, with reciprocals of as many bits as those of a design: with
 #: fewer, the division ends before its match is taken
 _OF_FILTERS = {"IDLE": {"RECIPROCAL_BITS": 17}}
-#: parameters of the core that is proved, by the kind of design
-CORE_KINDS: dict[str, dict[str, int]] = {
-    "sequences of 2, windows by time": {"PATIENCE": 24, "PROGRESS": 36},
-    "sequences of 1, own means, windows by count": {
-        "LENGTH": 1, "BY_TIME": 0, "OWN_MEAN": 1, "PATIENCE": 24, "PROGRESS": 36,
-    },
-    "place filter, windows by time": {"LENGTH": 1, "FILTER": 1, "PATIENCE": 64, "PROGRESS": 70},
-    "place filter that keeps distances, own means, a step back, windows by count": {
-        "LENGTH": 1, "FILTER": 1, "BY_TIME": 0, "KEEP_DISTANCES": 1, "OWN_MEAN": 1, "BACK": 1,
-        "ACTIVITY_COSTS": 1, "PATIENCE": 64, "PROGRESS": 70,
-    },
-    "sequences of 1, contrast, windows by count": {
-        "LENGTH": 1, "BY_TIME": 0, "OWN_MEAN": 1, "CONTRAST": 1, "PATIENCE": 24, "PROGRESS": 52,
-    },
+#: constants of the cores that are proved: 2 slots and 2 places, and numbers of few bits
+_SMALL = {
+    "PIXELS": 2, "TIMESTAMP_BITS": 4, "EVENT_TIME_BITS": 4, "TAU_US": 3, "WINDOW_EVENTS": 2,
+    "PLACES": 2, "RESTART": 2, "TRUST": 1, "BY_MARGIN": 1, "MARGIN": 1, "WINDOW_EVENTS_BITS": 2,
+    "METRIC_BITS": 2, "SUM_BITS": 2, "RECIPROCAL_BITS": 5, "EVIDENCE_BITS": 2, "TRUST_BITS": 6,
+}  # fmt: skip
+
+
+class Kind(NamedTuple):
+    """Clocks within which the core must get on, and its constants beside those of `_SMALL`."""
+
+    patience: int
+    progress: int
+    constants: dict[str, int]
+
+
+#: cores that are proved, by the kind of design
+CORE_KINDS = {
+    "sequences of 2, windows by time": Kind(24, 36, {"LENGTH": 2}),
+    "sequences of 1, own means, windows by count": Kind(24, 36, {"BY_TIME": 0, "OWN_MEAN": 1}),
+    "place filter, windows by time": Kind(64, 70, {"FILTER": 1}),
+    "place filter that keeps distances, own means, a step back, windows by count": Kind(
+        64, 70,
+        {"FILTER": 1, "BY_TIME": 0, "KEEP_DISTANCES": 1, "OWN_MEAN": 1, "BACK": 1,
+         "ACTIVITY_COSTS": 1, "STEPS": 4},
+    ),
+    "sequences of 1, contrast, windows by count": Kind(
+        24, 52, {"BY_TIME": 0, "OWN_MEAN": 1, "CONTRAST": 1}
+    ),
 }  # fmt: skip
 
 
@@ -82,6 +101,8 @@ class Claim:
         Source files of the units.
     define : str
         Define of the assertions that are proved.
+    constants : dict of str to int
+        Of the package of sizes and widths.
     parameters : dict of str to int
         Parameters of `top`.
     free_memories : bool
@@ -94,6 +115,7 @@ class Claim:
     top: str
     files: tuple[str, ...]
     define: str = "PROVE_UNIT"
+    constants: dict[str, int] = field(default_factory=dict)
     parameters: dict[str, int] = field(default_factory=dict)
     free_memories: bool = False
     method: str = UNBOUNDED
@@ -114,19 +136,17 @@ def core_claim(define: str, kind: str, *, slow_blocks: bool = False) -> Claim:
     With `slow_blocks`, it is about the core that has registers behind its block memories.
     """
     name = f"{CORE_CLAIMS[define]} ({kind})"
-    parameters = CORE_KINDS[kind] | _OF_FILTERS.get(define, {})
     if slow_blocks:
         name = f"{name}, with registers behind block memories"
-        parameters = parameters | {"SLOW_BLOCKS": 1}
-    method = UNBOUNDED
-    if define == "PROGRESS" and "FILTER" not in parameters:
+    method, filters = UNBOUNDED, _filters(kind)
+    if define == "PROGRESS" and not filters:
         name, method = f"in the first {FEW_CLOCKS} clocks, {name}", BOUNDED_TO_FEW
-    elif define in ("PATIENCE", "PROGRESS") and "FILTER" in parameters:
+    elif define in ("PATIENCE", "PROGRESS") and filters:
         name, method = f"in the first {CLOCKS} clocks, {name}", BOUNDED
-    elif define == "MATCH" and "FILTER" in parameters:
+    elif define == "MATCH" and filters:
         method = SIMPLIFIED
-    files, top = _UNITS_OF_CORE, "vpr_core_properties"
-    return Claim(name, top, files, f"PROVE_{define}", parameters, True, method)
+    claim = _of_core(name, f"PROVE_{define}", kind, method, slow_blocks=slow_blocks)
+    return replace(claim, constants=claim.constants | _OF_FILTERS.get(define, {}))
 
 
 def cover(define: str, kind: str) -> Claim:
@@ -134,15 +154,27 @@ def cover(define: str, kind: str) -> Claim:
 
     `holds` must refuse it: then there are inputs that lead there in the first clocks.
     """
-    name = f"never: {COVERS[define]} ({kind})"
-    files, top = _UNITS_OF_CORE, "vpr_core_properties"
-    return Claim(name, top, files, f"COVER_{define}", CORE_KINDS[kind], True, BOUNDED)
+    return _of_core(f"never: {COVERS[define]} ({kind})", f"COVER_{define}", kind, BOUNDED)
+
+
+def _filters(kind: str) -> bool:
+    return "FILTER" in CORE_KINDS[kind].constants
+
+
+def _of_core(name: str, define: str, kind: str, method: str, *, slow_blocks: bool = False) -> Claim:
+    patience, progress, constants = CORE_KINDS[kind]
+    parameters = {"PATIENCE": patience, "PROGRESS": progress, "SLOW_BLOCKS": int(slow_blocks)}
+    top = f"{CORE}_properties"
+    return Claim(
+        name, top, _UNITS_OF_CORE, define, _SMALL | constants, parameters, True, method
+    )  # fmt: skip
 
 
 COUNTERS = Claim(
     "each event raises the count of its slot by one, up to its maximum",
     "vpr_counters_properties",
     ("vpr_ram.sv", "vpr_counters.sv"),
+    constants={"PIXELS": 3, "COUNT_MAX": 2},
 )
 DELAY = Claim(
     "a delay line returns each word so many pushes later",
@@ -157,9 +189,9 @@ CLAIMS = (
     DELAY_OF_THREE,
     *(
         core_claim(define, kind)
-        for kind, parameters in CORE_KINDS.items()
+        for kind in CORE_KINDS
         for define in CORE_CLAIMS
-        if define not in _OF_FILTERS or "FILTER" in parameters
+        if define not in _OF_FILTERS or _filters(kind)
     ),
     *(
         core_claim(define, kind, slow_blocks=True)
@@ -183,19 +215,19 @@ BROKEN: dict[str, tuple[Claim, str, str, str]] = {
     "an event that is not taken is overwritten": (
         core_claim("EVENT", _BY_TIME),
         "vpr_events.sv",
-        "!has_raised || m_event_tready;",
+        "!has_raised_q || m_event_tready;",
         "1'b1;",
     ),
     "an event is lost when the window is full": (
         core_claim("EVENT", _BY_COUNT),
         "vpr_events.sv",
-        "has_count  <= has_slot && looks;",
-        "has_count  <= has_slot && looks && !counting;",
+        "has_count_q  <= has_slot_q && looks;",
+        "has_count_q  <= has_slot_q && looks && !counting;",
     ),
     "a word of a window is not held": (
         core_claim("WINDOW", _BY_TIME),
         "vpr_encoder.sv",
-        "!word_valid || word_ready;",
+        "!word_valid_o || word_ready_i;",
         "1'b1;",
     ),
     "a match is not held until it is taken": (
@@ -213,20 +245,20 @@ BROKEN: dict[str, tuple[Claim, str, str, str]] = {
     "a window before the L-th gives a match": (
         core_claim("ONE", _BY_TIME),
         "vpr_sequence.sv",
-        "sum_complete = seen_all && place",
-        "sum_complete = place",
+        "sum_complete_o = seen_all && place_o",
+        "sum_complete_o = place_o",
     ),
     "a reset keeps the windows that were seen": (
         core_claim("ONE", _BY_TIME),
         "vpr_sequence.sv",
-        "seen      <= '0;",
-        "seen      <= seen;",
+        "seen_q      <= '0;",
+        "seen_q      <= seen_q;",
     ),
     "the first window has the number 1": (
         core_claim("NUMBER", _BY_TIME),
         "vpr_core.sv",
-        "window         <= '1;",
-        "window         <= '0;",
+        "window_q         <= '1;",
+        "window_q         <= '0;",
     ),
     "a window ends while the spread is divided": (
         core_claim("IDLE", _FILTER),
@@ -249,22 +281,22 @@ BROKEN: dict[str, tuple[Claim, str, str, str]] = {
     "the last sum of a window is not recognised": (
         core_claim("PATIENCE", _BY_COUNT),
         "vpr_sequence.sv",
-        "sum_last = place == PLACE_BITS'(PLACES - 1);",
-        "sum_last = 1'b0;",
+        "sum_last_o = place_o == PLACE_BITS'(PLACES - 1);",
+        "sum_last_o = 1'b0;",
     ),
     "the last count of a slot is not looked at": (
         COUNTERS,
         "vpr_counters.sv",
-        "same_1 ? raised : ",
+        "same_1_q ? raised_o : ",
         "",
     ),
     "the count before the last is not looked at": (
         COUNTERS,
         "vpr_counters.sv",
-        "same_2 ? written : ",
+        "same_2_q ? written_q : ",
         "",
     ),
-    "a drained count is kept": (COUNTERS, "vpr_counters.sv", "clears ? '0 : ", ""),
+    "a drained count is kept": (COUNTERS, "vpr_counters.sv", "clears_q ? '0 : ", ""),
     "a delay line has a word more": (DELAY, "vpr_delay.sv", "STEPS - 1) ? '0", "STEPS) ? '0"),
     "a count wraps": (COUNTERS, "vpr_counters.sv", "count == FULL ? FULL : count", "count"),
 }
@@ -289,15 +321,16 @@ def holds(claim: Claim, changed: Mapping[str, str] | None = None, *, seconds: in
         folder, model = Path(name), Path(name) / "model.aig"
         for file in claim.files:
             text = core_source(file) if changed is None or file not in changed else changed[file]
-            if file == "vpr_core.sv":
+            if file == f"{CORE}.sv":
                 inside = (PROPERTIES / "vpr_core_inside.sv").read_text(encoding="ascii")
                 text = text.replace("endmodule", f"{inside}endmodule")
             (folder / file).write_text(text, encoding="ascii")
         files = [folder / file for file in claim.files]
+        package = write_package(folder, claim.constants)
         if claim.free_memories:
             free = ("vpr_free_memories.sv", "vpr_free_activity.sv")
             files = [*(PROPERTIES / name for name in free), *files]
-        files.append(PROPERTIES / f"{claim.top}.sv")
+        files = [package, *files, PROPERTIES / f"{claim.top}.sv"]
         run_yosys(
             [
                 f"read_verilog -formal -sv -D{claim.define} {' '.join(map(str, files))}",
@@ -312,6 +345,11 @@ def holds(claim: Claim, changed: Mapping[str, str] | None = None, *, seconds: in
             claim.top,
         )
         return model_check(model, seconds, claim.method)
+
+
+def reached(claim: Claim, *, seconds: int = 3600) -> bool:
+    """Return whether the state of a `cover` is reached; raises as `holds`."""
+    return not holds(claim, seconds=seconds)
 
 
 def refused(name: str, *, seconds: int = 3600) -> bool:

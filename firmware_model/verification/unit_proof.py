@@ -23,25 +23,27 @@ class Unit:
     ----------
     name : str
         Name of the module, and of its file.
+    constants : mapping of str to int
+        Of the package of sizes and widths.
     exposed : tuple of str
         Registers to which the induction refers.
     base, induction : int
         Clocks of the base case, and of an induction step.
     broken : mapping of str to (str, str)
         Broken versions: text of the file, and its replacement.
-    claimed : mapping of str to int or str
+    claimed : mapping of str to int
         Parameters of the properties.
     beside : tuple of str
         Files of properties with the units that this one uses.
     """
 
     name: str
-    parameters: Mapping[str, int | str]
+    constants: Mapping[str, int]
     exposed: tuple[str, ...]
     base: int
     induction: int
     broken: Mapping[str, tuple[str, str]]
-    claimed: Mapping[str, int | str] = field(default_factory=dict)
+    claimed: Mapping[str, int] = field(default_factory=dict)
     beside: tuple[str, ...] = ()
 
     def proved(self) -> bool:
@@ -67,7 +69,7 @@ class Unit:
     def _solved(self, source: str | None, induction: int | None = None) -> bool:
         with tempfile.TemporaryDirectory() as folder:
             model = translate(
-                Path(folder), self.name, source, self.parameters, self.exposed, self.claimed,
+                Path(folder), self.name, source, self.constants, self.exposed, self.claimed,
                 self.beside,
             )  # fmt: skip
             base = solve(model, ["-t", str(self.base)], _SECONDS)
@@ -80,13 +82,13 @@ class Unit:
 _SECONDS = 600
 
 _REGISTERS_OF_SEARCH = (
-    *("delay.delayed", "filled", "behind", "has_left", "left", "left_sum", "update"),
-    *("sum_lower", "sum_equal", "sum_below_second", "oldest_lower", "oldest_place"),
+    *("delay.delayed_q", "filled_q", "behind_q", "has_left_q", "left_q", "left_sum_q", "update_q"),
+    *("sum_lower_q", "sum_equal_q", "sum_below_second_q", "oldest_lower_q", "oldest_place_q"),
 )
 
 
 class Size(NamedTuple):
-    """Parameters of a search that is proved."""
+    """Sizes of a search that is proved."""
 
     exclusion: int
     sum_bits: int
@@ -98,49 +100,48 @@ _SMALL = Size(1, 2, 3)
 _BROKEN_SEARCHES = {
     "of equal sums the highest place is best": (
         "below_best[SUM_BITS];",
-        "below_best[SUM_BITS] || sum == best_sum;",
+        "below_best[SUM_BITS] || sum_i == best_sum_o;",
     ),
     "of equal seconds the highest place wins": (
         "below_second[SUM_BITS];",
-        "below_second[SUM_BITS] || sum == second_sum;",
+        "below_second[SUM_BITS] || sum_i == second_sum_o;",
     ),
     "of equal sums on the left the highest wins": (
         "below_left[SUM_BITS];",
-        "below_left[SUM_BITS] || oldest == left_sum;",
+        "below_left[SUM_BITS] || oldest == left_sum_q;",
     ),
     "the second best may lie at the zone's edge": (
-        "behind == ZONE_BITS'(EXCLUSION)",
-        "behind == ZONE_BITS'(EXCLUSION - 1)",
+        "behind_q == ZONE_BITS'(EXCLUSION)",
+        "behind_q == ZONE_BITS'(EXCLUSION - 1)",
     ),
-    "the place on the left is off by one": ("place - PLACE_BITS'(DELAY)", "place - 1'b1"),
+    "the place on the left is off by one": ("place_i - PLACE_BITS'(DELAY)", "place_i - 1'b1"),
     "a sum leaves the delay line too early": (
-        "leaves   = filled == ZONE_BITS'(DELAY)",
-        "leaves   = filled >= ZONE_BITS'(EXCLUSION)",
+        "leaves   = filled_q == ZONE_BITS'(DELAY)",
+        "leaves   = filled_q >= ZONE_BITS'(EXCLUSION)",
     ),
     "a new best forgets the place that leaves": (
-        "second     <= next_left;",
-        "second     <= left;",
+        "second_o     <= left_d;",
+        "second_o     <= left_q;",
     ),
-    "a new best keeps the ties": ("ties       <= '0;\n                behind", "behind"),
+    "a new best keeps the ties": ("ties_o       <= '0;\n                behind_q", "behind_q"),
     "a match begins with the left of the last": (
-        "has_left   <= 1'b0;\n            has_best",
-        "has_best",
+        "has_left_q   <= 1'b0;\n            has_best_o",
+        "has_best_o",
     ),
-    "the best is never replaced": ("!has_best || sum_lower", "!has_best"),
+    "the best is never replaced": ("!has_best_o || sum_lower_q", "!has_best_o"),
 }
 
 
 def search(size: Size, *, induction: bool = True) -> Unit:
     """Return the search of one size, for a proof by induction or for a bounded check."""
-    parameters = {name.upper(): value for name, value in size._asdict().items()}
     return Unit(
         "vpr_search",
-        parameters,
+        {name.upper(): value for name, value in size._asdict().items()},
         _REGISTERS_OF_SEARCH,
         base=4 if induction else 24,
         induction=4,
         broken=_BROKEN_SEARCHES,
-        claimed=parameters | {"INDUCTION": int(induction)},
+        claimed={"INDUCTION": int(induction)},
         beside=("vpr_shift_delay.sv",),
     )
 
@@ -155,30 +156,30 @@ PREDICTION = Unit(
         "STEPS": 3,
         "BACK": 1,
         "COST_BITS": 4,
-        "BACK_PRICES": "160'h3",
+        "BACK_PRICES": 3,
         "RESTART": 9,
         "METRIC_BITS": 4,
     },
-    ("entries",),
+    ("entries_q",),
     base=8,
     induction=8,
     broken={
         "the dearer of two ways is taken": ("right < left ?", "right > left ?"),
-        "a place off the map is one to come from": ("shifts_off || !below", "!below"),
+        "a place off the map is one to come from": ("shifts_off_q || !below", "!below"),
     },
 )
 #: a window by time ends when the time of an event requires it, of 6 bits
 TIMER = Unit(
     "vpr_window_timer",
     {"TIMESTAMP_BITS": 6, "TAU_US": 11},
-    ("end_inverse", "behind", "due"),
+    ("end_inverse_q", "behind_q", "due_q"),
     base=20,
     induction=12,
     broken={
-        "half a clock behind the end is before it": (" || low_zero;", ";"),
-        "an end is added without its carry": ("^ added ^ end_carry", "^ added"),
-        "an event keeps the carry of the one before": ("            behind_carry <= '0;\n", ""),
-        "a carry between the halves is lost": ("(due && passes)", "1'b0"),
+        "half a clock behind the end is before it": (" || low_zero_q;", ";"),
+        "an end is added without its carry": ("^ added_q ^ end_carry_q", "^ added_q"),
+        "an event keeps the carry of the one before": ("            behind_carry_q <= '0;\n", ""),
+        "a carry between the halves is lost": ("(due_q && passes_q)", "1'b0"),
     },
 )
 #: what is proved, by its name

@@ -32,7 +32,13 @@ from firmware_model.hardware import (
 from firmware_model.hardware import (
     report as netlist,
 )
-from firmware_model.hardware.parameters import PACKAGE, match_bits, package, parameters, tables
+from firmware_model.hardware.parameters import (
+    PACKAGE,
+    constants,
+    package,
+    package_with,
+    tables,
+)
 from firmware_model.hardware.simulation import Conditions
 from firmware_model.model.comparator import row_of_costs
 from firmware_model.model.descriptor import ActivityModel, Event
@@ -311,20 +317,20 @@ FAULTS = {
     ),
     "the end of a window moves without its carry": (
         "vpr_window_timer.sv",
-        "added ^ end_carry",
-        "added",
+        "added_q ^ end_carry_q",
+        "added_q",
     ),
     "the row of an event off the sensor is not looked at": (
         "vpr_pixel_lookup.sv",
-        "{1'b0, row} >= 16'(HEIGHT)",
+        "{1'b0, row_i} >= 16'(HEIGHT)",
         "1'b0",
     ),
     "the upper bits of a column are not looked at": (
         "vpr_pixel_lookup.sv",
-        "column != 16'(column[COLUMN_BITS-1:0])",
+        "column_i != 16'(column_i[COLUMN_BITS-1:0])",
         "1'b0",
     ),
-    "counters are not cleared": ("vpr_counters.sv", "clears ? '0 : ", ""),
+    "counters are not cleared": ("vpr_counters.sv", "clears_q ? '0 : ", ""),
     "what an adder lacks is lost": (
         "vpr_sad_lanes.sv",
         "node_lacks <= negative",
@@ -337,15 +343,15 @@ FAULTS = {
     ),
     "sums begin one place too early": (
         "vpr_sequence.sv",
-        "place >= PLACE_BITS'(LENGTH - 1)",
+        "place_o >= PLACE_BITS'(LENGTH - 1)",
         "1'b1",
     ),
     "of equal sums the highest place is best": (
         "vpr_search.sv",
         "below_best[SUM_BITS];",
-        "below_best[SUM_BITS] || sum == best_sum;",
+        "below_best[SUM_BITS] || sum_i == best_sum_o;",
     ),
-    "a second best of zero is accepted": ("vpr_accept.sv", "second_sum != 0 && ", ""),
+    "a second best of zero is accepted": ("vpr_accept.sv", "second_sum_i != 0 && ", ""),
     "a match is not held until it is taken": (
         "vpr_core.sv",
         "else if (match_taken) m_match_tvalid",
@@ -353,8 +359,8 @@ FAULTS = {
     ),
     "a reset keeps the windows that were seen": (
         "vpr_sequence.sv",
-        "seen      <= '0;",
-        "seen      <= seen;",
+        "seen_q      <= '0;",
+        "seen_q      <= seen_q;",
     ),
 }
 
@@ -409,38 +415,58 @@ def test_a_fault_of_the_core_is_found(finding, tmp_path, fault):
     pytest.fail(f"no case found it: {found}")
 
 
-def test_the_package_has_every_parameter_of_the_core_with_the_models_widths():
-    """No parameter of the core keeps its default."""
-    core = (sources.FOLDER / "vpr_core.sv").read_text(encoding="ascii")
-    declared = re.findall(r"parameter (?:int|bit|logic \[\d+:0\])\s+(\w+)", core)
-    given = parameters(BY_ACTIVITY)
-    assert declared == list(given) == list(parameters(DESIGN))
-    device = (sources.FOLDER / "vpr_device.sv").read_text(encoding="ascii")
-    assert re.findall(r"\.(\w+)\(vpr_design::\1\)", device) == declared
-    # quantities that are another's by another name, or no parameter
-    same = {"sequence": "sum", "metric": "sum", "prediction": "sum", "price": "sum"}
-    # fixed in the core, or made of others
-    inner = {"event_log", "weight", "place_activity", "level_total"}
-    for design in (DESIGN, BY_ACTIVITY):
-        found = parameters(design)
+def values_of_package(tmp_path, design):
+    """Value of each constant of a design's package, as Icarus Verilog has it."""
+    text = package(design)
+    names = re.findall(r"localparam (?:int|bit|logic \[\d+:0\])\s+(\w+)", text)
+    shown = "".join(f'$display("%0d", {PACKAGE}::{name});' for name in names)
+    bench = f"{text}\nmodule bench; initial begin {shown} end endmodule\n"
+    found = [value for (value,) in simulated(tmp_path, bench, [])]
+    return dict(zip(names, found, strict=True))
+
+
+#: quantities of the model that the package has by another name, and those that are made of others
+SAME = {"sequence": "sum", "prediction": "metric"}
+INNER = {"event_log", "weight", "place_activity", "level_total", "price"}
+
+
+@needs_iverilog
+def test_the_packages_widths_are_those_of_the_model(tmp_path):
+    """Of designs of several kinds, and of random ones; its constants are those of the design."""
+    rng = np.random.default_rng(11)
+    drawn = [draw(rng) for draw in (random_design, random_adaptive_design) for _ in range(8)]
+    wide = replace(DESIGN, tau_us=5_000_000_000, timestamp_bits=40, ratio=(65534, 65535))
+    for design in (*KINDS, *drawn, wide, report.DOCUMENTED):
+        found = values_of_package(tmp_path, design)
+        assert found.items() >= constants(design).items()
+        assert (found["SLOTS"], found["WORDS"]) == (design.slots, design.words)
+        assert found["EVENT_TIME_BITS"] == (32 if design.timestamp_bits <= 32 else 64)
         for name, form in formats_of(design).items():
-            if name in inner:
-                continue
-            width = found[f"{same.get(name, name).upper()}_BITS"][1]
-            assert width == form.width or (name == "price" and width >= form.width)
-    text = package(replace(DESIGN, tau_us=5_000_000_000, timestamp_bits=40))
-    assert "TAU_US = 64'd5000000000;" in text
-    assert "EVENT_TIME_BITS = 64;" in text
+            if name not in INNER and (name != "entry" or design.own_mean):
+                assert found[f"{SAME.get(name, name).upper()}_BITS"] == form.width, name
 
 
+def test_the_package_has_no_constant_that_a_design_leaves_out():
+    """But the logarithm of own means; a name that it does not have is refused."""
+    text = (sources.FOLDER / f"{PACKAGE}.sv").read_text(encoding="ascii")
+    first = re.search(r"// The design(.*)// What follows", text, re.S)[1]
+    declared = re.findall(r"localparam (?:int|bit|logic \[\d+:0\])\s+(\w+)", first)
+    assert declared == list(constants(ADAPTIVE))
+    assert set(declared) - set(constants(DESIGN)) == {"LEVEL_MAX"}
+    with pytest.raises(ToolError, match="no constant WIDHT"):
+        package_with({"WIDHT": 3})
+
+
+@needs_iverilog
 def test_the_words_of_a_case_have_the_widths_of_the_cores_ports(tmp_path):
     """Of a match with its trust, and of the usual number of events; all tables are there."""
     folder = write_vectors(tmp_path / "v", ADAPTIVE, 3, "random", slice(1))
     (case,) = load_manifest(folder).suites[0].cases
     last = case.words["expected_matches"][-1]
     assert last.field == "trust"
-    assert last.lowest_bit + last.bits == match_bits(ADAPTIVE)
-    assert case.words["activity"][0].bits == parameters(ADAPTIVE)["ACTIVITY_BITS"][1]
+    values = values_of_package(tmp_path, ADAPTIVE)
+    assert last.lowest_bit + last.bits == values["MATCH_BITS"]
+    assert case.words["activity"][0].bits == values["ACTIVITY_BITS"]
     assert {f"{name}.mem" for name in (*tables(ADAPTIVE), "activity")} <= set(case.files)
 
 
@@ -542,13 +568,13 @@ KINDS = [
 @pytest.mark.parametrize(
     ("cell", "unit"),
     [
-        ("device.device.core.search.left_SB_DFFE_Q_LC", "search"),
-        ("device.device.core.search.delay.g_ring.at_LC", "search"),
-        ("device.device.core.g_filter.place_filter.product_LC", "place_filter"),
-        ("device.device.core.g_filter.place_filter.scale.low_LC", "place_filter: scale"),
-        ("device.device.core.events.g_by_time.window_timer.over_LC", "events: window_timer"),
+        ("device.core.search.left_SB_DFFE_Q_LC", "search"),
+        ("device.core.search.delay.g_ring.at_LC", "search"),
+        ("device.core.g_filter.place_filter.product_LC", "place_filter"),
+        ("device.core.g_filter.place_filter.scale.low_LC", "place_filter: scale"),
+        ("device.core.events.g_by_time.window_timer.over_LC", "events: window_timer"),
         ("device.spi.value_LC", "spi"),
-        ("device.device.core.window_LC", unit_cells.TOP),
+        ("device.core.window_LC", unit_cells.TOP),
         ("$nextpnr_ICESTORM_LC_3", unit_cells.CARRIES),
     ],
 )
@@ -592,7 +618,7 @@ def test_the_sources_are_free_of_lint(tmp_path, design):
     axi = [tmp_path / f"{registers.PACKAGE}.sv", *files, sources.FOLDER / sources.AXI]
     spi = [sources.FOLDER / "vpr_spi.sv"]
     slow = ["-GSLOW_BLOCKS=1'b1", *files]
-    tops = (("vpr_device", files), ("vpr_device", slow), ("vpr_spi", spi), ("vpr_axi_lite", axi))
+    tops = (("vpr_core", files), ("vpr_core", slow), ("vpr_spi", spi), ("vpr_axi_lite", axi))
     for top, chosen in tops:
         command = ["verilator", "--lint-only", "-Wall", "--top-module", top, *map(str, chosen)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -728,8 +754,8 @@ def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
     dearer = changed("vpr_prediction.sv", "right < left", "1'b1")
     assert bench.found_by(dearer) in {case.name for case in bench.cases}
     for file, old, new in (
-        ("vpr_filter.sv", "whole ? product", "1'b0 ? product"),
-        ("vpr_spread.sv", "{low[RECIPROCAL_BITS-1] || ", "{"),
+        ("vpr_filter.sv", "whole ? product_q", "1'b0 ? product_q"),
+        ("vpr_spread.sv", "{low_q[RECIPROCAL_BITS-1] || ", "{"),
     ):
         assert bench.found_by(changed(file, old, new)) == "filter/spread_of_one"
     assert bench.cases[0].name == "filter/spread_of_one"
@@ -746,7 +772,7 @@ def test_a_sum_that_a_reset_begins_is_found_when_the_places_stay(tmp_path):
     folder, case = tmp_path / "v", f"quick/{cases[0].name}"
     write_suites(folder, mutants.QUICK, {"quick": cases}, 1, rtl=True)
     source = (folder / "rtl" / "vpr_distance.sv").read_text(encoding="ascii")
-    broken = re.sub(r"(distance_valid +<= )1'b0;", r"\1 1'b1;", source)
+    broken = re.sub(r"(distance_valid_o +<= )1'b0;", r"\1 1'b1;", source)
     outcomes = []
     for text in (source, broken):
         (folder / "rtl" / "vpr_distance.sv").write_text(text, encoding="ascii")
@@ -763,8 +789,8 @@ def test_a_sum_that_a_reset_begins_is_found_when_the_places_stay(tmp_path):
 @pytest.mark.parametrize(
     ("suite", "file", "cleared"),
     [
-        ("reset_sum", "vpr_sequence.sv", "terms      <= '0;"),
-        ("reset_match", "vpr_core.sv", "finishing      <= '0;"),
+        ("reset_sum", "vpr_sequence.sv", "terms_q      <= '0;"),
+        ("reset_match", "vpr_core.sv", "finishing_q      <= '0;"),
     ],
 )
 def test_what_a_reset_does_not_clear_is_found_by_a_reset_at_each_clock(
@@ -787,7 +813,7 @@ def test_the_usual_number_of_events_is_compared_by_all_its_bits(tmp_path):
     """That of a window that pauses, above the threshold by two."""
     bench = mutants.Bench(tmp_path, 1, only=("pause_by_two",))
     assert bench.found_by(None) is None
-    first = changed("vpr_activity.sv", "step == STEP_BITS'(DROPPED - 1)", "step == 0")
+    first = changed("vpr_activity.sv", "step_q == STEP_BITS'(DROPPED - 1)", "step_q == 0")
     assert bench.found_by(first) == "filter/pause_by_two"
 
 
@@ -799,10 +825,10 @@ module bench;
     logic [9:0] activity_inverse;
     logic [8:0] events[WINDOWS];
     int clocks;
-    vpr_activity #(.EVENTS_BITS(6), .ACTIVITY_BITS(14)) activity (
-        .clk(clk), .load(load), .start_activity(14'd START), .counted(counted),
-        .window_end(window_end), .settled(settled), .pauses(pauses),
-        .activity_inverse(activity_inverse)
+    vpr_activity activity (
+        .clk_i(clk), .load_i(load), .start_activity_i(14'd START), .counted_i(counted),
+        .window_end_i(window_end), .settled_o(settled), .pauses_o(pauses),
+        .activity_inverse_o(activity_inverse)
     );
     always #1 clk = !clk;
     initial begin
@@ -829,7 +855,7 @@ module bench;
             clocks = 0;
             @(negedge clk) window_end = 0;
             while (!settled) @(negedge clk) clocks++;
-            $display("%0d %0d %0d", activity.usual, $signed(~activity_inverse), clocks);
+            $display("%0d %0d %0d", activity.usual_q, $signed(~activity_inverse), clocks);
         end
         $finish;
     end
@@ -837,10 +863,14 @@ endmodule
 """
 
 
-def simulated(tmp_path, bench, units):
-    """Lines of numbers that a testbench of some units prints."""
+def simulated(tmp_path, bench, units, **values):
+    """Lines of numbers that a testbench of some units prints, with these values of constants."""
     (tmp_path / "bench.sv").write_text(bench, encoding="ascii")
-    files = ["bench.sv", *(str(sources.FOLDER / unit) for unit in units)]
+    files = ["bench.sv"]
+    if units:
+        files.insert(0, f"{PACKAGE}.sv")
+        (tmp_path / files[0]).write_text(package_with(values), encoding="ascii")
+    files += [str(sources.FOLDER / unit) for unit in units]
     for command in (
         ["iverilog", "-g2012", "-s", "bench", "-o", "bench.vvp", *files],
         ["vvp", "-n", "bench.vvp"],
@@ -879,7 +909,8 @@ def test_the_activity_is_that_of_the_model_though_the_number_of_events_saturates
         text = ACTIVITY_BENCH.replace("WINDOWS", str(len(events))).replace("START", str(start))
         text = text.replace("STOP", str(rng.integers(153)))
         units = ("vpr_rom.sv", "vpr_logarithm.sv", "vpr_activity.sv")
-        returned_lines = simulated(tmp_path, text, units)
+        small = {"WINDOW_EVENTS_BITS": 6, "FILTER": 1}
+        returned_lines = simulated(tmp_path, text, units, **small)
         model, expected = ActivityModel(start), []
         for counted in events.tolist():
             number = min(counted, 63)
@@ -898,7 +929,8 @@ module bench;
     logic [8:0] inverse;
     logic [22:0] n, numbers[0:NUMBERS-1];
     vpr_logarithm logarithm (
-        .clk(clk), .round(round), .valid(valid), .number(number), .decide(decide), .inverse(inverse)
+        .clk_i(clk), .round_i(round), .valid_i(valid), .number_i(number),
+        .decide_i(decide), .inverse_o(inverse)
     );
     always #1 clk = !clk;
     initial begin
@@ -944,9 +976,9 @@ module bench;
     logic clk = 0;
     logic [9:0] activity;
     logic [27:0] costs;
-    vpr_step_costs #(.PLACES(2), .RESTART(RESTARTS), .LOADABLE(1)) step_costs (
-        .clk(clk), .load(1'b0), .load_address(20'd0), .load_word(32'd0),
-        .activity_inverse(~activity), .place(1'b1), .costs(costs)
+    vpr_step_costs #(.LOADABLE(1)) step_costs (
+        .clk_i(clk), .load_i(1'b0), .load_address_i(20'd0), .load_word_i(32'd0),
+        .activity_inverse_i(~activity), .place_i(1'b1), .costs_o(costs)
     );
     always #1 clk = !clk;
     initial begin
@@ -968,8 +1000,8 @@ endmodule
 @pytest.mark.parametrize("restart", [160, 20, 0])
 def test_step_costs_are_those_of_the_models_table(tmp_path, restart):
     """Of any activity of a window and of some of a place; none is above that of a restart."""
-    text = COSTS_BENCH.replace("RESTARTS", str(restart))
-    found = simulated(tmp_path, text, ("vpr_rom.sv", "vpr_step_costs.sv"))
+    units, values = ("vpr_rom.sv", "vpr_step_costs.sv"), {"PLACES": 2, "ACTIVITY_COSTS": 1}
+    found = simulated(tmp_path, COSTS_BENCH, units, RESTART=restart, **values)
     assert len(found) == 16 * 737
     for place, window, *costs in found:
         row = ACTIVITY_COSTS[row_of_costs(window - place)]

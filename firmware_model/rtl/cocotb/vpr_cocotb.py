@@ -1,11 +1,11 @@
-"""Replay golden vectors on ``vpr_device`` by cocotb, with stalls and resets at random.
+"""Replay golden vectors on ``vpr_core`` by cocotb, with stalls and resets at random.
 
 ``python cocotb/vpr_cocotb.py vectors/corners/tie_of_two ...`` in the folder of the project compiles
 the sources by Icarus Verilog (or ``--simulator``) and replays each case; without names, all cases
 of all suites. Words of every stream are compared with the case's files. What is offered must stay
 until it is taken, no handshake may be undefined, and nothing may follow the last word.
 
-The bench knows the streams of ``vpr_device`` alone: a core of one's own with the same ports can
+The bench knows the streams of ``vpr_core`` alone: a core of one's own with the same ports can
 stand in its place (``--sources``).
 """
 
@@ -57,7 +57,7 @@ class Side:
             getattr(dut, f"{name}_{part}") for part in ("tvalid", "tready", "tdata")
         )
         last = dut.m_window_tlast if name == "m_window" else None
-        return Stream(dut.clk, valid, ready, data, last)
+        return Stream(dut.clk_i, valid, ready, data, last)
 
     async def offer(self, name: str, words: Sequence[int]) -> None:
         """Offer words, one after the other; each stays until it is taken."""
@@ -125,15 +125,15 @@ async def reset(side: Side, case: Path) -> None:
         side.stream(name).valid.value = 0
     for name in ("m_event", "m_window", "m_match"):
         side.stream(name).ready.value = 0
-    await FallingEdge(dut.clk)
-    dut.rst.value = 1
-    (dut.start_time.value,) = (words_of(case, "start")[0] % (1 << len(dut.start_time)),)
+    await FallingEdge(dut.clk_i)
+    dut.rst_i.value = 1
+    (dut.start_time_i.value,) = (words_of(case, "start")[0] % (1 << len(dut.start_time_i)),)
     activity = words_of(case, "activity")
-    dut.start_activity.value = activity[0] if activity else 0
+    dut.start_activity_i.value = activity[0] if activity else 0
     for _ in range(side._draw.randint(1, 3)):
-        await FallingEdge(dut.clk)
-    dut.rst.value = 0
-    for signal in (dut.start_time, dut.start_activity):
+        await FallingEdge(dut.clk_i)
+    dut.rst_i.value = 0
+    for signal in (dut.start_time_i, dut.start_activity_i):
         signal.value = side._draw.getrandbits(len(signal))
 
 
@@ -146,8 +146,8 @@ async def replay(dut: Any) -> None:
         name: words_of(case, f"expected_{kind}")
         for name, kind in (("m_event", "events"), ("m_window", "windows"), ("m_match", "matches"))
     }
-    Clock(dut.clk, 20, "ns").start()
-    for signal in (dut.load, dut.load_address, dut.load_word):
+    Clock(dut.clk_i, 20, "ns").start()
+    for signal in (dut.load_i, dut.load_address_i, dut.load_word_i):
         signal.value = 0
     for left in reversed(range(int(os.environ["VPR_RESETS"]) + 1)):
         await reset(side, case)
@@ -161,7 +161,7 @@ async def replay(dut: Any) -> None:
         with running(give(), *(side.take(name, words) for name, words in taken.items())):
             if left:
                 for _ in range(side._draw.randint(20, 3000)):
-                    await RisingEdge(dut.clk)
+                    await RisingEdge(dut.clk_i)
             else:
                 await until_all(dut, taken, expected)
     for name, words in expected.items():
@@ -169,9 +169,16 @@ async def replay(dut: Any) -> None:
         for number, (word, right) in enumerate(zip(found, words, strict=False)):
             assert word == right, f"{name} {number} is {word:#x}, and must be {right:#x}"
         assert len(found) == len(words), f"{len(found)} of {len(words)} words of {name} came"
-    (in_window,) = re.findall(r" WORDS = (\d+);", (case / "vpr_design.sv").read_text("ascii"))
+    in_window = words_of_a_window((case / "vpr_pkg.sv").read_text("ascii"))
     for number, (_, last) in enumerate(taken["m_window"]):
-        assert last == ((number + 1) % int(in_window) == 0), f"m_window_tlast of word {number}"
+        assert last == ((number + 1) % in_window == 0), f"m_window_tlast of word {number}"
+
+
+def words_of_a_window(package: str) -> int:
+    """Return the number of words of a descriptor by the constants of a design."""
+    found = re.findall(r"localparam \w+ +(\w+) += (?:1'd)?(\d+);", package)
+    known = {name: int(value) for name, value in found}
+    return -(-(known["PIXELS"] << known["POLARITY"]) // known["LANES"])
 
 
 async def until_all(
@@ -180,7 +187,7 @@ async def until_all(
     """Wait until as many words came as must, and some clocks more, in which none may come."""
     quiet, before = 0, -1
     while True:
-        await RisingEdge(dut.clk)
+        await RisingEdge(dut.clk_i)
         come = sum(map(len, taken.values()))
         quiet, before = (quiet + 1 if come == before else 0), come
         whole = all(len(taken[name]) >= len(words) for name, words in expected.items())
@@ -204,21 +211,21 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--build", type=Path, default=Path("sim_build"), metavar="FOLDER")
     args = parser.parse_args(words)
     home = Path(__file__).resolve().parents[1]
-    every = sorted(path.parent for path in (home / "vectors").glob("*/*/vpr_design.sv"))
+    every = sorted(path.parent for path in (home / "vectors").glob("*/*/vpr_pkg.sv"))
     cases = [case.resolve() for case in args.cases] or every
     sources = args.sources or sorted((home / "src").glob("vpr_*.sv"))
     device = [path.resolve() for path in sources if path.name not in _NOT_OF_THE_DEVICE]
     builds: dict[str, Path] = {}
     failed = 0
     for case in cases:
-        package = case / "vpr_design.sv"
+        package = case / "vpr_pkg.sv"
         text = package.read_text("ascii")
         new = text not in builds
         build = builds.setdefault(text, args.build.resolve() / str(len(builds)))
         runner = get_runner(args.simulator)
         runner.build(
             sources=[package, *device],
-            hdl_toplevel="vpr_device",
+            hdl_toplevel="vpr_core",
             always=new,
             timescale=("1ns", "1ps"),
             build_dir=build,
@@ -227,7 +234,7 @@ def main(words: Sequence[str] | None = None) -> int:
         with suppress(SystemExit):  # which says that it failed: so do the results
             runner.test(
                 test_module=Path(__file__).stem,
-                hdl_toplevel="vpr_device",
+                hdl_toplevel="vpr_core",
                 build_dir=build,
                 test_dir=case,
                 results_xml=str(results),
@@ -254,7 +261,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
 #: beside the device and its units
 _NOT_OF_THE_DEVICE = {
-    *("vpr_design.sv", "vpr_registers.sv", "vpr_axi_lite.sv", "vpr_spi.sv", "vpr_spi_device.sv"),
+    *("vpr_pkg.sv", "vpr_registers.sv", "vpr_axi_lite.sv", "vpr_spi.sv", "vpr_spi_device.sv"),
     *("vpr_up5k.sv", "vpr_ulx3s.sv", "vpr_bench.sv", "vpr_axi_bench.sv", "vpr_up5k_bench.sv"),
 }
 

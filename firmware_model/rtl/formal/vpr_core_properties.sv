@@ -6,58 +6,38 @@
 // that has tlast; from the LENGTH-th on, exactly one match follows it before the next one is, and
 // within PATIENCE clocks in which m_window does not wait.
 module vpr_core_properties #(
-    parameter BY_TIME        = 1,
-    parameter FILTER         = 0,
-    parameter KEEP_DISTANCES = 0,
-    parameter OWN_MEAN       = 0,
-    parameter CONTRAST       = 0,
-    parameter ACTIVITY_COSTS = 0,
-    parameter LENGTH         = 2,
-    parameter WORDS          = 2,
-    parameter LANES          = 1,
-    parameter PLACES         = 2,
-    parameter BACK           = 0,
-    parameter RECIPROCAL_BITS = 5,
-    parameter SLOW_BLOCKS    = 0,
-    parameter PATIENCE       = 40,
-    parameter PROGRESS       = 40
+    localparam FILTER      = vpr_pkg::FILTER,
+    localparam LENGTH      = vpr_pkg::LENGTH,
+    localparam EVENT_BITS  = vpr_pkg::EVENT_BITS,
+    localparam SEEN_BITS   = vpr_pkg::SEEN_BITS,
+    localparam WORD_BITS   = vpr_pkg::WORD_BITS,
+    localparam MATCH_BITS  = vpr_pkg::MATCH_BITS,
+    parameter  SLOW_BLOCKS = 0,
+    parameter  PATIENCE    = 40,
+    parameter  PROGRESS    = 40
 ) (
-    input logic       clk,
-    input logic       rst,
-    input logic [3:0] start_time,
-    input logic       s_place_tvalid,
-    input logic       s_event_tvalid,
-    input logic [35:0] s_event_tdata,
-    input logic       m_event_tready,
-    input logic       m_window_tready,
-    input logic       m_match_tready
+    input logic                  clk,
+    input logic                  rst,
+    input logic [3:0]            start_time,
+    input logic                  s_place_tvalid,
+    input logic                  s_event_tvalid,
+    input logic [EVENT_BITS-1:0] s_event_tdata,
+    input logic                  m_event_tready,
+    input logic                  m_window_tready,
+    input logic                  m_match_tready
 );
-    localparam SLOTS      = 2;
-    localparam MATCH_BITS = 32 + 3 + 2 * 2 + 2 + (FILTER ? 6 : 0);
-
     logic                  s_place_tready, s_event_tready;
     logic                  m_event_tvalid, m_window_tvalid, m_window_tlast, m_match_tvalid;
-    logic [2:0]            m_event_tdata;
-    logic [LANES-1:0]      m_window_tdata;
+    logic [SEEN_BITS-1:0]  m_event_tdata;
+    logic [WORD_BITS-1:0]  m_window_tdata;
     logic [31:0]           m_window_tuser;
     logic [MATCH_BITS-1:0] m_match_tdata;
 
-    (* anyseq *) logic [LANES-1:0] s_place_tdata;
+    (* anyseq *) logic [WORD_BITS-1:0] s_place_tdata;
 
-    vpr_core #(
-        .HEIGHT(2), .PIXELS(SLOTS), .LOOKUP_DEPTH(2), .SLOTS(SLOTS), .COUNT_MAX(1),
-        .BY_TIME(BY_TIME), .TAU_US(3), .WINDOW_EVENTS(2), .PLACES(PLACES), .WORDS(WORDS),
-        .LANES(LANES), .LENGTH(LENGTH), .OWN_MEAN(OWN_MEAN), .CONTRAST(CONTRAST), .FILTER(FILTER),
-        .KEEP_DISTANCES(KEEP_DISTANCES), .STEPS(ACTIVITY_COSTS ? 4 : 1), .BACK(BACK), .ACTIVITY_COSTS(ACTIVITY_COSTS), .RESTART(2), .TRUST(1),
-        .EXCLUSION(0), .BY_MARGIN(1), .MARGIN(1), .EVENT_TIME_BITS(4), .TIMESTAMP_BITS(4),
-        .COLUMN_BITS(1), .ROW_BITS(1), .ADDRESS_BITS(1), .OWNER_BITS(2), .SLOT_BITS(1),
-        .COUNT_BITS(1), .WINDOW_COUNT_BITS(2), .ENTRY_BITS(OWN_MEAN ? 9 : 1), .CODE_BITS(1), .DISTANCE_BITS(2),
-        .SUM_BITS(2), .PRODUCT_BITS(4), .PLACE_BITS(1), .WINDOW_EVENTS_BITS(2),
-        .ACTIVITY_BITS(10), .DISTANCE_TOTAL_BITS(3), .RECIPROCAL_BITS(RECIPROCAL_BITS), .EVIDENCE_BITS(2), .TRUST_BITS(6),
-        .MATCH_BITS(MATCH_BITS), .SLOW_BLOCKS(SLOW_BLOCKS)
-    ) core (
-        .clk(clk), .rst(rst), .load(6'd0), .load_address(20'd0), .load_word(32'd0),
-        .start_time(start_time), .start_activity(10'd0),
+    vpr_core #(.SLOW_BLOCKS(SLOW_BLOCKS)) core (
+        .clk_i(clk), .rst_i(rst), .load_i(6'd0), .load_address_i(20'd0), .load_word_i(32'd0),
+        .start_time_i(start_time), .start_activity_i(10'd0),
         .s_place_tvalid(s_place_tvalid), .s_place_tready(s_place_tready),
         .s_place_tdata(s_place_tdata),
         .s_event_tvalid(s_event_tvalid), .s_event_tready(s_event_tready),
@@ -74,7 +54,7 @@ module vpr_core_properties #(
     // Environment: a reset first; what is offered stays until it is taken
     logic        begun = 1'b0;
     logic        event_waited = 1'b0;
-    logic [35:0] event_before;
+    logic [EVENT_BITS-1:0] event_before;
     always_ff @(posedge clk) begin
         begun        <= 1'b1;
         event_waited <= s_event_tvalid && !s_event_tready && !rst;
@@ -88,10 +68,10 @@ module vpr_core_properties #(
     // Streams: what is offered stays until it is taken
     logic                  running = 1'b0;
     logic                  event_held = 1'b0, window_held = 1'b0, match_held = 1'b0;
-    logic [2:0]            event_data;
-    logic [LANES+32:0]     window_data;
+    logic [SEEN_BITS-1:0]  event_data;
+    logic [WORD_BITS+32:0] window_data;
     logic [MATCH_BITS-1:0] match_data;
-    wire  [LANES+32:0]     window_word = {m_window_tlast, m_window_tuser, m_window_tdata};
+    wire  [WORD_BITS+32:0] window_word = {m_window_tlast, m_window_tuser, m_window_tdata};
     always_ff @(posedge clk) begin
         running     <= begun || rst;
         event_held  <= running && m_event_tvalid && !m_event_tready && !rst;
@@ -103,10 +83,10 @@ module vpr_core_properties #(
     end
 
     // Windows and matches
-    localparam SEEN_BITS = $clog2(LENGTH + 1);
+    localparam LENGTH_BITS = $clog2(LENGTH + 1);
     localparam WAIT_BITS = $clog2(PATIENCE + 2);
 
-    logic [SEEN_BITS-1:0] seen;
+    logic [LENGTH_BITS-1:0] seen;
     logic                 owed;
     logic [31:0]          windows;
     logic [WAIT_BITS-1:0] waited;

@@ -1,10 +1,10 @@
 // What vpr_counters must count, for any slots at any times: properties for the model checker pdr.
 // One slot `k`, chosen freely and kept, stands for all.
 module vpr_counters_properties #(
-    parameter SLOTS      = 3,
-    parameter SLOT_BITS  = 2,
-    parameter COUNT_BITS = 2,
-    parameter COUNT_MAX  = 2
+    localparam SLOTS      = vpr_pkg::SLOTS,
+    localparam SLOT_BITS  = vpr_pkg::SLOT_BITS,
+    localparam COUNT_BITS = vpr_pkg::COUNT_BITS,
+    localparam COUNT_MAX  = vpr_pkg::COUNT_MAX
 ) (
     input logic                 clk,
     input logic                 rst,
@@ -21,12 +21,11 @@ module vpr_counters_properties #(
     logic [SLOT_BITS-1:0]  raised_slot, read_slot;
     logic [COUNT_BITS-1:0] raised, drained;
 
-    vpr_counters #(
-        .SLOTS(SLOTS), .SLOT_BITS(SLOT_BITS), .COUNT_BITS(COUNT_BITS), .COUNT_MAX(COUNT_MAX)
-    ) counters (
-        .clk(clk), .rst(rst), .enable(enable), .take(take),
-        .slot(slot), .raises(raises), .raised_slot(raised_slot), .raised(raised), .draining(draining),
-        .drain(drain), .drain_slot(drain_slot), .drained(drained), .read_slot(read_slot)
+    vpr_counters counters (
+        .clk_i(clk), .rst_i(rst), .enable_i(enable), .take_i(take),
+        .slot_i(slot), .raises_o(raises), .raised_slot_o(raised_slot), .raised_o(raised),
+        .draining_i(draining),
+        .drain_i(drain), .drain_slot_i(drain_slot), .drained_o(drained), .read_slot_o(read_slot)
     );
 
     // the count of `k`, which is known once it was cleared; and slots that are on their way

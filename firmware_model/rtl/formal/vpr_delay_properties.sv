@@ -17,7 +17,7 @@ module vpr_delay_properties #(
     vpr_delay #(
         .STEPS(STEPS), .BITS(BITS)
     ) delay (
-        .clk(clk), .rst(rst), .push(push), .word(word), .oldest(oldest)
+        .clk_i(clk), .rst_i(rst), .push_i(push), .word_i(word), .oldest_o(oldest)
     );
 
     logic                  begun = 1'b0;

@@ -2,34 +2,32 @@
 // pauses or does not, with any activity. What is proved of a core with it holds for any numbers of
 // events, and for the weight and the costs of any activity.
 module vpr_activity #(
-    parameter EVENTS_BITS   = 23,
-    parameter ACTIVITY_BITS = 31,
-    parameter LOGARITHMS    = 1
+    localparam ACTIVITY_BITS = vpr_pkg::ACTIVITY_BITS
 ) (
-    input  logic                     clk,
-    input  logic                     load,
-    input  logic [ACTIVITY_BITS-1:0] start_activity,
-    input  logic                     counted,
-    input  logic                     window_end,
-    output logic                     settled,
-    output logic                     pauses,
-    output logic [9:0]               activity_inverse
+    input  logic                     clk_i,
+    input  logic                     load_i,
+    input  logic [ACTIVITY_BITS-1:0] start_activity_i,
+    input  logic                     counted_i,
+    input  logic                     window_end_i,
+    output logic                     settled_o,
+    output logic                     pauses_o,
+    output logic [9:0]               activity_inverse_o
 );
     (* anyseq *) logic       any_pause, at_once;
     (* anyseq *) logic [9:0] any_activity;
-    logic [2:0]              left;
+    logic [2:0]              left_q;
 
-    assign pauses = any_pause;
+    assign pauses_o = any_pause;
 
-    always_ff @(posedge clk) begin
-        left <= left - 1'b1;
-        if (load) settled <= 1'b1;
-        else if (window_end) begin
-            settled <= 1'b0;
-            left    <= '1;
-        end else if (!settled && (at_once || left == 0)) begin
-            settled          <= 1'b1;
-            activity_inverse <= any_activity;
+    always_ff @(posedge clk_i) begin
+        left_q <= left_q - 1'b1;
+        if (load_i) settled_o <= 1'b1;
+        else if (window_end_i) begin
+            settled_o <= 1'b0;
+            left_q    <= '1;
+        end else if (!settled_o && (at_once || left_q == 0)) begin
+            settled_o          <= 1'b1;
+            activity_inverse_o <= any_activity;
         end
     end
 endmodule

@@ -7,16 +7,16 @@ module vpr_ram #(
     parameter IN_LOGIC     = 0,
     parameter IN_BLOCK     = 0
 ) (
-    input  logic                    clk,
-    input  logic                    write,
-    input  logic [ADDRESS_BITS-1:0] write_address,
-    input  logic [BITS-1:0]         write_word,
-    input  logic                    read,
-    input  logic [ADDRESS_BITS-1:0] read_address,
-    output logic [BITS-1:0]         read_word
+    input  logic                    clk_i,
+    input  logic                    write_i,
+    input  logic [ADDRESS_BITS-1:0] write_address_i,
+    input  logic [BITS-1:0]         write_word_i,
+    input  logic                    read_i,
+    input  logic [ADDRESS_BITS-1:0] read_address_i,
+    output logic [BITS-1:0]         read_word_o
 );
     (* anyseq *) logic [BITS-1:0] any;
-    always_ff @(posedge clk) if (read) read_word <= any;
+    always_ff @(posedge clk_i) if (read_i) read_word_o <= any;
 endmodule
 
 module vpr_ram_single #(
@@ -26,14 +26,14 @@ module vpr_ram_single #(
     parameter STYLE        = "auto",
     parameter FILE         = ""
 ) (
-    input  logic                    clk,
-    input  logic                    write,
-    input  logic [ADDRESS_BITS-1:0] address,
-    input  logic [BITS-1:0]         write_word,
-    output logic [BITS-1:0]         read_word
+    input  logic                    clk_i,
+    input  logic                    write_i,
+    input  logic [ADDRESS_BITS-1:0] address_i,
+    input  logic [BITS-1:0]         write_word_i,
+    output logic [BITS-1:0]         read_word_o
 );
     (* anyseq *) logic [BITS-1:0] any;
-    always_ff @(posedge clk) if (!write) read_word <= any;
+    always_ff @(posedge clk_i) if (!write_i) read_word_o <= any;
 endmodule
 
 module vpr_rom #(
@@ -44,14 +44,14 @@ module vpr_rom #(
     parameter LOADABLE     = 0,
     parameter STYLE        = "auto"
 ) (
-    input  logic                    clk,
-    input  logic                    enable,
-    input  logic [ADDRESS_BITS-1:0] address,
-    output logic [BITS-1:0]         word,
-    input  logic                    load,
-    input  logic [19:0]             load_address,
-    input  logic [31:0]             load_word
+    input  logic                    clk_i,
+    input  logic                    enable_i,
+    input  logic [ADDRESS_BITS-1:0] address_i,
+    output logic [BITS-1:0]         word_o,
+    input  logic                    load_i,
+    input  logic [19:0]             load_address_i,
+    input  logic [31:0]             load_word_i
 );
     (* anyseq *) logic [BITS-1:0] any;
-    always_ff @(posedge clk) if (enable) word <= any;
+    always_ff @(posedge clk_i) if (enable_i) word_o <= any;
 endmodule

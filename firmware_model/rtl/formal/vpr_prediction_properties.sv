@@ -5,8 +5,8 @@
 // are any, but those of the clock that counts are not above RESTART. The entries are seen through a
 // port that the proof's script adds.
 module vpr_prediction_properties #(
-    parameter METRIC_BITS = 4,
-    parameter RESTART     = 9
+    localparam METRIC_BITS = vpr_pkg::METRIC_BITS,
+    localparam RESTART     = vpr_pkg::RESTART
 ) (
     input logic                   clk,
     input logic                   clear,
@@ -28,8 +28,8 @@ module vpr_prediction_properties #(
     logic [ENTRIES*BITS-1:0] entries;
 
     vpr_prediction predictions (
-        .clk(clk), .clear(clear), .shift(shift), .off(off), .metric(metric), .costs(costs),
-        .placed(placed), .least(least), .prediction(prediction), .entries(entries)
+        .clk_i(clk), .clear_i(clear), .shift_i(shift), .off_i(off), .metric_i(metric), .costs_i(costs),
+        .placed_i(placed), .least_i(least), .prediction_o(prediction), .entries_q(entries)
     );
 
     logic                   begun = 1'b0;

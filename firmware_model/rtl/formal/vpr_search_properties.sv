@@ -4,10 +4,10 @@
 // search's registers are seen through ports that the proof's script adds to it; they serve the
 // induction alone (INDUCTION), so that broken versions are refused by what the outputs must be.
 module vpr_search_properties #(
-    parameter INDUCTION  = 1,
-    parameter EXCLUSION  = 1,
-    parameter SUM_BITS   = 3,
-    parameter PLACE_BITS = 3
+    localparam EXCLUSION  = vpr_pkg::EXCLUSION,
+    localparam SUM_BITS   = vpr_pkg::SUM_BITS,
+    localparam PLACE_BITS = vpr_pkg::PLACE_BITS,
+    parameter  INDUCTION  = 1
 ) (
     input logic                  clk,
     input logic                  rst,
@@ -32,13 +32,14 @@ module vpr_search_properties #(
     logic                      sum_lower, sum_equal, sum_below_second, oldest_lower;
 
     vpr_search search (
-        .clk(clk), .rst(rst), .start(start), .sum_valid(sum_valid), .place(place), .sum(sum),
-        .has_best(has_best), .best(best), .best_sum(best_sum), .ties(ties),
-        .has_second(has_second), .second(second), .second_sum(second_sum),
-        .delayed(delayed), .filled(filled), .behind(behind), .has_left(has_left), .left(left),
-        .left_sum(left_sum), .update(update), .sum_lower(sum_lower), .sum_equal(sum_equal),
-        .sum_below_second(sum_below_second), .oldest_lower(oldest_lower),
-        .oldest_place(oldest_place)
+        .clk_i(clk), .rst_i(rst), .start_i(start), .sum_valid_i(sum_valid), .place_i(place),
+        .sum_i(sum),
+        .has_best_o(has_best), .best_o(best), .best_sum_o(best_sum), .ties_o(ties),
+        .has_second_o(has_second), .second_o(second), .second_sum_o(second_sum),
+        .delayed_q(delayed), .filled_q(filled), .behind_q(behind), .has_left_q(has_left), .left_q(left),
+        .left_sum_q(left_sum), .update_q(update), .sum_lower_q(sum_lower), .sum_equal_q(sum_equal),
+        .sum_below_second_q(sum_below_second), .oldest_lower_q(oldest_lower),
+        .oldest_place_q(oldest_place)
     );
 
     (* anyconst *) logic [PLACE_BITS-1:0] first;

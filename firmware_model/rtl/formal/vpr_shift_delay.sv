@@ -5,15 +5,15 @@ module vpr_delay #(
     parameter BITS     = 1,
     parameter IN_LOGIC = 0
 ) (
-    input  logic            clk,
-    input  logic            rst,
-    input  logic            push,
-    input  logic [BITS-1:0] word,
-    output logic [BITS-1:0] oldest
+    input  logic            clk_i,
+    input  logic            rst_i,
+    input  logic            push_i,
+    input  logic [BITS-1:0] word_i,
+    output logic [BITS-1:0] oldest_o
 );
-    logic [STEPS*BITS-1:0] delayed;  // the newest in the least significant bits
+    logic [STEPS*BITS-1:0] delayed_q;  // the newest in the least significant bits
 
-    always_ff @(posedge clk) if (push) delayed <= {delayed, word};
+    always_ff @(posedge clk_i) if (push_i) delayed_q <= {delayed_q, word_i};
 
-    assign oldest = delayed[(STEPS-1)*BITS+:BITS];
+    assign oldest_o = delayed_q[(STEPS-1)*BITS+:BITS];
 endmodule

@@ -2,8 +2,8 @@
 // end of the open window is kept here as a sum; the unit's own is seen through a port that the
 // proof's script adds.
 module vpr_window_timer_properties #(
-    parameter TIMESTAMP_BITS = 6,
-    parameter TAU_US         = 11
+    localparam TIMESTAMP_BITS = vpr_pkg::TIMESTAMP_BITS,
+    localparam TAU_US         = vpr_pkg::TAU_US
 ) (
     input logic                      clk,
     input logic                      load,
@@ -19,9 +19,11 @@ module vpr_window_timer_properties #(
     wire  [TIMESTAMP_BITS-1:0] carried = TIMESTAMP_BITS'(due) << (TIMESTAMP_BITS / 2);
 
     vpr_window_timer window_timer (
-        .clk(clk), .load(load), .start_time(start_time), .next_window(next_window), .take(take),
-        .timestamp(timestamp), .settled(settled), .over(over), .end_inverse(end_inverse), .behind(behind),
-        .due(due)
+        .clk_i(clk), .load_i(load), .start_time_i(start_time), .next_window_i(next_window),
+        .take_i(take),
+        .timestamp_i(timestamp), .settled_o(settled), .over_o(over), .end_inverse_q(end_inverse),
+        .behind_q(behind),
+        .due_q(due)
     );
 
     logic                      begun = 1'b0;

@@ -1,0 +1,101 @@
+// Sizes and widths of the core, in one place. `edge-vpr hardware` and `edge-vpr golden --rtl` write
+// this file anew with the values of a design in its first part; the second part follows from it.
+//
+// Each module names what it takes from here in its header. The installed tools have no better
+// common form: yosys 0.23 neither reads `import` nor a package that refers to another one, and
+// Icarus Verilog 11 no parameter whose type is a struct of a package.
+package vpr_pkg;
+    // The design
+
+    localparam int           WIDTH          = 2;      // of the sensor, in pixels
+    localparam int           HEIGHT         = 2;
+    localparam int           PIXELS         = 1;      // that are selected
+    localparam bit           POLARITY       = 1'd0;   // a counter for each polarity
+    localparam int           LOOKUP_DEPTH   = 2;      // entries of the pixel look-up
+    localparam int           TIMESTAMP_BITS = 32;
+    localparam bit           BY_TIME        = 1'd1;   // windows of TAU_US; else of WINDOW_EVENTS
+    localparam logic [63:0]  TAU_US         = 64'd1;
+    localparam logic [31:0]  WINDOW_EVENTS  = 32'd1;
+    localparam int           COUNT_MAX      = 1;      // at which a counter saturates
+    localparam int           TABLES         = 1;      // code tables
+    localparam int           CODE_BITS      = 1;
+    localparam bit           OWN_MEAN       = 1'd0;   // codes against a counter's running mean
+    localparam bit           CONTRAST       = 1'd0;   // and that against the mean of all
+    localparam int           LEVEL_MAX      = 256;    // logarithm of COUNT_MAX, of own means
+    localparam int           PLACES         = 1;
+    localparam int           LANES          = 1;      // codes that are compared in a clock
+    localparam int           LENGTH         = 1;      // windows of a sequence; 1 with the filter
+    localparam bit           FILTER         = 1'd0;   // the place filter; else sequences
+    localparam bit           KEEP_DISTANCES = 1'd0;
+    localparam int           STEPS          = 1;      // prices of steps ahead, from 0 places on
+    localparam int           BACK           = 0;      // and of steps back
+    localparam bit           ACTIVITY_COSTS = 1'd0;   // the activity makes the prices ahead
+    localparam logic [159:0] STEP_PRICES    = 160'd0; // else these, of 10 bits each
+    localparam logic [159:0] BACK_PRICES    = 160'd0;
+    localparam logic [9:0]   RESTART        = 10'd0;  // price
+    localparam logic [8:0]   TRUST          = 9'd0;   // below which a match is not trusted
+    localparam int           EXCLUSION      = 0;      // places on each side of the best's zone
+    localparam bit           BY_MARGIN      = 1'd0;   // accepted by MARGIN; else by the ratio
+    localparam logic [31:0]  MARGIN         = 32'd0;
+    localparam logic [15:0]  NUMERATOR      = 16'd1;
+    localparam logic [15:0]  DENOMINATOR    = 16'd2;
+
+    // What follows from it
+
+    // bits of an index of `n` things, and of the integers from 0 to `highest`: at least one
+    function automatic integer index_bits(input integer n);
+        index_bits = n > 1 ? $clog2(n) : 1;
+    endfunction
+    function automatic integer width_of(input logic [63:0] highest);
+        width_of = highest == 0 ? 1 : $clog2(highest + 1);
+    endfunction
+
+    localparam int SLOTS = POLARITY ? 2 * PIXELS : PIXELS;  // counters, and codes of a descriptor
+    localparam int WORDS = (SLOTS + LANES - 1) / LANES;     // of a descriptor
+
+    // events: their words, the pixel look-up, counters
+    localparam int EVENT_TIME_BITS   = TIMESTAMP_BITS <= 32 ? 32 : 64;
+    localparam int EVENT_BITS        = EVENT_TIME_BITS + 32;
+    localparam int COLUMN_BITS       = index_bits(WIDTH);
+    localparam int ROW_BITS          = index_bits(HEIGHT);
+    localparam int ADDRESS_BITS      = index_bits(LOOKUP_DEPTH);
+    localparam int OWNER_BITS        = index_bits(HEIGHT + 1);  // a value more: of no row
+    localparam int SLOT_BITS         = index_bits(SLOTS);
+    localparam int COUNT_BITS        = index_bits(COUNT_MAX + 1);
+    localparam int WINDOW_COUNT_BITS = width_of(64'(WINDOW_EVENTS));
+    localparam int SEEN_BITS         = SLOT_BITS + COUNT_BITS + 1;
+
+    // descriptors
+    localparam int TABLE_BITS = index_bits(TABLES);
+    localparam int ENTRY_BITS = index_bits(LEVEL_MAX + 1);  // of own means
+    localparam int MEAN_BITS  = ENTRY_BITS + 8;
+    localparam int WORD_BITS  = LANES * CODE_BITS;
+
+    // activity: events of a window, and their usual number times 256
+    localparam bit PAUSES             = OWN_MEAN || FILTER;  // windows may pause
+    localparam int WINDOW_EVENTS_BITS = 23;
+    localparam int ACTIVITY_BITS      = WINDOW_EVENTS_BITS + 8;
+
+    // distances, what the search compares (sums of sequences, or metrics), and acceptance
+    localparam logic [63:0] CODE_MAX = (64'd1 << CODE_BITS) - 64'd1;
+
+    localparam int PLACE_BITS    = index_bits(PLACES);
+    localparam int SAD_BITS      = CODE_BITS + $clog2(LANES);
+    localparam int DISTANCE_BITS = width_of(CODE_MAX * 64'(SLOTS));
+    localparam int METRIC_BITS   = 10;
+    localparam int SUM_BITS      =
+        FILTER ? METRIC_BITS : width_of(CODE_MAX * 64'(SLOTS) * 64'(LENGTH));
+    localparam int PRODUCT_BITS  = width_of(((64'd1 << SUM_BITS) - 64'd1) * 64'(DENOMINATOR));
+
+    // the place filter
+    localparam int DISTANCE_TOTAL_BITS = width_of(((64'd1 << DISTANCE_BITS) - 64'd1) * 64'(PLACES));
+    localparam int RECIPROCAL_BITS     = 17;
+    localparam int EVIDENCE_BITS       = 8;
+    localparam int MISFIT_BITS         = 5;
+    localparam int TRUST_BITS          = 9;
+    localparam int COST_BITS           = ACTIVITY_COSTS ? 7 : 10;  // of a step ahead
+
+    // window, place, sum, has_second, second, second_sum, ties, accepted, trust
+    localparam int MATCH_BITS =
+        32 + 3 * PLACE_BITS + 2 * SUM_BITS + 2 + (FILTER ? TRUST_BITS : 0);
+endpackage
