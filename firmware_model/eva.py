@@ -74,13 +74,15 @@ FREE = (
 )  # fmt: skip
 #: functions after which Eva goes on apart with what they let through, and what they refuse
 _APART = (
-    "vpr_open", "within_limits", "adaptive_within_limits", "laid_out", "lookup_sound", "codes_sound",
-    "places_sound", "at_most", "words_at_most",
+    "vpr_open", "within_limits", "adaptive_within_limits", "laid_out", "lookup_sound",
+    "codes_sound", "places_sound", "at_most", "words_at_most",
 )  # fmt: skip
+#: the gauges know how far a pointer is in a loop of many places
+_DOMAINS, _LARGE_DOMAINS = "cvalue,symbolic-locations,equality", "gauges"
 _OPTIONS = (
     "-eva", "-machdep", "x86_32", "-eva-slevel", "64", "-eva-slevel-function", "lookup_sound:0",
-    "-eva-plevel", "2000", "-eva-ilevel", "64", "-eva-domains", "cvalue,symbolic-locations,equality",
-    "-eva-split-return-function", ",".join([*(f"{name}:0" for name in _APART), "vpr_slot:4294967295"]),
+    "-eva-plevel", "2000", "-eva-ilevel", "64", "-eva-split-return-function",
+    ",".join([*(f"{name}:0" for name in _APART), "vpr_slot:4294967295"]),
 )  # fmt: skip
 #: iterations of a loop that are analysed one by one
 _UNROLLED, _LARGE_UNROLLED = 600, 24

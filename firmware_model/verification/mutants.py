@@ -319,8 +319,11 @@ FILTER = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scal
 #: seconds of the processor after which a mutant is taken to loop for ever; the firmware takes 0.1
 PATIENCE_S = 3
 
-#: of a microcontroller's faults: unaligned access, index beyond an array, write behind one
-TRAPS = "-fstack-protector-all", "-fsanitize=alignment,bounds", "-fsanitize-undefined-trap-on-error"
+#: a microcontroller's faults are traps: unaligned access, index beyond an array, write behind one
+_OPTIONS = (
+    "-std=c11", "-O0", "-w", "-fstack-protector-all", "-fsanitize=alignment,bounds",
+    "-fsanitize-undefined-trap-on-error",
+)  # fmt: skip
 
 Outcome = Literal["found", "survives", "does not compile"]
 Key = tuple[str, str, str]
@@ -368,7 +371,7 @@ class Bench:
                 long_windows(),
             )
         )
-        self._hash = hashlib.sha256(" ".join(_compiler()).encode())
+        self._hash = hashlib.sha256(" ".join((*_compiler(), *_OPTIONS)).encode())
         for path in (self._bundle, *sorted(self._sources.glob("*.[ch]"))):
             self._hash.update(hashlib.sha256(path.read_bytes()).digest())
         if not all(map(self._compiles, _AROUND)):
@@ -394,7 +397,7 @@ class Bench:
             file.write_text(original, encoding="ascii")
 
     def _compiles(self, file: str) -> bool:
-        command = [*_compiler(), "-std=c11", "-O1", "-w", *TRAPS, "-c", str(self._sources / file)]
+        command = [*_compiler(), *_OPTIONS, "-c", str(self._sources / file)]
         command += ["-o", str(self._folder / f"{file}.o")]
         return subprocess.run(command, capture_output=True, check=False).returncode == 0
 
@@ -403,7 +406,7 @@ class Bench:
             return "does not compile"
         program = self._folder / "mutant"
         objects = [str(self._folder / f"{file}.o") for file in ("vpr.c", *_AROUND)]
-        command = [*_compiler(), *TRAPS, *objects, "-o", str(program)]
+        command = [*_compiler(), *_OPTIONS, *objects, "-o", str(program)]
         if subprocess.run(command, capture_output=True, check=False).returncode:
             return "does not compile"
         command = [str(program.absolute()), str(self._bundle)]
