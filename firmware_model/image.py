@@ -169,9 +169,14 @@ def ram_bytes(design: Design) -> int:
         + _aligned(2 * design.slots)
         + _aligned(2 * design.length * design.places)
         + (0 if design.filters else _aligned(4 * (design.exclusion + 1)))
-        + (_aligned(2 * design.places) if design.filters and design.keep_distances else 0)
+        + kept_bytes(design)
         + (_aligned(4 * design.slots) if design.own_mean else 0)
     )
+
+
+def kept_bytes(design: Design) -> int:
+    """Return the RAM in which the filter keeps the distances of a window; 0 if it does not."""
+    return _aligned(2 * design.places) if design.filters and design.keep_distances else 0
 
 
 def check_limits(design: Design) -> None:

@@ -6,13 +6,11 @@
 #include "map.h"
 #include "vpr.h"
 
-#define RAM_BYTES 16384U /* for the state; vpr_ram_bytes says how much a map needs */
-
 /* ---- what others read: a debugger, a line to the motors, a test ---- */
 
 volatile uint32_t matches; /* accepted so far */
 volatile uint32_t place;   /* of the newest one */
-volatile bool refused;     /* the map is none, or needs more RAM */
+volatile bool refused;     /* the map is none, or needs more RAM than map.h says */
 
 /* ---- the board: a camera that has seen all that it will see ---- */
 
@@ -25,7 +23,7 @@ static const vpr_event_t *camera_next(const vpr_event_t **end)
 
 /* ---- the firmware ---- */
 
-static _Alignas(16) uint32_t ram[RAM_BYTES / sizeof(uint32_t)];
+static _Alignas(16) uint32_t ram[CASE_RAM_BYTES / sizeof(uint32_t)];
 static vpr_design_t design;
 static vpr_state_t state;
 
@@ -36,7 +34,8 @@ int main(void)
     const vpr_event_t *next = camera_next(&end);
     (void)case_expected; /* of a test */
 
-    if (!vpr_open(&design, case_image, CASE_IMAGE_BYTES) || (vpr_ram_bytes(&design) > RAM_BYTES)) {
+    if (!vpr_open(&design, case_image, CASE_IMAGE_BYTES) ||
+        (vpr_ram_bytes(&design) > CASE_RAM_BYTES)) {
         refused = true;
         return 1;
     }

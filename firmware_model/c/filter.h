@@ -344,16 +344,22 @@ static void search_second(const uint16_t *metric, uint32_t from, uint32_t end, v
 }
 
 /* The lowest place of the least metric, how many others have it, and the second best. */
-static void search_places(const vpr_design_t *d, const uint16_t *metric, uint32_t least,
-                          vpr_match_t *m)
+static void search_places(const vpr_design_t *d, const uint16_t *metric, vpr_match_t *m)
 {
     uint32_t best = 0U;
-    while (metric[best] != least) {
-        best++;
-    }
+    uint32_t least = metric[0];
     uint32_t ties = 0U;
-    for (uint32_t place = best + 1U; place < d->place_count; place++) {
-        ties += (metric[place] == least) ? 1U : 0U;
+    for (uint32_t place = 1U; place < d->place_count; place++) {
+        const uint32_t value = metric[place];
+        if (value < least) {
+            least = value;
+            best = place;
+            ties = 0U;
+        } else if (value == least) {
+            ties++;
+        } else {
+            /* neither */
+        }
     }
     m->place = best;
     m->sum = least;
@@ -409,7 +415,7 @@ static void filter_places(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
     } else {
         advance_by_evidence(d, s, &prices, &scale);
     }
-    search_places(d, s->metric, s->least, m);
+    search_places(d, s->metric, m);
     trust(d, s, s->paused ? 0U : misfit_of(d, s, &scale, m->place), m);
 }
 

@@ -462,7 +462,7 @@ static void own_mean_codes(const vpr_design_t *d, vpr_state_t *s)
     }
     if (!s->paused && (shift < LAST_SHIFT)) {
         s->mean_windows++;
-        s->mean_shift += s->mean_windows >> (shift + 1U);
+        s->mean_shift = (s->mean_windows < (2U << shift)) ? shift : (shift + 1U);
     }
 }
 

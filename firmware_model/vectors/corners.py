@@ -428,8 +428,17 @@ def _wide_sums(design: Design) -> list[Case]:
     rows = [half if place % 3 == 1 else [top] * slots for place in range(places)]
     rows[places // 2] = list(shown_codes(stream)[0])
     memories, events = Memories(wide, pixels, rows), tuple(stream.events)
-    kept = replace(memories, design=replace(wide, keep_distances=True))
-    return [Case("wide_sums", memories, events), Case("wide_sums_of_kept_distances", kept, events)]
+    other, suffix = _other_way(wide)
+    return [
+        Case("wide_sums", memories, events),
+        Case(f"wide_sums_{suffix}", replace(memories, design=other), events),
+    ]
+
+
+def _other_way(design: Design) -> tuple[Design, str]:
+    """Return a design that keeps distances if this one does not, and what to call its cases."""
+    suffix = "distances_twice" if design.keep_distances else "of_kept_distances"
+    return replace(design, keep_distances=not design.keep_distances), suffix
 
 
 def _far(design: Design) -> Case:
@@ -477,10 +486,10 @@ def _small_spreads(design: Design) -> list[Case]:
     shown = shown_codes(stream)[0]
     memories = Memories(near, pixels, _at_distances(near, shown, lambda place: 1 + place * 5 % 4))
     alike = Memories(near, pixels, _at_distances(near, shown, lambda _: 1))
-    kept, events = replace(near, keep_distances=True), tuple(stream.events)
+    (other, suffix), events = _other_way(near), tuple(stream.events)
     return [
         Case("spread_of_one", memories, events),
-        Case("spread_of_one_of_kept_distances", replace(memories, design=kept), events),
+        Case(f"spread_of_one_{suffix}", replace(memories, design=other), events),
         Case("spread_of_none", alike, events),
     ]
 
@@ -646,17 +655,19 @@ def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
     back = replace(forward, back=(2, 5), steps=(1, 0, 2, 3, 4, 6))
     dear = replace(forward, steps=(254,), back=(254,), restart=254)
     long = replace(forward, places=40)
+    blocks = replace(long, keep_distances=False)
+    (other, suffix), (other_back, _) = _other_way(forward), _other_way(back)
     walk = [0, 1, 2, 2, 3, 4, 6, 7, 7, 9, 10, 11, last]
     jumps = [0, 1, 2, 2, 2, 8, 8, 8, 3, 3, 3, last, last, last, 0, 0, 0]
     backwards = [6, 5, 4, 4, 2, 1, 0, 0, 5, 5, 10, 10, 7, 7, 4, 4]
     return {
         "walk": (forward, walk),
-        "walk_of_kept_distances": (replace(forward, keep_distances=True), walk),
+        f"walk_{suffix}": (other, walk),
         "jumps": (forward, jumps),
         "past_what_does_not_fit": (forward, [0, 1, 2, 3, 4, 5, 0, 1, 3, 4, 8, 0]),
         "by_one_too_many": (forward, [0, 0, 3, 3, 3, 2, 2, 4, 4, 5, 5, 4, 4, 8, 8, 7, 7]),
         "backwards": (back, backwards),
-        "backwards_of_kept_distances": (replace(back, keep_distances=True), backwards),
+        f"backwards_{suffix}": (other_back, backwards),
         "by_one_too_many_back": (back, [8, 8, 5, 5, 5, 4, 4, 2, 2, 8, 8, 8, 1, 1, 7, 7, 7]),
         "dear_steps": (dear, [0, 0, 5, 5, 11, 0, 3, 3]),
         "four_steps": (replace(forward, steps=(1, 0, 0, 1)), walk),
@@ -685,7 +696,7 @@ def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
             replace(long, steps=tuple(range(16)), back=tuple(range(16)), restart=40),
             [0, 10, 25, 39, 39, 24, 12, 12, 0],
         ),
-        "several_blocks": (long, [*range(0, 40, 2), 39, 16, 17, 33, 32, 31, 15]),
+        "several_blocks": (blocks, [*range(0, 40, 2), 39, 16, 17, 33, 32, 31, 15]),
         "one_place_of_a_filter": (replace(forward, places=1), [0, 0, 0]),
         "two_places": (replace(forward, places=2, exclusion=0), [0, 1, 1, 0]),
         "three_places": (replace(forward, places=3, exclusion=0), [0, 2, 1, 0, 2]),
@@ -715,8 +726,8 @@ def _pauses(design: Design) -> list[Case]:
     cases.append(drive("pauses_of_eight_places", eight, list(range(8)), None, busy))
     if design.window == "time":
         cases.append(drive("pauses", forward, route))
-        kept = replace(forward, keep_distances=True, back=(1, 2))
-        cases.append(drive("pauses_of_kept_distances", kept, route))
+        other, suffix = _other_way(replace(forward, back=(1, 2)))
+        cases.append(drive(f"pauses_{suffix}", other, route))
         # in a pause, a restart for nothing leads to the first place
         free = replace(forward, restart=0)
         cases.append(drive("pauses_of_free_restart", free, route))
@@ -772,14 +783,15 @@ def _activities(design: Design) -> list[Case]:
     last = design.places - 1
     walk, jumps = [0, 1, 2, 2, 3, 4, 6, 9, 9, 10, 11, last], [0, 1, 2, 8, 8, 3, 3, last, 0, 0]
     back = replace(design, back=(2, 5))
-    long = replace(design, places=40)
+    long = replace(design, places=40, keep_distances=False)
+    (other, suffix), (other_back, _) = _other_way(design), _other_way(back)
     usual = max(counts_at(design, place)[1] for place in range(design.places)) << ACTIVITY_BITS
     variants = {
         "by_activity": (design, walk),
-        "by_activity_of_kept_distances": (replace(design, keep_distances=True), walk),
+        f"by_activity_{suffix}": (other, walk),
         "jumps_by_activity": (design, jumps),
         "back_by_activity": (back, [6, 5, 4, 4, 2, 1, 0, 0, 5, 5, 10, 7, 4]),
-        "back_by_activity_of_kept_distances": (replace(back, keep_distances=True), jumps),
+        f"back_by_activity_{suffix}": (other_back, jumps),
         # by three places the match follows, by four it does not
         "by_three_and_four": (replace(design, restart=1), [0, 3, 6, 9, 9, 0, 4, 8, 8]),
         "blocks_by_activity": (long, [*range(0, 40, 2), 39, 16, 17, 33, 32, 31, 15]),

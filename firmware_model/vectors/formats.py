@@ -155,14 +155,27 @@ def c_array(name: str, data: bytes) -> str:
     )
 
 
-def case_header(name: str, start: int, flash: bytes, events: bytes, expected: bytes) -> str:
-    """Write a C header with the inputs and the expected output of `vpr_replay`."""
+def case_header(
+    name: str, start: int, ram: int, kept: int, flash: bytes, events: bytes, expected: bytes
+) -> str:
+    """Write a C header with the inputs and the expected output of `vpr_replay`.
+
+    Parameters
+    ----------
+    ram : int
+        Bytes of the state's arrays, as `vpr_ram_bytes` returns them.
+    kept : int
+        Bytes of it in which the filter keeps distances; 0 if it computes them twice.
+    """
     guard = f"VPR_CASE_{name.upper()}_H"
     return "\n".join(
         [
             f"/* Case {name}: the arguments of vpr_replay, and the records that it writes. */",
             f"#ifndef {guard}\n#define {guard}\n\n#include <stdint.h>\n",
-            f"#define CASE_START {start}U\n",
+            f"#define CASE_START {start}U",
+            "/* of the state; in so many of them the filter keeps the distances of a window */",
+            f"#define CASE_RAM_BYTES {ram}U",
+            f"#define CASE_KEPT_DISTANCES_BYTES {kept}U\n",
             c_array("case_image", flash),
             c_array("case_events", events),
             c_array("case_expected", expected),

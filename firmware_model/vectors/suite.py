@@ -17,7 +17,7 @@ import numpy as np
 from firmware_model.errors import DesignError, VectorError
 from firmware_model.hardware.parameters import PACKAGE, package
 from firmware_model.hardware.sources import SIMULATED, copy_sources
-from firmware_model.image import image
+from firmware_model.image import image, kept_bytes, ram_bytes
 from firmware_model.model.design import Design, widths_of
 from firmware_model.model.machine import Trace, WindowState
 from firmware_model.model.memories import Memories
@@ -379,10 +379,15 @@ def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) ->
     except (DesignError, VectorError) as error:
         firmware = str(error)
     else:
-        firmware = "image.bin and events.bin are for it"
+        ram, kept = ram_bytes(case.design), kept_bytes(case.design)
+        firmware = f"image.bin and events.bin are for it; its state takes {ram} bytes of RAM"
+        if case.design.filters:
+            firmware += f", {kept} of which keep distances" if kept else ", and no distance is kept"
         files |= {"image.bin": flash, "events.bin": events}
         files["image.hex"] = formats.intel_hex(flash)
-        files["case.h"] = formats.case_header(case.name, case.start, flash, events, expected)
+        files["case.h"] = formats.case_header(
+            case.name, case.start, ram, kept, flash, events, expected
+        )
     entries = {}
     for name, content in files.items():
         data = content.encode("ascii") if isinstance(content, str) else content

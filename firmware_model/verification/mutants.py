@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
+import importlib.util
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -12,11 +15,12 @@ import tomllib
 from bisect import bisect_left
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal, TypeVar, cast, get_args
 
-from firmware_model.emulation.build import HOST, SOURCES, build
+from firmware_model.emulation.build import SOURCES
 from firmware_model.errors import ToolError
 from firmware_model.model.descriptor import ACTIVITY_SHIFT
 from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, Design, ilog
@@ -312,15 +316,14 @@ PROOFS = SOURCES / "mutants.toml"
 DESIGN = Design(width=64, height=48, pixels=25, places=40, length=4, code_bits=3)
 #: of the suite `filter`
 FILTER = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scales=(0,))
-#: seconds after which a mutant is taken to loop for ever; the firmware takes some hundredths
-PATIENCE_S = 3.0
+#: seconds of the processor after which a mutant is taken to loop for ever; the firmware takes 0.1
+PATIENCE_S = 3
 
-#: faults on a microcontroller: an unaligned access, an index beyond, a write behind an array
-SANITISED = (
-    "-fsanitize=alignment,array-bounds",
-    "-fsanitize-trap=alignment,array-bounds",
-    "-fstack-protector-all",
-)
+#: a microcontroller's faults are traps: unaligned access, index beyond an array, write behind one
+_OPTIONS = (
+    "-std=c11", "-O0", "-w", "-fstack-protector-all", "-fsanitize=alignment,bounds",
+    "-fsanitize-undefined-trap-on-error",
+)  # fmt: skip
 
 Outcome = Literal["found", "survives", "does not compile"]
 Key = tuple[str, str, str]
@@ -353,7 +356,7 @@ class Bench:
     Raises
     ------
     ToolError
-        If Zig is not installed, or the firmware itself fails the vectors.
+        If neither gcc nor Zig is installed, or the firmware itself fails the vectors.
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -368,9 +371,20 @@ class Bench:
                 long_windows(),
             )
         )
+        self._hash = hashlib.sha256(" ".join((*_compiler(), *_OPTIONS)).encode())
+        for path in (self._bundle, *sorted(self._sources.glob("*.[ch]"))):
+            self._hash.update(hashlib.sha256(path.read_bytes()).digest())
+        if not all(map(self._compiles, _AROUND)):
+            raise ToolError("the program that runs the vectors does not compile")
         outcome = self._run()
         if outcome != "survives":
             raise ToolError(f"the firmware without a fault fails the vectors: {outcome}")
+
+    def fingerprint(self, mutant: Mutant) -> str:
+        """Return a hash of what the outcome of a mutant depends on: sources, vectors, compiler."""
+        found = self._hash.copy()
+        found.update(f"{mutant.file}\0{mutant.text}".encode())
+        return found.hexdigest()
 
     def run(self, mutant: Mutant) -> Outcome:
         """Compile a mutant, and run the vectors up to the first difference."""
@@ -382,25 +396,38 @@ class Bench:
         finally:
             file.write_text(original, encoding="ascii")
 
+    def _compiles(self, file: str) -> bool:
+        command = [*_compiler(), *_OPTIONS, "-c", str(self._sources / file)]
+        command += ["-o", str(self._folder / f"{file}.o")]
+        return subprocess.run(command, capture_output=True, check=False).returncode == 0
+
     def _run(self) -> Outcome:
-        options = ("-O1", "-w", *SANITISED)
-        try:
-            program = build(
-                HOST,
-                self._folder,
-                sources=self._sources,
-                program="vectors_main.c",
-                name="mutant",
-                options=options,
-            )
-        except ToolError:
+        if not self._compiles("vpr.c"):
+            return "does not compile"
+        program = self._folder / "mutant"
+        objects = [str(self._folder / f"{file}.o") for file in ("vpr.c", *_AROUND)]
+        command = [*_compiler(), *_OPTIONS, *objects, "-o", str(program)]
+        if subprocess.run(command, capture_output=True, check=False).returncode:
             return "does not compile"
         command = [str(program.absolute()), str(self._bundle)]
-        try:
-            done = subprocess.run(command, capture_output=True, timeout=PATIENCE_S, check=False)
-        except subprocess.TimeoutExpired:
-            return "found"
+        limit = partial(resource.setrlimit, resource.RLIMIT_CPU, (PATIENCE_S, PATIENCE_S))
+        done = subprocess.run(command, capture_output=True, preexec_fn=limit, check=False)
         return "found" if done.returncode else "survives"
+
+
+#: what runs the vectors: compiled once
+_AROUND = ("replay.c", "vectors_main.c")
+
+
+@cache
+def _compiler() -> tuple[str, ...]:
+    """Return gcc if this computer has it, or else Zig's compiler, which takes longer."""
+    gcc = shutil.which("gcc")
+    if gcc:
+        return (gcc,)
+    if importlib.util.find_spec("ziglang") is None:
+        raise ToolError("mutants need gcc, or Zig's compiler: run pip install 'edge-vpr[firmware]'")
+    return sys.executable, "-m", "ziglang", "cc"
 
 
 def large_cases() -> list[Case]:
@@ -547,18 +574,24 @@ def proofs() -> dict[Key, str]:
     return found
 
 
-def survey(bench: Bench, chosen: Iterable[Mutant], proved: Iterable[Key]) -> Survey:
+def survey(
+    bench: Bench, chosen: Iterable[Mutant], proved: Iterable[Key], outcomes: Path | None = None
+) -> Survey:
     """Run mutants, and look up the proofs of those that survive.
 
     Parameters
     ----------
     proved : iterable of tuple of str
         Keys of those that are proved to be equal.
+    outcomes : path, optional
+        File to which each outcome is added, and from which those of an earlier run are taken, as
+        long as sources, vectors and compiler are the same.
     """
     result, left = Survey(), set(proved)
     known = frozenset(left)
+    earlier = _outcomes(outcomes)
     for mutant in chosen:
-        outcome = bench.run(mutant)
+        outcome = _outcome(bench, mutant, earlier, outcomes)
         if outcome == "found":
             result.found += 1
         elif outcome == "does not compile":
@@ -570,6 +603,28 @@ def survey(bench: Bench, chosen: Iterable[Mutant], proved: Iterable[Key]) -> Sur
             result.unproved.append(mutant)
     result.stale = sorted(left)
     return result
+
+
+def _outcomes(file: Path | None) -> dict[str, str]:
+    """Return the outcomes of an earlier run by fingerprint."""
+    if file is None or not file.exists():
+        return {}
+    lines = file.read_text(encoding="ascii").splitlines()
+    # the last line of a run that was interrupted may be cut
+    return dict(line.split("\t", 1) for line in lines if line.count("\t") == 1)
+
+
+def _outcome(bench: Bench, mutant: Mutant, earlier: dict[str, str], file: Path | None) -> Outcome:
+    if file is None:
+        return bench.run(mutant)
+    key = bench.fingerprint(mutant)
+    for outcome in get_args(Outcome):
+        if earlier.get(key) == outcome:
+            return cast("Outcome", outcome)
+    outcome = bench.run(mutant)
+    with file.open("a", encoding="ascii") as out:
+        out.write(f"{key}\t{outcome}\n")
+    return outcome
 
 
 def chosen(every: Iterable[Mutant], places: Sequence[str]) -> list[Mutant]:
@@ -588,6 +643,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--only", nargs="+", default=[], metavar="PLACE",
         help="run the mutants of these lines (vpr.c:300) or functions alone",
     )  # fmt: skip
+    parser.add_argument(
+        "--outcomes", type=Path, metavar="FILE",
+        help="add each outcome to this file, and run no mutant again whose outcome it has",
+    )  # fmt: skip
     options = parser.parse_args(arguments)
     try:
         every = chosen(all_mutants(), options.only)
@@ -598,7 +657,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # if only a part is run, only its own proofs can be stale
     proved = {k: why for k, why in known.items() if not options.only or k in keys}
     with tempfile.TemporaryDirectory() as folder:
-        result = survey(Bench(folder), _counted(every), proved)
+        result = survey(Bench(folder), _counted(every), proved, options.outcomes)
     for mutant in result.equal:
         _show("equal", mutant)
         sys.stdout.write(f"    {proved[mutant.key]}\n")

@@ -24,7 +24,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import resolve_settings
 from edge_vpr.simulation import simulate_pair
 from firmware_model import Design
-from firmware_model.image import image
+from firmware_model.image import image, kept_bytes, ram_bytes
 from firmware_model.model.comparator import MatchResult
 from firmware_model.vectors import Case, in_order, records, to_binary
 from firmware_model.vectors.formats import case_header
@@ -120,8 +120,8 @@ def expected(tmp_path_factory):
     header = tmp_path_factory.mktemp("map") / "case.h"
     header.write_text(
         case_header(
-            case.name, case.start, image(memories), case.event_bytes(),
-            to_binary(records(in_order(trace))),
+            case.name, case.start, ram_bytes(DESIGN), kept_bytes(DESIGN), image(memories),
+            case.event_bytes(), to_binary(records(in_order(trace))),
         )
     )  # fmt: skip
     found = [each for each in in_order(trace) if isinstance(each, MatchResult) and each.accepted]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,6 +44,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "events elsewhere than at selected pixels, only as many are taken as fit",
     )  # fmt: skip
     vectors.add_argument(
+        "--ram", metavar="SIZE", default="64KiB",
+        help="RAM of the microcontroller: the place filter keeps the distances of a window where "
+        "they fit, 2 bytes a place, and computes them twice where they do not; of a design file "
+        "only if it does not say",
+    )  # fmt: skip
+    vectors.add_argument(
         "--vectors", metavar="SIZE", default="all",
         help="leave out the cases with most events, so that the folder has about this size, such "
         "as 20MB",
@@ -71,11 +76,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Make vectors and write them."""
-    from edge_vpr.files import check_output, replacing_folder
+    from edge_vpr.files import check_output, read_toml, replacing_folder
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.device import (
         case_size,
         check_vectors_folder,
+        distances_text,
+        keeping_distances,
         missed_corners,
         recorded_case,
         vectors_size,
@@ -98,12 +105,12 @@ def run(args: argparse.Namespace) -> None:
     recorded: list[Case] = []
     if args.map is None:
         design = Design.load(args.design)
+        stated = read_toml(args.design, "a design", "name a design file")
+        if "keep_distances" not in stated:
+            design = keeping_distances(design, case_size(args.ram))
     else:
         reference = ReferenceMap.load(args.map)
-        design = design_of(reference, args.lanes)
-        if design.filters:
-            # cheaper than to compute them twice, for 2 bytes of RAM a place
-            design = replace(design, keep_distances=True)
+        design = keeping_distances(design_of(reference, args.lanes), case_size(args.ram))
         if args.recording is not None:
             recording = open_from(args, args.recording, default_period=reference.frame_period)
             with status("windows of the recording"):
@@ -112,6 +119,8 @@ def run(args: argparse.Namespace) -> None:
                         reference, design, recording, args.max_windows, case_size(args.case_size)
                     )
                 ]
+    if design.filters:
+        note(distances_text(design))
     with replacing_folder(output) as folder, status("cases") as show_case:
         suites = _suites(args, design, recorded)
         made = {name: cases for name, cases in suites.items() if name != "recording"}

@@ -12,6 +12,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.files import read_toml, understood
 from edge_vpr_tools.estimate.emulation import scaling
 from edge_vpr_tools.report.page import quantity
+from firmware_model.image import kept_bytes
 from firmware_model.model.design import Design
 
 # Targets and cited constants, from TOML files here and from the user.
@@ -245,7 +246,9 @@ def design_text(of: Design) -> str:
     """Return pixels, codes, places, and how a design matches."""
     kept = ""
     if of.filters:
-        kept = ", distances kept" if of.keep_distances else ", distances computed twice"
+        kept = ", distances computed twice"
+        if of.keep_distances:
+            kept = f", distances kept ({size_text(kept_bytes(of))} of a processor's RAM)"
     return (
         f"{of.pixels:,} pixels, {of.code_bits} bit{'s' * (of.code_bits > 1)} ({of.code}), "
         f"{of.places:,} places, {matching(of)}{kept}"
