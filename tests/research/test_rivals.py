@@ -90,7 +90,7 @@ def test_the_same_drive_is_found_and_one_that_shows_nothing_is_not():
     # the drives take equally long: a path at the usual pace is partly correct
     assert right["null: windows shuffled", "place filter, recorded"] < 0.6
     assert right["null: query reversed", "place filter, recorded"] < 0.3
-    assert right[f"null: {rivals.SPEED}", "none"] == 1
+    assert right[rivals.CONSTANT_SPEED, "none"] == 1
 
 
 def test_the_first_right_match_is_given_with_the_last_window_that_it_needs():
