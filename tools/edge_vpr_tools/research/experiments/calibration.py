@@ -448,7 +448,7 @@ def first_sure(table: Confidence, cases: Sequence[Case]) -> dict[str, float | in
     row: dict[str, float | int | None] = {"starts": starts}
     for least, found in waits.items():
         times, rights = zip(*found, strict=True) if found else ((), ())
-        row[f"p >= {least} reached"] = len(found) / starts
+        row[f"p >= {least} reached"] = len(found) / starts if starts else None
         row[f"median time to {least} (s)"] = float(np.median(times)) if found else None
         row[f"correct at {least}"] = float(np.mean(rights)) if found else None
     return row

@@ -289,12 +289,16 @@ class Measured:
         return open_experiment(self.name).figure(self.rows)
 
     def markdown(self) -> str:
-        """Return a table for each pair of drives."""
+        """Return a table for each pair of drives, which says over how many seeds a ± is."""
         view = open_experiment(self.name).view
         cells = [{name: _cell(row.get(name)) for name in self.columns} for row in self.rows]
         drives = dict.fromkeys(row[DRIVES] for row in cells)
         views = {name: replace(view, only={**view.only, DRIVES: name}) for name in drives}
-        return "\n\n".join(f"{name}:\n\n{table_of(cells, one)}" for name, one in views.items())
+        seeds = {name: {row[SEED] for row in cells if row[DRIVES] == name} for name in views}
+        over = {name: f", ± over {len(of)} seeds" * (len(of) > 1) for name, of in seeds.items()}
+        return "\n\n".join(
+            f"{name}{over[name]}:\n\n{table_of(cells, one)}" for name, one in views.items()
+        )
 
 
 def run_experiments(

@@ -1,8 +1,8 @@
 """How much each constant of the place filter matters, and how well it does where it chose nothing.
 
-Each constant is varied alone, as a multiple of the default. The rows that name what was chosen
-leave one out: of all settings in the table, the one that is best on the other pairs of drives, the
-streets as one pair, is judged on the pair that is left out, which chose nothing.
+Each constant is varied alone, as a multiple of the default. The last rows leave one pair out: of
+all settings of the table, the one that is best on the other pairs of drives, the streets as one
+pair, is judged on the pair that is left out, which chose nothing.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -172,14 +171,16 @@ SHOWN = {
 }
 DELAYS = {"live": 0, "4 windows late": 4}
 CONSTANT, TIMES = "constant", "times the default"
-STREET = "street"
 #: streets of these kinds, of those of `place_filter`
 KINDS = ("street", "street, 3 stops", "street, low sun")
 #: first seed of the streets
 FIRST_SEED = 70
-LEFT_OUT, THE_DEFAULT = "chosen on the other drives", "default"
-#: what chose the parameters of each row
-BY_OTHERS, VARIED_BY_HAND = "the other drives of this table", f"{BY_US}, but for this constant"
+#: what chose the parameters of a row in which a constant is varied, or in which a pair is left out
+VARIED_ALONE = f"{BY_US}, but for this constant"
+BY_OTHERS = "the other drives of this table"
+THE_DEFAULT, OF_DEFAULT = "none: the default", "P@100R of the default"
+#: a constant and a multiple of it
+Setting = tuple[str, float]
 
 
 def measure(draw: Draw) -> Iterator[Row]:
@@ -201,7 +202,7 @@ def measure(draw: Draw) -> Iterator[Row]:
                         CONSTANT: SHOWN[constant],
                         TIMES: times,
                         "matching": name,
-                        CHOSEN_ON: BY_US if times == 1 else VARIED_BY_HAND,
+                        CHOSEN_ON: BY_US if times == 1 else VARIED_ALONE,
                         "P@100R": float(right[each.truth.known].mean()),
                     }
 
@@ -215,38 +216,30 @@ def left_out(rows: Rows) -> list[Row]:
         Of `measure`, with all drives.
     """
     live = [row for row in rows if row["matching"] == "live"]
-    groups = dict.fromkeys(_group(row[DRIVES]) for row in live)
-    settings = dict.fromkeys((row[CONSTANT], row[TIMES]) for row in live)
-    if len(groups) < 2:
-        return []
-    found: dict[Any, dict[str, list[float]]] = {each: {} for each in settings}
+    found: dict[Setting, dict[str, list[float]]] = {}
     for row in live:
-        of = found[row[CONSTANT], row[TIMES]]
+        of = found.setdefault((row[CONSTANT], row[TIMES]), {})
         of.setdefault(_group(row[DRIVES]), []).append(row["P@100R"])
-    mean = {
-        each: {group: float(np.mean(values)) for group, values in of.items()}
-        for each, of in found.items()
-    }
+    # the default first, so that it is chosen where it is as good as any
+    settings = sorted(found, key=lambda each: each[1] != 1)
+    groups = dict.fromkeys(_group(row[DRIVES]) for row in live)
     judged: list[Row] = []
-    for group in groups:
-
-        def on_others(each: tuple[str, float], group: str = group) -> float:
-            return float(np.mean([value for name, value in mean[each].items() if name != group]))
-
-        # the default first, so that it is chosen where it is as good as any
-        ordered = sorted(settings, key=lambda each: each[1] != 1)
-        best = max(ordered, key=on_others)
-        for name, chosen, by in ((LEFT_OUT, best, BY_OTHERS), (THE_DEFAULT, ordered[0], BY_US)):
-            judged += [
-                {
-                    **row,
-                    CONSTANT: name if chosen[1] == 1 else f"{name}: {chosen[0]}",
-                    TIMES: chosen[1],
-                    CHOSEN_ON: by,
-                }
-                for row in live
-                if (row[CONSTANT], row[TIMES]) == chosen and _group(row[DRIVES]) == group
-            ]
+    for group in groups if len(groups) > 1 else ():
+        others = [each for each in groups if each != group]
+        on_others = {
+            setting: np.mean([np.mean(found[setting][each]) for each in others])
+            for setting in settings
+        }
+        best = max(settings, key=on_others.__getitem__)
+        mine = [row for row in live if _group(row[DRIVES]) == group]
+        of_setting = [
+            [row for row in mine if (row[CONSTANT], row[TIMES]) == setting]
+            for setting in (best, settings[0])
+        ]
+        for chosen, default in zip(*of_setting, strict=True):
+            name = THE_DEFAULT if best[1] == 1 else chosen[CONSTANT]
+            more = {CONSTANT: name, CHOSEN_ON: BY_OTHERS, OF_DEFAULT: default["P@100R"]}
+            judged.append({**chosen, **more})
     return judged
 
 
@@ -275,9 +268,7 @@ def figure(rows: Rows) -> Figure:
     many = [name for name in names if name.endswith(_PIXELS)]
     groups = {_group(name) for name in many}
     shown = {*many, *(name for name in names if _group(name) not in groups)}
-    varied = [
-        row for row in rows if row[DRIVES] in shown and row[CONSTANT] in SHOWN.values()
-    ]  # fmt: skip
+    varied = [row for row in rows if row[DRIVES] in shown and row[CHOSEN_ON] != BY_OTHERS]
     varied.sort(key=lambda row: list(DELAYS).index(row["matching"]))
     return lines(
         varied, x=TIMES, y="P@100R", line=CONSTANT, panel=("drives", "matching"), log=True,
