@@ -479,6 +479,8 @@ def figure(rows: Rows) -> Figure:
         for row in rows
         if row["map"] != SWITCHED_ON
     ]
+    versions = list(dict.fromkeys(row["map"] for row in shown))
+    shown.sort(key=lambda row: versions.index(row["map"]))
     measures = ("accepted at 0.99", "precision", "calibration error")
     return dots(shown, measures=measures, row="", series="matching")
 
