@@ -164,7 +164,7 @@ def test_weights_of_a_rival_are_found_from_the_plan_and_are_part_of_the_key(
     assert keys() == before
     weights.write_bytes(b"2")
     assert len(keys() - before) == 2
-    for system, says in (('"hoq"', "'hoq' is unknown, did you mean hog"), ("3", "system is 3")):
+    for system, says in (('"hoq"', "'hoq' is unknown: did you mean hog"), ("3", "system is 3")):
         plan_file.write_text(PLAN.replace("pixels = 5", f"system = {system}", 1))
         with pytest.raises(UsageError, match=rf"variants.again: .*{says}"):
             read_plan(plan_file)
