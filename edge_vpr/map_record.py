@@ -25,10 +25,10 @@ from edge_vpr.archive import (
     write_archive,
 )
 from edge_vpr.confidence import TRUST_RULE, Acceptance, Confidence, default_confidence
-from edge_vpr.descriptors.codes import codes_of, encode_own, encode_running
+from edge_vpr.descriptors.codes import codes_of, encode_own, encode_running, encoder_of
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, check_descriptors, narrow
-from edge_vpr.errors import MapError, expect
+from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.events import Sensor
 from edge_vpr.route import MOST_MM, Route
 from edge_vpr.settings import Settings
@@ -157,7 +157,8 @@ class MapRecord(EqualByValue):
                 f"{len(pixel_map)}: expected the same number"
             )
         counters = len(pixel_map) * (2 if settings.polarity else 1)
-        check_descriptors(places, counters)
+        # a code of another package makes any number of values of them
+        check_descriptors(places, None if settings.plugin_code else counters)
         shape = (pixel_map.sensor.height, pixel_map.sensor.width)
         check_array(self.saliency, "saliency", (np.float32, np.float64), shape)
         if not np.isfinite(self.saliency).all():
@@ -207,11 +208,6 @@ class MapRecord(EqualByValue):
         return self.settings.own_mean_code
 
     @property
-    def is_coded(self) -> bool:
-        """Whether the places hold codes instead of counts."""
-        return self.settings.shared_code is not None
-
-    @property
     def along_mm(self) -> npt.NDArray[np.int64] | None:
         """Millimetres driven at each place, shape (K,), from odometry or else from the track.
 
@@ -256,18 +252,43 @@ class MapRecord(EqualByValue):
             if self.settings.query_mean == "running":
                 return encode_running(counted, code, self.mean, activity)
             return encode_own(counted, code, activity)
-        if self.codes is None:
+        counters = counted.counts.shape[1]
+        codes = encoder_of(self.settings, self.pixel_map, counters, self.full_scale)
+        if codes is None:
             return counted
-        return replace(counted, counts=narrow(self.codes.encode(counted.counts)))
+        described = narrow(codes.encode(counted.counts))
+        return replace(counted, counts=described, selected=counted.activity)
 
     def decoded(self, descriptors: Descriptors) -> Descriptors:
-        """Replace codes by counts for plots, each by the middle of the counts with that code."""
+        """Replace codes by counts for plots, each by the middle of the counts with that code.
+
+        Raises
+        ------
+        UsageError
+            See `check_counters`.
+        """
+        self.check_counters()
         code = self.own_mean_code
         if code is not None and self.mean is not None:
             return replace(descriptors, counts=narrow(code.decode(descriptors.counts, self.mean)))
         if self.codes is None:
             return descriptors
         return replace(descriptors, counts=narrow(self.codes.decode(descriptors.counts)))
+
+    def check_counters(self) -> None:
+        """Check that a value of a place belongs to one counter of the map.
+
+        Raises
+        ------
+        UsageError
+            If another package makes the descriptors, which only recorded drives are matched by.
+        """
+        if self.settings.plugin_code is not None:
+            raise UsageError(
+                f"the map holds descriptors by {self.settings.counter_code} in place of counts, "
+                "which recorded drives alone are matched by: make the map with another "
+                "counter_code for streams, devices, moved cameras and replay"
+            )
 
     @property
     def bytes_per_place(self) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.cleaning import BurstFilter, can_be_searched, find_hot_pixels
-from edge_vpr.descriptors.codes import codes_of, drive_mean
+from edge_vpr.descriptors.codes import drive_mean, encoder_of
 from edge_vpr.descriptors.counting import DescriptorStream
 from edge_vpr.descriptors.pixels import (
     PixelMap,
@@ -274,7 +274,7 @@ def describe(
     expect(settings, Settings, "settings", "Settings, as of a map or of resolve_settings")
     check_sensor(recording.sensor, pixel_map.sensor)
     counters = len(pixel_map) * (2 if settings.polarity else 1)
-    codes = codes_of(settings, counters, full_scale)
+    codes = encoder_of(settings, pixel_map, counters, full_scale)
     if isinstance(recording, WindowSource):
         check_counted(recording, pixel_map, settings)
         flat = pixel_map.y.astype(np.int64) * pixel_map.sensor.width + pixel_map.x
@@ -491,7 +491,7 @@ def coded_map(counted: AnyMap, settings: Settings) -> AnyMap:
         coded: npt.NDArray[np.unsignedinteger] = code.encode(counts, mean)
     else:
         full_scale = learn_full_scale(counts) if settings.learns_full_scale else None
-        codes = codes_of(settings, counts.shape[1], full_scale)
+        codes = encoder_of(settings, counted.pixel_map, counts.shape[1], full_scale)
         coded = counts if codes is None else narrow(codes.encode(counts))
     return replace(
         counted,

@@ -13,14 +13,14 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from fractions import Fraction
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 from edge_vpr.errors import UsageError, as_path, did_you_mean, expect
 from edge_vpr.files import read_toml
 from fixedpoint.limits import MAX_BITS, MAX_FULL_SCALE, OWN_MEAN_BITS
 
 if TYPE_CHECKING:
-    from fixedpoint.codes import CounterCode
+    from fixedpoint.codes import CodeKind, CounterCode
     from fixedpoint.own_mean import OwnMeanCode
 
 
@@ -29,10 +29,11 @@ if TYPE_CHECKING:
 
 Strategy = Literal["variance", "seed-code", "random", "random-upper", "top", "information"]
 STRATEGIES: tuple[str, ...] = get_args(Strategy)
-#: before the name of a strategy that another package registers; see docs/plugins.md
+#: before the name of a strategy or a code that another package registers; see docs/plugins.md
 PLUGIN = "plugin:"
 WindowKind = Literal["time", "count"]
 CounterCodeName = Literal["none", "linear", "sqrt", "log"]
+CODES: tuple[str, ...] = get_args(CounterCodeName)
 CounterScaling = Literal["shared", "per-pixel", "own-mean", "contrast"]
 #: scalings of logarithms less a mean, whose codes have no fixed table
 OWN_MEAN_SCALINGS: tuple[CounterScaling, ...] = ("own-mean", "contrast")
@@ -417,7 +418,8 @@ _COUNTERS = _group(
     counter_code=SettingField(
         help="how counts are compressed to a few bits before they are compared; none: counts are "
         "compared",
-        choices=get_args(CounterCodeName),
+        choices=CODES,
+        plugins=True,
         more="See docs/codes.md. The code changes neither which pixels are selected nor where "
         "fixed-count windows end.",
     ),
@@ -590,7 +592,7 @@ class Settings:
     events_per_pixel: float | None = 3.0
     polarity: bool = False
     clip: int | None = None
-    counter_code: CounterCodeName = "none"
+    counter_code: CounterCodeName | str = "none"
     counter_bits: int = 3
     counter_full_scale: int | None = None
     counter_scaling: CounterScaling = "shared"
@@ -668,16 +670,26 @@ class Settings:
         return OwnMeanCode(self.counter_bits, self.counter_full_scale or 0, contrast)
 
     @property
+    def plugin_code(self) -> str | None:
+        """Name of the code of another package; None with a code of this one."""
+        code = self.counter_code
+        return code.removeprefix(PLUGIN) if code.startswith(PLUGIN) else None
+
+    @property
     def shared_code(self) -> CounterCode | None:
         """The code of the counters; None if descriptors hold the counts themselves.
 
-        With a scaling of each pixel, only the kind and the bits of this code are used.
+        With a scaling of each pixel, only the kind and the bits of this code are used. A code of
+        another package is not one of each counter, and gives None too.
         """
         from fixedpoint.codes import CounterCode
 
+        if self.plugin_code is not None:
+            return None
         if self.counter_code != "none":
             full_scale = self.counter_full_scale or 0
-            return CounterCode(self.counter_code, self.counter_bits, full_scale)
+            kind = cast("CodeKind", self.counter_code)
+            return CounterCode(kind, self.counter_bits, full_scale)
         return CounterCode.saturating(self.clip) if self.clip else None
 
     @property
@@ -702,6 +714,11 @@ class Settings:
             raise UsageError(
                 f"setting clip = {self.clip} with counter_code = {self.counter_code}: only one of "
                 "them can be used; set clip or counter_code to none"
+            )
+        if self.plugin_code is not None and self.counter_scaling == "per-pixel":
+            raise UsageError(
+                f"setting counter_scaling = per-pixel with counter_code = {self.counter_code}: a "
+                "code of another package has no scaling; set counter_scaling to shared"
             )
         if self.counter_scaling == "per-pixel" and self.counter_full_scale:
             raise UsageError(

@@ -122,6 +122,7 @@ class LocaliserState:
         self._window = window_of(settings)
         self._length = settings.windows_per_match
         reference.check()
+        reference.check_counters()
         places, counters = reference.places.counts.shape
         check_extent(places, counters, self._length, recent, self._window)
         if reference.own_mean_code is not None and settings.matching != "filter":

@@ -10,11 +10,14 @@ import signal
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import naive
 import numpy as np
 import pytest
 import sweep_jobs
 from edge_vpr_tools import cli
 from edge_vpr_tools.commands import compare as compare_arguments
+from edge_vpr_tools.research.baselines import match_distances, open_baseline
+from edge_vpr_tools.research.experiments.drives import count_pair
 from edge_vpr_tools.research.sweep import aggregation, comparison
 from edge_vpr_tools.research.sweep.aggregation import write_comparison
 from edge_vpr_tools.research.sweep.comparison import draw, rows_of
@@ -36,6 +39,7 @@ from matplotlib.figure import Figure
 from streams import random_events
 
 from edge_vpr.errors import EdgeVprError, UsageError
+from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import write_recording
 from edge_vpr.settings import PRESETS
@@ -101,6 +105,69 @@ def test_a_plan_is_variants_times_drives_times_seeds(plan_file):
     assert len(trials) == 6
     # two names of the same settings are one result
     assert len({one.trial.key for one in trials}) == 4
+
+
+def test_a_plan_runs_rivals_beside_variants(plan_file, tmp_path):
+    plan_file.write_text(
+        PLAN.replace("pixels = [3, 5]", 'system = ["all-pixels", "active-pixels@1,2"]').replace(
+            "pixels = 5", 'matching = "filter"\nsystem = "all-pixels"'
+        )
+    )
+    plan = read_plan(plan_file)
+    assert plan.systems == {
+        "system=all-pixels": "all-pixels",
+        "system=active-pixels@1,2": "active-pixels@1,2",
+        "again": "all-pixels",
+    }
+    keys = [one.trial.key for one in plan.trials() if one.seed == 1]
+    assert len(set(keys)) == 3
+    store, _ = swept(plan_file, Inline(), tmp_path / "run")
+    by_sequence, _, by_filter = (store.result(key) for key in keys)
+    drives = plan.drives["evening"]
+    pair = count_pair("", drives.open(0), drives.open(1), PRESETS["paper"].replaced(
+        {"tau_us": 100_000}, "test"
+    ), drives.truth)  # fmt: skip
+    places, queries = pair.reference, pair.query
+    distances = [
+        [naive.sad(p.ravel().tolist(), q.ravel().tolist()) for q in queries.images]
+        for p in places.images
+    ]
+    settings = plan.variants["system=all-pixels"]
+    matches = match_distances(np.array(distances, float), queries.centre_us, settings)
+    found = evaluate(matches, drives.truth(places.centre_us, queries.centre_us))
+    assert by_sequence.precision_at_100_recall == found.precision_at_100_recall
+    assert by_sequence.bytes_per_place == by_sequence.pixels == 16 * 12
+    assert by_sequence.operations == len(places.images) * 16 * 12
+    assert by_filter.precision_at_100_recall != by_sequence.precision_at_100_recall
+    rows = {row.variant: row for row in rows_of([tmp_path / "run"])}
+    assert rows["again"].system == "all-pixels"
+    head, lines = aggregation.tidy(list(rows.values()))
+    assert {line[head.index("system")] for line in lines} == set(plan.systems.values())
+
+
+def test_weights_of_a_rival_are_found_from_the_plan_and_are_part_of_the_key(
+    plan_file, tmp_path, monkeypatch
+):
+    weights = tmp_path / "net.onnx"
+    weights.write_bytes(b"1")
+    monkeypatch.setattr(
+        "edge_vpr_tools.research.baselines.networks.model",
+        lambda seed, file: open_baseline("all-pixels"),
+    )
+    plan_file.write_text(PLAN.replace("pixels = 5", 'system = "model:net.onnx@1,2"', 1))
+
+    def keys():
+        return {one.trial.key for one in read_plan(plan_file).trials()}
+
+    before = keys()
+    assert read_plan(plan_file).systems["again"] == f"model:{weights}@1,2"
+    assert keys() == before
+    weights.write_bytes(b"2")
+    assert len(keys() - before) == 2
+    for system, says in (('"hoq"', "'hoq' is unknown: did you mean hog"), ("3", "system is 3")):
+        plan_file.write_text(PLAN.replace("pixels = 5", f"system = {system}", 1))
+        with pytest.raises(UsageError, match=rf"variants.again: .*{says}"):
+            read_plan(plan_file)
 
 
 def test_a_key_is_of_settings_contents_and_version_and_not_of_names(plan_file, tmp_path):

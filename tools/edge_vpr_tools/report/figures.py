@@ -439,7 +439,7 @@ def event_rate(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
             seconds = np.maximum(drive.end_us - drive.start_us, 1) / 1e6
             time = drive.centre_us / 1e6
             axes.plot(time, drive.events / seconds, color=colour, lw=1.5, label=f"{name}, all")
-            selected = drive.counts.sum(axis=1, dtype=np.int64)
+            selected = drive.activity
             axes.plot(
                 time, selected / seconds, color=colour, lw=1.2, ls="--", label=f"{name}, selected"
             )

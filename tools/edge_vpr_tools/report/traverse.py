@@ -184,6 +184,8 @@ def _add_wrong_windows(
     errors, truth = outcome.errors, outcome.truth
     if errors is None or truth is None or not outcome.wrong.any():
         return
+    if reference.settings.plugin_code is not None:  # no counts of pixels to show
+        return
     size = np.where(outcome.wrong, np.nan_to_num(errors, nan=np.inf), -1.0)
     worst = [int(run[np.argmax(size[run])]) for run in outcome.wrong_runs()]
     others = [int(i) for i in np.argsort(-size, kind="stable") if outcome.wrong[i]]
@@ -242,12 +244,11 @@ def _add_queries(
     ), "Dark is near. A drive that is recognised makes a dark line.")  # fmt: skip
     page.heading("Events and windows")
     drives = [
-        (name, reference.decoded(drive.take(slice(None, None, 1 + len(drive) // _MOST_POINTS))))
+        (name, drive.take(slice(None, None, 1 + len(drive) // _MOST_POINTS)))
         for name, drive in (("reference", reference.places), ("query", queries))
     ]
     add("event_rate", event_rate(drives),
-         "The selected pixels follow the whole sensor, at a fraction of the events."
-         + (" Their events are estimated from codes." if reference.is_coded else ""))  # fmt: skip
+         "The selected pixels follow the whole sensor, at a fraction of the events.")  # fmt: skip
     if reference.settings.window == "count":  # windows of a fixed time are equally long
         add("window_lengths", window_lengths(drives),
              "A window of a fixed number of events is short where much moves.")  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import multiprocessing
 import os
@@ -105,6 +106,33 @@ class Inline(Workers):
         return False
 
 
+#: variable that Dask's nanny sets for its workers, so that malloc gives freed memory back at once
+_TRIMMED = "MALLOC_TRIM_THRESHOLD_"
+#: parameters of glibc's mallopt: its values without that variable, and the most that it raises
+#: them to by itself
+_TRIM, _MMAP = -1, -3
+_USUAL, _MOST = {_TRIM: 1 << 17, _MMAP: 1 << 17}, {_TRIM: 1 << 26, _MMAP: 1 << 25}
+
+
+def _with_memory_kept(run: Callable[[Job], Result], job: Job) -> Result:
+    """Run a job while malloc keeps freed memory for the next array.
+
+    With the nanny's setting, each large array is taken from the system anew, and every page of it
+    costs a fault: ten times as many as in a process without it, in twice the processor time.
+    """
+    trimmed = os.environ.get(_TRIMMED, "")
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # of glibc alone
+    if mallopt is None or not trimmed.isdecimal():
+        return run(job)
+    try:
+        for parameter, size in _MOST.items():
+            mallopt(parameter, size)
+        return run(job)
+    finally:
+        for parameter, size in (_USUAL | {_TRIM: int(trimmed)}).items():
+            mallopt(parameter, size)
+
+
 class _Cluster(Workers):
     def __init__(self, client: Any) -> None:
         self._executor = client.get_executor(pure=False)
@@ -113,7 +141,7 @@ class _Cluster(Workers):
         self.at_once = 4 + 2 * self.count
 
     def submit(self, run: Callable[[Job], Result], job: Job) -> Future[Result]:
-        future: Future[Result] = self._executor.submit(run, job)
+        future: Future[Result] = self._executor.submit(_with_memory_kept, run, job)
         return future
 
     def died(self, error: BaseException) -> bool:
@@ -352,6 +380,10 @@ class _KeptResult:
     found: Any
 
 
+KeptT = TypeVar("KeptT", _KeptFailure, _KeptResult)
+Value = TypeVar("Value")
+
+
 @contextmanager
 def _named(path: Path, remedy: str) -> Iterator[None]:
     """Name a file that holds another record than it should."""
@@ -454,13 +486,12 @@ class Store(Generic[TrialT, ResultT]):
         UsageError
             If its file is damaged, or of another trial.
         """
-        path = self._path(_RESULTS, key)
-        if not path.is_file():
-            return None
-        with _named(path, _REMEDY):
-            kept = from_json(_KeptResult, read_json(path, "a sweep's file", _REMEDY))
-            found = from_json(self._result, kept.found, "found")
-            return KeptResult(key=key, trial=self._trial_of(kept, path, key), found=found)
+        return self._read(
+            _RESULTS, key, _KeptResult,
+            lambda kept, trial: KeptResult(
+                key=key, trial=trial, found=from_json(self._result, kept.found, "found")
+            ),
+        )  # fmt: skip
 
     def failure(self, key: str) -> str | None:
         """Return the error under a key; None if there is none.
@@ -470,27 +501,28 @@ class Store(Generic[TrialT, ResultT]):
         UsageError
             If its file is damaged, or of another trial.
         """
-        path = self._path(_FAILURES, key)
-        if not path.is_file():
-            return None
-        with _named(path, _REMEDY):
-            kept = from_json(_KeptFailure, read_json(path, "a sweep's file", _REMEDY))
-            self._trial_of(kept, path, key)
-            return kept.error
+        return self._read(_FAILURES, key, _KeptFailure, lambda kept, trial: kept.error)
 
     def _path(self, kind: str, key: str) -> Path:
         if not key.isalnum():  # read from a file: it must not lead to another folder
             raise UsageError(f"{self.folder}: {key!r} is no key of a result: run the sweep again")
         return self.folder / kind / f"{key}.json"
 
-    def _trial_of(self, kept: _KeptResult | _KeptFailure, path: Path, key: str) -> TrialT:
-        """Read the trial of a file, which may have been copied or changed, and check its key."""
-        trial = from_json(self._trial, kept.trial, "trial")
-        # another version makes another key of the same trial
-        of_trial = key if trial.version != edge_vpr.__version__ else trial.key
-        if not key == kept.key == of_trial:
-            raise UsageError(f"{path} holds another trial than its name says: {_REMEDY}")
-        return trial
+    def _read(
+        self, kind: str, key: str, record: type[KeptT], value: Callable[[KeptT, TrialT], Value]
+    ) -> Value | None:
+        """Read the file of a key, which may have been copied or changed; None if there is none."""
+        path = self._path(kind, key)
+        if not path.is_file():
+            return None
+        with _named(path, _REMEDY):
+            kept = from_json(record, read_json(path, "a sweep's file", _REMEDY))
+            trial = from_json(self._trial, kept.trial, "trial")
+            # another version makes another key of the same trial
+            of_trial = key if trial.version != edge_vpr.__version__ else trial.key
+            if not key == kept.key == of_trial:
+                raise UsageError(f"{path} holds another trial than its name says: {_REMEDY}")
+            return value(kept, trial)
 
 
 # Compute the trials that are not stored yet.

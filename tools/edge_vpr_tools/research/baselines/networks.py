@@ -477,9 +477,9 @@ def grid_pixels(images: Images, side: int) -> Floats:
     return np.asarray(np.minimum(taken, 255).astype(np.float32) / np.float32(255))
 
 
-def lens(seed: int, path: Path) -> Lens:
+def lens(seed: int, file: str) -> Lens:
     """Make the baseline with the weights of a file."""
-    return Lens(load_lens(path), seed)
+    return Lens(load_lens(Path(file)), seed)
 
 
 # Descriptors of a network that the user exported to ONNX: NetVLAD, EventVLAD, or any other.
@@ -599,6 +599,6 @@ class ModelDescriptor(CosineBaseline):
         return np.repeat(scaled[:, None].astype(np.float32), channels or 1, axis=1)
 
 
-def model(seed: int, path: Path) -> ModelDescriptor:
+def model(seed: int, file: str) -> ModelDescriptor:
     """Make the baseline of a model's file; it draws no random numbers."""
-    return ModelDescriptor(path)
+    return ModelDescriptor(Path(file))

@@ -1,25 +1,28 @@
 """Baselines by name.
 
-A name is one of `baseline_names`, ``strategy:NAME`` for the paper's method with pixels of another
-strategy, or ``lens:FILE`` or ``model:FILE`` with weights of the user.
+A name is one of `baseline_names`; or of a kind that takes an argument: ``strategy:NAME`` and
+``code:NAME`` for the paper's method with pixels of another strategy and descriptors by another
+code, ``lens:FILE`` and ``model:FILE`` with weights of the user.
 ``NAME@1,2,4`` is the ensemble of a baseline over windows of these lengths, and ``NAME+NAME`` is the
 ensemble of two baselines.
 """
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
+from typing import NamedTuple
 
-from edge_vpr.errors import UsageError, did_you_mean
+from edge_vpr.errors import UsageError, did_you_mean, kind_of
 from edge_vpr.plugins import Registry
 from edge_vpr_tools.console import warning
 from edge_vpr_tools.research.baselines.baseline import Baseline
 from edge_vpr_tools.research.baselines.dense import Ensemble, Member
 
-#: entry points of this group name a callable that takes a seed and returns a `Baseline`
+#: entry points of this group name a callable that takes a seed and returns a `Baseline`; a second
+#: parameter takes the text behind a colon
 GROUP = "edge_vpr.baselines"
 _WINDOWS = re.compile(r"@(\d{1,3}(?:,\d{1,3})*)$")
 
@@ -37,35 +40,60 @@ _BASELINES = Registry(
         "hog": f"{_PACKAGE}.dense:hog",
         "ensemble-windows": f"{_PACKAGE}.dense:windows_ensemble",
         "ensemble-descriptors": f"{_PACKAGE}.dense:descriptors_ensemble",
+        "strategy": f"{_PACKAGE}.selected_pixels:by_strategy",
+        "code": f"{_PACKAGE}.selected_pixels:by_code",
+        "lens": f"{_PACKAGE}.networks:lens",
+        "model": f"{_PACKAGE}.networks:model",
     },
 )
-#: baselines with weights of the user; their factories also take the file
-_WITH_FILE = Registry(
-    f"{GROUP}.files", {"lens": f"{_PACKAGE}.networks:lens", "model": f"{_PACKAGE}.networks:model"}
-)
-#: baselines that select pixels by a strategy, which is named behind a colon
-_BY_STRATEGY = Registry(
-    f"{GROUP}.strategies", {"strategy": f"{_PACKAGE}.selected_pixels:by_strategy"}
-)
 
 
-def baseline_names() -> list[str]:
-    """Return the names of all baselines that need no file, those of other packages last.
+class _Factory(NamedTuple):
+    """Maker of a baseline, and what it takes besides a seed: such as ``FILE``, or nothing."""
 
-    Those whose import fails are left out with a warning.
-    """
-    names = _BASELINES.names()
-    return [name for name in names if name in _BASELINES or _can_be_imported(name)]
+    make: Callable[..., Baseline]
+    argument: str | None
+
+
+def _factory(name: str) -> _Factory | None:
+    make = _BASELINES.load(name)
+    if make is None:
+        return None
+    try:
+        _, *more = inspect.signature(make).parameters
+    except (TypeError, ValueError) as error:
+        raise UsageError(
+            f"baseline {name!r} is {kind_of(make)}: expected a callable that takes a seed, so "
+            "correct its entry point"
+        ) from error
+    return _Factory(make, more[0].upper() if more else None)
+
+
+def _known() -> dict[str, str | None]:
+    """Return the argument of each baseline; those that fail are left out with a warning."""
+    found = {}
+    for name in _BASELINES.names():
+        try:
+            factory = _factory(name)
+        except UsageError as error:
+            _leave_out(str(error))
+            continue
+        if factory is not None:
+            found[name] = factory.argument
+    return found
 
 
 @cache  # warns once
-def _can_be_imported(name: str) -> bool:
-    try:
-        _BASELINES.load(name)
-    except UsageError as error:
-        warning(f"baseline left out: {error}")
-        return False
-    return True
+def _leave_out(error: str) -> None:
+    warning(f"baseline left out: {error}")
+
+
+def baseline_names() -> list[str]:
+    """Return the names of all baselines that need no argument, those of other packages last.
+
+    Those whose import fails are left out with a warning.
+    """
+    return [name for name, argument in _known().items() if argument is None]
 
 
 def open_baseline(name: str, seed: int = 0) -> Baseline:
@@ -74,8 +102,8 @@ def open_baseline(name: str, seed: int = 0) -> Baseline:
     Parameters
     ----------
     name : str
-        See `baseline_names`; or ``strategy:NAME``, ``lens:FILE``, ``model:FILE``, ``NAME@1,2,4``,
-        ``NAME+NAME``.
+        See `baseline_names`; or ``strategy:NAME``, ``code:NAME``, ``lens:FILE``, ``model:FILE``,
+        ``NAME@1,2,4``, ``NAME+NAME``.
     seed : int
         Seed of its random numbers.
 
@@ -108,19 +136,18 @@ def open_baseline(name: str, seed: int = 0) -> Baseline:
 
 
 def _open(name: str, seed: int) -> Baseline:
-    kind, _, file = name.partition(":")
-    with_file: Callable[[int, Path], Baseline] | None = _WITH_FILE.load(kind)
-    if with_file is not None:
-        if not file:
-            raise UsageError(f"baseline {kind!r} needs a file: write {kind}:FILE")
-        return with_file(seed, Path(file))
-    with_strategy: Callable[[int, str], Baseline] | None = _BY_STRATEGY.load(kind)
-    if with_strategy is not None and file:
-        return with_strategy(seed, file)
-    factory: Callable[[int], Baseline] | None = _BASELINES.load(name)
-    if factory is None:
+    kind, _, given = name.partition(":")
+    factory = _factory(kind)
+    if factory is None or (given and factory.argument is None):
+        known = [one if takes is None else f"{one}:{takes}" for one, takes in _known().items()]
         raise UsageError(
             f"baseline {name!r} is unknown{did_you_mean(name, baseline_names())}: choose one of "
-            f"{', '.join(baseline_names())}, strategy:NAME, lens:FILE, model:FILE"
+            f"{', '.join(known)}"
         )
-    return factory(seed)
+    if factory.argument is None:
+        return factory.make(seed)
+    if not given:
+        raise UsageError(
+            f"baseline {kind!r} needs a {factory.argument.lower()}: write {kind}:{factory.argument}"
+        )
+    return factory.make(seed, given)

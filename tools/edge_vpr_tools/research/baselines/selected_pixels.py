@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.codes import encoder_of
 from edge_vpr.descriptors.pixels import (
     PixelMap,
     PixelStatistics,
@@ -18,7 +19,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.pipeline import EventSource, WindowSource, coded_map, count_windows, describe
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import PLUGIN, PRESETS, STRATEGIES, Settings
+from edge_vpr.settings import CODES, PLUGIN, PRESETS, STRATEGIES, Settings
 from edge_vpr_tools.research.baselines.baseline import Described, Images, VectorBaseline
 from edge_vpr_tools.research.baselines.dense import AbsoluteDifferences
 
@@ -31,7 +32,8 @@ class SelectedPixels(AbsoluteDifferences):
     Parameters
     ----------
     settings : Settings
-        `pixels`, `strategy`, `sigma`, `seed` and `clip` are used.
+        `pixels`, `strategy`, `sigma` and `seed` are used, and `clip` or a `counter_code` without a
+        scaling.
     """
 
     def __init__(self, title: str, settings: Settings) -> None:
@@ -72,10 +74,10 @@ class SelectedPixels(AbsoluteDifferences):
         return self._pixels
 
     def describe(self, images: Images) -> Described:
-        """Return the counts at the pixels, clipped if the settings have a limit, shape (n, J)."""
+        """Return the counts at the pixels, or their codes, shape (n, J)."""
         counts = images[:, self.pixel_map.y, self.pixel_map.x]
-        clip = self._settings.clip
-        return narrow(counts if clip is None else np.minimum(counts, clip))
+        codes = encoder_of(self._settings, self.pixel_map, len(self.pixel_map))
+        return narrow(counts if codes is None else codes.encode(counts))
 
 
 def paper(seed: int) -> SelectedPixels:
@@ -95,6 +97,13 @@ def by_strategy(seed: int, name: str) -> SelectedPixels:
     strategy = name if name in STRATEGIES else PLUGIN + name
     settings = PRESETS["paper"].replaced({"seed": seed, "strategy": strategy}, "baseline")
     return SelectedPixels(f"{settings.pixels} pixels by {name}, SAD", settings)
+
+
+def by_code(seed: int, name: str) -> SelectedPixels:
+    """Make the paper's method with descriptors by a code of `Settings`, or of another package."""
+    code = name if name in CODES else PLUGIN + name
+    settings = PRESETS["paper"].replaced({"seed": seed, "counter_code": code}, "baseline")
+    return SelectedPixels(f"{settings.pixels} varying pixels, {name}, SAD", settings)
 
 
 # Dense baseline: the same counts and distances over all pixels of the sensor.

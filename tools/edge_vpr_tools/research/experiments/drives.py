@@ -286,6 +286,11 @@ class CountedDrive:
     images: npt.NDArray[np.integer]
     centre_us: Times
 
+    @property
+    def activity(self) -> npt.NDArray[np.int64]:
+        """Events of each window, shape (n,)."""
+        return self.images.sum(axis=(1, 2), dtype=np.int64)
+
 
 @dataclass(frozen=True, eq=False)
 class CountedPair:

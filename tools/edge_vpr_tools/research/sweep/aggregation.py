@@ -76,7 +76,7 @@ def differing_settings(rows: Sequence[Row]) -> list[str]:
 
 def tidy(rows: Sequence[Row]) -> tuple[list[str], list[list[str | float | None]]]:
     """Return heading and cells of a tidy table: a line for each result, a column a setting."""
-    head = ["run", "variant", "drives", "seed"]
+    head = ["run", "variant", "system", "drives", "seed"]
     head += [field.key for name, field in SETTING_FIELDS.items() if name != "seed"]
     head += list(MEASURES)
     lines: list[list[str | float | None]] = []
@@ -85,7 +85,8 @@ def tidy(rows: Sequence[Row]) -> tuple[list[str], list[list[str | float | None]]
         for i, seed in enumerate(row.seeds):
             values = [row.values[name] for name in MEASURES]
             measured = [of[i] if i < len(of) else None for of in values]
-            lines.append([row.run, row.variant, row.drives, seed, *words, *measured])
+            named = [row.run, row.variant, row.system, row.drives]
+            lines.append([*named, seed, *words, *measured])
     return head, lines
 
 

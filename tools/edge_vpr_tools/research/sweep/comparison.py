@@ -56,6 +56,8 @@ class Row:
         Seed of each value.
     settings : mapping of str to object
         By the names of `edge_vpr.settings.Settings`; empty if there is no result.
+    system : str
+        Name of a baseline, which uses some of the settings; empty for the method itself.
     """
 
     run: str
@@ -65,6 +67,7 @@ class Row:
     failed: int = 0
     seeds: tuple[int, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
+    system: str = ""
 
     @property
     def name(self) -> str:
@@ -172,6 +175,7 @@ def _of_sweep(run: Path, name: str) -> list[Row]:
     failed: dict[tuple[str, str], int] = defaultdict(int)
     seeds: dict[tuple[str, str], list[int]] = defaultdict(list)
     settings: dict[tuple[str, str], Mapping[str, Any]] = {}
+    systems: dict[tuple[str, str], str] = {}
     for trial in store.listed():
         names = trial.variant, trial.drives
         values = found.setdefault(names, {name: [] for name in MEASURES})
@@ -181,7 +185,10 @@ def _of_sweep(run: Path, name: str) -> list[Row]:
             continue
         seeds[names].append(trial.seed)
         settings[names] = kept.trial.settings
-        operations = _operations(kept.found.pixels, kept.found.places, kept.trial.settings)
+        systems[names] = kept.trial.system or ""
+        operations = kept.found.operations
+        if operations is None:
+            operations = _operations(kept.found.pixels, kept.found.places, kept.trial.settings)
         counted = {**asdict(kept.found), "operations_per_match": operations}
         for measure in MEASURES:
             values[measure].append(float(counted[measure]))
@@ -194,6 +201,7 @@ def _of_sweep(run: Path, name: str) -> list[Row]:
             failed=failed[names],
             seeds=tuple(seeds[names]),
             settings=settings.get(names, {}),
+            system=systems.get(names, ""),
         )
         for names, values in found.items()
     ]

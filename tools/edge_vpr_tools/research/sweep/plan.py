@@ -6,14 +6,19 @@ import hashlib
 import itertools
 import json
 import math
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 import edge_vpr
 from edge_vpr.errors import UsageError, did_you_mean
+from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Sensor
 from edge_vpr.files import read_toml
@@ -78,6 +83,26 @@ class PairOfDrives:
         """Paths of all input files."""
         return (self.reference, self.query, *self.ground_truth)
 
+    def truth(
+        self, places_us: npt.NDArray[np.int64], queries_us: npt.NDArray[np.int64]
+    ) -> GroundTruth:
+        """Read the ground truth for windows with these centres.
+
+        Raises
+        ------
+        EdgeVprError
+            If it cannot be read.
+        """
+        return load_truth(
+            self.ground_truth,
+            places_us,
+            queries_us,
+            tolerance=self.tolerance,
+            rows=self.rows,
+            frame_period=self.frame_period,
+            offset_s=self.offset,
+        )
+
     def open(self, which: int) -> Recording:
         """Open the reference (0) or the query (1).
 
@@ -117,15 +142,19 @@ class Trial:
     settings : mapping
         As returned by `Settings.to_dict`, with the seed.
     inputs : tuple of str
-        SHA-256 of each file of `drives.files`, in that order.
+        SHA-256 of each file of `drives.files`, in that order, and of those that `system` names.
     version : str
         Version of edge-vpr.
+    system : str or None
+        Name of a baseline (`open_baseline`), whose distances are matched as the settings say; None
+        for the method itself.
     """
 
     settings: Mapping[str, Any]
     drives: PairOfDrives
     inputs: tuple[str, ...]
     version: str = edge_vpr.__version__
+    system: str | None = None
 
     @property
     def key(self) -> str:
@@ -136,7 +165,9 @@ class Trial:
         drives = asdict(self.drives)
         for name in ("reference", "query", "ground_truth"):
             del drives[name]
-        decides = [SCHEMA, self.version, dict(self.settings), drives, self.inputs]
+        decides: list[Any] = [SCHEMA, self.version, dict(self.settings), drives, self.inputs]
+        if self.system is not None:
+            decides.append(_FILE.sub(":", self.system))
         text = json.dumps(decides, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
@@ -151,6 +182,9 @@ class TrialResult:
         Times on this machine, under its load during the trial.
     elapsed_s : float
         Time of the whole trial on its worker.
+    operations : int or None
+        Number of differences or products to compare one query window with the whole map; None in
+        results of earlier versions.
     """
 
     precision_at_100_recall: float
@@ -167,6 +201,7 @@ class TrialResult:
     counting_s: float
     microseconds_per_match: float
     elapsed_s: float
+    operations: int | None = None
 
 
 def run_trial(trial: Trial) -> TrialResult:
@@ -184,26 +219,19 @@ def run_trial(trial: Trial) -> TrialResult:
             "install one version everywhere"
         )
     drives = trial.drives
-    for file in drives.files:
+    for file in (*drives.files, *_files_of(trial.system)):
         if not Path(file).exists():
             raise UsageError(
                 f"{file} is not on this worker: name a path that all workers of a cluster share"
             )
     settings = Settings.from_dict(trial.settings, "the trial")
+    if trial.system is not None:
+        return _run_system(drives, settings, trial.system, begin)
     mapped = map_recording(drives.open(0), settings)
     matched = mapped.reference.match(drives.open(1))
     matches, reference, metrics = matched.matches, mapped.reference, matched.metrics
     assert isinstance(metrics, MatchMetrics)
-    truth = load_truth(
-        drives.ground_truth,
-        reference.places.centre_us,
-        matched.query_time_us,
-        tolerance=drives.tolerance,
-        rows=drives.rows,
-        frame_period=drives.frame_period,
-        offset_s=drives.offset,
-    )
-    found = evaluate(matches, truth)
+    found = evaluate(matches, drives.truth(reference.places.centre_us, matched.query_time_us))
     return TrialResult(
         precision_at_100_recall=found.precision_at_100_recall,
         recall_at_99_precision=found.recall_at_99_precision,
@@ -219,7 +247,60 @@ def run_trial(trial: Trial) -> TrialResult:
         counting_s=metrics.counting_s,
         microseconds_per_match=1e6 * metrics.matching_s / len(matches),
         elapsed_s=time.perf_counter() - begin,
+        operations=reference.places.counts.size,
     )
+
+
+def _run_system(drives: PairOfDrives, settings: Settings, system: str, begin: float) -> TrialResult:
+    """Count two drives at all pixels, compare them by a baseline, and match its distances."""
+    from edge_vpr_tools.research.baselines import (
+        compare,
+        filter_distances,
+        match_distances,
+        open_baseline,
+    )
+    from edge_vpr_tools.research.experiments.drives import count_pair
+
+    baseline = open_baseline(system, settings.seed)
+    counted = count_pair(system, drives.open(0), drives.open(1), settings, drives.truth)
+    places, queries = counted.reference, counted.query
+    counting_s = time.perf_counter() - begin
+    compared = compare(baseline, places.images, queries.images)
+    start = time.perf_counter()
+    if settings.matching == "filter":
+        activity = places.activity, queries.activity
+        matches = filter_distances(compared.distances, activity, queries.centre_us, settings)
+    else:
+        matches = match_distances(compared.distances, queries.centre_us, settings)
+    matching_s = time.perf_counter() - start
+    found = evaluate(matches, drives.truth(places.centre_us, queries.centre_us))
+    return TrialResult(
+        precision_at_100_recall=found.precision_at_100_recall,
+        recall_at_99_precision=found.recall_at_99_precision,
+        average_precision=found.curve.average_precision,
+        recall_at_1=found.recall_at[1],
+        queries=found.queries,
+        places=len(places.images),
+        pixels=places.images[0].size,
+        bytes_per_place=compared.bytes_per_place,
+        packed_bytes_per_place=compared.bytes_per_place,
+        events=int(queries.activity.sum()),
+        # both drives are counted in one step
+        mapping_s=counting_s / 2,
+        counting_s=counting_s / 2,
+        microseconds_per_match=compared.query_us + 1e6 * matching_s / len(matches),
+        elapsed_s=time.perf_counter() - begin,
+        operations=compared.operations,
+    )
+
+
+#: file that a system names, up to its windows or the next member of an ensemble
+_FILE = re.compile(r":[^+@]*[/.][^+@]*")
+
+
+def _files_of(system: str | None) -> list[str]:
+    """Return the files of weights that a system names."""
+    return [found[1:] for found in _FILE.findall(system or "")]
 
 
 # Plan of a sweep: the file ``sweep.toml``.
@@ -237,6 +318,7 @@ class Plan:
     variants: Mapping[str, Settings]
     drives: Mapping[str, PairOfDrives]
     seeds: tuple[int, ...]
+    systems: Mapping[str, str] = field(default_factory=dict)
 
     def trials(self) -> Iterator[NamedTrial[Trial]]:
         """Hash every input once, and yield all trials.
@@ -247,14 +329,17 @@ class Plan:
             If an input cannot be read.
         """
         files = {file for drives in self.drives.values() for file in drives.files}
+        files |= {file for system in self.systems.values() for file in _files_of(system)}
         hashes = {file: content_hash(Path(file)) for file in sorted(files)}
         for (drive, drives), (name, settings), seed in itertools.product(
             self.drives.items(), self.variants.items(), self.seeds
         ):
+            system = self.systems.get(name)
             trial = Trial(
                 settings=replace(settings, seed=seed).to_dict(),
                 drives=drives,
-                inputs=tuple(hashes[file] for file in drives.files),
+                inputs=tuple(hashes[file] for file in (*drives.files, *_files_of(system))),
+                system=system,
             )
             yield NamedTrial(variant=name, drives=drive, seed=seed, trial=trial)
 
@@ -268,7 +353,7 @@ def read_plan(path: Path) -> Plan:
         TOML: ``seeds`` (a number, or a list); ``[settings]`` of all variants; ``[grid]`` with a
         list of values for each setting, every combination of which is a variant;
         ``[variants.NAME]`` with additional variants; ``[drives.NAME]`` with the fields of
-        `PairOfDrives`.
+        `PairOfDrives`. ``system`` beside the settings is the name of a baseline.
 
     Raises
     ------
@@ -291,7 +376,13 @@ def read_plan(path: Path) -> Plan:
     combined = math.prod(map(len, tables["grid"].values())) + len(tables["variants"])
     if combined * len(drives) * len(seeds) > _MOST_TRIALS:
         raise UsageError(f"{path} asks for more than {_MOST_TRIALS:,} trials: split it")
-    return Plan(variants=dict(_variants(tables, path)), drives=drives, seeds=seeds)
+    found = list(_variants(tables, path))
+    return Plan(
+        variants={name: settings for name, settings, _ in found},
+        drives=drives,
+        seeds=seeds,
+        systems={name: system for name, _, system in found if system is not None},
+    )
 
 
 def content_hash(path: Path) -> str:
@@ -316,37 +407,53 @@ def content_hash(path: Path) -> str:
         raise UsageError(f"{path} cannot be read ({error.strerror}): check the path") from error
 
 
-def _variants(tables: Mapping[str, Any], path: Path) -> Iterator[tuple[str, Settings]]:
+def _variants(tables: Mapping[str, Any], path: Path) -> Iterator[tuple[str, Settings, str | None]]:
     common, grid = tables["settings"], tables["grid"]
     # without a grid and without variants, the settings are the only variant
     if grid or not tables["variants"]:
         for values in itertools.product(*grid.values()):
             changes = dict(zip(grid, values, strict=True))
             name = " ".join(f"{key}={_word(value)}" for key, value in changes.items())
-            yield name or "settings", _resolved(common, changes, f"{path}: grid")
+            yield name or "settings", *_resolved(common, changes, f"{path}: grid", path.parent)
     for name, changes in tables["variants"].items():
         if not isinstance(changes, Mapping):
             raise UsageError(f"{path}: variants.{name} is {changes!r}: give settings")
-        yield name, _resolved(common, changes, f"{path}: variants.{name}")
+        yield name, *_resolved(common, changes, f"{path}: variants.{name}", path.parent)
 
 
-def _resolved(common: Mapping[str, Any], own: Mapping[str, Any], where: str) -> Settings:
+def _resolved(
+    common: Mapping[str, Any], own: Mapping[str, Any], where: str, folder: Path
+) -> tuple[Settings, str | None]:
+    """Return the settings of a variant, and the name of its baseline, if it is one."""
     values = {**common, **own}
-    preset = values.pop("preset", "default")
+    preset, system = values.pop("preset", "default"), values.pop("system", None)
     if "seed" in values:
         raise UsageError(f"{where} sets seed: name the seeds of all variants as seeds = [...]")
-    known = {field.key for field in SETTING_FIELDS.values()} | set(SETTING_FIELDS)
-    _check_names(values, tuple(sorted(known)), where)
+    known = {one.key for one in SETTING_FIELDS.values()} | set(SETTING_FIELDS)
+    _check_names(values, ("preset", "system", *sorted(known)), where)
     try:
-        return resolve_settings(preset, None, values)
+        return resolve_settings(preset, None, values), _system(system, folder)
     except UsageError as error:
         raise UsageError(f"{where}: {error}") from None
+
+
+def _system(given: object, folder: Path) -> str | None:
+    """Return the name of a baseline with paths from a folder, after a try to open it."""
+    if given is None:
+        return None
+    if not isinstance(given, str):
+        raise UsageError(f"system is {given!r}: give the name of a baseline, such as hog")
+    from edge_vpr_tools.research.baselines import open_baseline
+
+    system = _FILE.sub(lambda found: f":{folder / found[0][1:]}", given)
+    open_baseline(system)
+    return system
 
 
 def _drives(values: object, where: str, folder: Path) -> PairOfDrives:
     if not isinstance(values, Mapping):
         raise UsageError(f"{where} is {values!r}: give reference, query and ground_truth")
-    _check_names(values, tuple(field.name for field in fields(PairOfDrives)), where)
+    _check_names(values, tuple(one.name for one in fields(PairOfDrives)), where)
     given = dict(values)
     for name in ("start", "end", "start_offset"):
         if isinstance(given.get(name), list):
