@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 EXAMPLES = """\
-  edge-vpr evaluate results/tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70
-  edge-vpr evaluate results/tuesday --ground-truth matrix.npz --rows reference
-  edge-vpr evaluate results/tuesday --ground-truth pairs.csv --tolerance 3 --score ratio"""
+  edge-vpr evaluate tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70
+  edge-vpr evaluate tuesday --ground-truth matrix.npz --rows reference
+  edge-vpr evaluate tuesday --ground-truth pairs.csv --tolerance 3 --score ratio"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

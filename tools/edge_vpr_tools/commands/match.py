@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 
 EXAMPLES = """\
-  edge-vpr match monday.npz tuesday.raw -o results/tuesday
-  edge-vpr match monday.npz tuesday.raw -o results/online --online --every 50ms
-  edge-vpr match monday.npz tuesday.raw -o results/long -L 20 --overwrite"""
+  edge-vpr match monday.npz tuesday.raw -o tuesday
+  edge-vpr match monday.npz tuesday.raw -o online --online --every 50ms
+  edge-vpr match monday.npz tuesday.raw -o long --matching sequence -L 20 --overwrite"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

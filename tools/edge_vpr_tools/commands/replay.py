@@ -9,9 +9,9 @@ from edge_vpr.errors import MapError, UsageError
 from edge_vpr_tools.console import summary
 
 EXAMPLES = """\
-  edge-vpr replay results/tuesday -o match.gif
-  edge-vpr replay results/tuesday -o match.html --frames 600
-  edge-vpr replay results/tuesday -o match.gif --all-events --start 20 --end 60"""
+  edge-vpr replay tuesday -o match.gif
+  edge-vpr replay tuesday -o match.html --frames 600
+  edge-vpr replay tuesday -o match.gif --all-events --start 20 --end 60"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
