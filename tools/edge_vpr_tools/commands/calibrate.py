@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> None:
         )
     if found.off_map == 0:
         note(
-            "every query of this drive is on the map: of drives that leave it, the probabilities "
+            "every query of this drive is on the map: on drives that leave it, the probabilities "
             "will be too high"
         )
     before = ""
@@ -79,6 +79,6 @@ def run(args: argparse.Namespace) -> None:
         f"{found.right} of them correct{before}"
     )
     summary(
-        f"they are from {table.probability[0]:.3f} to {table.probability[-1]:.3f}, and "
-        f"on the drive they were learnt from off by {found.error:.3f}"
+        f"they range from {table.probability[0]:.3f} to {table.probability[-1]:.3f}, and are off "
+        f"by {found.error:.3f} on the drive that they were learnt from"
     )

@@ -122,6 +122,6 @@ def _print_trust(matches: Matches, found: Evaluation) -> None:
     if rejection.off_map_auroc is not None:
         answer(
             f"off the map: AUROC of the trust {rejection.off_map_auroc:.3f}; "
-            f"{rejection.right_on_map:.3f} of the queries on it are right, "
-            f"{rejection.found_at_99_precision:.3f} found at 99 % precision over all"
+            f"{rejection.right_on_map:.3f} of the queries on the map are correct, "
+            f"{rejection.found_at_99_precision:.3f} of them at 99 % precision over all queries"
         )

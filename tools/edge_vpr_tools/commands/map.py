@@ -200,7 +200,7 @@ def _mapped(
     if args.pixel_map is None and found < settings.pixels:
         warning(
             f"{args.recording} has events at {found} pixels alone, of {settings.pixels} that were "
-            "asked for: all of them are taken"
+            "asked for: the map has only these"
         )
     return run
 
