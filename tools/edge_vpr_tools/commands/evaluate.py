@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     metrics = parser.add_argument_group("metrics")
     metrics.add_argument(
         "--score", choices=("distance", "ratio", "margin", "trust"),
-        help="figure of a match to which the thresholds of the precision-recall curve apply "
+        help="score of a match to which the thresholds of the precision-recall curve apply "
         "(default: that of the map's settings; if they leave it to auto, trust with the place "
         "filter and ratio with sequences)",
     )  # fmt: skip
