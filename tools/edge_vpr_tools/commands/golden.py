@@ -41,8 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     vectors.add_argument(
         "--case-size", metavar="SIZE", default="512KiB",
-        help="flash of the microcontroller for the recording's case.h: windows, and events at other "
-        "than selected pixels, are left out until it fits",
+        help="flash of the microcontroller for the recording's case.h: windows, and events at "
+        "other than selected pixels, are left out until it fits",
     )  # fmt: skip
     vectors.add_argument(
         "--vectors", metavar="SIZE", default="all",

@@ -64,8 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument_group("mounting").add_argument(
         "--register",
         action="store_true",
-        help="estimate the shift of the image against the map, in pixels, from the first 128 windows "
-        "of the query, and move the pixels of the map by it",
+        help="estimate the shift of the image against the map, in pixels, from the first 128 "
+        "windows of the query, and move the pixels of the map by it",
     )
     parser.add_argument_group("odometry").add_argument(
         "--odometry",
