@@ -350,12 +350,11 @@ _PIXELS = _group(
         choices=STRATEGIES,
         plugins=True,
         more="variance: drawn with a probability that grows with the variance of their counts (the "
-        "paper). seed-code: drawn by the mean of their counts (the code that the authors "
-        "released). random: every pixel is equally likely. random-upper: random, from the upper "
-        "two thirds of the image. top: the pixels of the highest variance. information: one after "
-        "another, each time the pixel that adds most information about the place to the pixels "
-        "selected before it. plugin:NAME: a strategy that another package registers, see "
-        "docs/plugins.md.",
+        "paper). seed-code: drawn by the mean of their counts (the authors' released code). "
+        "random: all are equally likely. random-upper: random, from the upper two thirds of the "
+        "image. top: those of the highest variance. information: one after another, each time the "
+        "pixel that adds most information about the place. plugin:NAME: that of another package, "
+        "see docs/plugins.md.",
     ),
     sigma=SettingField(
         kind=float,
@@ -380,8 +379,7 @@ _WINDOWS = _group(
         read=duration_us,
         show=duration_word,
         expected="a time such as 1s, 250ms or 500us",
-        more="Pixels are always selected by windows of this length, also with --window count, so "
-        "that both kinds of window use the same pixels.",
+        more="Pixels are always selected by windows of this length, also with --window count.",
     ),
     events_per_pixel=SettingField(
         kind=float,
@@ -391,12 +389,12 @@ _WINDOWS = _group(
         words={"auto": None},
         above=0,
         zero_is_none=True,
-        more="The released code uses 3. With auto, a window covers about the distance that the "
-        "reference drive covered in tau. The map stores the number found.",
+        more="With auto, a window covers about the distance that the reference drive covered in "
+        "tau.",
         needs=("window", ("count",)),
     ),
     keep_incomplete=SettingField(
-        kind=bool, help="keep the last window although the recording ends before it is complete"
+        kind=bool, help="keep the last window even if the recording ends before it is complete"
     ),
 )
 _COUNTERS = _group(
@@ -412,16 +410,13 @@ _COUNTERS = _group(
         least=1,
         most=MAX_FULL_SCALE,
         zero_is_none=True,
-        more="The released code uses 10. As in that code, pixels are selected by the clipped "
-        "counts too.",
+        more="Pixels are selected by the clipped counts too.",
     ),
     counter_code=SettingField(
         help="how counts are compressed to a few bits before they are compared; none: counts are "
         "compared",
-        choices=CODES,
-        plugins=True,
-        more="See docs/codes.md. The code changes neither which pixels are selected nor where "
-        "fixed-count windows end.",
+        choices=get_args(CounterCodeName),
+        more="See docs/codes.md.",
     ),
     counter_bits=SettingField(
         kind=int, help="number of bits of a code", metavar="B", least=1, most=MAX_BITS, needs=_CODE
@@ -442,8 +437,8 @@ _COUNTERS = _group(
         "the reference (per-pixel); logarithms of counts less their mean over the drive "
         "(own-mean); or these less their mean over the window too (contrast)",
         choices=get_args(CounterScaling),
-        more="Codes by own-mean hardly change when the light does, and those by contrast hardly "
-        "when the speed does.",
+        more="Own-mean codes hardly change with the light, contrast codes hardly with the speed "
+        "either.",
     ),
 )
 _MATCHING = _group(
@@ -452,8 +447,7 @@ _MATCHING = _group(
         help="mean that own-mean and contrast codes subtract in a query: that of the whole drive "
         "(own), or a running mean, as on a robot (running)",
         choices=get_args(QueryMean),
-        more="Only with a recording is the whole drive known: live and online matching always use "
-        "the running mean.",
+        more="Live and online matching always use the running mean.",
         needs=("counter_scaling", OWN_MEAN_SCALINGS),
     ),
     matching=SettingField(
@@ -462,24 +456,24 @@ _MATCHING = _group(
         more="See docs/place_filter.md.",
     ),
     filter_steps=SettingField(
-        help="place filter: cost of moving on by 0, 1, 2 ... places in one window; auto: by how "
-        "many events the window has against the place, or 1,0,0,1 for windows of a fixed count",
+        help="place filter: cost of moving on by 0, 1, 2 ... places in one window; auto: by the "
+        "events of the window and of the place, or 1,0,0,1 for windows of a fixed count",
         kind=tuple,
-        metavar="P,P,...",
+        metavar="C,C,...",
         words={"auto": None},
         read=costs,
         show=costs_word,
         valid=lambda values: len(values) > 0 and are_costs(values),
         expected="1 to 16 costs from 0 to 254, for example 1,0,1",
-        more="A camera that moves slowly has fewer events. With fixed-count windows, moving on by "
-        "two places costs nothing too, because such windows become longer in other light.",
+        more="With fixed-count windows, moving on by two places is free too, because such windows "
+        "become longer in other light.",
         needs=_FILTER,
     ),
     filter_back=SettingField(
         kind=tuple,
         help="place filter: cost of moving back by 1, 2 ... places in one window; none: the route "
         "is never driven backwards",
-        metavar="P,P,...",
+        metavar="C,C,...",
         words={"none": ()},
         read=costs,
         show=costs_word,
@@ -490,15 +484,15 @@ _MATCHING = _group(
     filter_restart=SettingField(
         kind=int,
         help="place filter: cost of moving to any other place",
-        metavar="P",
+        metavar="C",
         least=1,
         most=MOST_COST,
         needs=_FILTER,
     ),
     smooth=SettingField(
         kind=bool,
-        help="place filter: also use the windows after each one of a recording",
-        more="Live and online matching have no later windows, and never smooth.",
+        help="place filter: also use the later windows of a recording",
+        more="Live and online matching never smooth.",
         needs=_FILTER,
     ),
     delay=SettingField(
@@ -507,8 +501,7 @@ _MATCHING = _group(
         "matches arrive N windows late",
         metavar="N",
         most=MOST_DELAY,
-        more="For live and online matching, and for recordings with --no-smooth. See "
-        "docs/place_filter.md.",
+        more="See docs/place_filter.md.",
         needs=_FILTER,
     ),
     sequence_length=SettingField(

@@ -168,7 +168,7 @@ class GroundTruth(EqualByValue):
         if known.shape != correct.shape[1:]:
             raise GroundTruthError(
                 f"ground truth of {correct.shape[1]} queries has known of shape {known.shape}: "
-                "give one value a query"
+                "give one value per query"
             )
         if (correct.any(axis=0) & ~known).any():
             raise GroundTruthError(

@@ -213,7 +213,7 @@ def precision_recall(
     if not (scores.shape == correct.shape == has_place.shape):
         raise UsageError(
             f"scores, correct and has_place have shapes {scores.shape}, {correct.shape} and "
-            f"{has_place.shape}: expected one entry of each a query"
+            f"{has_place.shape}: expected one entry per query"
         )
     if thresholds is not None:
         expect(thresholds, int, "thresholds", "a whole number, or None for all scores")

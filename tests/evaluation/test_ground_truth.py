@@ -578,7 +578,7 @@ def test_a_truth_that_contradicts_itself_is_refused():
     known = np.array([True, False])
     with pytest.raises(GroundTruthError, match="unknown truth has a correct place"):
         GroundTruth(np.ones((3, 2), dtype=bool), known, "")
-    with pytest.raises(GroundTruthError, match="give one value a query"):
+    with pytest.raises(GroundTruthError, match="give one value per query"):
         GroundTruth(np.zeros((3, 3), dtype=bool), known, "")
     with pytest.raises(GroundTruthError, match="give bool arrays"):
         GroundTruth(np.zeros((3, 2)), known, "")

@@ -79,8 +79,8 @@ VERBS = {verb: text for verbs in GROUPS.values() for verb, text in verbs.items()
 EXAMPLES = """\
   edge-vpr demo
   edge-vpr map monday.raw -o monday.npz
-  edge-vpr match monday.npz tuesday.raw -o results/tuesday
-  edge-vpr evaluate results/tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70"""
+  edge-vpr match monday.npz tuesday.raw -o tuesday
+  edge-vpr evaluate tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70"""
 
 
 def module_name(verb: str) -> str:
@@ -172,7 +172,9 @@ class VerbParser(argparse.ArgumentParser):
                 flag, value = action.option_strings[0], action.metavar or action.dest.upper()
                 needed.append(f"{flag} {value}" + " ..." * (action.nargs == "+"))
         positional = [
-            str(action.metavar or action.dest.upper())
+            f"[{action.metavar} ...]"
+            if action.nargs == "*"
+            else str(action.metavar or action.dest.upper())
             for action in self._actions
             if not action.option_strings
         ]

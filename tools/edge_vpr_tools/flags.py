@@ -252,7 +252,7 @@ def add_truth_flags(group: argparse._ActionsContainer) -> None:
         help="two tracks, first that of the reference (NMEA, GPX, poses of TUM, KITTI or EuRoC, or "
         "CSV with time_s or timestamp and position_m, x_m[,y_m[,z_m]] or latitude,longitude); or "
         "one alignment (CSV with query_s,reference_s or query_frame,reference_frame); or one "
-        "matrix of 0 and 1 (.npz, .npy)",
+        "matrix of 0 and 1 (.npz, .npy, .csv)",
     )
     group.add_argument(
         "--tolerance",

@@ -10,8 +10,8 @@ from edge_vpr_tools.console import note, summary
 from edge_vpr_tools.flags import add_truth_flags
 
 EXAMPLES = """\
-  edge-vpr calibrate results/tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70
-  edge-vpr calibrate results/tuesday --ground-truth pairs.csv --tolerance 3 -o monday_sure.npz"""
+  edge-vpr calibrate tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70
+  edge-vpr calibrate tuesday --ground-truth pairs.csv --tolerance 3 -o monday_sure.npz"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> None:
         )
     if found.off_map == 0:
         note(
-            "every query of this drive is on the map: of drives that leave it, the probabilities "
+            "every query of this drive is on the map: on drives that leave it, the probabilities "
             "will be too high"
         )
     before = ""
@@ -76,9 +76,9 @@ def run(args: argparse.Namespace) -> None:
     table = found.confidence
     summary(
         f"{output}: probabilities in {len(table.trust)} steps from {found.matches} matches, "
-        f"{found.right} of them right{before}"
+        f"{found.right} of them correct{before}"
     )
     summary(
-        f"they are from {table.probability[0]:.3f} to {table.probability[-1]:.3f}, and "
-        f"on the drive they were learnt from off by {found.error:.3f}"
+        f"they range from {table.probability[0]:.3f} to {table.probability[-1]:.3f}, and are off "
+        f"by {found.error:.3f} on the drive that they were learnt from"
     )

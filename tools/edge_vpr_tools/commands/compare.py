@@ -10,9 +10,9 @@ from edge_vpr_tools.console import summary
 from edge_vpr_tools.flags import FIGURES_HELP
 
 EXAMPLES = """\
-  edge-vpr compare sweeps/pixels
-  edge-vpr compare sweeps/pixels results/tuesday -o compared --figures pdf,svg
-  edge-vpr compare sweeps/pixels -o curves --over pixels --measure recall_at_99_precision"""
+  edge-vpr compare pixels
+  edge-vpr compare pixels tuesday -o compared --figures pdf,svg
+  edge-vpr compare pixels -o curves --over pixels --measure recall_at_99_precision"""
 
 #: the names in `sweep.comparison.MEASURES`, repeated here so that --help imports nothing heavy
 MEASURES = (

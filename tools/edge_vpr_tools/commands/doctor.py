@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("checks")
     group.add_argument(
         "--compile", action="store_true",
-        help="compile the functions that a live run needs now, so that it starts at once later",
+        help="compile now what a live run needs, so that it starts at once",
     )  # fmt: skip
     output = parser.add_argument_group("output")
     output.add_argument("--json", action="store_true", help="print JSON, for programs")

@@ -108,7 +108,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     mission.add_argument(
         "--route-km", type=float, metavar="KM",
-        help="length of the route in kilometres, in place of --places",
+        help="length of the route in kilometres, instead of --places",
     )  # fmt: skip
     mission.add_argument(
         "--places-per-metre", type=float, metavar="N", default=0.1,

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 EXAMPLES = """\
-  edge-vpr evaluate results/tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70
-  edge-vpr evaluate results/tuesday --ground-truth matrix.npz --rows reference
-  edge-vpr evaluate results/tuesday --ground-truth pairs.csv --tolerance 3 --score ratio"""
+  edge-vpr evaluate tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70
+  edge-vpr evaluate tuesday --ground-truth matrix.npz --rows reference
+  edge-vpr evaluate tuesday --ground-truth pairs.csv --tolerance 3 --score ratio"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     metrics = parser.add_argument_group("metrics")
     metrics.add_argument(
         "--score", choices=("distance", "ratio", "margin", "trust"),
-        help="figure of a match to which the thresholds of the precision-recall curve apply "
+        help="score of a match to which the thresholds of the precision-recall curve apply "
         "(default: that of the map's settings; if they leave it to auto, trust with the place "
         "filter and ratio with sequences)",
     )  # fmt: skip
@@ -122,6 +122,6 @@ def _print_trust(matches: Matches, found: Evaluation) -> None:
     if rejection.off_map_auroc is not None:
         answer(
             f"off the map: AUROC of the trust {rejection.off_map_auroc:.3f}; "
-            f"{rejection.right_on_map:.3f} of the queries on it are right, "
-            f"{rejection.found_at_99_precision:.3f} found at 99 % precision over all"
+            f"{rejection.right_on_map:.3f} of the queries on the map are correct, "
+            f"{rejection.found_at_99_precision:.3f} of them at 99 % precision over all queries"
         )

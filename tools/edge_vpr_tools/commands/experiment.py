@@ -15,7 +15,7 @@ from edge_vpr_tools.research.experiments import EXPERIMENTS, STREETS_ONLY
 
 EXAMPLES = """\
   edge-vpr experiment simulated
-  edge-vpr experiment rivals --data recordings -o results/rivals --seeds 3
+  edge-vpr experiment rivals --data recordings -o rivals --seeds 3
   edge-vpr experiment rivals frames --data recordings --report paper.html
   edge-vpr experiment rivals --with model:netvlad.onnx@1,2,4"""
 #: folder of the stored trials in that of the results

@@ -40,8 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     vectors.add_argument(
         "--case-size", metavar="SIZE", default="512KiB",
-        help="flash of the microcontroller for the recording's case.h: of its windows, and of the "
-        "events elsewhere than at selected pixels, only as many are taken as fit",
+        help="flash of the microcontroller for the recording's case.h: windows, and events at "
+        "other than selected pixels, are left out until it fits",
     )  # fmt: skip
     vectors.add_argument(
         "--ram", metavar="SIZE", default="64KiB",

@@ -19,11 +19,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("results of a device")
     group.add_argument(
         "--results", metavar="FILE",
-        help="results of the device: .csv, a record a line, or .bin, records of 32-bit words "
-        "(default: check the vectors only)",
+        help="results of the device: .csv with a record per line, or .bin with records of 32-bit "
+        "words (default: check the vectors only)",
     )  # fmt: skip
     group.add_argument(
-        "--case", metavar="SUITE/NAME", help="case to which results without a case belong"
+        "--case", metavar="SUITE/NAME", help="case that results without a `case` record belong to"
     )
     group.add_argument(
         "--only", metavar="KINDS", default="event,window,match",

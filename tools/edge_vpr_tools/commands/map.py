@@ -39,14 +39,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "recording",
         metavar="REFERENCE",
-        help="recording of the reference drive, or a map that is to learn the other drives",
+        help="recording of the reference drive, or a map to add the other drives to",
     )
     parser.add_argument(
         "more",
         metavar="DRIVE",
         nargs="*",
-        help="recordings of other drives of the same route, averaged into the map: it then knows "
-        "their light too, and is not larger",
+        help="recordings of further drives of the route, averaged into the map, which stays as "
+        "large",
     )
     output = parser.add_argument_group("output")
     output.add_argument("-o", "--output", metavar="MAP.npz", required=True, help="file to write")
@@ -58,8 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         help="track of the reference drive (NMEA, GPX, poses of TUM, KITTI or EuRoC, or CSV with "
         "time_s or timestamp and metres or degrees), "
-        "from which each match gets a position and an interval along the route; given again, of "
-        "each further drive, which is then aligned by it instead of by matching",
+        "which gives each match a position and an interval along the route; if given once per "
+        "drive, further drives are aligned by their tracks instead of by matching",
     )
     track.add_argument(
         "--track-offset",
@@ -77,14 +77,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     track.add_argument(
         "--jumps",
         metavar="FILE",
-        help="pairs of places (CSV with from,to) between which a vehicle can go in one step, for "
-        "example where a loop closes",
+        help="pairs of places (CSV with from,to) that are one step apart, for example where a loop "
+        "closes",
     )
     parser.add_argument(
         "--pixel-map",
         metavar="FILE",
-        help="pixels to use instead of selecting them: a line x, y for each, or a map that has "
-        "them",
+        help="pixels to use instead of selecting them: a file with a line x, y per pixel, or a map",
     )
     add_window_argument(add_reading_arguments(parser))
     add_map_flags(parser)
@@ -201,7 +200,7 @@ def _mapped(
     if args.pixel_map is None and found < settings.pixels:
         warning(
             f"{args.recording} has events at {found} pixels alone, of {settings.pixels} that were "
-            "asked for: all of them are taken"
+            "asked for: the map has only these"
         )
     return run
 

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 
 EXAMPLES = """\
-  edge-vpr match monday.npz tuesday.raw -o results/tuesday
-  edge-vpr match monday.npz tuesday.raw -o results/online --online --every 50ms
-  edge-vpr match monday.npz tuesday.raw -o results/long -L 20 --overwrite"""
+  edge-vpr match monday.npz tuesday.raw -o tuesday
+  edge-vpr match monday.npz tuesday.raw -o online --online --every 50ms
+  edge-vpr match monday.npz tuesday.raw -o long --matching sequence -L 20 --overwrite"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,8 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument_group("mounting").add_argument(
         "--register",
         action="store_true",
-        help="estimate from the first 128 windows of the query by how many pixels the image is "
-        "shifted against the map, and move the pixels of the map by it",
+        help="estimate the shift of the image against the map, in pixels, from the first 128 "
+        "windows of the query, and move the pixels of the map by it",
     )
     parser.add_argument_group("odometry").add_argument(
         "--odometry",

@@ -9,9 +9,9 @@ from edge_vpr.errors import MapError, UsageError
 from edge_vpr_tools.console import summary
 
 EXAMPLES = """\
-  edge-vpr replay results/tuesday -o match.gif
-  edge-vpr replay results/tuesday -o match.html --frames 600
-  edge-vpr replay results/tuesday -o match.gif --all-events --start 20 --end 60"""
+  edge-vpr replay tuesday -o match.gif
+  edge-vpr replay tuesday -o match.html --frames 600
+  edge-vpr replay tuesday -o match.gif --all-events --start 20 --end 60"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
     output.add_argument(
         "--frames", type=int, default=150, metavar="N",
-        help="largest number of frames; of more windows, some are left out, evenly",
+        help="largest number of frames; with more windows, some are left out, evenly",
     )  # fmt: skip
     output.add_argument("--fps", type=float, default=10.0, help="frames per second")
     shown = parser.add_argument_group("what is shown")
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     shown.add_argument(
         "--all-events", action="store_true",
         help="show the events of all pixels behind the selected ones; needs the recording of the "
-        "query, which the record of the run names",
+        "query, where run.json says it is",
     )  # fmt: skip
 
 

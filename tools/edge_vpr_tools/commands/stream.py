@@ -115,7 +115,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o",
         "--output",
         metavar="MAP.npz",
-        help="with --learn, the map to write; with --map, the drive is matched with that meanwhile",
+        help="with --learn, the map to write; the drive is meanwhile matched with that of --map",
     )
     add_map_flags(parser)
 

@@ -10,9 +10,9 @@ from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr_tools.console import summary, warning
 
 EXAMPLES = """\
-  edge-vpr sweep sweep.toml -o sweeps/pixels --workers 4
-  edge-vpr sweep sweep.toml -o sweeps/pixels --scheduler tcp://10.0.0.1:8786
-  edge-vpr sweep sweep.toml -o sweeps/pixels --retry-failed"""
+  edge-vpr sweep sweep.toml -o pixels --workers 4
+  edge-vpr sweep sweep.toml -o pixels --scheduler tcp://10.0.0.1:8786
+  edge-vpr sweep sweep.toml -o pixels --retry-failed"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -472,8 +472,8 @@ def _sentence(asked: Question, told: Answers) -> str:
         on = f"of the {some[0].queries if some else 0} queries on {tried.drives}, the same for all"
         on += f" {len(tried.designs)} designs"
     return (
-        f"{chosen} that is as often correct as the most accurate one that fits, but for a standard "
-        f"error; correct is the share {on}, and a longer route has more places that look alike"
+        f"{chosen} whose share of correct matches is within a standard error of the best that "
+        f"fits; correct is the share {on}, and a longer route has more places that look alike"
     )
 
 

@@ -49,8 +49,8 @@ def show_comparison(found: Comparison, name: str) -> None:
     if isinstance(found.theirs.design, EveryPixel):
         say(
             "all pixels: no firmware or device of this kind holds as many counters; its "
-            "instructions continue those of the emulated designs, an event's are taken as with a "
-            "look-up, and memories are counted without one"
+            "instructions are extrapolated from those of the emulated designs, with a look-up for "
+            "each event that its memories do not count"
         )
 
 
@@ -166,8 +166,8 @@ def _design(found: Estimation) -> None:
     say(f"{design_text(of)}: {of.slots} counters, of {of.width} x {of.height} pixels")
     say(
         f"{size.place_bytes} bytes per place, {size_text(1e3 * density * size.place_bytes)} "
-        f"a km at {density:g} places a metre ({of.places / density / 1000:g} km); all memories "
-        f"{size_text(size.packed_bytes)} packed; firmware in C, a byte a code: flash "
+        f"per km at {density:g} places per metre ({of.places / density / 1000:g} km); all memories "
+        f"{size_text(size.packed_bytes)} packed; firmware in C, a byte per code: flash "
         f"{size_text(size.flash_bytes)} of tables, RAM {size_text(size.ram_bytes)}"
     )
     say(
@@ -265,9 +265,11 @@ def _fits(found: Sequence[Fit], asked: Question, target: Target) -> None:
     )
     table(["matching", "code", "parameter", "largest", "limited by"], rows)
     if target.kind == "processor":
-        say("the firmware in C keeps a byte a code, so that fewer bits save it no memory")
+        say("the firmware in C keeps a byte per code, so fewer bits save it no memory")
     if any(b.quantity == "watts" for b in asked.budgets) and not target.idle_power:
-        say("the budget of power is held against what the work adds: power at rest is unknown")
+        say(
+            "the power budget is compared with what the work adds, because power at rest is unknown"
+        )
 
 
 def _candidates(found: Sequence[Candidate], recommended: DesignOnTarget) -> None:

@@ -671,7 +671,7 @@ def with_meter(path: Path, meter: Path, rate: float, voltage: float | None = Non
         kind="power",
         scope="what the external meter feeds",
         period_s=float(np.median(np.diff(time_s))),
-        detail=f"its clock is {ahead:.3f} s ahead, by its steps; its gain error is not told",
+        detail=f"its clock is {ahead:.3f} s ahead, by its steps; its gain error is not known",
     )
     energy = analyse(Trace.of_power(time_s - ahead, watts), windows, about, rate)
     return replace(found, energy=replace(energy, quick=found.quick))

@@ -127,8 +127,8 @@ def notes(found: Profile) -> list[str]:
     speed, of = found.throughput, found.load
     said += [
         f"Load: {of.recording}, in packets of {of.packet:,} events, a match --every "
-        f"{of.every}. A match is told with the counting of its "
-        f"{speed.events_per_s / speed.matches_per_s:,.0f} events, in time and in energy.",
+        f"{of.every}. Time and energy of a match include the counting of its "
+        f"{speed.events_per_s / speed.matches_per_s:,.0f} events.",
         _provenance(found.provenance),
     ]
     said += [f"{when.capitalize()}: {one}." for when, one in found.conditions.named().items()]

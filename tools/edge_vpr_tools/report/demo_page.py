@@ -35,7 +35,7 @@ def rows(trials: dict[str, Trial]) -> list[tuple[str, ...]]:
 
 
 HEADER = (
-    "variant", "P@100R", "R@99P", "bytes a place", "operations a match", "time a query",
+    "variant", "P@100R", "R@99P", "bytes per place", "operations per match", "time per query",
 )  # fmt: skip
 
 

@@ -27,8 +27,8 @@ def report_shift(reference: ReferenceMap, found: MatchResult) -> None:
     pixels = len(reference.pixel_map)
     warning(
         f"the camera's image is shifted by ({shift.dx}, {shift.dy}) pixels: the map's pixels are "
-        f"moved, {pixels - len(found.reference.pixel_map)} of {pixels} are lost: fix the mounting, "
-        "or make a new map"
+        f"moved, and {pixels - len(found.reference.pixel_map)} of {pixels} are lost; fix the "
+        "mounting, or make a new map"
     )
 
 

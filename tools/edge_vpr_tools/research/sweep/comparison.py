@@ -27,9 +27,9 @@ MEASURES = {
     "recall_at_99_precision": "R@99P",
     "average_precision": "AP",
     "recall_at_1": "Recall@1",
-    "packed_bytes_per_place": "bytes a place",
-    "operations_per_match": "operations a match",
-    "microseconds_per_match": "us a match",
+    "packed_bytes_per_place": "bytes per place",
+    "operations_per_match": "operations per match",
+    "microseconds_per_match": "µs per match",
 }
 #: shown with thousands and without decimals
 _WHOLE = ("operations_per_match",)
