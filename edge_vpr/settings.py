@@ -415,7 +415,8 @@ _COUNTERS = _group(
     counter_code=SettingField(
         help="how counts are compressed to a few bits before they are compared; none: counts are "
         "compared",
-        choices=get_args(CounterCodeName),
+        choices=CODES,
+        plugins=True,
         more="See docs/codes.md.",
     ),
     counter_bits=SettingField(

@@ -25,15 +25,18 @@ from edge_vpr.descriptors.windows import (
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.place_filter import (
     EVIDENCE_TOP,
+    METRIC_TOP,
+    TransitionCosts,
+    Transitions,
     WindowRows,
     evidence_of,
     least_and_second,
+    predict,
     reciprocal_of_spread,
     weight_of,
     write_match,
 )
 from edge_vpr.matching.smoother import FixedLag
-from edge_vpr.matching.transitions import METRIC_TOP, TransitionCosts, Transitions, predict
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments.drives import Pair, recorded_drives
 from edge_vpr_tools.research.experiments.experiment import (
