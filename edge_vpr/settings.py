@@ -393,6 +393,17 @@ _WINDOWS = _group(
         "tau.",
         needs=("window", ("count",)),
     ),
+    places_per_window=SettingField(
+        kind=int,
+        help="number of places in one window's length; 2: a place starts at every half window",
+        metavar="N",
+        least=1,
+        most=2,
+        more="Windows are as long as with 1, in the reference and in the query. With 2 the map has "
+        "twice as many places, and takes twice the memory and the work. Only the place filter "
+        "takes 2, and only with a reference of events.",
+        needs=_FILTER,
+    ),
     keep_incomplete=SettingField(
         kind=bool, help="keep the last window even if the recording ends before it is complete"
     ),
@@ -466,8 +477,9 @@ _MATCHING = _group(
         show=costs_word,
         valid=lambda values: len(values) > 0 and are_costs(values),
         expected="1 to 16 costs from 0 to 254, for example 1,0,1",
-        more="With fixed-count windows, moving on by two places is free too, because such windows "
-        "become longer in other light.",
+        more="With fixed-count windows, moving on by two places costs nothing too, because such "
+        "windows become longer in other light. With two places per window, steps are of half a "
+        "window's way, and auto is 1,0,0,0,0,1 for fixed-count windows.",
         needs=_FILTER,
     ),
     filter_back=SettingField(
@@ -522,6 +534,7 @@ _MATCHING = _group(
         kind=int,
         help="exclusion zone: the second-best place lies more than R places away from the best",
         metavar="R",
+        more="With several places per window, R counts windows, so that the zone is as long.",
     ),
     score=SettingField(
         help="score by which matches are accepted or rejected in an evaluation; auto: trust with "
@@ -584,6 +597,7 @@ class Settings:
     window: WindowKind = "time"
     tau_us: int = 1_000_000
     events_per_pixel: float | None = 3.0
+    places_per_window: int = 1
     polarity: bool = False
     clip: int | None = None
     counter_code: CounterCodeName | str = "none"
@@ -611,6 +625,12 @@ class Settings:
             setting.check(getattr(self, name))
         if self.events_per_pixel is not None:
             self._check_events_per_window()
+        if self.places_per_window > 1 and self.matching != "filter":
+            raise UsageError(
+                f"setting places_per_window = {self.places_per_window} with matching = "
+                f"{self.matching}: sequences compare one place per window; set matching to filter, "
+                "or places_per_window to 1"
+            )
         self._check_code()
 
     @property
@@ -633,6 +653,11 @@ class Settings:
     def windows_per_match(self) -> int:
         """Number of windows that one match compares: L, or 1 with the place filter."""
         return 1 if self.matching == "filter" else self.sequence_length
+
+    @property
+    def exclusion_places(self) -> int:
+        """Number of places on each side of the best one in its exclusion zone."""
+        return self.exclusion * self.places_per_window
 
     @property
     def late(self) -> int:

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from edge_vpr.descriptors.windows import activity_of_drive, narrow, place_activity
+from edge_vpr.descriptors.windows import narrow, place_activity
 from edge_vpr.matching.place_filter import TransitionCosts
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import costs_word
 from firmware_model.errors import DesignError
 from firmware_model.model.design import Design, DeviceCode
 from firmware_model.model.memories import Memories
 from fixedpoint.codes import CounterCode, PixelCodes
+
+#: costs of half steps for windows of a fixed time, where they cannot follow the activity
+FIXED_COSTS = (1, 0, 0, 0, 1)
+
+
+def costs_on_device(reference: ReferenceMap) -> bool:
+    """Return whether a device has the costs of steps of a map."""
+    settings = reference.settings
+    by_activity = settings.matching == "filter" and TransitionCosts.of(settings).forward is None
+    return settings.places_per_window == 1 or not by_activity
 
 
 def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
@@ -38,6 +49,12 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
     code, bits, full_scales = _code_of(reference)
     filters = settings.matching == "filter"
     costs = TransitionCosts.of(settings)
+    if not costs_on_device(reference):
+        raise DesignError(
+            "the map has 2 places per window and costs of steps by activity, which a device has "
+            f"for 1 only: map the drive with --filter-steps {costs_word(FIXED_COSTS)}, or with "
+            "--places-per-window 1"
+        )
     return Design(
         width=reference.pixel_map.sensor.width,
         height=reference.pixel_map.sensor.height,
@@ -58,7 +75,7 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         restart=costs.restart,
         lanes=lanes,
         accept="margin" if filters else "ratio",
-        exclusion=settings.exclusion,
+        exclusion=settings.exclusion_places,
     )
 
 
@@ -77,14 +94,15 @@ def memories_of(reference: ReferenceMap, design: Design) -> Memories:
         if reference.codes is None:
             places = narrow(codes.encode(places))
     adaptive = design.own_mean or design.filters
+    of_places = place_activity(events, reference.settings.places_per_window)
     return Memories(
         design,
         np.stack([reference.pixel_map.x, reference.pixel_map.y], axis=1).tolist(),
         places.tolist(),
         tables,
         mean=None if reference.mean is None else reference.mean.tolist(),
-        activity=activity_of_drive(events) if adaptive else 0,
-        place_activity=place_activity(events).tolist() if design.activity_costs else None,
+        activity=reference.mean_activity if adaptive else 0,
+        place_activity=of_places.tolist() if design.activity_costs else None,
     )
 
 

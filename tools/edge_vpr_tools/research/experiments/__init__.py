@@ -24,6 +24,7 @@ EXPERIMENTS = {
     "fixed-number": "fixed_number",
     "joules": "joules",
     "several-drives": "several_drives",
+    "places-per-window": "places_per_window",
 }
 
 #: experiments that simulate all of their drives, with those that do the same on recorded drives

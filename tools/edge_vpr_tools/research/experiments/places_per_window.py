@@ -1,0 +1,200 @@
+"""Places at half windows against places at whole ones: what twice the memory is worth.
+
+The costs of half steps were chosen on simulated streets of the seeds 20 to 26 (with the small
+sensor). Nothing was chosen on the streets and the walks here. Maps of published windows, as of the
+other recorded drives, cannot have places at half windows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from edge_vpr.evaluation.calibration import reliability
+from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.matching.matches import Matches
+from edge_vpr.pipeline import EventSource, count_windows, match_query
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.route import Odometry
+from edge_vpr.settings import PRESETS
+from edge_vpr.simulation import SimulatedRecording, simulate_pair
+from edge_vpr.simulation.drive import wheel_odometry
+from edge_vpr_tools.report.tables import TableView
+from edge_vpr_tools.research.experiments import speck_walks
+from edge_vpr_tools.research.experiments.calibration import Case, carried_off, without_places
+from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
+from edge_vpr_tools.research.experiments.place_filter import STREETS
+from edge_vpr_tools.research.experiments.plots import dots
+from edge_vpr_tools.research.experiments.trial import TruthOf, truth_of_tracks
+
+LENGTH_M, TOLERANCES_M = 450.0, (10.0, 20.0)
+FIRST_SEED = 70
+PIXELS = (25, 150)
+PRECISION = 0.99
+WHOLE = "whole"
+_NUMBER = "places per window"
+_WHEELS = 9  # random stream of the odometers
+LIGHTS: Mapping[str, str] = {
+    "in other light": "street",
+    "with 3 stops": "street, 3 stops",
+    "in low sun": "street, low sun",
+    "at noon": "street, noon",
+}
+MATCHED: Mapping[str, Mapping[str, Any]] = {
+    "live": {"smooth": False, "query_mean": "running"},
+    "4 windows late": {"smooth": False, "query_mean": "running", "delay": 4},
+    "recorded": {},
+}
+
+
+class Query(NamedTuple):
+    """One drive to match: its truths, the second with the wider tolerance, and its odometry."""
+
+    name: str
+    recording: EventSource
+    truths: tuple[TruthOf, TruthOf]
+    odometry: Odometry | None = None
+
+
+class Route(NamedTuple):
+    """The drive that a map is made of, and the drives that are matched with it."""
+
+    reference: EventSource
+    queries: tuple[Query, ...]
+    odometry: Odometry | None = None
+
+
+def open_street(seed: int) -> Route:
+    """Simulate the drives of one street, with odometers on their wheels."""
+    reference, query = simulate_pair(FIRST_SEED + seed, length_m=LENGTH_M)
+    rng = np.random.default_rng((FIRST_SEED + seed, _WHEELS))
+    meter = wheel_odometry(reference.track, rng)
+    queries = []
+    for light, name in LIGHTS.items():
+        driven = SimulatedRecording(
+            query.world, query.camera, STREETS[name].drive, seed=query.seed, device=query.device
+        ).keep()
+        near, wide = (
+            truth_of_tracks(reference.track, driven.track, metres) for metres in TOLERANCES_M
+        )
+        queries.append(Query(light, driven, (near, wide), wheel_odometry(driven.track, rng)))
+    return Route(reference.keep(), tuple(queries), meter)
+
+
+def open_walks(folder: Path, seed: int) -> Route:
+    """Read the walks; their truth is known to a second, so that both tolerances are 2 s."""
+    reference, query, truth_of = speck_walks.open_pair(folder, seed)
+    return Route(reference, (Query("as recorded", query, (truth_of, truth_of)),))
+
+
+def measure(draw: Draw) -> Iterator[Row]:
+    """Match whole drives, and drives that leave the map, with both maps in every way."""
+    route: Route = draw.pair
+    for pixels in PIXELS:
+        settings = PRESETS["default"].replaced({"pixels": pixels, "seed": draw.seed}, "half")
+        whole = ReferenceMap.build(route.reference, settings)
+        half = ReferenceMap.build(
+            route.reference, settings, pixel_map=whole.pixel_map, places_per_window=2
+        )
+        for query in route.queries:
+            counted = count_windows(query.recording, whole.pixel_map, settings)
+            for number, mapped in ((1, whole), (2, half)):
+                truths = [
+                    truth_of(mapped.places.centre_us, counted.centre_us)
+                    for truth_of in query.truths
+                ]
+                row = {"pixels": pixels, "query": query.name, _NUMBER: number}
+                for matched, changes in MATCHED.items():
+                    named = {**row, "matched": matched}
+                    asked = mapped.settings.replaced(changes, matched)
+                    drive = Case(mapped.matched_with(asked), counted, truths[-1])
+                    judged = _judged(drive, drive.match(), truths)
+                    yield {**named, "odometry": "none", "drive": WHOLE, **judged}
+                    for name, left in (("a quarter cut out", _cut), ("carried off", _carried)):
+                        part = left(drive, number)
+                        judged = _judged(part, part.match(), [part.truth])
+                        yield {**named, "odometry": "none", "drive": name, **judged}
+                    if query.odometry is not None and route.odometry is not None:
+                        way = route.odometry.along(mapped.places.centre_us)
+                        metred = replace(drive.reference, odometer_mm=way)
+                        found = match_query(metred, metred.coded(counted), query.odometry)
+                        judged = _judged(drive, found, truths)
+                        yield {**named, "odometry": "wheels", "drive": WHOLE, **judged}
+
+
+def _cut(drive: Case, number: int) -> Case:
+    """Cut the third quarter out of the map."""
+    places = len(drive.reference) // number
+    return without_places(drive, number * (places // 2), number * (3 * places // 4))
+
+
+def _carried(drive: Case, number: int) -> Case:
+    windows = len(drive.counted)
+    return carried_off(drive, windows // 3, 2 * windows // 3)
+
+
+def _judged(drive: Case, found: Matches, truths: Sequence[GroundTruth]) -> Row:
+    """Return the figures of a drive; those of probabilities, and "wide", are by the last truth."""
+    reference, known = drive.reference, truths[-1].known
+    wide = truths[-1].correct[found.place, found.query]
+    confidence = reference.acceptance.confidence
+    assert confidence is not None
+    accepted = known & (found.trust >= confidence.least_trust(PRECISION))
+    error = reliability(found.probability[known], wide[known]).expected_calibration_error
+    row = {
+        "P@100R": None,
+        "P@100R (wide)": float(wide[known].mean()),
+        "R@99P (wide)": None,
+        "mean probability": float(found.probability[known].mean()),
+        "calibration error": error,
+        "windows": int(known.sum()),
+        "accepted at 0.99": int(accepted.sum()),
+        "accepted and correct": int((accepted & wide).sum()),
+        "places": len(reference),
+        "bytes of the places": len(reference) * (reference.packed_bytes_per_place + 1),
+        "differences per window": reference.places.counts.size,
+    }
+    if len(truths) > 1:  # of a whole drive
+        near, far = (evaluate(found, truth) for truth in truths)
+        row["P@100R"] = near.precision_at_100_recall
+        row["R@99P (wide)"] = far.recall_at_99_precision
+    return row
+
+
+def drives(data: Path | None) -> list[Drives]:
+    """Return streets, and the walks of a folder."""
+    found = [Drives(f"streets of {LENGTH_M:g} m", open_street, varied=True)]
+    if data is not None and (data / speck_walks.FOLDER).is_dir():
+        folder = data / speck_walks.FOLDER
+        found.append(Drives("Speck walks", partial(open_walks, folder), [folder]))
+    return found
+
+
+def figure(rows: Rows) -> Figure:
+    """Draw correct matches without odometry."""
+    shown = [
+        {**row, "drives": f"{row['drives']}, {row['pixels']} px", _NUMBER: f"{row[_NUMBER]}"}
+        for row in rows
+        if row["odometry"] == "none" and row["drive"] == WHOLE
+    ]
+    return dots(shown, measures=("P@100R", "R@99P (wide)"), row="matched", series=_NUMBER)
+
+
+EXPERIMENT = Experiment(
+    drives=drives,
+    names=("pixels", "query", "drive", "odometry", "matched", _NUMBER),
+    measure=measure,
+    figure=figure,
+    view=TableView(
+        {"matched": "live", "odometry": "none", "drive": WHOLE},
+        ("pixels", "query", "P@100R"),
+        _NUMBER,
+    ),
+)
