@@ -69,6 +69,12 @@ def kernel(
     return compiled
 
 
+def plain(kernel: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the Python function of a kernel, which for a few numbers needs no compiler."""
+    function: Callable[..., Any] = getattr(kernel, "py_func", kernel)
+    return function
+
+
 def entry(kernel: Callable[..., Any], *given: object) -> Callable[..., Any]:
     """Return the compiled code of a kernel for arguments of the types of these.
 

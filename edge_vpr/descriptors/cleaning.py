@@ -81,7 +81,7 @@ class BurstFilter:
         if events.size == 0:
             return []
         held, newest = self._events, self._newest.copy()
-        most, cut = _newest_slots(events["t"], held.size, newest)
+        most, cut = _newest_slots(np.ascontiguousarray(events), held.size, newest)
         keep = None
         if most > self._least or self._first_is_burst:
             slots = _joined(self._slots(), _slots_of(events["t"]))
@@ -160,8 +160,8 @@ class BurstFilter:
 
 
 @kernel
-def _newest_slots(t, held, newest):  # type: ignore[no-untyped-def]
-    """Assign events at times `t` to slots, after `held` events in two slots.
+def _newest_slots(events, held, newest):  # type: ignore[no-untyped-def]
+    """Assign events to slots by their times, after `held` events in two slots.
 
     Returns the largest number of events in two neighbouring slots together, and the number of
     events before the newest two slots. Writes the numbers and sizes of these two to `newest`.
@@ -169,8 +169,8 @@ def _newest_slots(t, held, newest):  # type: ignore[no-untyped-def]
     before, before_size, last, last_size = newest[0, 0], newest[0, 1], newest[1, 0], newest[1, 1]
     before_at, last_at = 0, before_size
     most = last_size + (before_size if last == before + 1 else 0)
-    for i in range(t.size):
-        slot = t[i] // BURST_SLOT_US
+    for i in range(events.size):
+        slot = events[i]["t"] // BURST_SLOT_US
         if slot != last:
             before, before_size, before_at = last, last_size, last_at
             last, last_size, last_at = slot, 0, held + i
@@ -395,7 +395,14 @@ def _above_neighbours(totals, factor):  # type: ignore[no-untyped-def]
                     if u != x or v != y:
                         around[n] = totals[v, u]
                         n += 1
-            median = np.sort(around[:n])[n // 2] if n > 0 else 0
+            # NumPy's sort of these few numbers takes 2 s to compile
+            for i in range(1, n):
+                total, j = around[i], i
+                while j > 0 and around[j - 1] > total:
+                    around[j] = around[j - 1]
+                    j -= 1
+                around[j] = total
+            median = around[n // 2] if n > 0 else 0
             above[y, x] = totals[y, x] > factor * (median + 1)
     return above
 

@@ -71,7 +71,7 @@ def _scan(table: Any, width: int, x: Any, y: Any, first: int, index: Any, slots:
     if not (_below(xs, width) and _below(ys, table.size // width)):
         return OFF_SENSOR
     row = np.uint64(width)
-    found = start = 0
+    found, start = 0, np.int64(0)  # no constant, for which Numba would compile another `_skip`
     while start < xs.size:
         start = _skip(table, row, xs, ys, start)
         end = min(start + _GROUP, xs.size)
@@ -107,6 +107,22 @@ def count_slots(
             if counted == budget:
                 return index[i] + 1, counted
     return x.size, counted
+
+
+def _count_one(
+    table: Any, width: int, x: Any, y: Any, p: Any, counts: Any, slots_end: int, budget: int
+) -> tuple[int, int]:
+    """Count one event, whose fields are contiguous: Numba would compile `count_slots` for it."""
+    column, row = int(x[0]), int(y[0])
+    if column >= width or row >= table.size // width:
+        return OFF_SENSOR, 0
+    slot = int(table[row * width + column])
+    if slot >= slots_end:
+        return OFF_COUNTS, 0
+    if slot < 0:
+        return 1, 0
+    counts[slot + (0 if p is None or p[0] else slots_end)] += 1
+    return 1, 1
 
 
 @kernel
@@ -232,7 +248,8 @@ def count_until(
         return 0, 0
     height, width = table.shape
     slots_end = counts.size if p is None else counts.size // 2
-    consumed, counted = count_slots(
+    counter = _count_one if x.size == 1 else count_slots
+    consumed, counted = counter(
         table.reshape(-1), width, x, y, p, counts, slots_end, min(budget, _NO_LIMIT)
     )
     if consumed == OFF_SENSOR:

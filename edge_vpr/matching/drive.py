@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +30,7 @@ from edge_vpr.matching.sequences import (
     sequence_matches,
     sequence_sums,
 )
-from edge_vpr.matching.smoother import BackwardPass, FixedLag, SmoothedMatch, Way, runs
+from edge_vpr.matching.smoother import BackwardPass, FixedLag, Way, runs
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
 
@@ -119,10 +119,9 @@ def filter_drive(
         if lag is None:
             found.put(first, rows.columns, rows.metrics)
         else:
-            late = (lag.add(rows.part(i, i + 1), ways[first + i]) for i in range(last - first))
-            found.put_decided(last - delay, late)
+            found.put_late(last - delay, *lag.add(rows, ways[first:last]))
     if lag is not None:
-        found.put_decided(n, lag.finish())
+        found.put_late(n, *lag.finish())
     return FilteredDrive(found.columns, found.candidates)
 
 
@@ -184,12 +183,10 @@ class _Found(NamedTuple):
         if self.metrics is not None:
             self.metrics[:, first:last] = metrics.T
 
-    def put_decided(self, last: int, decided: Iterable[SmoothedMatch | None]) -> None:
-        """Put the matches of the windows before `last`; None where there is no window yet."""
-        some = [one for one in decided if one is not None]
-        if some:
-            columns = np.array([one.match for one in some], dtype=np.int64)
-            self.put(last - len(some), columns, np.stack([one.metrics for one in some]))
+    def put_late(self, last: int, columns: npt.NDArray[np.int64], metrics: Metrics) -> None:
+        """Put the matches of some windows, the last of which is before `last`."""
+        if len(columns):
+            self.put(last - len(columns), columns, metrics)
 
 
 def _smooth(drive: _Drive, found: _Found) -> None:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.compiling import kernel
+from edge_vpr.compiling import kernel, plain
 from edge_vpr.descriptors.windows import activity_of, is_pause, mean_activity_after
 from edge_vpr.errors import UsageError
 from edge_vpr.route import MOST_MM
@@ -33,6 +33,8 @@ from fixedpoint.activity import (
 )
 
 Metrics = npt.NDArray[np.int32]
+#: metrics and costs where they are added up: 16 bits hold the sums, and twice as many fit a vector
+Narrow = npt.NDArray[np.int16]
 
 #: fraction bits of metrics, evidence and costs
 FRACTION_BITS = 2
@@ -166,62 +168,100 @@ def leads_to(
 
 
 @kernel
-def predict(
-    metric: Metrics, steps: StepTable, activity: int, back: bool, prediction: Metrics
-) -> None:
-    """Write the cheapest cost of each place one window later, or earlier.
+def write_costs(steps: StepTable, activity: int, costs: Narrow) -> None:
+    """Write the cost of each step to each place, in a window of this activity.
 
     Parameters
     ----------
-    metric : ndarray of int32, shape (K,)
-        Cost of each place.
     activity : int
         Of the window, see `activity_of`.
+    costs : ndarray of int16, shape (steps, K)
+        Written to.
+    """
+    number, places, last_row = costs.shape[0], costs.shape[1], len(steps.costs) - 1
+    of_row = np.empty(last_row + 1, dtype=np.int16)
+    rows = np.empty(places if last_row > 0 else 0, dtype=np.uint8)
+    for k in range(rows.size):
+        row = (activity - steps.activity[k] + (1 << (ROW_BITS - 1))) >> ROW_BITS
+        rows[k] = min(max(row + SAME_ROW, 0), last_row)
+    for i in range(number):
+        for row in range(last_row + 1):
+            of_row[row] = steps.costs[row, i]
+        written = costs[i]
+        if last_row > 0:
+            for k in range(places):
+                written[k] = of_row[rows[k]]
+        else:
+            for k in range(places):
+                written[k] = of_row[0]
+
+
+@kernel
+def move(metric: Narrow, steps: StepTable, costs: Narrow, back: bool, prediction: Narrow) -> None:
+    """Write the cheapest cost of each place one window later, or earlier.
+
+    All sums fit into 16 bits: a metric with its evidence, and a cost, are below 2,500.
+
+    Parameters
+    ----------
+    metric : ndarray of int16, shape (K,)
+        Cost of each place.
+    costs : ndarray of int16, shape (steps, K)
+        Of `write_costs`, for the later of the two windows.
     back : bool
-        Whether `metric` is of the window, and the cost of each place in the window before is asked.
-    prediction : ndarray of int32, shape (K,)
+        Whether `metric` is of the later window, and the cost of each place in the one before is
+        asked.
+    prediction : ndarray of int16, shape (K,)
         Written to: ``min(min_i (M[k - i] + cost[i]), min M + restart) - min M``; over a jump from
         a to b, k = b + o is i places from a - (i - 1 - o). The costs are those of the place
         reached.
     """
-    places, number = metric.size, steps.costs.shape[1]
-    farthest = max(abs(steps.first), abs(steps.first + number - 1))
+    places = metric.size
     least = metric[0]
     for k in range(places):
         least = min(least, metric[k])
-    # as dear as a restart beyond both ends. Loops over new arrays, all from 0 on, compile to vector
-    # instructions
-    padded = np.full(places + 2 * farthest, least + steps.restart, dtype=np.int32)
-    rows = np.zeros(places + 2 * farthest, dtype=np.uint8)
-    inside, rows_inside = padded[farthest:], rows[farthest:]
+    restarted = np.int16(least + steps.restart)
     for k in range(places):
-        inside[k] = metric[k]
-    last_row = len(steps.costs) - 1
-    if last_row > 0:
-        for k in range(places):
-            row = (activity - steps.activity[k] + (1 << (ROW_BITS - 1))) >> ROW_BITS
-            rows_inside[k] = min(max(row + SAME_ROW, 0), last_row)
-    found = np.full(places, steps.restart, dtype=np.int32)
-    for i in range(number):
+        prediction[k] = restarted
+    for i in range(costs.shape[0]):
         step = steps.first + i
-        cost = steps.costs[:, i] - np.int32(least)
-        source = padded[farthest + (step if back else -step) :]
-        row_of = rows[farthest + (step if back else 0) :]
-        if last_row > 0:
-            for k in range(places):
-                found[k] = min(found[k], source[k] + cost[row_of[k]])
-        else:
-            for k in range(places):
-                found[k] = min(found[k], source[k] + cost[0])
+        number = max(places - abs(step), 0)
+        before, reached = min(max(-step, 0), places), min(max(step, 0), places)
+        found, source = (before, reached) if back else (reached, before)
+        # loops over slices, all from 0 on, compile to vector instructions
+        cost = costs[i, reached : reached + number]
+        moved, stayed = prediction[found : found + number], metric[source : source + number]
+        for k in range(number):
+            moved[k] = min(moved[k], np.int16(stayed[k] + cost[k]))
         for j in range(len(steps.jumps)):
             for over in range(step):
                 begin, end = steps.jumps[j, 0] - (step - 1 - over), steps.jumps[j, 1] + over
                 if begin >= 0 and end < places:
                     to, other = (begin, end) if back else (end, begin)
-                    jumped = metric[other] + cost[rows_inside[end]]
-                    found[to] = min(found[to], jumped)
+                    jumped = np.int16(metric[other] + costs[i, end])
+                    prediction[to] = min(prediction[to], jumped)
     for k in range(places):
-        prediction[k] = found[k]
+        prediction[k] -= least
+
+
+@kernel
+def predict(metric: Metrics, steps: StepTable, activity: int, prediction: Narrow) -> None:
+    """Write the cheapest cost of each place after a window of this activity; see `move`.
+
+    Parameters
+    ----------
+    metric : ndarray of int32, shape (K,)
+        Cost of each place.
+    prediction : ndarray of int16, shape (K,)
+        Written to.
+    """
+    before = np.empty(metric.size, dtype=np.int16)
+    for k in range(metric.size):
+        before[k] = metric[k]
+    costs = np.empty((steps.costs.shape[1], metric.size), dtype=np.int16)
+    write_costs(steps, activity, costs)
+    # not a constant, for which Numba would compile another version
+    move(before, steps, costs, np.bool_(False), prediction)
 
 
 @kernel
@@ -350,9 +390,9 @@ class Transitions:
 
     def by_steps(self, metric: Metrics, activity: int = 0) -> Metrics:
         """Return the cost of each place after a window of this activity, shape (K,)."""
-        prediction = np.empty_like(metric)
-        predict(metric, self.by_step, activity, False, prediction)
-        return prediction
+        prediction = np.empty(metric.size, dtype=np.int16)
+        predict(metric, self.by_step, activity, prediction)
+        return prediction.astype(np.int32)
 
     def by_distance(self, metric: Metrics, travelled_mm: int, *, back: bool = False) -> Metrics:
         """Return the cost of each place after a distance of `travelled_mm`, shape (K,).
@@ -466,7 +506,7 @@ MARGIN_TOP = MISFIT_TOP = 23
 TRUST_TOP = MARGIN_TOP << TRUST_BITS
 
 
-@kernel
+@kernel(inline="always")
 def support_after(kept: int, stands: bool, margin: int) -> int:
     """Return the support of a match after a window: a running mean of its margins.
 
@@ -494,7 +534,7 @@ def support_after(kept: int, stands: bool, margin: int) -> int:
     return int(raised)
 
 
-@kernel
+@kernel(inline="always")
 def trust_of(support: int, misfit: int) -> int:
     """Return the trust in a match: its support less the misfit of the matched place.
 
@@ -516,7 +556,7 @@ def trust_of(support: int, misfit: int) -> int:
     return max(int(support) - (int(misfit) << TRUST_BITS), 0)
 
 
-@kernel
+@kernel(inline="always")
 def misfit_of(evidence: int) -> int:
     """Return the evidence against the matched place, limited to `MISFIT_TOP`."""
     return min(int(evidence), MISFIT_TOP)
@@ -546,7 +586,7 @@ def reciprocal_of_spread(distances: npt.NDArray[np.integer]) -> int:
     return (1 << RECIPROCAL_BITS) // max(int(spread) // distances.size, 1)
 
 
-@kernel
+@kernel(inline="always")
 def weight_of(activity: int) -> int:
     """Return the weight of the evidence of a window, in units of 1/8.
 
@@ -591,17 +631,17 @@ def evidence_of(
 @kernel
 def least_and_second(metric: Metrics, exclusion: int) -> tuple[int, int, int]:
     """Return the place of the lowest metric, the best one outside its zone or -1, and ties."""
-    best, ties = _first_least(metric, 0, metric.size), -1
+    best, ties = _first_least(metric, np.int64(0), metric.size), -1
     for k in range(metric.size):
         ties += metric[k] == metric[best]
-    before = _first_least(metric, 0, best - exclusion)
+    before = _first_least(metric, np.int64(0), best - exclusion)
     second = _first_least(metric, best + exclusion + 1, metric.size)
     if before >= 0 and (second < 0 or metric[before] <= metric[second]):
         second = before
     return best, second, ties
 
 
-@kernel
+@kernel(inline="always")
 def margin_of(metric: Metrics, place: int, second: int) -> int:
     """Return the second-best less the best metric; the largest value if there is no second."""
     if second < 0:
@@ -644,7 +684,7 @@ class FilterState(NamedTuple):
         Of `NUMBER_NAMES`, and the activity that the prediction holds for.
     metric : ndarray of int32, shape (K,)
         After the window before.
-    prediction : ndarray of int32, shape (K,)
+    prediction : ndarray of int16, shape (K,)
         Cost of being at each place in this window, without its evidence.
     follows : ndarray of bool, shape (K,)
         Which places follow from the latest match, if the prediction is by odometry.
@@ -652,7 +692,7 @@ class FilterState(NamedTuple):
 
     numbers: Any
     metric: Metrics
-    prediction: Metrics
+    prediction: Narrow
     follows: npt.NDArray[np.bool_]
 
 
@@ -778,7 +818,7 @@ def match_window(
     activity = activity_of(events, now.mean_activity)
     if now.predicted_for != activity and now.predicted_for != BY_DISTANCE:
         if now.place >= 0:
-            predict(state.metric, steps, activity, False, state.prediction)
+            predict(state.metric, steps, activity, state.prediction)
         now.predicted_for = activity
     scale, weight = now.reciprocal, 0
     if not is_pause(events, now.mean_activity):
@@ -787,7 +827,7 @@ def match_window(
             scale = reciprocal_of_spread(distances)
     evidence_of(distances, scale, weight, evidence)
     for k in range(metric.size):
-        metric[k] = min(state.prediction[k] + np.int32(evidence[k]), METRIC_TOP)
+        metric[k] = min(np.int32(state.prediction[k]) + np.int32(evidence[k]), METRIC_TOP)
     place, second, ties = least_and_second(metric, exclusion)
     if now.predicted_for == BY_DISTANCE:
         follows = state.follows[place]
@@ -825,8 +865,8 @@ def write_match(
 
 @kernel
 def smooth_windows(
-    onward: Metrics,
-    ahead: Metrics,
+    onward: Narrow,
+    ahead: Narrow,
     steps: StepTable,
     exclusion: int,
     activity: npt.NDArray[np.int32],
@@ -838,10 +878,10 @@ def smooth_windows(
 
     Parameters
     ----------
-    onward : ndarray of int32, shape (K,)
+    onward : ndarray of int16, shape (K,)
         Cost of going on from each place after the last of these windows; after the call, before
         the first.
-    ahead : ndarray of int32, shape (K,)
+    ahead : ndarray of int16, shape (K,)
         Written to: the cost of going on from the first window, with its own evidence.
     activity, evidence
         See `WindowRows`.
@@ -850,14 +890,17 @@ def smooth_windows(
     columns : ndarray of int64, shape (n, 6)
         Of `FilterMatch`, written to; its trust is the margin, in units of 1/16 of a metric.
     """
+    costs = np.empty((steps.costs.shape[1], onward.size), dtype=np.int16)
     for i in range(len(summed) - 1, -1, -1):
-        columns[i, 5] = match_summed(summed[i], onward, exclusion, columns[i])
-        go_back(onward, ahead, steps, activity[i], evidence[i])
+        row = columns[i]
+        row[5] = match_summed(summed[i], onward, exclusion, row) << TRUST_BITS
+        write_costs(steps, np.int64(activity[i]), costs)
+        go_back(onward, ahead, steps, costs, evidence[i])
 
 
 @kernel
 def match_summed(
-    metric: Metrics, onward: Metrics, exclusion: int, row: npt.NDArray[np.int64]
+    metric: Metrics, onward: Narrow, exclusion: int, row: npt.NDArray[np.int64]
 ) -> int:
     """Add the cost of the rest of the drive to the metric of a window, and match it by the sum.
 
@@ -865,7 +908,7 @@ def match_summed(
     ----------
     metric : ndarray of int32, shape (K,)
         After the call, the cost of the best path through each place.
-    onward : ndarray of int32, shape (K,)
+    onward : ndarray of int16, shape (K,)
         Cost of going on from each place.
     row : ndarray of int64, shape (6,)
         Of `FilterMatch`, written to but for its trust.
@@ -873,36 +916,161 @@ def match_summed(
     Returns
     -------
     int
-        The margin, in units of 1/16 of a metric.
+        The margin.
     """
     for k in range(metric.size):
-        metric[k] += onward[k]
+        metric[k] += np.int32(onward[k])
     place, second, ties = least_and_second(metric, exclusion)
-    return write_match(metric, place, second, ties, row) << TRUST_BITS
+    return write_match(metric, place, second, ties, row)
 
 
 @kernel
 def go_back(
-    onward: Metrics,
-    ahead: Metrics,
+    onward: Narrow,
+    ahead: Narrow,
     steps: StepTable,
-    activity: int,
+    costs: Narrow,
     evidence: npt.NDArray[np.uint8],
 ) -> None:
     """Change the cost of going on from each place, from after a window to before it.
 
     Parameters
     ----------
-    onward : ndarray of int32, shape (K,)
+    onward : ndarray of int16, shape (K,)
         Cost of going on from each place.
-    ahead : ndarray of int32, shape (K,)
+    ahead : ndarray of int16, shape (K,)
         Written to: the cost after the window before, with the evidence of this window.
+    costs : ndarray of int16, shape (steps, K)
+        Of `write_costs` for this window.
     evidence : ndarray of uint8, shape (K,)
         Of this window, see `WindowRows`.
     """
     for k in range(ahead.size):
-        ahead[k] = onward[k] + np.int32(evidence[k])
-    predict(ahead, steps, activity, True, onward)
+        ahead[k] = np.int16(onward[k] + np.int16(evidence[k]))
+    move(ahead, steps, costs, np.bool_(True), onward)
+
+
+#: State of `HeldWindows`: number of the first window, how many there are, and of the match before
+#: them the place, support, and misfit, with the misfit of the one before that
+HELD = np.dtype(
+    [(name, np.int64) for name in ("first", "windows", "place", "support", *NUMBER_NAMES[-2:])]
+)
+
+
+class HeldWindows(NamedTuple):
+    """Windows that wait for later ones: rings with room for N + 1 of them.
+
+    Attributes
+    ----------
+    numbers : ndarray of HELD, shape (1,)
+        Window i is at ``i % (N + 1)`` of each ring.
+    metrics : ndarray of int32, shape (N + 1, K)
+    evidence : ndarray of uint8, shape (N + 1, K)
+        See `WindowRows`.
+    costs : ndarray of int16, shape (N + 1, steps, K)
+        Of `write_costs`, which all backward passes over a window use.
+    onward, ahead : ndarray of int16, shape (K,)
+        Of `go_back`.
+    follows : ndarray of bool, shape (K,)
+        Which places follow from the match before, if that is known by odometry.
+    """
+
+    numbers: Any
+    metrics: Metrics
+    evidence: npt.NDArray[np.uint8]
+    costs: Narrow
+    onward: Narrow
+    ahead: Narrow
+    follows: npt.NDArray[np.bool_]
+
+    @classmethod
+    def empty(cls, delay: int, transitions: Transitions) -> HeldWindows:
+        """Return room for windows that wait for `delay` others."""
+        room, places = delay + 1, transitions.places
+        numbers = np.array([(0, 0, -1, 0, 0, 0)], dtype=HELD)
+        steps = transitions.by_step.costs.shape[1]
+        return cls(
+            numbers.view(np.recarray),
+            np.empty((room, places), dtype=np.int32),
+            np.empty((room, places), dtype=np.uint8),
+            np.empty((room, steps, places), dtype=np.int16),
+            *np.empty((2, places), dtype=np.int16),
+            np.empty(places, dtype=np.bool_),
+        )
+
+
+@kernel
+def match_late(
+    held: HeldWindows,
+    steps: StepTable,
+    exclusion: int,
+    rows: WindowRows,
+    delay: int,
+    backward: bool,
+    travelled: bool,
+    columns: npt.NDArray[np.int64],
+    metrics: Metrics,
+) -> int:
+    """Add n windows to those that are held, and match all but the newest `delay` of them.
+
+    Parameters
+    ----------
+    rows : WindowRows
+        Of the n windows, by the place filter.
+    delay : int
+        N; 0 at the end of a drive.
+    backward : bool
+        Whether `onward` has yet to be computed, by steps. If not, there is one window to match.
+    travelled : bool
+        Whether `follows` is known.
+    columns : ndarray of int64, shape (n + N, 6)
+        Of `FilterMatch`; written to.
+    metrics : ndarray of int32, shape (n + N, K)
+        Cost of the best path through each place; written to.
+
+    Returns
+    -------
+    int
+        Number of matches.
+    """
+    now, onward, room, places = held.numbers[0], held.onward, len(held.metrics), held.onward.size
+    added = matched = 0
+    while added < len(rows.metrics) or now.windows > delay:
+        if added < len(rows.metrics):
+            at = (now.first + now.windows) % room
+            for k in range(places):
+                held.metrics[at, k] = rows.metrics[added, k]
+                held.evidence[at, k] = rows.evidence[added, k]
+            write_costs(steps, np.int64(rows.activity[added]), held.costs[at])
+            now.windows += 1
+            added += 1
+        if now.windows <= delay:
+            continue
+        if backward:
+            for k in range(places):
+                onward[k] = 0
+            for later in range(now.first + now.windows - 1, now.first, -1):
+                at = later % room
+                go_back(onward, held.ahead, steps, held.costs[at], held.evidence[at])
+        at = now.first % room
+        row, metric = columns[matched], metrics[matched]
+        for k in range(places):
+            metric[k] = held.metrics[at, k]
+        margin = match_summed(metric, onward, exclusion, row)
+        place, before = row[0], now.place
+        if travelled:
+            follows = held.follows[place]
+        else:
+            follows = before >= 0 and leads_to(before, place, steps.first, steps.last, steps.jumps)
+        now.support = support_after(now.support if follows else 0, place == before, margin)
+        misfit = misfit_of(held.evidence[at, place])
+        row[5] = trust_of(now.support, max(misfit, now.misfit, now.misfit_before))
+        now.misfit_before = now.misfit
+        now.misfit, now.place = misfit, place
+        now.first += 1
+        now.windows -= 1
+        matched += 1
+    return matched
 
 
 class FilterMatch(NamedTuple):
@@ -970,7 +1138,7 @@ class PlaceFilter:
         self.transitions = Transitions(places, costs, place_activity, jumps, along_mm)
         self.exclusion = exclusion
         numbers = np.array([(0, mean_activity, -1, 0, 0, 0, NOT_PREDICTED)], dtype=NUMBERS)
-        metric, prediction = np.zeros((2, places), dtype=np.int32)
+        metric, prediction = np.zeros(places, dtype=np.int32), np.zeros(places, dtype=np.int16)
         self.state = FilterState(
             numbers.view(np.recarray), metric, prediction, np.zeros(places, dtype=np.bool_)
         )
@@ -1059,7 +1227,7 @@ class PlaceFilter:
 
     def pauses(self, events: int) -> bool:
         """Return whether a window with `events` selected events is a pause."""
-        return bool(is_pause(events, int(self.state.numbers[0].mean_activity)))
+        return bool(plain(is_pause)(events, int(self.state.numbers[0].mean_activity)))
 
     def predict_travelled(self, travelled_mm: int) -> None:
         """Predict by odometry instead of steps until the window ends.

@@ -11,39 +11,24 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from edge_vpr.matching.place_filter import (
-    TRUST_BITS,
-    FilterMatch,
+    HeldWindows,
     Metrics,
     Transitions,
     WindowRows,
     go_back,
-    match_summed,
-    misfit_of,
+    match_late,
     smooth_windows,
-    support_after,
-    trust_of,
 )
 
 #: Distance driven since the window before, in millimetres; None where it is not known.
 Way = int | None
-
-
-class SmoothedMatch(NamedTuple):
-    """Match of a window that later ones have decided with.
-
-    Attributes
-    ----------
-    metrics : ndarray of int32, shape (K,)
-        Cost of the best path through each place.
-    """
-
-    match: FilterMatch
-    metrics: Metrics
+#: Columns of `FilterMatch`, shape (m, 6), and costs of the best path through each place, (m, K).
+Late = tuple[npt.NDArray[np.int64], Metrics]
 
 
 class BackwardPass:
@@ -57,26 +42,8 @@ class BackwardPass:
 
     def __init__(self, transitions: Transitions, exclusion: int) -> None:
         self._transitions, self._exclusion = transitions, exclusion
-        self._cost = np.zeros(transitions.places, dtype=np.int32)
-        self._ahead = np.empty(transitions.places, dtype=np.int32)
-
-    def begin(self) -> None:
-        """Begin again at the last window of a drive."""
-        self._cost[:] = 0
-
-    def go_back(self, row: WindowRows, way: Way) -> None:
-        """Go back before one window, without matching it."""
-        go_back(
-            self._cost, self._ahead, self._transitions.by_step, row.activity[0], row.evidence[0]
-        )
-        if way is not None:
-            self._cost = self._transitions.by_distance(self._ahead, way, back=True)
-
-    def match(self, row: WindowRows) -> SmoothedMatch:
-        """Match one window by its metrics and the cost of going on, with the margin as trust."""
-        metric, columns = row.metrics[0].copy(), np.empty(6, dtype=np.int64)
-        columns[5] = match_summed(metric, self._cost, self._exclusion, columns)
-        return SmoothedMatch(FilterMatch(*columns.tolist()), metric)
+        self._onward = np.zeros(transitions.places, dtype=np.int16)
+        self._ahead = np.empty(transitions.places, dtype=np.int16)
 
     def add_to(self, rows: WindowRows, ways: Sequence[Way]) -> None:
         """Add the costs of the rest of the drive to the metrics of the n windows before it.
@@ -92,12 +59,19 @@ class BackwardPass:
         for first, last in reversed(list(runs(ways, len(ways)))):
             run = rows.part(first, last)
             smooth_windows(
-                self._cost, self._ahead, self._transitions.by_step, self._exclusion,
+                self._onward, self._ahead, self._transitions.by_step, self._exclusion,
                 run.activity, run.evidence, run.metrics, run.columns,
             )  # fmt: skip
             way = ways[first]
             if way is not None:
-                self._cost = self._transitions.by_distance(self._ahead, way, back=True)
+                _travel_back(self._transitions, self._ahead, way, self._onward)
+
+
+def _travel_back(
+    transitions: Transitions, ahead: npt.NDArray[np.int16], way: int, onward: npt.NDArray[np.int16]
+) -> None:
+    """Write the cost of going on by odometry instead of steps; see `go_back`."""
+    onward[:] = transitions.by_distance(ahead.astype(np.int32), way, back=True)
 
 
 class FixedLag:
@@ -112,44 +86,77 @@ class FixedLag:
     """
 
     def __init__(self, transitions: Transitions, exclusion: int, delay: int) -> None:
-        self._transitions, self._onward = transitions, BackwardPass(transitions, exclusion)
-        self._delay = delay
-        self._held: deque[tuple[WindowRows, Way]] = deque()  # windows that are not decided
-        self._place, self._support = -1, 0
-        self._misfits = (0, 0)  # of the two windows before
+        self._transitions, self._exclusion, self._delay = transitions, exclusion, delay
+        self._held = HeldWindows.empty(delay, transitions)
+        self._ways: deque[Way] = deque()  # of the windows that are held
 
-    def add(self, row: WindowRows, way: Way) -> SmoothedMatch | None:
-        """Add the next window, and decide the one N windows before it, if there is one.
+    def add(self, rows: WindowRows, ways: Sequence[Way]) -> Late:
+        """Add the next n windows, and match those that have N after them.
 
         Parameters
         ----------
-        row : WindowRows
-            Of this one window, by the place filter.
+        rows : WindowRows
+            Of these windows, by the place filter.
+        ways : sequence of int or None
+            Of each window.
+
+        Returns
+        -------
+        columns : ndarray of int64, shape (m, 6)
+            Of `FilterMatch`.
+        metrics : ndarray of int32, shape (m, K)
+            Cost of the best path through each place.
         """
-        self._held.append((row, way))
-        return self._decide() if len(self._held) > self._delay else None
+        return self._match(rows, ways, self._delay)
 
-    def finish(self) -> Iterator[SmoothedMatch]:
-        """Decide the last windows, which have fewer than N after them."""
-        while self._held:
-            yield self._decide()
+    def finish(self) -> Late:
+        """Match the last windows, which have fewer than N after them; returns as `add`."""
+        return self._match(WindowRows.empty(0, self._transitions.places), [], 0)
 
-    def _decide(self) -> SmoothedMatch:
-        """Decide the first window that is held."""
-        row, way = self._held.popleft()
-        self._onward.begin()
-        for later in reversed(self._held):
-            self._onward.go_back(*later)
-        match, metric = self._onward.match(row)
-        place, before = match.place, self._place
-        follows = before >= 0 and self._transitions.lead_to(before, place, way)
-        kept = self._support if follows else 0
-        self._support = support_after(kept, place == before, match.trust >> TRUST_BITS)
-        self._place = place
-        misfit = misfit_of(int(row.evidence[0, place]))
-        trust = trust_of(self._support, max(misfit, *self._misfits))
-        self._misfits = (misfit, self._misfits[0])
-        return SmoothedMatch(match._replace(trust=trust), metric)
+    def _match(self, rows: WindowRows, ways: Sequence[Way], delay: int) -> Late:
+        self._ways.extend(ways)
+        number = max(len(self._ways) - delay, 0)
+        columns = np.empty((number, 6), dtype=np.int64)
+        metrics = np.empty((number, self._transitions.places), dtype=np.int32)
+        if all(way is None for way in self._ways):
+            match_late(
+                self._held, self._transitions.by_step, self._exclusion, rows, delay, True, False,
+                columns, metrics,
+            )  # fmt: skip
+            for _ in range(number):
+                self._ways.popleft()
+            return columns, metrics
+        for i in range(len(ways)):
+            match_late(
+                self._held, self._transitions.by_step, self._exclusion, rows.part(i, i + 1),
+                self._delay + 1, False, False, columns[:0], metrics[:0],
+            )  # fmt: skip
+            j = number - (len(ways) - i)
+            if j >= 0:
+                self._match_first(columns[j : j + 1], metrics[j : j + 1])
+        if not ways:
+            for j in range(number):
+                self._match_first(columns[j : j + 1], metrics[j : j + 1])
+        return columns, metrics
+
+    def _match_first(self, columns: npt.NDArray[np.int64], metrics: Metrics) -> None:
+        """Match the first window that is held, with the distances driven between the others."""
+        held, transitions = self._held, self._transitions
+        first, windows, place = held.numbers[0].tolist()[:3]
+        held.onward[:] = 0
+        for i in range(windows - 1, 0, -1):
+            at, way = (first + i) % len(held.metrics), self._ways[i]
+            go_back(held.onward, held.ahead, transitions.by_step, held.costs[at], held.evidence[at])
+            if way is not None:
+                _travel_back(transitions, held.ahead, way, held.onward)
+        way = self._ways.popleft()
+        travelled = way is not None and place >= 0
+        if way is not None and place >= 0:
+            held.follows[:] = transitions.following(place, way)
+        match_late(
+            held, transitions.by_step, self._exclusion, WindowRows.empty(0, transitions.places),
+            windows - 1, False, travelled, columns, metrics,
+        )  # fmt: skip
 
 
 def runs(ways: Sequence[Way], most: int) -> Iterator[tuple[int, int]]:

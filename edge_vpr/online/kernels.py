@@ -12,7 +12,7 @@ from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.counting import select_events
 from edge_vpr.errors import EventError
 from edge_vpr.events import TIME_LIMIT_US, Events
-from edge_vpr.matching.place_filter import match_window
+from edge_vpr.matching.place_filter import FilterState, StepTable, WindowRows, match_window
 from fixedpoint.own_mean import LEVEL_BITS
 
 # Vector kernels of online matching: change all sums by +-1, find the smallest.
@@ -250,7 +250,7 @@ else:
             i += LANES
 
 
-@kernel(inline="always")
+@kernel
 def least_in(sums, count, start, stop):
     """Return the first index of the smallest of ``sums[start:stop]``, and its value.
 
@@ -280,7 +280,7 @@ def least_in(sums, count, start, stop):
     return _first_equal(sums, max(start, best_block * BLOCK), stop, best), best
 
 
-@kernel(inline="always")
+@kernel
 def update_blocks(sums, columns, steps, arrivals, expiries, count):
     """Apply steps to the first `count` sums, and store the smallest of each block after them."""
     for start in range(0, count, BLOCK):
@@ -513,7 +513,7 @@ def write_distances(row, best_sum, second_sum, length):
         row["ratio"] = best_sum / second_sum
 
 
-@kernel(inline="always")
+@kernel
 def _second(sums, count, best, exclusion, places):
     """Find the best place outside the exclusion zone; -1 if there is none."""
     second, second_least = -1, sums[best]
@@ -527,6 +527,20 @@ def _second(sums, count, best, exclusion, places):
 
 
 @kernel
+def answer(state, step, rows, sums, total, c, length, events, row):
+    """Write the match of the place filter, or that of sequences where `state` is None.
+
+    Numba compiles only the one that the type of `state` asks for. The arguments are those of
+    `OnlineState`, of `filter_answer` and of `sequence_answer`.
+    """
+    if state is None:
+        return sequence_answer(sums, total, c, length, row)
+    return filter_answer(
+        FilterState(*state), StepTable(*step), WindowRows(*rows), sums, c, events, row
+    )
+
+
+@kernel(inline="always")
 def filter_answer(state, steps, rows, sums, c, events, row):
     """Write the place of the lowest metric for the unfinished window.
 

@@ -15,16 +15,15 @@ from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Events
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.drive import filter_of
-from edge_vpr.matching.place_filter import FilterState, StepTable, WindowRows
-from edge_vpr.matching.smoother import FixedLag, SmoothedMatch
+from edge_vpr.matching.place_filter import FilterMatch, WindowRows
+from edge_vpr.matching.smoother import FixedLag, Late
 from edge_vpr.online.kernels import (
     acceptance,
     age,
+    answer,
     few_in_order,
-    filter_answer,
     note,
     recode,
-    sequence_answer,
     take_moves,
     write_distances,
 )
@@ -73,11 +72,11 @@ def follow(box, slots, times, until):
     """
     f = OnlineState(*box.value)
     s, c, out = SlidingWindows(*f.s), f.control[0], f.out
-    state, step = FilterState(*f.state), StepTable(*f.step)
+    state, step, rows = f.state, f.step, f.rows
     ring_slot, ring_time, bound = s.slot, s.time, s.bound
     moves, totals, counts, code, counters = s.moves, s.totals, s.counts, s.code, s.counters
     columns, sums, steps = s.columns, s.sums, s.steps
-    own, rows = OwnCodes(*s.own), WindowRows(*f.rows)
+    own = OwnCodes(*s.own)
     tau, n, length, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
     given, i = 0, 0
     # counted down, because a division would take as long as the rest of an event's processing
@@ -103,11 +102,8 @@ def follow(box, slots, times, until):
         ):
             take_moves(moves, totals, counts, code, counters, columns, sums, steps)
         if over:
-            take_moves(moves, totals, counts, code, counters, columns, sums, steps)
-            if own.levels.size > 0:
-                recode(own, counts, totals, counters, columns, sums, steps)
-            return i, given, WINDOW_OVER
-        if tick:
+            pass
+        elif tick:
             c.next_tick += c.interval
         else:
             if bound[0] - bound[length] > mask:
@@ -122,17 +118,15 @@ def follow(box, slots, times, until):
                 continue
             left = c.every
         complete = seen_until >= length * tau if tau > 0 else bound[0] >= length * n
-        if not complete:
+        if not (over or complete):
             continue
         take_moves(moves, totals, counts, code, counters, columns, sums, steps)
         if own.levels.size > 0:
             recode(own, counts, totals, counters, columns, sums, steps)
+        if over:
+            return i, given, WINDOW_OVER
         row, events = out[given], bound[0] - bound[1]
-        if state.metric.size > 0:
-            answered = filter_answer(state, step, rows, sums, c, events, row)
-        else:
-            answered = sequence_answer(sums, totals[0], c, length, row)
-        if answered:
+        if answer(state, step, rows, sums, totals[0], c, length, events, row):
             row["time_us"], row["events"] = now, events
             # start of a fixed-count window: the time of its oldest event
             row["start_us"] = seen_until - tau if tau > 0 else ring_time[bound[1] & mask]
@@ -533,8 +527,7 @@ class DelayedRun(FilterRun):
 
     def finish(self) -> Found:
         """See `MatchRun.finish`."""
-        for decided in self._lag.finish():
-            self._replace(decided)
+        self._decide(self._lag.finish())
         return self._drained()
 
     def _taken(self, given: int) -> npt.NDArray[np.void]:
@@ -545,18 +538,19 @@ class DelayedRun(FilterRun):
     def _ended(self, rows: WindowRows) -> None:
         self._undecided.append(self._given)
         self._given = None
-        decided = self._lag.add(rows, self.odometer.travelled_mm)
-        if decided is not None:
-            self._replace(decided)
+        self._decide(self._lag.add(rows, [self.odometer.travelled_mm]))
 
-    def _replace(self, decided: SmoothedMatch) -> None:
-        row, match = self._undecided.popleft(), decided.match
-        if row is None:
-            return
-        row["place"], row["second"], row["trust"] = match.place, match.second, match.trust
-        write_distances(row, match.metric, match.second_metric, 1)
-        acceptance(row, self._followed.trust, self._followed.probability, self._control.least_trust)
-        self._decided.append(row)
+    def _decide(self, late: Late) -> None:
+        for column in late[0].tolist():
+            row, match = self._undecided.popleft(), FilterMatch(*column)
+            if row is None:
+                continue
+            row["place"], row["second"], row["trust"] = match.place, match.second, match.trust
+            write_distances(row, match.metric, match.second_metric, 1)
+            acceptance(
+                row, self._followed.trust, self._followed.probability, self._control.least_trust
+            )
+            self._decided.append(row)
 
     def _drained(self) -> Found:
         decided, self._decided = self._decided, []

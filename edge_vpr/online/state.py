@@ -19,7 +19,6 @@ from edge_vpr.matching.place_filter import (
     METRIC_TOP,
     MISFIT_TOP,
     NUMBER_NAMES,
-    NUMBERS,
     RECIPROCAL_BITS,
     TRUST_TOP,
     FilterState,
@@ -238,7 +237,8 @@ def with_distances(s: SlidingWindows, places: npt.NDArray[np.unsignedinteger]) -
     distances = np.zeros(count + LANES, dtype=np.int64)
     for lag in range(length):
         end = length - 1 - lag
-        distances += index.distances(coded[lag])[end : end + count + LANES]
+        # `distances` would need one more kernel
+        distances += index.rows(coded[lag : lag + 1])[0, end : end + count + LANES]
     base = int(np.abs(coded - np.clip(coded, low, high)).sum())
     # without the base, no distance is larger than this; those of filling places always are, so that
     # a search can include them
@@ -561,25 +561,16 @@ CONTROL = np.dtype(
 )
 
 
-_NO_NUMBERS = np.zeros(1, dtype=NUMBERS).view(np.recarray)
-_NO_COSTS = np.zeros(0, dtype=np.int32)
-#: what sequences have in the place of a place filter
-_NO_FILTER = (
-    FilterState(_NO_NUMBERS, _NO_COSTS, _NO_COSTS, np.zeros(0, dtype=np.bool_)),
-    StepTable(np.zeros((1, 0), np.int32), 0, 0, 0, np.zeros((0, 2), np.int32), _NO_COSTS),
-)
-
-
 class OnlineState(NamedTuple):
     """State of the kernel.
 
     Attributes
     ----------
-    state : FilterState
-        Of the place filter; of size 0 where sequences are matched.
-    step : StepTable
+    state : FilterState or None
+        Of the place filter; None where sequences are matched, as are the next two.
+    step : StepTable or None
         Of `Transitions`.
-    rows : WindowRows
+    rows : WindowRows or None
         Of one window; scratch of the place filter.
     control : ndarray of CONTROL, shape (1,)
         Numbers of the kernel, each by its name.
@@ -598,9 +589,9 @@ class OnlineState(NamedTuple):
     """
 
     s: SlidingWindows
-    state: FilterState
-    step: StepTable
-    rows: WindowRows
+    state: FilterState | None
+    step: StepTable | None
+    rows: WindowRows | None
     control: npt.NDArray[np.void]
     trust: npt.NDArray[np.int64]
     probability: npt.NDArray[np.float64]
@@ -646,14 +637,15 @@ class OnlineState(NamedTuple):
             )
             if acceptance.precision is not None:
                 first.least_trust = acceptance.confidence.least_trust(acceptance.precision)
-        state, step = _NO_FILTER if place_filter is None else (
-            place_filter.state, place_filter.transitions.by_step
-        )  # fmt: skip
+        state = step = rows = None
+        if place_filter is not None:
+            state, step = place_filter.state, place_filter.transitions.by_step
+            rows = WindowRows.empty(1, len(place_filter))
         return cls(
             s,
             state,
             step,
-            WindowRows.empty(1, state.metric.size),
+            rows,
             control,
             trust,
             probability,

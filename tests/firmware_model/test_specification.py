@@ -85,14 +85,14 @@ def test_smoothing_delay_odometry_and_jumps_are_those_of_the_page(delay):
             if way is not None:
                 place_filter.predict_travelled(way)
             rows.append(place_filter.update_windows(row[None], count[None]))
-            late.append(lag.add(rows[-1], way))
+            late.append(lag.add(rows[-1], [way])[0])
         page = Drive(
             design, distances.tolist(), events.tolist(), usual, jumps,
             () if along is None else along.tolist(), driven, own.tolist(),
         )  # fmt: skip
         if delay is not None:
-            decided = [one for one in (*late, *lag.finish()) if one is not None]
-            found = [(d.match.place, d.match.metric, d.match.trust) for d in decided]
+            decided = np.concatenate([*late, lag.finish()[0]])
+            found = [tuple(row) for row in decided[:, [0, 1, 5]].tolist()]
             assert page.delayed(delay) == found
             if delay == 0:
                 assert found == [tuple(r.columns[0, [0, 1, 5]].tolist()) for r in rows]

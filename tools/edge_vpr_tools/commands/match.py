@@ -118,7 +118,11 @@ def match_online(
     recording = open_from(args, args.recording, default_period=reference.frame_period)
     bursts = BurstFilter(reference.pixel_map.sensor)
     odometer = odometry is not None
-    warmed_up(localising_steps(reference.causal(), every, bursts, odometry=odometer))
+    warmed_up(
+        localising_steps(
+            reference.causal(), every, bursts, odometry=odometer, registered=args.register
+        )
+    )
     found = reference.match(
         tracked(recording, "localising"), every=every, odometry=odometry, registered=args.register
     )
@@ -191,7 +195,7 @@ def run(args: argparse.Namespace) -> None:
         match_online(args, asked, odometry)
         return
     recording = open_source(args, args.recording, reference.frame_period)
-    warmed_up(matching_steps(asked, odometry=odometry is not None))
+    warmed_up(matching_steps(asked, odometry=odometry is not None, registered=args.register))
     found = reference.match(
         tracked(recording, "counting"),
         odometry=odometry,
