@@ -19,7 +19,7 @@ from edge_vpr.archive import EqualByValue, check_array, check_range
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 
-#: tables learnt on simulated streets by `edge-vpr experiment calibration`, see docs/trust.md: of
+#: tables learnt on simulated streets by `experiment calibration --table`, see docs/trust.md: of
 #: matches that come so many windows late, and of smoothed drives
 DEFAULT_TABLES = "default_confidence.json"
 LEARNT_DELAYS = (0, 2, 4, 8)

@@ -13,8 +13,8 @@ from edge_vpr_tools.cli import main
 from edge_vpr_tools.research.experiments.calibration import (
     Case,
     Sample,
-    accepted_past_the_edge,
     carried_off,
+    windows_past_the_edge,
     with_detour,
     without_places,
 )
@@ -328,8 +328,8 @@ def test_matches_that_are_accepted_past_the_edge_of_the_map_are_counted():
     trust = np.array([9, 9, 9, 9, 0, 9, 0, 9, 9])
     has_place = np.array([1, 1, 0, 0, 0, 1, 0, 1, 0], dtype=np.bool_)
     drive = Sample(trust, has_place, has_place)
-    assert accepted_past_the_edge([drive], 5) == "1.0, 2"  # 2, 0 and, up to its end, 1
-    assert accepted_past_the_edge([drive], 10) == "-"
+    assert windows_past_the_edge([drive], 5) == [2, 0, 1]  # the last one up to its end
+    assert windows_past_the_edge([drive], 10) == []
 
 
 @pytest.mark.filterwarnings("always")

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 from functools import partial
-from importlib import import_module
 
 import numpy as np
 import pytest
@@ -15,7 +13,6 @@ from edge_vpr_tools.report.style import dot_plot
 from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.experiments import (
     EXPERIMENTS,
-    PROGRAMS,
     brisbane,
     burst_filters,
     calibration,
@@ -23,9 +20,7 @@ from edge_vpr_tools.research.experiments import (
     simulated,
     speck_walks,
 )
-from edge_vpr_tools.research.experiments import (
-    calibration as calibration_streets,
-)
+from edge_vpr_tools.research.experiments import nulls as nulls_module
 from edge_vpr_tools.research.experiments.experiment import Experiment, open_experiment, rows_of
 from edge_vpr_tools.research.experiments.trial import Variant
 from test_datasets import write_log
@@ -61,18 +56,10 @@ def mean_of(rows, measure, **names):
     return pytest.approx(np.mean(found))
 
 
-@pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name not in PROGRAMS])
+@pytest.mark.parametrize("name", EXPERIMENTS)
 def test_every_experiment_is_a_declaration(name):
     found = open_experiment(name)
     assert isinstance(found, Experiment) and found.names
-
-
-@pytest.mark.parametrize("name", PROGRAMS)
-def test_the_other_experiments_have_a_figure(name):
-    module = import_module(f"edge_vpr_tools.research.experiments.{EXPERIMENTS[name]}")
-    kinds = [parameter.kind for parameter in inspect.signature(module.run).parameters.values()]
-    assert inspect.Parameter.VAR_POSITIONAL in kinds
-    assert inspect.signature(module.draw).return_annotation == "Figure"
 
 
 def test_a_dot_is_the_mean_and_its_bar_the_spread():
@@ -95,15 +82,21 @@ def test_variants_on_simulated_streets_are_drawn_as_the_table_says(monkeypatch):
     monkeypatch.setattr(simulated, "simulate_pair", STREET)
     some = (Variant("few", FEW), Variant("every", FEW, all_pixels=True))
     monkeypatch.setattr(simulated, "VARIANTS", some)
+    monkeypatch.setattr(simulated, "DEFAULT", "few")
     rows, axes = measured(simulated)
-    assert [(row["variant"], row["seed"]) for row in rows] == [
-        ("few", 0), ("every", 0), ("few", 1), ("every", 1),
-    ]  # fmt: skip
+    nulls = ["null: query reversed", nulls_module.CONSTANT_SPEED]
+    for seed in (0, 1):  # the null baselines of the default follow it
+        named = [row["variant"] for row in rows if row["seed"] == seed]
+        assert named[0] == "few" and named[-1] == "every" and set(nulls) < set(named[1:-1])
     for measure, panel in zip(("P@100R", "R@99P", "Recall@5"), axes, strict=True):
         assert panel.get_xlabel() == measure
         means = [mean_of(rows, measure, variant=name) for name in ("few", "every")]
-        assert dots(panel)[0] == means
+        drawn = dots(panel)[0]
+        assert [drawn[0], drawn[-1]] == means
     assert rows[0]["bytes per place"] == 10 and rows[0]["operations per query"] % 10 == 0
+    assert {row["parameters chosen on"] for row in rows} == {
+        "its authors", "streets and the real drives", "none",
+    }  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -160,11 +153,16 @@ def test_the_counts_of_brisbane_are_matched_by_sequences_of_each_length(tmp_path
         )  # fmt: skip
         write_log(folder / f"{name}.nmea", 40)
     rows, _ = measured(brisbane, tmp_path)  # one trial: no pixels are drawn
-    assert [row["windows of a sequence"] for row in rows] == list(brisbane.LENGTHS)
-    found = brisbane.evaluate_lengths(tmp_path)
-    assert [row["P@100R"] for row in rows] == [
+    lengths = [row for row in rows if row["matching"].startswith("sequences")]
+    assert [row["matching"] for row in lengths] == [f"sequences of {n}" for n in brisbane.LENGTHS]
+    counts = brisbane.open_counts(tmp_path)
+    found = brisbane.evaluate_lengths(counts, max(brisbane.LENGTHS))
+    assert {each.queries for each in found.values()} == {40 - max(brisbane.LENGTHS) + 1}
+    assert [row["P@100R"] for row in lengths] == [
         each.precision_at_100_recall for each in found.values()
     ]
+    others = {row["matching"] for row in rows if row not in lengths}
+    assert {brisbane.LIVE, brisbane.RECORDED, nulls_module.CONSTANT_SPEED} < others
 
 
 def test_events_at_each_speed_are_shares_of_those_at_the_lowest(monkeypatch):
@@ -183,35 +181,67 @@ def test_events_at_each_speed_are_shares_of_those_at_the_lowest(monkeypatch):
     )
 
 
-def test_the_calibration_writes_its_tables_and_draws_how_they_were_judged(
-    tmp_path, monkeypatch, capsys
-):
-    """By the command, with --table and --figure together."""
-    monkeypatch.setattr(calibration_streets, "simulate_pair", STREET)
-    monkeypatch.setattr(calibration_streets, "PIXELS", (10,))
-    monkeypatch.setattr(calibration_streets, "WINDOWS", ("time",))
-    some = list(calibration_streets.QUERIES.items())[:2]
-    monkeypatch.setattr(calibration_streets, "QUERIES", dict(some))
+@pytest.fixture
+def few_streets(monkeypatch):
+    """Streets of 30 m in two lights, with few pixels and windows of one kind."""
+    monkeypatch.setattr(calibration, "simulate_pair", STREET)
+    monkeypatch.setattr(calibration, "PIXELS", (10,))
+    monkeypatch.setattr(calibration, "WINDOWS", ("time",))
+    some = list(calibration.QUERIES.items())[:2]
+    monkeypatch.setattr(calibration, "QUERIES", dict(some))
     preset = {"default": PRESETS["default"].replaced({"sigma": 1.0}, "test")}
-    monkeypatch.setattr(calibration_streets, "PRESETS", preset)
-    monkeypatch.setattr(calibration, "JUDGED", 1)
-    kept = []
-    draw = calibration.draw
-    monkeypatch.setattr(calibration, "draw", lambda *a: kept.append(draw(*a)) or kept[-1])
-    figure = tmp_path / "a.svg"
-    arguments = (
-        f"experiment calibration --seeds 2 --table {tmp_path} -o {tmp_path} --figure {figure}"
-    )
+    monkeypatch.setattr(calibration, "PRESETS", preset)
+
+
+@pytest.mark.usefixtures("few_streets")
+def test_the_calibration_learns_tables_instead_of_judging_them(tmp_path, capsys):
+    arguments = f"experiment calibration --seeds 2 --table {tmp_path}"
     assert main(arguments.split()) == 0
-    shown = capsys.readouterr().out
-    assert figure.stat().st_size > 10_000
+    assert "learnt on 2 streets" in capsys.readouterr().out
+    assert [each.name for each in tmp_path.iterdir()] == [DEFAULT_TABLES]
     learnt = json.loads((tmp_path / DEFAULT_TABLES).read_text())
     assert learnt["street_seeds"] == [1000, 1001]
     assert list(learnt["tables"]) == [*map(str, LEARNT_DELAYS), SMOOTHED]
-    labels = [text.get_text() for text in kept[0].axes[0].get_legend().get_texts()]
-    for how in map(calibration.described, learnt["tables"]):
-        assert f"{how}:\n" in shown
-        assert any(label.startswith(f"{how}: ") for label in labels)
+    # the same streets, pooled by hand
+    rng = np.random.default_rng(7)
+    before, live = None, []
+    for seed in (1000, 1001):
+        street = calibration.open_street(seed)
+        for case, away in calibration.driven(street, before):
+            for version in calibration.versions_of(case, away, rng).values():
+                changed = calibration.with_settings(version, **calibration.MATCHINGS["0"])
+                live.append(calibration.sample(changed))
+        before = street.drives["the same light"]
+    assert sum(learnt["tables"]["0"]["matches"]) == sum(one.trust.size for one in live)
+    correct = np.concatenate([one.correct for one in live])
+    assert learnt["tables"]["0"]["right"] == round(float(correct.mean()), 4)
+
+
+@pytest.mark.usefixtures("few_streets")
+def test_the_calibration_judges_the_shipped_tables_on_streets_that_they_are_not_from(monkeypatch):
+    simulated_seeds = set()
+    monkeypatch.setattr(
+        calibration, "simulate_pair",
+        lambda seed, **drive: simulated_seeds.add(seed) or STREET(seed, **drive),
+    )  # fmt: skip
+    rows, axes = measured(calibration, seeds=1)
+    first, last = calibration.learnt_seeds()
+    # the last one that was learnt from is a detour's
+    assert (first, simulated_seeds) == (1000, {last, last + 1})
+    by_map = {(row["map"], row["matching"]): row for row in rows}
+    for name in calibration.MATCHINGS:
+        how = calibration.described(name)
+        assert {row["map"] for row in rows if row["matching"] == how} >= {
+            "whole", "a piece cut out", "a detour", "carried off twice",
+        }  # fmt: skip
+        assert (
+            by_map["whole", how]["correct"] == by_map["whole", how]["correct of those on the map"]
+        )
+    assert by_map["a detour", "live"]["AUROC off the map"] is not None
+    assert by_map[calibration.SWITCHED_ON, "live"]["starts"] >= 0
+    assert [panel.get_xlabel() for panel in axes] == [
+        "accepted at 0.99", "precision", "calibration error",
+    ]  # fmt: skip
 
 
 def test_one_reliability_is_drawn_without_a_name_and_two_with_theirs():

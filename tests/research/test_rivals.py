@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
+from edge_vpr_tools.cli import main
 from edge_vpr_tools.research.baselines import filter_distances, open_baseline
 from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
 from edge_vpr_tools.research.experiments import (
     agreement,
     event_speed,
     mount_shift,
+    nulls,
     pixel_number,
+    place_filter,
     rivals,
+    sensitivity,
     window_length,
 )
 from edge_vpr_tools.research.experiments import (
     drives as counted_pairs,
 )
 from edge_vpr_tools.research.experiments.drives import Contest, CountedDrive, Pair
-from edge_vpr_tools.research.experiments.experiment import Draw, rows_of
+from edge_vpr_tools.research.experiments.experiment import Draw, Drives, rows_of
 from edge_vpr_tools.research.experiments.mount_shift import ShiftedWindows, shifted
+from test_network_baselines import conv_model
 
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import from_alignment
@@ -90,7 +96,7 @@ def test_the_same_drive_is_found_and_one_that_shows_nothing_is_not():
     # the drives take equally long: a path at the usual pace is partly correct
     assert right["null: windows shuffled", "place filter, recorded"] < 0.6
     assert right["null: query reversed", "place filter, recorded"] < 0.3
-    assert right[f"null: {rivals.SPEED}", "none"] == 1
+    assert right[rivals.CONSTANT_SPEED, "none"] == 1
 
 
 def test_the_first_right_match_is_given_with_the_last_window_that_it_needs():
@@ -106,6 +112,34 @@ def test_the_first_right_match_is_given_with_the_last_window_that_it_needs():
         assert rows[matching]["first right match (s)"] == seconds, matching
         assert rows[matching]["starts with a right match"] == 1
     assert rows["place filter, recorded"]["first right match (s)"] is None
+
+
+def test_a_network_of_a_file_is_compared_by_the_command(tmp_path, capsys, monkeypatch):
+    """A convolutional network of random weights: every row of a rival, in the file and printed."""
+    pytest.importorskip("onnxruntime", reason="onnxruntime is not installed (extra models)")
+    path = conv_model(tmp_path / "conv.onnx", np.random.default_rng(5))
+    drives = Drives("the same drive", lambda seed: contest(), drawn=False)
+    monkeypatch.setattr(
+        rivals, "EXPERIMENT", replace(rivals.EXPERIMENT, drives=lambda data: [drives])
+    )
+    monkeypatch.setattr(rivals, "baseline_names", list)
+    arguments = ["experiment", "rivals", "--with", f"model:{path}", "--workers", "1"]
+    assert main([*arguments, "-o", str(tmp_path)]) == 0
+    assert "| conv, cosine | place filter, recorded | 1 s | its authors; filter:" in (
+        capsys.readouterr().out
+    )
+    with (tmp_path / "rivals.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["system"] == "conv, cosine"]
+    assert [row["matching"] for row in rows] == list(rivals.decoders(5))
+    for row in rows:
+        assert row["bytes per place"] == "128" and float(row["time per query (us)"]) > 0
+        assert float(row["P@100R"]) == 1, row["matching"]
+    # on the weights of the file, and not on any network's
+    first = open_baseline(f"model:{path}").describe(contest().reference.images)
+    other = conv_model(tmp_path / "other.onnx", np.random.default_rng(6))
+    assert not np.allclose(
+        first, open_baseline(f"model:{other}").describe(contest().reference.images)
+    )
 
 
 def test_later_draws_leave_out_what_draws_nothing():
@@ -219,6 +253,93 @@ def test_the_mount_shift_is_undone(monkeypatch):
     assert {row["way"] for row in rows if mount_shift.OFF in row} == {
         way.name for way in mount_shift.WAYS if way.registered
     }
+
+
+def counted(windows=40):
+    """A drive at few pixels, and the same drive with a tenth of its events gone."""
+    images = drives(windows)
+    pair = Pair("walk, 25 px", *(ShiftedWindows(each, TAU) for each in images), SETTINGS, truth_of)
+    few = replace(pair, settings=SETTINGS.replaced({"pixels": 25}, "test"))
+    return few, place_filter.counted_pair(few, 0)
+
+
+def test_the_filter_with_the_default_constants_is_the_default():
+    """Live and late; other constants match otherwise."""
+    _, drive = counted()
+    robot = place_filter.VARIANTS[place_filter.ROBOT]
+    # a query that is hard enough for the constants to matter
+    rng = np.random.default_rng(2)
+    noisy = replace(drive.queries, counts=rng.permuted(drive.queries.counts, axis=1))
+    drive = replace(drive, queries=noisy)
+    found = sensitivity.match_with(drive, sensitivity.Constants(), (0, 4))
+    for delay, places in found.items():
+        assert np.array_equal(places, drive.matched({**robot, "delay": delay}).place), delay
+    for constant in sensitivity.VARIED:
+        other = sensitivity.match_with(drive, sensitivity.Constants(**{constant: 0.25}), (0,))
+        changed = not np.array_equal(other[0], found[0])
+        assert changed or constant == "cap", constant
+    restart = sensitivity.match_with(drive, sensitivity.Constants(restart=0.5), (0,))[0]
+    assert np.array_equal(restart, drive.matched({**robot, "filter_restart": 8}).place)
+
+
+def test_each_constant_is_varied_and_a_pair_is_left_out_of_the_choice():
+    pair, _ = counted()
+    rows = [
+        {"drives": name, **row, "seed": 0}
+        for name in ("walk, 25 px", "street, 25 px")
+        for row in sensitivity.measure(Draw(pair, 0, True))
+        for row in [{**row, "drives": name}]
+    ]
+    assert len(rows) == 2 * 2 * sum(map(len, sensitivity.VARIED.values()))
+    assert len(sensitivity.figure(rows).axes) == 4  # live and late, of both
+    # on the streets half the cost of a restart is best, on the walk the largest evidence halved
+    for row in rows:
+        street = row["drives"].startswith("street")
+        best = ("cost of a restart", 0.5) if street else ("largest evidence", 0.5)
+        setting = row["constant"], row["times the default"]
+        row["P@100R"] = 0.9 if setting == best else 0.4 if setting[1] == 1 else 0.3
+    left = sensitivity.left_out(rows)
+    assert [(row["drives"], row["constant"], row["P@100R"]) for row in left] == [
+        ("walk, 25 px", "cost of a restart", 0.3), ("street, 25 px", "largest evidence", 0.3),
+    ]  # fmt: skip
+    assert {row["P@100R of the default"] for row in left} == {0.4}
+    assert sensitivity.left_out([row for row in rows if row["drives"] == "walk, 25 px"]) == []
+
+
+def test_every_variant_of_the_filter_is_judged_on_the_same_windows(monkeypatch):
+    judged = []
+    evaluate = place_filter.evaluate
+    monkeypatch.setattr(
+        place_filter, "evaluate", lambda *a, **k: judged.append(evaluate(*a, **k)) or judged[-1]
+    )
+    pair, _ = counted()
+    rows = list(place_filter.measure(Draw(pair, 0, True)))
+    assert {found.queries for found in judged} == {40 - place_filter.LONGEST + 1}
+    right = {row["method"]: row["P@100R"] for row in rows}
+    assert {*place_filter.VARIANTS, nulls.CONSTANT_SPEED} < right.keys()
+    assert right[place_filter.BEST] == 1 > right["null: windows shuffled"]
+    (best,) = (row for row in rows if row["method"] == place_filter.BEST)
+    assert best["R@99P"] == best["R@99P by trust"]
+
+
+def test_what_shows_nothing_of_the_route_is_what_it_says():
+    _, drive = counted()
+    shown = dict(nulls.null_queries(drive.queries, np.random.default_rng(0)))
+    counts = drive.queries.counts
+    assert np.array_equal(shown["null: query reversed"].counts, counts[::-1])
+    rows = sorted(map(tuple, counts.tolist()))
+    assert sorted(map(tuple, shown["null: windows shuffled"].counts.tolist())) == rows
+    columns = sorted(map(tuple, counts.T.tolist()))
+    assert sorted(map(tuple, shown["null: pixels shuffled once"].counts.T.tolist())) == columns
+    each = shown["null: pixels shuffled in each window"].counts
+    assert np.array_equal(np.sort(each, axis=1), np.sort(counts, axis=1))
+    assert not np.array_equal(each, counts)
+    for one in shown.values():
+        assert np.array_equal(one.start_us, drive.queries.start_us)
+    # places 0 to 39 at a constant pace, of which three in a row are correct
+    assert nulls.constant_speed(drive.truth) == 1
+    late = replace(drive.truth, correct=np.roll(drive.truth.correct, 3, axis=0))
+    assert nulls.constant_speed(late) == pytest.approx(1 / 40, abs=1 / 20)
 
 
 def test_the_number_of_pixels_is_varied_and_what_does_not_fit_is_left_out(monkeypatch):

@@ -306,7 +306,7 @@ def test_experiments_are_written_and_no_trial_is_run_twice(capsys, tmp_path, mon
     arguments = ["experiment", "rivals", "window-length", "--seeds", "2", *results]
     assert main([*arguments, "--report", str(page)]) == 0
     shown = capsys.readouterr().out
-    assert "rivals:\n\nstreet:\n\n| system | P@100R | change |" in shown
+    assert "rivals:\n\nstreet, ± over 2 seeds:\n\n| system | P@100R | change |" in shown
     assert "| one | 0.550 ± 0.071 | -0.250 ± 0.000 |" in shown and "window-length:\n" in shown
     assert len(ran) == 2 * 3
     written = (tmp_path / "results/rivals.csv").read_text().splitlines()

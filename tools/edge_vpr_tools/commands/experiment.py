@@ -8,11 +8,10 @@ import time
 from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import note, summary, warning
-from edge_vpr_tools.research.experiments import EXPERIMENTS, PROGRAMS, STREETS_ONLY
+from edge_vpr_tools.research.experiments import EXPERIMENTS, STREETS_ONLY
 
 EXAMPLES = """\
   edge-vpr experiment simulated
@@ -71,7 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--table", metavar="DIR",
-        help="folder to write the tables of probabilities to (calibration only)",
+        help="calibration only: instead of judging the shipped tables of probabilities, learn new "
+        "ones on so many streets, and write them to this folder",
     )  # fmt: skip
 
 
@@ -99,18 +99,18 @@ def run(args: argparse.Namespace) -> None:
             f"{', '.join(names)} drives simulated streets only and reads no --data: leave it out, "
             f"or compare recorded drives by {others}"
         )
-    if args.table is not None and names != ["calibration"]:
-        raise UsageError(f"experiment {', '.join(names)} writes no table: leave --table out")
+    if args.table is not None:
+        _learn(names, args)
+        return
     names = _with_drives(names, args, data)
     folder = Path(args.output)
     if data is not None:
         check_logs(data)
-    for written in (args.figure, args.report, args.table and Path(args.table, "tables")):
+    for written in (args.figure, args.report):
         if written is not None:
             check_parent(Path(written))
     folder.mkdir(parents=True, exist_ok=True)
-    pages = _declared([name for name in names if name not in PROGRAMS], data, args)
-    pages |= {name: _program(name, data, args) for name in names if name in PROGRAMS}
+    pages = _declared(names, data, args)
     for name in names:
         shown = f"{name}:\n\n{pages[name]}\n" if len(names) > 1 else pages[name]
         for line in shown.split("\n"):
@@ -127,10 +127,7 @@ def _with_drives(names: list[str], args: argparse.Namespace, data: Path | None) 
     found = []
     for name in names:
         try:
-            if name in PROGRAMS:
-                _check_program(name, args, data)
-            else:
-                trials_of(name, data, args.seeds, tuple(args.baselines))
+            trials_of(name, data, args.seeds, tuple(args.baselines))
         except UsageError as error:
             if "all" not in args.names:
                 raise UsageError(f"experiment {name}: {error}") from None
@@ -141,9 +138,7 @@ def _with_drives(names: list[str], args: argparse.Namespace, data: Path | None) 
 
 
 def _declared(names: list[str], data: Path | None, args: argparse.Namespace) -> dict[str, str]:
-    """Run declared experiments, write their tables and figures, and return their tables."""
-    if not names:
-        return {}
+    """Run experiments, write their tables and figures, and return their tables."""
     from edge_vpr_tools.progress import status
     from edge_vpr_tools.report.style import save
     from edge_vpr_tools.research.experiments.experiment import run_experiments, store_of
@@ -170,32 +165,19 @@ def _declared(names: list[str], data: Path | None, args: argparse.Namespace) -> 
     return {each.name: each.markdown() for each in measured}
 
 
-def _program(name: str, data: Path | None, args: argparse.Namespace) -> str:
-    """Run an experiment that is no declaration, and return its tables."""
-    from importlib import import_module
-
+def _learn(names: list[str], args: argparse.Namespace) -> None:
+    """Learn the tables of probabilities, and write them."""
+    from edge_vpr.results import check_parent
     from edge_vpr_tools.progress import status
+    from edge_vpr_tools.research.experiments.calibration import learn
 
-    module = import_module(f"edge_vpr_tools.research.experiments.{EXPERIMENTS[name]}")
-    files = [Path(args.output) / f"{name}.svg"]
-    files += [] if args.figure is None else _figure_files(Path(args.figure), args.figures)
-    more: dict[str, Any] = {} if args.table is None else {"table": Path(args.table)}
-    begin = time.perf_counter()
+    if names != ["calibration"]:
+        raise UsageError(f"experiment {', '.join(names)} writes no table: leave --table out")
+    folder = Path(args.table)
+    check_parent(folder / "tables")
     with status("starting") as show:
-        found: str = module.run(data, args.seeds, show, *files, **more)
-    (Path(args.output) / f"{name}.md").write_text(f"{found}\n", encoding="utf-8")
-    note(f"{name}: {time.perf_counter() - begin:,.0f} s of work")
-    return found
-
-
-def _check_program(name: str, args: argparse.Namespace, data: Path | None) -> None:
-    from importlib import import_module
-
-    if args.baselines:
-        raise UsageError("it compares no systems: leave --with out")
-    module = import_module(f"edge_vpr_tools.research.experiments.{EXPERIMENTS[name]}")
-    if hasattr(module, "check_data"):
-        module.check_data(data)
+        learn(args.seeds, folder, show)
+    summary(f"{folder}: tables of probabilities, learnt on {args.seeds} streets")
 
 
 def _write_report(path: Path, folder: Path, pages: Mapping[str, str], seeds: int) -> None:

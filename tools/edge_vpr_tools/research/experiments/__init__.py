@@ -1,8 +1,6 @@
 """Experiments whose results the README and the documentation show.
 
-Each is a module of this package that declares an `experiment.Experiment` as ``EXPERIMENT``. The
-`PROGRAMS` have two functions instead: ``run(data, seeds, on_start, *figures)`` returns their tables
-as Markdown, and ``draw`` returns their figure.
+Each is a module of this package that declares an `experiment.Experiment` as ``EXPERIMENT``.
 """
 
 #: module of each experiment by its name on the command line
@@ -12,6 +10,7 @@ EXPERIMENTS = {
     "brisbane": "brisbane",
     "codes": "codes_frontier",
     "place-filter": "place_filter",
+    "sensitivity": "sensitivity",
     "calibration": "calibration",
     "trust": "trust",
     "mount-shift": "mount_shift",
@@ -26,9 +25,6 @@ EXPERIMENTS = {
     "joules": "joules",
     "several-drives": "several_drives",
 }
-
-#: experiments that are no declarations
-PROGRAMS = ("place-filter", "calibration", "trust")
 
 #: experiments that simulate all of their drives, with those that do the same on recorded drives
 STREETS_ONLY = {

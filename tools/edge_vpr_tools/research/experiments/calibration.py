@@ -1,10 +1,10 @@
-"""The shipped tables of probabilities: learnt on simulated streets, judged on real drives.
+"""The shipped tables of probabilities on simulated streets that they were not learnt from.
 
 Each street is mapped once and driven in three lights and speed profiles. Each drive has four
 versions: as it was; with a quarter of the places cut out of the map; with a detour through another
 street, as long as a quarter of the drive; and with the camera carried to another part of the street
-and back. Two more streets judge the tables. Matches of a robot have the running mean of the query,
-those of whole drives the drive's own mean.
+and back. Matches of a robot have the running mean of the query, those of whole drives the drive's
+own mean. `learn` learns the tables on other streets, in the same way.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,9 +21,15 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from edge_vpr import __version__
-from edge_vpr.confidence import DEFAULT_TABLES, LEARNT_DELAYS, SMOOTHED, Confidence
+from edge_vpr.confidence import (
+    DEFAULT_TABLES,
+    LEARNT_DELAYS,
+    SMOOTHED,
+    Confidence,
+    default_confidence,
+)
 from edge_vpr.descriptors.windows import Descriptors
-from edge_vpr.evaluation.calibration import Reliability, learn_confidence, reliability
+from edge_vpr.evaluation.calibration import learn_confidence, reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
 from edge_vpr.evaluation.metrics import judge_rejection
 from edge_vpr.files import replacing
@@ -32,9 +39,9 @@ from edge_vpr.pipeline import count_windows
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import QUERY, REFERENCE, Drive, Light, SimulatedRecording, simulate_pair
-from edge_vpr_tools.report.figures import reliability_diagram
-from edge_vpr_tools.report.style import save
-from edge_vpr_tools.report.tables import markdown_table
+from edge_vpr_tools.report.tables import TableView
+from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
+from edge_vpr_tools.research.experiments.plots import dots
 
 # Drives that leave the map: pieces cut out of a map, a jump, and windows of another street.
 
@@ -100,9 +107,7 @@ def _reordered(case: Case, windows: npt.NDArray[np.int64]) -> Case:
     return Case(case.reference, replace(counted, start_us=start, end_us=start + step), truth)
 
 
-# Simulated streets that the shipped table of probabilities is learnt and judged on.
-#
-# Each street is mapped once and driven in three lights and speed profiles.
+# Streets, their drives, and the versions of each drive.
 
 
 #: these streets are not used by any other experiment
@@ -126,125 +131,100 @@ QUERIES: dict[str, Drive] = {
     ),
 }
 _ELSEWHERE = "the same light"
+_CUTS = 7  # random stream that decides where drives are cut
 
 
 class Street(NamedTuple):
-    """Simulated street that is mapped, and one drive along it.
-
-    Attributes
-    ----------
-    elsewhere : Descriptors or None
-        Counts of a drive through the previous street, at the same pixels.
-    """
+    """Reference drive of a simulated street, and drives by the names of `QUERIES`."""
 
     seed: int
-    case: Case
-    elsewhere: Descriptors | None
+    reference: SimulatedRecording
+    drives: Mapping[str, SimulatedRecording]
 
 
-def streets(seeds: int, on_start: Callable[[str], None]) -> Iterator[Street]:
-    """Simulate streets, and describe each drive with each number of pixels and kind of window."""
-    before: SimulatedRecording | None = None
-    for seed in range(FIRST_SEED, FIRST_SEED + seeds):
-        on_start(f"street {seed - FIRST_SEED + 1} of {seeds}")
-        drives: dict[str, SimulatedRecording] = {}
-        reference: SimulatedRecording | None = None
-        for name, profile in QUERIES.items():
-            first, second = simulate_pair(seed, query=profile)
-            reference = first.keep() if reference is None else reference
-            drives[name] = second.keep()
-        assert reference is not None
-        for pixels in PIXELS:
-            for window in WINDOWS:
-                changes = {
-                    "pixels": pixels,
-                    "window": window,
-                    "events_per_pixel": None,
-                    "seed": seed,
-                }
-                settings = PRESETS["default"].replaced(changes, "calibration")
-                mapped = ReferenceMap.build(reference, settings)
-                elsewhere = (
-                    None
-                    if before is None
-                    else count_windows(before, mapped.pixel_map, mapped.settings)
-                )
-                for driven in drives.values():
-                    counted = count_windows(driven, mapped.pixel_map, mapped.settings)
-                    truth = from_tracks(
-                        reference.track,
-                        driven.track,
-                        mapped.places.centre_us,
-                        counted.centre_us,
-                        TOLERANCE_M,
-                    )
-                    yield Street(seed, Case(mapped, counted, truth), elsewhere)
-        before = drives[_ELSEWHERE]
+def open_street(seed: int) -> Street:
+    """Simulate the drives of a street."""
+    drives: dict[str, SimulatedRecording] = {}
+    reference: SimulatedRecording | None = None
+    for name, profile in QUERIES.items():
+        first, second = simulate_pair(seed, query=profile)
+        reference = first.keep() if reference is None else reference
+        drives[name] = second.keep()
+    assert reference is not None
+    return Street(seed, reference, drives)
 
 
-# How long it takes from switching on in mid-route to the first match that is nearly sure.
-
-
-#: windows between two starts in mid-route, and most windows after a start
-START_EVERY, GIVEN = 10, 120
-#: least number of windows from a start to the end of the drive
-_LEFT = 20
-HEADER = ("drives", "starts", "p >= 0.95 reached", "median time", "right then",
-          "p >= 0.99 reached", "median time", "right then")  # fmt: skip
-
-
-def first_row(name: str, table: Confidence, switched_on: Sequence[Case]) -> list[str]:
-    """Start at many windows, and measure the time to the first match of each probability.
+def driven(
+    street: Street, elsewhere: SimulatedRecording | None
+) -> Iterator[tuple[Case, Descriptors | None]]:
+    """Map a street and describe its drives, with each number of pixels and kind of window.
 
     Parameters
     ----------
-    name : str
-        Name of the row.
-    switched_on : sequence of Case
-        Drives with the running mean, in which matching starts at several windows.
+    elsewhere : SimulatedRecording, optional
+        A drive of another street.
 
-    Returns
-    -------
-    list of str
-        Row of the table of `HEADER`.
+    Yields
+    ------
+    case : Case
+    elsewhere : Descriptors or None
+        Counts of the other drive at the same pixels.
     """
-    row = [name]
-    waits: dict[float, list[tuple[float, bool]]] = {0.95: [], 0.99: []}
-    starts = 0
-    for case in switched_on:
-        windows, late = len(case.counted), case.reference.settings.late
-        for start in range(0, windows - _LEFT, START_EVERY):
-            if not case.truth.known[start]:
-                continue
-            starts += 1
-            stop = min(start + GIVEN, windows)
-            rest = replace(case, counted=case.counted.take(np.arange(start, stop)))
-            matches = rest.match()
-            given = table.probability_of(matches.trust)
-            for least, found in waits.items():
-                sure = np.flatnonzero(given >= least)
-                if sure.size:
-                    j = int(sure[0])
-                    given_at = min(j + late, len(matches) - 1)
-                    lasted = rest.counted.end_us[given_at] - rest.counted.start_us[0]
-                    right = bool(case.truth.correct[matches.place[j], start + j])
-                    found.append((float(lasted) / 1e6, right))
-    row.append(str(starts))
-    for found in waits.values():
-        if not found:
-            row += ["0.000", "-", "-"]
-            continue
-        times, rights = zip(*found, strict=True)
-        row += [f"{len(found) / starts:.3f}", f"{np.median(times):.0f} s"]
-        row.append(f"{np.mean(rights):.3f}")
-    return row
+    for pixels in PIXELS:
+        for window in WINDOWS:
+            changes = {
+                "pixels": pixels,
+                "window": window,
+                "events_per_pixel": None,
+                "seed": street.seed,
+            }
+            settings = PRESETS["default"].replaced(changes, "calibration")
+            mapped = ReferenceMap.build(street.reference, settings)
+            away = None
+            if elsewhere is not None:
+                away = count_windows(elsewhere, mapped.pixel_map, mapped.settings)
+            for drive in street.drives.values():
+                counted = count_windows(drive, mapped.pixel_map, mapped.settings)
+                truth = from_tracks(
+                    street.reference.track,
+                    drive.track,
+                    mapped.places.centre_us,
+                    counted.centre_us,
+                    TOLERANCE_M,
+                )
+                yield Case(mapped, counted, truth), away
 
 
-#: number of streets that judge the table, after those from which it is learnt
-JUDGED = 2
-PRECISION = 0.99
-PAST_THE_EDGE = "still accepted after leaving the map: mean, most"
-_CUTS = 7  # random stream that decides where drives are cut
+WHOLE, CUT, DETOUR, CARRIED = "whole", "a piece cut out", "a detour", "carried off twice"
+
+
+def versions_of(
+    case: Case, elsewhere: Descriptors | None, rng: np.random.Generator
+) -> dict[str, Case]:
+    """Return the versions of a drive by name.
+
+    Parameters
+    ----------
+    elsewhere : Descriptors or None
+        Counts of a drive of another street; without it there is no detour.
+    rng : Generator
+        Decides where the map and the drive are cut.
+    """
+    places, windows = len(case.reference), len(case.counted)
+    first = int(rng.integers(0, 3 * places // 4))
+    versions = {WHOLE: case, CUT: without_places(case, first, first + places // 4)}
+    if elsewhere is not None:
+        length = min(windows // 4, len(elsewhere))
+        start = int(rng.integers(0, len(elsewhere) - length + 1))
+        away = elsewhere.take(np.arange(start, start + length))
+        versions[DETOUR] = with_detour(case, away, int(rng.integers(1, windows)))
+    versions[CARRIED] = carried_off(case, windows // 3, 2 * windows // 3)
+    return versions
+
+
+# Matches of known truth, by the settings that each table is for.
+
+
 #: settings of the matches that each table is for
 MATCHINGS: dict[str, dict[str, object]] = {
     **{
@@ -263,36 +243,6 @@ class Sample(NamedTuple):
     has_place: npt.NDArray[np.bool_]
 
 
-def versions_of(street: Street, rng: np.random.Generator) -> Iterator[tuple[str, Sample]]:
-    """Match the versions of a drive.
-
-    Parameters
-    ----------
-    rng : Generator
-        Decides where the map and the drive are cut.
-
-    Yields
-    ------
-    version : str
-    sample : Sample
-    """
-    case = street.case
-    places, windows = len(case.reference), len(case.counted)
-    first = int(rng.integers(0, 3 * places // 4))
-    versions = {
-        "whole drives": case,
-        "a quarter of the map cut out": without_places(case, first, first + places // 4),
-    }
-    if street.elsewhere is not None:
-        length = min(windows // 4, len(street.elsewhere))
-        start = int(rng.integers(0, len(street.elsewhere) - length + 1))
-        away = street.elsewhere.take(np.arange(start, start + length))
-        versions["a detour"] = with_detour(case, away, int(rng.integers(1, windows)))
-    versions["carried off twice"] = carried_off(case, windows // 3, 2 * windows // 3)
-    for name, version in versions.items():
-        yield name, sample(version)
-
-
 def with_settings(case: Case, **changes: object) -> Case:
     """Return a case whose map has other settings for matching."""
     settings = case.reference.settings.replaced(changes, "calibration")
@@ -308,13 +258,142 @@ def sample(case: Case) -> Sample:
     return Sample(matches.trust[known], correct[known], has_place[known])
 
 
-def joined(found: list[Sample]) -> Sample:
+def joined(found: Sequence[Sample]) -> Sample:
     """Concatenate samples."""
     return Sample(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
 
-def accepted_past_the_edge(found: Sequence[Sample], least: int) -> str:
-    """Describe how long matches are still accepted after a drive has left the map.
+# Learn the tables.
+
+
+def learn(seeds: int, folder: Path, on_start: Callable[[str], None]) -> None:
+    """Learn the tables on simulated streets, and write them in the package's format, atomically.
+
+    Parameters
+    ----------
+    seeds : int
+        Number of streets.
+    folder : path
+        Folder of the file.
+    on_start : callable
+        Called with the name of each street before it begins.
+    """
+    rng = np.random.default_rng(_CUTS)
+    found: dict[str, list[Sample]] = {name: [] for name in MATCHINGS}
+    before: SimulatedRecording | None = None
+    for seed in range(FIRST_SEED, FIRST_SEED + seeds):
+        on_start(f"street {seed - FIRST_SEED + 1} of {seeds}")
+        street = open_street(seed)
+        for case, elsewhere in driven(street, before):
+            for version in versions_of(case, elsewhere, rng).values():
+                for name, changes in MATCHINGS.items():
+                    found[name].append(sample(with_settings(version, **changes)))
+        before = street.drives[_ELSEWHERE]
+    made = {
+        "made_by": f"edge-vpr experiment calibration --seeds {seeds} --table DIR",
+        "version": __version__,
+        "street_seeds": [FIRST_SEED, FIRST_SEED + seeds - 1],
+        "tables": {name: _table(joined(some)) for name, some in found.items()},
+    }
+    with replacing(folder / DEFAULT_TABLES) as temporary:
+        temporary.write_text(json.dumps(made, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _table(learnt: Sample) -> dict[str, object]:
+    """Return what the file holds of the table that is learnt from these matches."""
+    confidence = learn_confidence(learnt.trust, learnt.correct)
+    return {
+        "right": round(float(learnt.correct.mean()), 4),
+        "off_map": round(float(1 - learnt.has_place.mean()), 4),
+        "trust": confidence.trust.tolist(),
+        "probability": [round(p, 6) for p in confidence.probability.tolist()],
+        "matches": confidence.matches.tolist(),
+    }
+
+
+def learnt_seeds() -> tuple[int, int]:
+    """Return the seeds of the first and of the last street that the shipped tables are from."""
+    text = files("edge_vpr").joinpath(DEFAULT_TABLES).read_text(encoding="utf-8")
+    first, last = json.loads(text)["street_seeds"]
+    return int(first), int(last)
+
+
+# Judge the shipped tables.
+
+
+PRECISION = 0.99
+LEARNT_ON = "table learnt on"
+SWITCHED_ON = "switched on in mid-route"
+#: columns that name a row of the tables of this experiment and of `trust`
+NAMES = ("map", "matching", LEARNT_ON)
+#: windows between two starts in mid-route, and most windows after a start
+START_EVERY, GIVEN = 10, 120
+#: least number of windows from a start to the end of the drive
+_LEFT = 20
+
+
+def described(name: str) -> str:
+    """Return one of `MATCHINGS` as the tables name it."""
+    return {SMOOTHED: "smoothed", "0": "live"}.get(name, f"{name} windows late")
+
+
+def judge(
+    versions: Mapping[str, Sequence[Case]], matchings: Sequence[str], switched_on: Sequence[str]
+) -> Iterator[Row]:
+    """Judge the shipped tables on drives whose truth is known.
+
+    Parameters
+    ----------
+    versions : mapping of str to sequence of Case
+        Drives by version; those of one version are judged together.
+    matchings : sequence of str
+        Of `MATCHINGS`.
+    switched_on : sequence of str
+        Those by which whole drives are also matched from the middle of the route on.
+    """
+    learnt_on = "streets of seeds {} to {}".format(*learnt_seeds())
+    for name in matchings:
+        for version, cases in versions.items():
+            changed = [with_settings(case, **MATCHINGS[name]) for case in cases]
+            settings = changed[0].reference.settings
+            table = default_confidence(settings.smooth, settings.late)
+            row = {"map": version, "matching": described(name), LEARNT_ON: learnt_on}
+            yield {**row, **judged(table, [sample(case) for case in changed])}
+            if version == WHOLE and name in switched_on:
+                yield {**row, "map": SWITCHED_ON, **first_sure(table, changed)}
+
+
+def judged(table: Confidence, found: Sequence[Sample]) -> dict[str, float | int | None]:
+    """Return what a table says of some drives, and what is true.
+
+    Parameters
+    ----------
+    found : sequence of Sample
+        Each of one drive, in the order of time.
+    """
+    pooled = joined(found)
+    given = table.probability_of(pooled.trust)
+    least = table.least_trust(PRECISION)
+    accepted = pooled.trust >= least
+    counts = judge_rejection(*pooled, accepted)
+    left = windows_past_the_edge(found, least)
+    return {
+        "correct": float(pooled.correct.mean()),
+        "correct of those on the map": counts.right_on_map,
+        "mean probability": float(given.mean()),
+        "calibration error": reliability(given, pooled.correct).expected_calibration_error,
+        "accepted at 0.99": float(accepted.mean()),
+        "precision": counts.precision,
+        "recall": counts.recall,
+        "found at 99 % precision": counts.found_at_99_precision,
+        "AUROC off the map": counts.off_map_auroc,
+        "windows accepted after leaving the map": float(np.mean(left)) if left else None,
+        "most windows accepted after leaving": max(left, default=None),
+    }
+
+
+def windows_past_the_edge(found: Sequence[Sample], least: int) -> list[int]:
+    """Return how long matches are still accepted after a drive has left the map.
 
     Parameters
     ----------
@@ -325,9 +404,9 @@ def accepted_past_the_edge(found: Sequence[Sample], least: int) -> str:
 
     Returns
     -------
-    str
-        Mean and largest number of accepted matches in a row, over the times that a drive leaves
-        the map from an accepted match; "-" if none does.
+    list of int
+        Number of accepted matches in a row, each time that a drive leaves the map from an accepted
+        match.
     """
     lasted = []
     for trust, _, has_place in found:
@@ -335,154 +414,83 @@ def accepted_past_the_edge(found: Sequence[Sample], least: int) -> str:
         for j in np.flatnonzero(has_place[:-1] & ~has_place[1:] & accepted[:-1]) + 1:
             last = accepted[j:] & ~has_place[j:]
             lasted.append(int(np.argmin(last)) if not last.all() else last.size)
-    return f"{np.mean(lasted):.1f}, {max(lasted)}" if lasted else "-"
+    return lasted
 
 
-def write_tables(path: Path, learnt: Mapping[str, tuple[Confidence, Sample]], seeds: int) -> None:
-    """Write the tables and their origin in the package's format, atomically.
-
-    Parameters
-    ----------
-    learnt : mapping of str to (Confidence, Sample)
-        Each table, and the matches that it was learnt from, by its name in `MATCHINGS`.
-    seeds : int
-        Number of streets.
-    """
-    tables = {
-        name: {
-            "right": round(float(found.correct.mean()), 4),
-            "off_map": round(float(1 - found.has_place.mean()), 4),
-            "trust": confidence.trust.tolist(),
-            "probability": [round(p, 6) for p in confidence.probability.tolist()],
-            "matches": confidence.matches.tolist(),
-        }
-        for name, (confidence, found) in learnt.items()
-    }
-    made = {
-        "made_by": f"edge-vpr experiment calibration --seeds {seeds} --table DIR",
-        "version": __version__,
-        "street_seeds": [FIRST_SEED, FIRST_SEED + seeds - 1],
-        "tables": tables,
-    }
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(made, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def run(
-    data: object,
-    seeds: int,
-    on_start: Callable[[str], None],
-    *figures: Path,
-    table: Path | None = None,
-) -> str:
-    """Learn the tables on simulated streets, and return a report as Markdown.
+def first_sure(table: Confidence, cases: Sequence[Case]) -> dict[str, float | int | None]:
+    """Start at many windows, and measure the time to the first match of each probability.
 
     Parameters
     ----------
-    data : object
-        Not used: the streets are simulated.
-    seeds : int
-        Number of streets.
-    on_start : callable
-        Called with the name of each street before it begins.
-    *figures : path
-        Path of the reliability diagram of the streets that judge the tables.
-    table : path, optional
-        Folder to which they are written, in one file.
+    cases : sequence of Case
+        Drives with the running mean.
     """
-    lots = {name: _Lot(changes) for name, changes in MATCHINGS.items()}
-    live: dict[str, list[Case]] = {}
-    for street in streets(seeds + JUDGED, on_start):
-        judging = street.seed >= FIRST_SEED + seeds
-        if judging:
-            settings = street.case.reference.settings
-            name = f"{settings.pixels} px, windows of fixed {settings.window}"
-            live.setdefault(name, []).append(with_settings(street.case, **MATCHINGS["0"]))
-        for lot in lots.values():
-            lot.take(street, judging)
-    parts = []
-    judged: dict[str, Reliability] = {}
-    tables: dict[str, tuple[Confidence, Sample]] = {}
-    for name, lot in lots.items():
-        learnt = joined(lot.found)
-        confidence = learn_confidence(learnt.trust, learnt.correct)
-        tables[name] = confidence, learnt
-        pooled = joined([some for version in lot.held.values() for some in version])
-        given = confidence.probability_of(pooled.trust)
-        how = described(name)
-        judged[how] = reliability(given, pooled.correct)
-        parts += [f"{how}:",
-                  f"{learnt.trust.size:,} matches, {learnt.correct.mean():.3f} right, "
-                  f"{1 - learnt.has_place.mean():.3f} off the map",
-                  _steps(confidence), _judged(confidence, lot.held)]  # fmt: skip
-        if name == "0":
-            rows = [first_row(name, confidence, live[name]) for name in live]
-            parts += ["Switched on in mid-route:", markdown_table(HEADER, rows)]
-    if table is not None:
-        write_tables(table / DEFAULT_TABLES, tables, seeds)
-    if figures:
-        save(draw(judged), *figures)
-    return "\n\n".join(parts)
+    waits: dict[float, list[tuple[float, bool]]] = {0.95: [], 0.99: []}
+    starts = 0
+    for case in cases:
+        windows, late = len(case.counted), case.reference.settings.late
+        for start in range(0, windows - _LEFT, START_EVERY):
+            if not case.truth.known[start]:
+                continue
+            starts += 1
+            stop = min(start + GIVEN, windows)
+            rest = replace(case, counted=case.counted.take(np.arange(start, stop)))
+            matches = rest.match()
+            given = table.probability_of(matches.trust)
+            for least, found in waits.items():
+                sure = np.flatnonzero(given >= least)
+                if sure.size:
+                    j = int(sure[0])
+                    given_at = min(j + late, len(matches) - 1)
+                    lasted = rest.counted.end_us[given_at] - rest.counted.start_us[0]
+                    right = bool(case.truth.correct[matches.place[j], start + j])
+                    found.append((float(lasted) / 1e6, right))
+    row: dict[str, float | int | None] = {"starts": starts}
+    for least, found in waits.items():
+        times, rights = zip(*found, strict=True) if found else ((), ())
+        row[f"p >= {least} reached"] = len(found) / starts if starts else None
+        row[f"median time to {least} (s)"] = float(np.median(times)) if found else None
+        row[f"correct at {least}"] = float(np.mean(rights)) if found else None
+    return row
 
 
-def described(name: str) -> str:
-    """Return the name of one of `MATCHINGS` as the heading of a table."""
-    if name == SMOOTHED:
-        return "Smoothed"
-    return "Window by window" if name == "0" else f"{name} windows late"
+def judged_street(seed: int) -> dict[str, list[Case]]:
+    """Open the versions of all drives of a street that no table was learnt from."""
+    street_seed = learnt_seeds()[1] + 1 + seed
+    rng = np.random.default_rng((_CUTS, street_seed))
+    _, other = simulate_pair(street_seed - 1, query=QUERIES[_ELSEWHERE])
+    found: dict[str, list[Case]] = {}
+    for case, elsewhere in driven(open_street(street_seed), other.keep()):
+        for name, version in versions_of(case, elsewhere, rng).items():
+            found.setdefault(name, []).append(version)
+    return found
 
 
-def draw(judged: Mapping[str, Reliability]) -> Figure:
-    """Draw how often matches of each probability are right on streets that were not learnt from."""
-    return reliability_diagram(judged)
+def measure(draw: Draw) -> Iterator[Row]:
+    """Judge every table on all drives of one street."""
+    yield from judge(draw.pair, list(MATCHINGS), ("0",))
 
 
-class _Lot:
-    """Matches of all streets by one of `MATCHINGS`: for learning, and by version for judging."""
-
-    def __init__(self, changes: Mapping[str, object]) -> None:
-        self._changes, self._rng = changes, np.random.default_rng(_CUTS)
-        self.found: list[Sample] = []
-        self.held: dict[str, list[Sample]] = {}
-
-    def take(self, street: Street, judging: bool) -> None:
-        street = street._replace(case=with_settings(street.case, **self._changes))
-        for name, some in versions_of(street, self._rng):
-            (self.held.setdefault(name, []) if judging else self.found).append(some)
-
-
-def _steps(confidence: Confidence) -> str:
-    probability, first = np.unique(confidence.probability, return_index=True)
-    rows = [
-        [f"{trust:,}", f"{p:.3f}", f"{precision:.3f}", f"{matches:,}"]
-        for trust, p, precision, matches in zip(
-            confidence.trust[first].tolist(),
-            probability.tolist(),
-            confidence.precision[first].tolist(),
-            np.add.reduceat(confidence.matches, first).tolist(),
-            strict=True,
-        )
+def figure(rows: Rows) -> Figure:
+    """Draw what is accepted, how much of it is correct, and how far probabilities are off."""
+    several = len({row["drives"] for row in rows}) > 1
+    shown = [
+        {**row, "drives": "", "": f"{row['map']}: {row['drives']}" if several else row["map"]}
+        for row in rows
+        if row["map"] != SWITCHED_ON
     ]
-    return markdown_table(("trust from", "probability", "precision from here up", "matches"), rows)
+    versions = list(dict.fromkeys(row["map"] for row in shown))
+    shown.sort(key=lambda row: versions.index(row["map"]))
+    measures = ("accepted at 0.99", "precision", "calibration error")
+    return dots(shown, measures=measures, row="", series="matching")
 
 
-def _judged(confidence: Confidence, held: dict[str, list[Sample]]) -> str:
-    """Judge a table on streets from which it was not learnt, with a row for each version."""
-    rows = []
-    for name, some in held.items():
-        pooled = joined(some)
-        given = confidence.probability_of(pooled.trust)
-        reached = confidence.precision[-1] >= PRECISION
-        least = confidence.least_trust(PRECISION) if reached else np.iinfo(np.int64).max
-        accepted = pooled.trust >= least
-        counts = judge_rejection(*pooled, accepted)
-        figures = (
-            counts.right_on_map, reliability(given, pooled.correct).expected_calibration_error,
-            counts.off_map_auroc, accepted.mean(), counts.precision, counts.recall,
-        )  # fmt: skip
-        told = ["-" if value is None else f"{value:.3f}" for value in figures]
-        rows.append([name, *told, accepted_past_the_edge(some, int(least))])
-    header = ("other streets", "right of those on the map", "calibration error",
-              "AUROC off the map", "accepted at 0.99", "precision", "recall",
-              PAST_THE_EDGE)  # fmt: skip
-    return markdown_table(header, rows)
+EXPERIMENT = Experiment(
+    drives=lambda data: [Drives("simulated streets", judged_street, varied=True)],
+    names=NAMES,
+    measure=measure,
+    figure=figure,
+    view=TableView({}, ("map", "matching", "correct of those on the map", "accepted at 0.99",
+                        "precision", "calibration error")),
+    reads_data=False,
+)  # fmt: skip

@@ -33,7 +33,12 @@ from edge_vpr_tools.research.datasets import (
 )
 from edge_vpr_tools.research.experiments import SOURCES, brisbane, speck_walks
 from edge_vpr_tools.research.experiments.experiment import Drives
-from edge_vpr_tools.research.experiments.simulated import SIMULATED, TOLERANCE_M, truth_of_pair
+from edge_vpr_tools.research.experiments.simulated import (
+    FIRST_SEED,
+    SIMULATED,
+    TOLERANCE_M,
+    truth_of_pair,
+)
 from edge_vpr_tools.research.experiments.trial import Times, TruthOf, truth_of_tracks
 
 # Pairs of recorded drives that lie in a folder: the stand-ins, and the published traverses.
@@ -425,8 +430,6 @@ def _event_street(seed: int) -> EventPair:
 # Pairs of drives for the experiment on rivals: of all pixels, or of those that were published.
 
 
-#: first seed of the streets, which no parameter was chosen on
-RIVAL_SEED = 70
 LENS_FOLDER = "brisbane_lens49"
 #: largest distances of a right match on the streets of Brisbane, as in the literature
 _BRISBANE_M = (70.0, 25.0)
@@ -509,7 +512,7 @@ _CONTEST_NAMES = {_INDOOR: "Speck indoor", speck_walks.FOLDER: "Speck walks"}
 
 
 def _street_contest(window: str, seed: int) -> Contest:
-    reference, query = _kept_street(RIVAL_SEED + seed)
+    reference, query = _kept_street(FIRST_SEED + seed)
     settings = PAPER.replaced({"window": window}, "rivals")
     truth_of = truth_of_pair(reference, query)
     pair = count_pair(SIMULATED, reference, query, settings, truth_of)

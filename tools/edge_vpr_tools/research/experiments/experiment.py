@@ -40,6 +40,8 @@ from edge_vpr_tools.spreadsheets import write_spreadsheet
 Row = Mapping[str, Any]
 Rows = Sequence[Row]
 DRIVES = "drives"
+#: column that names the data which chose the parameters of a row
+CHOSEN_ON = "parameters chosen on"
 
 
 @dataclass(frozen=True)
@@ -97,9 +99,11 @@ class Experiment:
         Columns that name a row, in addition to the drives.
     measure : callable
         Maps a `Draw` to its rows, each with all columns of `names`. What was not measured may be
-        left out.
+        left out. A row of several pairs that are opened together names its own drives.
     figure : callable
         Maps the rows of all trials to the figure.
+    conclude : callable, optional
+        Maps the rows of all trials to further rows, which follow from several pairs of drives.
     view : TableView
         How the table of each pair of drives is printed.
     takes_systems : bool
@@ -112,6 +116,7 @@ class Experiment:
     names: Sequence[str]
     measure: Callable[[Draw], Iterator[Row]]
     figure: Callable[[Rows], Figure]
+    conclude: Callable[[Rows], Sequence[Row]] | None = None
     view: TableView = field(default_factory=lambda: TableView({}))
     takes_systems: bool = False
     reads_data: bool = True
@@ -149,7 +154,13 @@ def rows_of(
         for seed in range(seeds if drives.drawn else 1):
             draw = Draw(drives.open(seed), seed, drives.varied or seed == 0, systems)
             rows += [{DRIVES: drives.name, **row, SEED: seed} for row in experiment.measure(draw)]
-    return rows
+    return _concluded(experiment, rows)
+
+
+def _concluded(experiment: Experiment, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the rows of all trials with those that follow from them."""
+    more = experiment.conclude(rows) if experiment.conclude is not None else ()
+    return [*rows, *map(dict, more)]
 
 
 # Trials of experiments.
@@ -278,12 +289,16 @@ class Measured:
         return open_experiment(self.name).figure(self.rows)
 
     def markdown(self) -> str:
-        """Return a table for each pair of drives."""
+        """Return a table for each pair of drives, which says over how many seeds a ± is."""
         view = open_experiment(self.name).view
         cells = [{name: _cell(row.get(name)) for name in self.columns} for row in self.rows]
         drives = dict.fromkeys(row[DRIVES] for row in cells)
         views = {name: replace(view, only={**view.only, DRIVES: name}) for name in drives}
-        return "\n\n".join(f"{name}:\n\n{table_of(cells, one)}" for name, one in views.items())
+        seeds = {name: {row[SEED] for row in cells if row[DRIVES] == name} for name in views}
+        over = {name: f", ± over {len(of)} seeds" * (len(of) > 1) for name, of in seeds.items()}
+        return "\n\n".join(
+            f"{name}{over[name]}:\n\n{table_of(cells, one)}" for name, one in views.items()
+        )
 
 
 def run_experiments(
@@ -333,7 +348,7 @@ def run_experiments(
             assert found is not None
             elapsed_s += found.elapsed_s
             rows += [{DRIVES: one.drives, **row, SEED: one.seed} for row in found.rows]
-        measured.append(Measured(name, rows, elapsed_s))
+        measured.append(Measured(name, _concluded(open_experiment(name), rows), elapsed_s))
     return run, measured
 
 

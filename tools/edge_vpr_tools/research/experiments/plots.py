@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from edge_vpr_tools.report.style import (
@@ -67,6 +69,8 @@ def lines(
     panel: Sequence[str] = ("drives",),
     log: bool = False,
     label: str | None = None,
+    columns: int = _COLUMNS,
+    mark: float | None = None,
 ) -> Figure:
     """Draw the mean of the trials over a number: a panel each pair of drives, a line each variant.
 
@@ -82,18 +86,15 @@ def lines(
         Whether the horizontal axis is logarithmic.
     label : str, optional
         Of the horizontal axis; by default the name of its column.
+    columns : int
+        Most panels beside each other.
+    mark : float, optional
+        Where a vertical line is drawn, as at the default.
     """
-    found = list(
-        _by([{**row, "": "\n".join(str(row[each]) for each in panel)} for row in rows], "")
-    )
+    shown = [{**row, "": "\n".join(str(row[each]) for each in panel)} for row in rows]
     names = list(dict.fromkeys(row[line] for row in rows))
-    columns = min(len(found), _COLUMNS)
-    across = -(-len(found) // columns)
-    size = 4.0 * columns + 1.5, 3.6 * across + 1.2
-    with panels(across, columns, *size, sharey=True) as (drawing, grid):
-        for empty in grid.flat[len(found) :]:
-            empty.remove()
-        for axes, (drives, of) in zip(grid.flat, found, strict=False):
+    with _grid(shown, "", y, (4.0, 3.6), 1.2, columns) as (drawing, grid):
+        for axes, of in grid:
             for name, those in _by(of, line):
                 points = [(at, _values(each, y)) for at, each in _by(those, x)]
                 points = [(at, values) for at, values in points if values]
@@ -102,11 +103,10 @@ def lines(
                     mean_line(axes, *zip(*points, strict=True), label=_title(name), **style)
             if log:
                 log_ticks(axes, sorted({row[x] for row in of if row.get(y) is not None}))
-            # a label is one line
-            axes.set(title="\n".join(map(_title, drives.split("\n"))), xlabel=label or x)
-        for row in grid:
-            row[0].set_ylabel(y)
-        legend_below(drawing, grid.flat[: len(found)], 3)
+            if mark is not None:
+                axes.axvline(mark, color=GREY, linewidth=1, zorder=0)
+            axes.set_xlabel(label or x)
+        legend_below(drawing, [axes for axes, _ in grid], 3)
     return drawing
 
 
@@ -122,9 +122,8 @@ def costs(rows: Rows, x: str, y: str, label: str, series: str) -> Figure:
     series : str
         Column that has a marker for each of its values.
     """
-    found = list(_by(rows, "drives"))
     names = list(dict.fromkeys(row[label] for row in rows))
-    colours = {
+    colours: dict[str, dict[str, Any]] = {
         # those that have the colour of another are hollow
         name: {
             "color": CYCLE[i % len(CYCLE)],
@@ -134,13 +133,8 @@ def costs(rows: Rows, x: str, y: str, label: str, series: str) -> Figure:
     }
     kinds = dict.fromkeys(row[series] for row in rows)
     marks = dict(zip(kinds, itertools.cycle(MARKERS), strict=False))
-    columns = min(len(found), _COLUMNS)
-    across = -(-len(found) // columns)
-    size = 4.2 * columns + 1.5, 3.9 * across + 2.2
-    with panels(across, columns, *size, sharey=True) as (drawing, grid):
-        for empty in grid.flat[len(found) :]:
-            empty.remove()
-        for axes, (drives, of) in zip(grid.flat, found, strict=False):
+    with _grid(rows, "drives", y, (4.2, 3.9), 2.2) as (drawing, grid):
+        for axes, of in grid:
             for name, those in _by(of, label):
                 for kind, each in _by(those, series):
                     mean, spread = mean_and_spread(_values(each, y))
@@ -149,15 +143,58 @@ def costs(rows: Rows, x: str, y: str, label: str, series: str) -> Figure:
                         marker=marks[kind], **colours[name],
                     )  # fmt: skip
             axes.set_xscale("log")
-            axes.set(title=_title(drives), xlabel=x, ylim=(0, 1.03))
-        for row in grid:
-            row[0].set_ylabel(y)
+            axes.set(xlabel=x, ylim=(0, 1.03))
+        first, _ = grid[0]
         for name, colour in colours.items():
-            grid[0, 0].plot([], [], linestyle="none", marker="o", label=_title(name), **colour)
+            first.plot([], [], linestyle="none", marker="o", label=_title(name), **colour)
         for kind, mark in marks.items():
-            grid[0, 0].plot([], [], linestyle="none", marker=mark, color=GREY, label=_title(kind))
-        legend_below(drawing, [grid[0, 0]], 3, fontsize=9)
+            first.plot([], [], linestyle="none", marker=mark, color=GREY, label=_title(kind))
+        legend_below(drawing, [first], 3, fontsize=9)
     return drawing
+
+
+@contextmanager
+def _grid(
+    rows: Rows,
+    column: str,
+    y: str,
+    size: tuple[float, float],
+    below: float,
+    columns: int = _COLUMNS,
+) -> Iterator[tuple[Figure, list[tuple[Axes, Rows]]]]:
+    """Lay out a panel for each value of a column, in lines from left to right.
+
+    Parameters
+    ----------
+    y : str
+        Label of the vertical axis, which all panels share.
+    size : (float, float)
+        Width and height of a panel in inches.
+    below : float
+        Height of what is below all panels, in inches.
+    columns : int
+        Most panels beside each other.
+
+    Yields
+    ------
+    drawing : Figure
+    grid : list of (Axes, rows)
+        Each panel, with its rows. The title is the value; each of its lines is shortened.
+    """
+    found = list(_by(rows, column))
+    columns = min(len(found), columns)
+    across = -(-len(found) // columns)
+    whole = size[0] * columns + 1.5, size[1] * across + below
+    with panels(across, columns, *whole, sharey=True) as (drawing, grid):
+        for empty in grid.flat[len(found) :]:
+            empty.remove()
+        for left in grid[:, 0]:
+            left.set_ylabel(y)
+        shown = []
+        for axes, (value, of) in zip(grid.flat, found, strict=False):
+            axes.set_title("\n".join(map(_title, str(value).split("\n"))))
+            shown.append((axes, of))
+        yield drawing, shown
 
 
 def _by(rows: Rows, column: str) -> Iterable[tuple[Any, Rows]]:

@@ -40,8 +40,17 @@ from edge_vpr_tools.research.baselines import (
 from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
 from edge_vpr_tools.research.experiments.drives import Contest, CountedDrive, CountedPair, contests
-from edge_vpr_tools.research.experiments.experiment import Draw, Experiment, Row, Rows
+from edge_vpr_tools.research.experiments.experiment import CHOSEN_ON, Draw, Experiment, Row, Rows
+from edge_vpr_tools.research.experiments.nulls import (
+    BY_AUTHORS,
+    BY_NOBODY,
+    BY_US,
+    CONSTANT_SPEED,
+    constant_speed,
+    null_queries,
+)
 from edge_vpr_tools.research.experiments.plots import costs
+from edge_vpr_tools.research.experiments.trial import inner_windows
 
 # How a matrix of distances becomes matches.
 
@@ -126,7 +135,6 @@ class System:
 
 
 OURS = "edge-vpr (default)"
-_BY_US, _BY_AUTHORS = "streets and the real drives", "its authors"
 
 
 def ours(pair: Contest, seed: int) -> tuple[ReferenceMap, Descriptors]:
@@ -175,7 +183,7 @@ def our_systems(pair: Contest, seed: int) -> Iterator[System]:
             reference = replace(mapped, settings=changed)
             return match_query(reference, reference.coded(queries.take(slice(first, last))))
 
-        return System(name, _BY_US, match, only=only)
+        return System(name, BY_US, match, only=only)
 
     _, coding_s = fastest(lambda: mapped.coded(counted))
     yield replace(
@@ -184,25 +192,9 @@ def our_systems(pair: Contest, seed: int) -> Iterator[System]:
         operations=mapped.places.counts.size,
         query_us=1e6 * coding_s / len(counted),
     )
-    rng = np.random.default_rng(seed)
-    windows = len(counted)
     filters = [name for name in decoders(LONGEST) if "filter" in name]
-    for name, shown in (
-        ("windows shuffled", counted.take(rng.permutation(windows))),
-        ("query reversed", counted.take(np.arange(windows)[::-1])),
-        # independent permutations, and one: the latter keeps how many events each window has
-        (
-            "pixels shuffled in each window",
-            replace(counted, counts=rng.permuted(counted.counts, axis=1)),
-        ),
-        (
-            "pixels shuffled once",
-            replace(counted, counts=rng.permutation(counted.counts, axis=1)),
-        ),
-    ):
-        # at the times of the query, so that only what is seen differs
-        timed = replace(shown, start_us=counted.start_us, end_us=counted.end_us)
-        yield system(f"null: {name}", timed, filters)
+    for name, shown in null_queries(counted, np.random.default_rng(seed)):
+        yield system(name, shown, filters)
 
 
 def rivals_of(pair: Contest, seed: int, is_new: bool, systems: Sequence[str]) -> Iterator[System]:
@@ -238,7 +230,7 @@ def rivals_of(pair: Contest, seed: int, is_new: bool, systems: Sequence[str]) ->
             return match_distances(part, centre_us, settings)
 
         yield System(
-            name, _BY_AUTHORS, match, found.bytes_per_place, found.operations, found.query_us
+            name, BY_AUTHORS, match, found.bytes_per_place, found.operations, found.query_us
         )
 
 
@@ -271,7 +263,6 @@ def _baselines(
 
 #: windows between two starts in mid-route, most windows after a start, and least to the end
 START_EVERY, GIVEN, LEFT = 20, 120, 20
-SPEED = "constant speed from start to end"
 #: measured columns, in their order
 _NOT_MEASURED: dict[str, Any] = dict.fromkeys(
     (
@@ -290,7 +281,7 @@ def measure(draw: Draw) -> Iterator[Row]:
         tolerance: truth_of(pair.reference.centre_us, pair.query.centre_us)
         for tolerance, truth_of in pair.truths.items()
     }
-    places, windows = (len(drive.centre_us) for drive in (pair.reference, pair.query))
+    windows = len(pair.query.centre_us)
     rivals = rivals_of(pair, draw.seed, draw.is_new, draw.systems)
     for system in (*our_systems(pair, draw.seed), *rivals):
         for way, decoder in ways.items():
@@ -303,9 +294,9 @@ def measure(draw: Draw) -> Iterator[Row]:
                     "system": system.name,
                     "matching": way,
                     "tolerance": tolerance,
-                    "parameters chosen on": _chosen_on(system, decoder),
+                    CHOSEN_ON: _chosen_on(system, decoder),
                     **_NOT_MEASURED,
-                    **judge(matches, _judged(truth)),
+                    **judge(matches, inner_windows(truth, LONGEST)),
                 }
                 if starts is not None:
                     row |= first_right(starts, decoder, pair.query.centre_us, truth)
@@ -316,33 +307,22 @@ def measure(draw: Draw) -> Iterator[Row]:
                         "time per query (us)": system.query_us + 1e6 * matching_s / windows,
                     }
                 yield row
-    along = np.rint(np.arange(windows) * (places - 1) / max(windows - 1, 1)).astype(np.int64)
     for tolerance, truth in truths.items():
-        right = truth.correct[along, np.arange(windows)][_judged(truth).known]
         yield {
-            "system": f"null: {SPEED}",
+            "system": CONSTANT_SPEED,
             "matching": "none",
             "tolerance": tolerance,
-            "parameters chosen on": "none",
+            CHOSEN_ON: BY_NOBODY,
             **_NOT_MEASURED,
-            "P@100R": float(right.mean()),
+            "P@100R": constant_speed(inner_windows(truth, LONGEST)),
         }
 
 
 def _chosen_on(system: System, decoder: Decoder) -> str:
     """Return the data that chose the parameters of a system, and of the filter on top of it."""
-    if system.chosen_on == _BY_US or decoder.settings.matching == "sequence":
+    if system.chosen_on == BY_US or decoder.settings.matching == "sequence":
         return system.chosen_on
-    return f"{system.chosen_on}; filter: {_BY_US}"
-
-
-def _judged(truth: GroundTruth) -> GroundTruth:
-    """Leave out the windows at the ends, which not every sequence matches."""
-    known = truth.known.copy()
-    before = anchor_offset(LONGEST, PRESETS["paper"].anchor)
-    known[:before] = False
-    known[len(known) - (LONGEST - 1 - before) :] = False
-    return GroundTruth(truth.correct & known, known, truth.description)
+    return f"{system.chosen_on}; filter: {BY_US}"
 
 
 def judge(matches: Matches, truth: GroundTruth) -> dict[str, Any]:
@@ -454,7 +434,7 @@ def figure(rows: Rows) -> Figure:
 SHOWN = ("sequences of 20", "place filter, live", "place filter, recorded")
 EXPERIMENT = Experiment(
     drives=contests,
-    names=("system", "matching", "tolerance", "parameters chosen on"),
+    names=("system", "matching", "tolerance", CHOSEN_ON),
     measure=measure,
     figure=figure,
     view=TableView({}),

@@ -1,4 +1,7 @@
-"""The embedded default: one route driven twice, the second time at another and varying speed."""
+"""The embedded default: one route driven twice, the second time at another and varying speed.
+
+No parameter of the default was chosen on these streets.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +19,20 @@ from edge_vpr.pipeline import EventSource, cleaned
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import SimulatedRecording, simulate_pair
-from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
+from edge_vpr_tools.research.experiments.experiment import (
+    CHOSEN_ON,
+    Draw,
+    Drives,
+    Experiment,
+    Row,
+)
 from edge_vpr_tools.research.experiments.plots import dots
 from edge_vpr_tools.research.experiments.trial import (
     DEFAULT_MATCHING,
     Trial,
     TruthOf,
     Variant,
+    rows_of_variants,
     run_trial,
     truth_of_tracks,
 )
@@ -104,6 +114,8 @@ def measure_latency(
 SIMULATED = "simulated streets"
 #: largest distance of a right match along the route, in metres
 TOLERANCE_M = 10.0
+#: of the streets from here on, which no parameter was chosen on
+FIRST_SEED = 70
 SETTINGS = PRESETS["paper"]
 DEFAULT = "150 varying pixels, place filter (default)"
 DEFAULT_FEW = "25 varying pixels, place filter"
@@ -134,15 +146,15 @@ def run_variants(
     reference: SimulatedRecording,
     query: SimulatedRecording,
     seed: int,
-    on_start: Callable[[str], None] = lambda name: None,
+    on_start: Callable[[str], None],
 ) -> dict[str, Trial]:
-    """Run every variant on one pair.
+    """Run every variant on one pair, as the demo does.
 
     Parameters
     ----------
     seed : int
         Seed of the draw of pixels.
-    on_start : callable, optional
+    on_start : callable
         Called with the name of each variant before it begins.
     """
     settings = SETTINGS.replaced({"seed": seed}, "seed")
@@ -173,19 +185,20 @@ def compare_latencies(
 def measure(draw: Draw) -> Iterator[Row]:
     """Run every variant on one pair."""
     reference, query = draw.pair
-    for name, trial in run_variants(reference, query, draw.seed).items():
-        yield {"variant": name, **trial.row()}
+    settings = SETTINGS.replaced({"seed": draw.seed}, "seed")
+    truth_of = truth_of_pair(reference, query)
+    yield from rows_of_variants(reference, query, truth_of, settings, VARIANTS, DEFAULT)
 
 
 def kept_pair(seed: int) -> tuple[SimulatedRecording, SimulatedRecording]:
-    """Simulate the pair of this seed."""
-    reference, query = simulate_pair(seed)
+    """Simulate a pair for this seed."""
+    reference, query = simulate_pair(FIRST_SEED + seed)
     return reference.keep(), query.keep()
 
 
 EXPERIMENT = Experiment(
     drives=lambda data: [Drives(SIMULATED, kept_pair, varied=True)],
-    names=("variant",),
+    names=("variant", CHOSEN_ON),
     measure=measure,
     figure=partial(dots, measures=("P@100R", "R@99P", "Recall@5"), row="variant"),
     reads_data=False,

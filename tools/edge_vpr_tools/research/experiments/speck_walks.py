@@ -11,6 +11,7 @@ from edge_vpr.evaluation.ground_truth import GroundTruth, from_alignment, load_a
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.research.experiments.experiment import (
+    CHOSEN_ON,
     Draw,
     Drives,
     Experiment,
@@ -19,11 +20,12 @@ from edge_vpr_tools.research.experiments.experiment import (
 )
 from edge_vpr_tools.research.experiments.plots import dots
 from edge_vpr_tools.research.experiments.trial import (
+    DEFAULT_MATCHING,
     Kept,
     Times,
     TruthOf,
     Variant,
-    run_trial,
+    rows_of_variants,
 )
 
 FOLDER = "speck_walks"
@@ -31,7 +33,10 @@ FOLDER = "speck_walks"
 FRAME_PERIOD = Fraction(1, 30)
 TOLERANCE_FRAMES = 60.0
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 10}, "speck walks")
+DEFAULT = "150 pixels, place filter (default)"
 VARIANTS = (
+    Variant(DEFAULT, DEFAULT_MATCHING),
+    Variant("25 pixels, place filter", {**DEFAULT_MATCHING, "pixels": 25}),
     *(
         Variant(f"150 pixels, {strategy}, L = 10", {"strategy": strategy})
         for strategy in ("variance", "seed-code", "random", "random-upper", "top")
@@ -86,14 +91,15 @@ def _kept_walks(folder: Path) -> tuple[Kept, Kept]:
 
 
 def measure(draw: Draw) -> Iterator[Row]:
-    """Run every variant with one draw of pixels."""
-    for variant in VARIANTS:
-        draws_nothing = variant.all_pixels or variant.changes.get("strategy") == "top"
-        if draw.is_new or not draws_nothing:
-            settings = SETTINGS.replaced({"seed": draw.seed}, "seed")
-            reference, query, truth_of = draw.pair
-            trial = run_trial(reference, query, truth_of, settings, variant)
-            yield {"variant": variant.name, **trial.row()}
+    """Run every variant with one draw of pixels; those that draw nothing once."""
+    variants = [
+        variant
+        for variant in VARIANTS
+        if draw.is_new or not (variant.all_pixels or variant.changes.get("strategy") == "top")
+    ]
+    settings = SETTINGS.replaced({"seed": draw.seed}, "seed")
+    reference, query, truth_of = draw.pair
+    yield from rows_of_variants(reference, query, truth_of, settings, variants, DEFAULT)
 
 
 def walks(data: Path | None) -> list[Drives]:
@@ -104,7 +110,7 @@ def walks(data: Path | None) -> list[Drives]:
 
 EXPERIMENT = Experiment(
     drives=walks,
-    names=("variant",),
+    names=("variant", CHOSEN_ON),
     measure=measure,
     figure=partial(dots, measures=("P@100R", "R@99P", "Recall@5"), row="variant"),
 )

@@ -17,11 +17,14 @@ from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Events, Sensor
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
-from edge_vpr.pipeline import EventSource, describe_query
+from edge_vpr.matching.sequences import anchor_offset
+from edge_vpr.pipeline import EventSource, count_windows, describe_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.research.baselines import map_all_pixels
 from edge_vpr_tools.research.baselines.baseline import fastest
+from edge_vpr_tools.research.experiments.experiment import CHOSEN_ON, Row
+from edge_vpr_tools.research.experiments.nulls import BY_AUTHORS, BY_US, null_rows
 
 #: matching of the default: the place filter with contrast codes
 DEFAULT_MATCHING = {
@@ -36,6 +39,23 @@ TruthOf = Callable[[Times, Times], GroundTruth]
 def truth_of_tracks(reference: Track, query: Track, tolerance_m: float) -> TruthOf:
     """Return the ground truth by the distances between two tracks."""
     return partial(from_tracks, reference, query, tolerance_m=tolerance_m)
+
+
+def inner_windows(truth: GroundTruth, longest: int) -> GroundTruth:
+    """Leave out the windows at both ends, which the longest sequences do not match.
+
+    What is compared with sequences is then judged on the same windows.
+
+    Parameters
+    ----------
+    longest : int
+        Windows of the longest sequence, anchored as in the paper.
+    """
+    known = truth.known.copy()
+    before = anchor_offset(longest, PRESETS["paper"].anchor)
+    known[:before] = False
+    known[len(known) - (longest - 1 - before) :] = False
+    return GroundTruth(truth.correct & known, known, truth.description)
 
 
 class Kept:
@@ -69,6 +89,11 @@ class Variant:
     name: str
     changes: Mapping[str, Any] = field(default_factory=dict)
     all_pixels: bool = False
+
+    @property
+    def chosen_on(self) -> str:
+        """Data that chose the parameters: the filter's and the codes' are ours."""
+        return BY_US if {"matching", "counter_code"} & self.changes.keys() else BY_AUTHORS
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,10 +145,37 @@ def run_trial(
     truth_of: TruthOf,
     settings: Settings,
     variant: Variant,
+    longest: int = 1,
 ) -> Trial:
-    """Map, describe, match and evaluate; see `map_and_describe`."""
+    """Map, describe, match and evaluate; see `map_and_describe` and `match_trial`."""
     mapped, queries = map_and_describe(reference, query, settings, variant)
-    return match_trial(mapped, queries, truth_of)
+    return match_trial(mapped, queries, truth_of, longest)
+
+
+def rows_of_variants(
+    reference: EventSource,
+    query: EventSource,
+    truth_of: TruthOf,
+    settings: Settings,
+    variants: Sequence[Variant],
+    default: str,
+) -> Iterator[Row]:
+    """Yield a row for each variant, and for the null baselines of the default.
+
+    All are judged on the windows that the sequences of `settings` match.
+
+    Parameters
+    ----------
+    default : str
+        Name of the variant that the null baselines have the settings of.
+    """
+    for variant in variants:
+        trial = run_trial(reference, query, truth_of, settings, variant, settings.sequence_length)
+        yield {"variant": variant.name, CHOSEN_ON: variant.chosen_on, **trial.row()}
+        if variant.name == default:
+            mapped, rng = trial.reference, np.random.default_rng(settings.seed)
+            counted = count_windows(query, mapped.pixel_map, mapped.settings)
+            yield from null_rows(mapped, counted, trial.truth, rng, "variant")
 
 
 def map_and_describe(
@@ -142,12 +194,14 @@ def map_and_describe(
     return mapped, describe_query(mapped, query)
 
 
-def match_trial(mapped: ReferenceMap, queries: Descriptors, truth_of: TruthOf) -> Trial:
-    """Match and evaluate."""
+def match_trial(
+    mapped: ReferenceMap, queries: Descriptors, truth_of: TruthOf, longest: int = 1
+) -> Trial:
+    """Match, and evaluate the windows that sequences of `longest` windows match too."""
     matches, matching_s = fastest(
         lambda: match_descriptors(mapped.places, queries, mapped.settings)
     )
-    truth = truth_of(mapped.places.centre_us, queries.centre_us)
+    truth = inner_windows(truth_of(mapped.places.centre_us, queries.centre_us), longest)
     return Trial(mapped, queries, matches, truth, evaluate(matches, truth), matching_s)
 
 

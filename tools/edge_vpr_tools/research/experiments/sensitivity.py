@@ -1,0 +1,286 @@
+"""How much each constant of the place filter matters, and how well it does where it chose nothing.
+
+Each constant is varied alone, as a multiple of the default. The last rows leave one pair out: of
+all settings of the table, the one that is best on the other pairs of drives, the streets as one
+pair, is judged on the pair that is left out, which chose nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
+
+from edge_vpr.descriptors.windows import (
+    activity_of,
+    activity_of_drive,
+    is_pause,
+    mean_activity_after,
+    place_activity,
+)
+from edge_vpr.matching.distances import ReferenceIndex
+from edge_vpr.matching.place_filter import (
+    EVIDENCE_TOP,
+    WindowRows,
+    evidence_of,
+    least_and_second,
+    reciprocal_of_spread,
+    weight_of,
+    write_match,
+)
+from edge_vpr.matching.smoother import FixedLag
+from edge_vpr.matching.transitions import METRIC_TOP, TransitionCosts, Transitions, predict
+from edge_vpr_tools.report.tables import TableView
+from edge_vpr_tools.research.experiments.drives import Pair, recorded_drives
+from edge_vpr_tools.research.experiments.experiment import (
+    CHOSEN_ON,
+    DRIVES,
+    Draw,
+    Drives,
+    Experiment,
+    Row,
+    Rows,
+)
+from edge_vpr_tools.research.experiments.nulls import BY_US
+from edge_vpr_tools.research.experiments.place_filter import (
+    PIXELS,
+    ROBOT,
+    VARIANTS,
+    Counted,
+    counted_pair,
+    counted_street,
+)
+from edge_vpr_tools.research.experiments.plots import lines
+from fixedpoint.activity import WEIGHT_BITS
+
+# A filter with other constants than those that are compiled.
+
+
+@dataclass(frozen=True)
+class Constants:
+    """Constants of the filter as multiples of the default.
+
+    Parameters
+    ----------
+    restart : float
+        Of the cost of a restart.
+    weight : float
+        Of the weight of the evidence.
+    cap : float
+        Of the largest evidence; at most 1, since evidence has 8 bits.
+    steps : float
+        Of the costs of steps.
+    """
+
+    restart: float = 1.0
+    weight: float = 1.0
+    cap: float = 1.0
+    steps: float = 1.0
+
+
+def transitions_of(counted: Counted, constants: Constants) -> Transitions:
+    """Return the moves along a map, with costs of these constants."""
+    default = TransitionCosts.of(counted.settings.replaced(VARIANTS[ROBOT], "variant"))
+    activity = place_activity(counted.reference.places.activity)
+    found = Transitions(len(counted.reference), default, activity)
+    table = found.by_step
+    found.by_step = table._replace(
+        costs=np.rint(constants.steps * table.costs).astype(np.int32),
+        restart=round(constants.restart * table.restart),
+    )
+    return found
+
+
+def match_with(
+    counted: Counted, constants: Constants, delays: Sequence[int]
+) -> dict[int, npt.NDArray[np.int64]]:
+    """Match window by window as the default does on a robot, with other constants.
+
+    Parameters
+    ----------
+    delays : sequence of int
+        Windows to wait for.
+
+    Returns
+    -------
+    dict of int to ndarray of int64, shape (n,)
+        Place of each window, by delay.
+    """
+    coded = counted.coded(VARIANTS[ROBOT])
+    queries = coded.coded(counted.queries)
+    distances = ReferenceIndex(coded.places.counts).rows(queries.counts)
+    transitions = transitions_of(counted, constants)
+    exclusion = coded.settings.exclusion
+    cap = round(constants.cap * EVIDENCE_TOP)
+    mean, scale = activity_of_drive(coded.places.activity), 0
+    rows = WindowRows.empty(*distances.shape)
+    metric = np.zeros(distances.shape[1], dtype=np.int32)
+    unweighted, prediction = np.zeros(metric.size, dtype=np.uint8), np.zeros_like(metric)
+    for i, events in enumerate(queries.activity.tolist()):
+        activity = activity_of(events, mean)
+        rows.activity[i] = activity
+        if i:
+            predict(metric, transitions.by_step, activity, False, prediction)
+        pause = is_pause(events, mean)
+        weight = 0.0 if pause else constants.weight * weight_of(activity)
+        if not pause and scale == 0:
+            scale = reciprocal_of_spread(distances[i])
+        evidence_of(distances[i], scale, 1 << WEIGHT_BITS, unweighted)
+        evidence = (np.minimum(unweighted, cap) * weight).astype(np.int64) >> WEIGHT_BITS
+        rows.evidence[i] = np.minimum(evidence, EVIDENCE_TOP)
+        metric = np.minimum(prediction + rows.evidence[i], METRIC_TOP).astype(np.int32)
+        rows.metrics[i] = metric
+        write_match(metric, *least_and_second(metric, exclusion), rows.columns[i])
+        if not pause:
+            scale = reciprocal_of_spread(distances[i])
+        mean = mean_activity_after(mean, events)
+    return {delay: _late(rows, transitions, exclusion, delay) for delay in delays}
+
+
+def _late(
+    rows: WindowRows, transitions: Transitions, exclusion: int, delay: int
+) -> npt.NDArray[np.int64]:
+    """Return the place of each window, decided some windows later."""
+    if not delay:
+        return rows.columns[:, 0].copy()
+    lag, windows = FixedLag(transitions, exclusion, delay), len(rows.columns)
+    decided = [lag.add(rows.part(i, i + 1), None) for i in range(windows)]
+    return np.array([one.match.place for one in (*decided, *lag.finish()) if one is not None])
+
+
+# The constants that are varied, and what is chosen by the other drives.
+
+
+#: multiples of the default by constant
+VARIED: Mapping[str, tuple[float, ...]] = {
+    "restart": (0.25, 0.5, 1.0, 2.0, 4.0),
+    "weight": (0.25, 0.5, 1.0, 2.0, 4.0),
+    "cap": (0.0625, 0.125, 0.25, 0.5, 1.0),
+    "steps": (0.25, 0.5, 1.0, 2.0, 4.0),
+}
+#: how the constants are shown
+SHOWN = {
+    "restart": "cost of a restart",
+    "weight": "weight of evidence",
+    "cap": "largest evidence",
+    "steps": "costs of steps",
+}
+DELAYS = {"live": 0, "4 windows late": 4}
+CONSTANT, TIMES = "constant", "times the default"
+#: streets of these kinds, of those of `place_filter`
+KINDS = ("street", "street, 3 stops", "street, low sun")
+#: first seed of the streets
+FIRST_SEED = 70
+#: what chose the parameters of a row in which a constant is varied, or in which a pair is left out
+VARIED_ALONE = f"{BY_US}, but for this constant"
+BY_OTHERS = "the other drives of this table"
+THE_DEFAULT, OF_DEFAULT = "none: the default", "P@100R of the default"
+#: a constant and a multiple of it
+Setting = tuple[str, float]
+
+
+def measure(draw: Draw) -> Iterator[Row]:
+    """Vary each constant alone, on a recorded pair or on each drive of a street."""
+    counted = [counted_pair(draw.pair, draw.seed)] if isinstance(draw.pair, Pair) else draw.pair
+    for each in counted:
+        default = match_with(each, Constants(), list(DELAYS.values()))
+        for constant, multiples in VARIED.items():
+            for times in multiples:
+                found = (
+                    default
+                    if times == 1
+                    else match_with(each, Constants(**{constant: times}), list(DELAYS.values()))
+                )
+                for name, delay in DELAYS.items():
+                    right = each.truth.correct[found[delay], np.arange(len(found[delay]))]
+                    yield {
+                        DRIVES: each.name,
+                        CONSTANT: SHOWN[constant],
+                        TIMES: times,
+                        "matching": name,
+                        CHOSEN_ON: BY_US if times == 1 else VARIED_ALONE,
+                        "P@100R": float(right[each.truth.known].mean()),
+                    }
+
+
+def left_out(rows: Rows) -> list[Row]:
+    """Judge on each pair the setting that is best on the others, live, beside the default.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        Of `measure`, with all drives.
+    """
+    live = [row for row in rows if row["matching"] == "live"]
+    found: dict[Setting, dict[str, list[float]]] = {}
+    for row in live:
+        of = found.setdefault((row[CONSTANT], row[TIMES]), {})
+        of.setdefault(_group(row[DRIVES]), []).append(row["P@100R"])
+    # the default first, so that it is chosen where it is as good as any
+    settings = sorted(found, key=lambda each: each[1] != 1)
+    groups = dict.fromkeys(_group(row[DRIVES]) for row in live)
+    judged: list[Row] = []
+    for group in groups if len(groups) > 1 else ():
+        others = [each for each in groups if each != group]
+        on_others = {
+            setting: np.mean([np.mean(found[setting][each]) for each in others])
+            for setting in settings
+        }
+        best = max(settings, key=on_others.__getitem__)
+        mine = [row for row in live if _group(row[DRIVES]) == group]
+        of_setting = [
+            [row for row in mine if (row[CONSTANT], row[TIMES]) == setting]
+            for setting in (best, settings[0])
+        ]
+        for chosen, default in zip(*of_setting, strict=True):
+            name = THE_DEFAULT if best[1] == 1 else chosen[CONSTANT]
+            more = {CONSTANT: name, CHOSEN_ON: BY_OTHERS, OF_DEFAULT: default["P@100R"]}
+            judged.append({**chosen, **more})
+    return judged
+
+
+def _group(drives: str) -> str:
+    """Return the drives that a pair is left out with: the same with another number of pixels."""
+    return drives.split(",")[0]
+
+
+def drives(data: Path | None) -> list[Drives]:
+    """Return streets, and the recorded pairs of a folder."""
+    streets = Drives("streets", _streets, varied=True)
+    return [streets, *(recorded_drives(data) if data is not None else ())]
+
+
+def _streets(seed: int) -> Iterator[Counted]:
+    return counted_street(FIRST_SEED + seed, KINDS)
+
+
+#: number of pixels in the figure, where several were tried
+_PIXELS = f", {max(PIXELS)} px"
+
+
+def figure(rows: Rows) -> Figure:
+    """Draw right matches over each constant: live in the first line of panels, late in the next."""
+    names = dict.fromkeys(row[DRIVES] for row in rows)
+    many = [name for name in names if name.endswith(_PIXELS)]
+    groups = {_group(name) for name in many}
+    shown = {*many, *(name for name in names if _group(name) not in groups)}
+    varied = [row for row in rows if row[DRIVES] in shown and row[CHOSEN_ON] != BY_OTHERS]
+    varied.sort(key=lambda row: list(DELAYS).index(row["matching"]))
+    return lines(
+        varied, x=TIMES, y="P@100R", line=CONSTANT, panel=("drives", "matching"), log=True,
+        columns=len(shown), mark=1.0,
+    )  # fmt: skip
+
+
+EXPERIMENT = Experiment(
+    drives=drives,
+    names=(CONSTANT, TIMES, "matching", CHOSEN_ON),
+    measure=measure,
+    figure=figure,
+    conclude=left_out,
+    view=TableView({"matching": "live"}, (CONSTANT, TIMES, "P@100R")),
+)
