@@ -131,6 +131,8 @@ class StepTable(NamedTuple):
         Pairs of places, from and to, that follow each other without a step.
     activity : ndarray of int32, shape (K,)
         Of each place, see `place_activity`.
+    typical : ndarray of int64, shape (K,)
+        Of each place, see `distances.typical_distances`.
     """
 
     costs: Metrics
@@ -139,6 +141,7 @@ class StepTable(NamedTuple):
     restart: int
     jumps: npt.NDArray[np.int32]
     activity: npt.NDArray[np.int32]
+    typical: npt.NDArray[np.int64]
 
 
 @kernel
@@ -292,6 +295,8 @@ class Transitions:
     along_mm : ndarray of int64, shape (K,), optional
         Millimetres that the reference had driven at each place, not falling: what odometry of a
         query is compared with.
+    typical : ndarray of int64, shape (K,), optional
+        See `distances.typical_distances`; 0 by default.
 
     Raises
     ------
@@ -313,6 +318,7 @@ class Transitions:
         place_activity: npt.NDArray[np.int32] | None = None,
         jumps: npt.NDArray[np.int32] | None = None,
         along_mm: npt.NDArray[np.int64] | None = None,
+        typical: npt.NDArray[np.int64] | None = None,
     ) -> None:
         if places < 1:
             raise UsageError(f"a map of {places} places: expected at least 1")
@@ -322,9 +328,11 @@ class Transitions:
         if place_activity is None:
             place_activity = np.zeros(places, dtype=np.int32)
         check_activity(place_activity, places)
+        if typical is None:
+            typical = np.zeros(places, dtype=np.int64)
         self.by_step = StepTable(
             costs.scaled, costs.first, costs.last, costs.restart << FRACTION_BITS, self.jumps,
-            place_activity,
+            place_activity, typical,
         )  # fmt: skip
         self._along = along_mm
         self._spacing = self._rate = 0
@@ -445,6 +453,8 @@ def _limited(travelled_mm: int) -> int:
 EVIDENCE_TOP = (1 << 8) - 1
 #: fraction bits of the reciprocal of the spread
 RECIPROCAL_BITS = 16
+#: fraction bits of the product of this reciprocal and a weight, without those of evidence
+FACTOR_SHIFT = RECIPROCAL_BITS - FRACTION_BITS + WEIGHT_BITS
 #: support, in units of 1/16 of a margin, moves by 1/4 of the difference in each window
 TRUST_SHIFT, TRUST_BITS = 2, 4
 #: while the place stays the same, support falls by 1/16 in each window
@@ -509,6 +519,61 @@ def trust_of(support: int, misfit: int) -> int:
 def misfit_of(evidence: int) -> int:
     """Return the evidence against the matched place, limited to `MISFIT_TOP`."""
     return min(int(evidence), MISFIT_TOP)
+
+
+#: the running misfit moves by 1/16 of the difference in each window, and has 4 more fraction bits
+LASTING_SHIFT, LASTING_BITS = 4, 4
+#: running misfit at the begin, and where the misfit of a match is 0: windows of drives along the
+#: map in its own light are lower on average
+USUAL_FIT = -80
+#: a smoothed drive has the mean of so many windows before and after a match
+LASTING_NEIGHBOURS = 16
+
+
+@kernel
+def window_misfit(
+    evidence: npt.NDArray[np.uint8], place: int, typical: npt.NDArray[np.int64], factor: int
+) -> int:
+    """Return how badly a window fits the matched place, compared with all places.
+
+    A view of another place, or in another light, has some place that it resembles most, too. But
+    the path cannot follow these, so that the matched place is as far from the view as any.
+
+    Parameters
+    ----------
+    evidence : ndarray of uint8, shape (K,)
+        Of the window.
+    typical : ndarray of int64, shape (K,)
+        Places without contrast are nearer to any view; this is subtracted.
+    factor : int
+        Of the evidence, see `WindowRows`; 0 of a window that says nothing.
+
+    Returns
+    -------
+    int
+        Evidence against the place, less the advantage of the place over the mean of all, each up
+        to 23: -23 to 46.
+    """
+    total = np.int64(0)
+    for k in range(evidence.size):
+        total += np.int64(evidence[k])
+    nearer = (np.int64(typical[place]) * factor) >> FACTOR_SHIFT
+    advantage = total // evidence.size - np.int64(evidence[place]) + nearer
+    return misfit_of(evidence[place]) - int(min(max(advantage, -MISFIT_TOP), MISFIT_TOP))
+
+
+@kernel
+def lasting_misfit_after(before: int, misfit: int, factor: int) -> int:
+    """Return the running mean of `window_misfit` after a window, in units of 1/256 of a metric."""
+    if factor == 0:
+        return before
+    return before + (((misfit << (TRUST_BITS + LASTING_BITS)) - before) >> LASTING_SHIFT)
+
+
+@kernel
+def shown_misfit(lasting: int) -> int:
+    """Return the misfit that a match is given with, in units of 1/16 of a metric, as trust has."""
+    return max((lasting >> LASTING_BITS) - USUAL_FIT, 0)
 
 
 @kernel
@@ -617,7 +682,9 @@ def _first_least(metric: Metrics, begin: int, end: int) -> int:
 
 
 #: State of a filter between two windows, in addition to its metrics; see `PlaceFilter`.
-NUMBER_NAMES = ("reciprocal", "mean_activity", "place", "support", "misfit", "misfit_before")
+NUMBER_NAMES = (
+    "reciprocal", "mean_activity", "place", "support", "misfit", "misfit_before", "lasting_misfit",
+)  # fmt: skip
 #: with the activity for which the prediction holds, or one of the two below
 NUMBERS = np.dtype([(name, np.int64) for name in (*NUMBER_NAMES, "predicted_for")])
 #: there is no prediction yet; it is by odometry, and holds for any activity
@@ -650,7 +717,7 @@ class WindowRows(NamedTuple):
 
     Attributes
     ----------
-    columns : ndarray of int64, shape (n, 6)
+    columns : ndarray of int64, shape (n, 7)
         Of `FilterMatch`.
     metrics : ndarray of int32, shape (n, K)
         After each window.
@@ -658,34 +725,39 @@ class WindowRows(NamedTuple):
         Which each window added.
     activity : ndarray of int32, shape (n,)
         Of each window, see `activity_of`.
+    factor : ndarray of int64, shape (n,)
+        Evidence for a difference of distances, in units of 2**-17; 0 of a pause.
     """
 
     columns: npt.NDArray[np.int64]
     metrics: Metrics
     evidence: npt.NDArray[np.uint8]
     activity: npt.NDArray[np.int32]
+    factor: npt.NDArray[np.int64]
 
     @classmethod
     def empty(cls, windows: int, places: int) -> WindowRows:
         """Return uninitialised rows."""
         return cls(
-            np.empty((windows, 6), dtype=np.int64),
+            np.empty((windows, 7), dtype=np.int64),
             np.empty((windows, places), dtype=np.int32),
             np.empty((windows, places), dtype=np.uint8),
             np.empty(windows, dtype=np.int32),
+            np.empty(windows, dtype=np.int64),
         )
 
     def part(self, first: int, last: int) -> WindowRows:
         """Return the rows of the windows from `first` to before `last`, in the same memory."""
         return WindowRows(
             self.columns[first:last], self.metrics[first:last], self.evidence[first:last],
-            self.activity[first:last],
+            self.activity[first:last], self.factor[first:last],
         )  # fmt: skip
 
     def take(self, others: WindowRows) -> None:
         """Copy the rows of as many other windows."""
         self.columns[:], self.metrics[:] = others.columns, others.metrics
         self.evidence[:], self.activity[:] = others.evidence, others.activity
+        self.factor[:] = others.factor
 
 
 @kernel
@@ -716,7 +788,7 @@ def update_windows(
     for i in range(len(distances)):
         row = rows.columns[i]
         rows.activity[i] = activity_of(events[i], now.mean_activity)
-        support, misfit = match_window(
+        support, misfit, lasting, rows.factor[i] = match_window(
             state, steps, exclusion, distances[i], events[i], rows.evidence[i], rows.metrics[i], row
         )
         if not is_pause(events[i], now.mean_activity):
@@ -724,7 +796,7 @@ def update_windows(
         now.mean_activity = mean_activity_after(now.mean_activity, events[i])
         now.place, now.support = row[0], support
         now.misfit_before = now.misfit
-        now.misfit = misfit
+        now.misfit, now.lasting_misfit = misfit, lasting
         now.predicted_for = NOT_PREDICTED
         for k in range(state.metric.size):
             state.metric[k] = rows.metrics[i, k]
@@ -740,7 +812,7 @@ def match_window(
     evidence: npt.NDArray[np.uint8],
     metric: Metrics,
     row: npt.NDArray[np.int64],
-) -> tuple[int, int]:
+) -> tuple[int, int, int, int]:
     """Match a window, finished or not, without advancing the filter.
 
     Parameters
@@ -755,13 +827,15 @@ def match_window(
         Written to: what the window adds at each place.
     metric : ndarray of int32, shape (K,)
         Written to: the metric of each place.
-    row : ndarray of int64, shape (6,)
+    row : ndarray of int64, shape (7,)
         Of `FilterMatch`; all three are written to.
 
     Returns
     -------
-    support, misfit : int
-        Of the match.
+    support, misfit, lasting : int
+        Of the match; see `lasting_misfit_after`.
+    factor : int
+        See `WindowRows`.
     """
     now = state.numbers[0]
     activity = activity_of(events, now.mean_activity)
@@ -788,14 +862,19 @@ def match_window(
     support = support_after(now.support if follows else 0, place == now.place, margin)
     misfit = misfit_of(evidence[place])
     row[5] = trust_of(support, max(misfit, now.misfit, now.misfit_before))
-    return support, misfit
+    factor = scale * weight
+    lasting = lasting_misfit_after(
+        now.lasting_misfit, window_misfit(evidence, place, steps.typical, factor), factor
+    )
+    row[6] = shown_misfit(lasting)
+    return support, misfit, lasting, factor
 
 
 @kernel
 def write_match(
     metric: Metrics, place: int, second: int, ties: int, row: npt.NDArray[np.int64]
 ) -> int:
-    """Write a match without its trust, and return its margin.
+    """Write a match without its trust and misfit, and return its margin.
 
     Parameters
     ----------
@@ -803,7 +882,7 @@ def write_match(
         Cost of each place.
     place, second, ties : int
         Of `least_and_second`.
-    row : ndarray of int64, shape (6,)
+    row : ndarray of int64, shape (7,)
         Of `FilterMatch`; written to.
     """
     row[0], row[1], row[2], row[3], row[4] = place, metric[place], second, -1, ties
@@ -836,8 +915,9 @@ def smooth_windows(
         See `WindowRows`.
     summed : ndarray of int32, shape (n, K)
         Metrics; after the call, the cost of the best path through each place.
-    columns : ndarray of int64, shape (n, 6)
-        Of `FilterMatch`, written to; its trust is the margin, in units of 1/16 of a metric.
+    columns : ndarray of int64, shape (n, 7)
+        Of `FilterMatch`, written to but for the misfit; its trust is the margin, in units of 1/16
+        of a metric.
     """
     for i in range(len(summed) - 1, -1, -1):
         columns[i, 5] = match_summed(summed[i], onward, exclusion, columns[i])
@@ -856,8 +936,8 @@ def match_summed(
         After the call, the cost of the best path through each place.
     onward : ndarray of int32, shape (K,)
         Cost of going on from each place.
-    row : ndarray of int64, shape (6,)
-        Of `FilterMatch`, written to but for its trust.
+    row : ndarray of int64, shape (7,)
+        Of `FilterMatch`, written to but for its trust and misfit.
 
     Returns
     -------
@@ -910,6 +990,9 @@ class FilterMatch(NamedTuple):
         (second metric less the least) of this window and those before, less its misfit, which is
         the largest evidence against the matched places of this window and the two before. See
         `support_after` and `trust_of`.
+    misfit : int
+        How much worse than usual the last sixteen windows or so fit the places that were matched,
+        from 0 (as in a drive along the map in its own light); see `window_misfit`.
     """
 
     place: int
@@ -918,6 +1001,7 @@ class FilterMatch(NamedTuple):
     second_metric: int
     ties: int
     trust: int
+    misfit: int
 
 
 class PlaceFilter:
@@ -932,7 +1016,7 @@ class PlaceFilter:
     mean_activity : int
         Events that a window of the reference has at the selected pixels on average, in units of
         1/256 event; 0 if only windows without events are pauses.
-    place_activity, jumps, along_mm : ndarray, optional
+    place_activity, jumps, along_mm, typical : ndarray, optional
         Of the map, see `Transitions`.
 
     Attributes
@@ -942,7 +1026,7 @@ class PlaceFilter:
         evidence (0 before the first, and after a spread above 2**16: then the window's own does);
         `mean_activity`, how many events a window usually has; `place` and `support` of the latest
         match (the place is -1 before the first); `misfit` of the latest match and `misfit_before`
-        of the one before it, see `trust_of`.
+        of the one before it, see `trust_of`; and `lasting_misfit`, see `lasting_misfit_after`.
     """
 
     def __init__(
@@ -955,10 +1039,12 @@ class PlaceFilter:
         place_activity: npt.NDArray[np.int32] | None = None,
         jumps: npt.NDArray[np.int32] | None = None,
         along_mm: npt.NDArray[np.int64] | None = None,
+        typical: npt.NDArray[np.int64] | None = None,
     ) -> None:
-        self.transitions = Transitions(places, costs, place_activity, jumps, along_mm)
+        self.transitions = Transitions(places, costs, place_activity, jumps, along_mm, typical)
         self.exclusion = exclusion
-        numbers = np.array([(0, mean_activity, -1, 0, 0, 0, NOT_PREDICTED)], dtype=NUMBERS)
+        begin = (0, mean_activity, -1, 0, 0, 0, USUAL_FIT << LASTING_BITS, NOT_PREDICTED)
+        numbers = np.array([begin], dtype=NUMBERS)
         metric, prediction = np.zeros((2, places), dtype=np.int32)
         self.state = FilterState(
             numbers.view(np.recarray), metric, prediction, np.zeros(places, dtype=np.bool_)

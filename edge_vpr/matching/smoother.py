@@ -16,17 +16,22 @@ from typing import NamedTuple
 import numpy as np
 
 from edge_vpr.matching.place_filter import (
+    LASTING_BITS,
     TRUST_BITS,
+    USUAL_FIT,
     FilterMatch,
     Metrics,
     Transitions,
     WindowRows,
     go_back,
+    lasting_misfit_after,
     match_summed,
     misfit_of,
+    shown_misfit,
     smooth_windows,
     support_after,
     trust_of,
+    window_misfit,
 )
 
 #: Distance driven since the window before, in millimetres; None where it is not known.
@@ -74,7 +79,7 @@ class BackwardPass:
 
     def match(self, row: WindowRows) -> SmoothedMatch:
         """Match one window by its metrics and the cost of going on, with the margin as trust."""
-        metric, columns = row.metrics[0].copy(), np.empty(6, dtype=np.int64)
+        metric, columns = row.metrics[0].copy(), np.zeros(7, dtype=np.int64)
         columns[5] = match_summed(metric, self._cost, self._exclusion, columns)
         return SmoothedMatch(FilterMatch(*columns.tolist()), metric)
 
@@ -85,7 +90,8 @@ class BackwardPass:
         ----------
         rows : WindowRows
             Of n windows; their metrics become the costs of the best path through each place, and
-            their columns the matches by these, with the margin as trust.
+            their columns the matches by these, with the margin as trust and `window_misfit` as
+            misfit.
         ways : sequence of int or None
             Of each window.
         """
@@ -98,6 +104,9 @@ class BackwardPass:
             way = ways[first]
             if way is not None:
                 self._cost = self._transitions.by_distance(self._ahead, way, back=True)
+        typical = self._transitions.by_step.typical
+        for evidence, factor, found in zip(rows.evidence, rows.factor, rows.columns, strict=True):
+            found[6] = window_misfit(evidence, found[0], typical, factor)
 
 
 class FixedLag:
@@ -117,6 +126,7 @@ class FixedLag:
         self._held: deque[tuple[WindowRows, Way]] = deque()  # windows that are not decided
         self._place, self._support = -1, 0
         self._misfits = (0, 0)  # of the two windows before
+        self._lasting = USUAL_FIT << LASTING_BITS
 
     def add(self, row: WindowRows, way: Way) -> SmoothedMatch | None:
         """Add the next window, and decide the one N windows before it, if there is one.
@@ -149,7 +159,11 @@ class FixedLag:
         misfit = misfit_of(int(row.evidence[0, place]))
         trust = trust_of(self._support, max(misfit, *self._misfits))
         self._misfits = (misfit, self._misfits[0])
-        return SmoothedMatch(match._replace(trust=trust), metric)
+        factor, typical = int(row.factor[0]), self._transitions.by_step.typical
+        of_window = window_misfit(row.evidence[0], place, typical, factor)
+        self._lasting = lasting_misfit_after(self._lasting, of_window, factor)
+        found = match._replace(trust=trust, misfit=shown_misfit(self._lasting))
+        return SmoothedMatch(found, metric)
 
 
 def runs(ways: Sequence[Way], most: int) -> Iterator[tuple[int, int]]:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from edge_vpr.matching.transitions import METRIC_TOP, TransitionCosts, Transitions, predict
 from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.windows import (
@@ -33,7 +34,6 @@ from edge_vpr.matching.place_filter import (
     write_match,
 )
 from edge_vpr.matching.smoother import FixedLag
-from edge_vpr.matching.transitions import METRIC_TOP, TransitionCosts, Transitions, predict
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments.drives import Pair, recorded_drives
 from edge_vpr_tools.research.experiments.experiment import (
