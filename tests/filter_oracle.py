@@ -37,9 +37,8 @@ def begin_of(reference: ReferenceMap) -> Begin:
 
 def resumed(arrays) -> Begin:  # type: ignore[no-untyped-def]
     """What a saved state of a localiser says."""
-    reciprocal, mean_activity, place, support, newer, older, windows = arrays[
-        "filter_state"
-    ].tolist()
+    state = arrays["filter_state"].tolist()
+    reciprocal, mean_activity, place, support, newer, older, *_, windows = state
     filtered = None
     if windows:
         metric = arrays["filter_metric"].tolist()

@@ -483,6 +483,56 @@ def trust(support: int, misfits: Sequence[int]) -> int:
     return max(support - 16 * min(max(misfits), 23), 0)
 
 
+def typical(places: Sequence[Sequence[int]]) -> list[int]:
+    """Mean distance of each place to all places, less the mean of these means."""
+    mean = [sum(sad(a, b) for b in places) // len(places) for a in places]
+    return [m - sum(mean) // len(mean) for m in mean]
+
+
+def misfits_of_windows(
+    distances: Matrix,
+    events: Sequence[int],
+    usual: int,
+    matched: Sequence[int],
+    typical_of: Sequence[int],
+) -> list[int | None]:
+    """Evidence against each match, less its advantage over the mean place; None in pauses."""
+    scale, told = 0, []
+    for d, count, best in zip(distances, events, matched, strict=True):
+        weight = min(max((activity(count, usual) + 48) // 2, 0), 8)
+        before, (evidence, scale) = scale, evidence_of(d, count, usual, scale)
+        factor = 0 if is_pause(count, usual) else (before or scale) * weight
+        usual = usual_after(usual, count)
+        nearer = typical_of[best] * factor // 2**17
+        advantage = sum(evidence) // len(evidence) - evidence[best] + nearer
+        misfit = min(evidence[best], 23) - min(max(advantage, -23), 23)
+        told.append(misfit if factor else None)
+    return told
+
+
+def misfit(of_windows: Sequence[int | None]) -> list[int]:
+    """Running mean of 16 times the misfits of windows, above that of a usual drive."""
+    mean, told = -80 * 16, []
+    for one in of_windows:
+        mean += 0 if one is None else (256 * one - mean) // 16
+        told.append(max(mean // 16 + 80, 0))
+    return told
+
+
+def net_trust(trust_of: int, misfit_of: int) -> int:
+    """What the probability of a match depends on; sequences have no misfit, which is -1."""
+    return trust_of if misfit_of < 0 else min(trust_of, 368) - 4 * misfit_of
+
+
+def smoothed_misfit(of_windows: Sequence[int | None]) -> list[int]:
+    """Mean of 16 times the misfits of 33 windows, above that of a usual drive."""
+    told = []
+    for j in range(len(of_windows)):
+        known = [one for one in of_windows[max(j - 16, 0) : j + 17] if one is not None]
+        told.append(max(16 * sum(known) // len(known) + 80, 0) if known else 0)
+    return told
+
+
 def smoothed_filter(
     distances: Matrix,
     events: Sequence[int],

@@ -24,6 +24,7 @@ import numpy.typing as npt
 
 from edge_vpr.archive import kind_of
 from edge_vpr.compile_report import COMPILE_ALL, compiling_reported
+from edge_vpr.confidence import STRANGE, STRANGE_TEXT
 from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
 from edge_vpr.errors import MapError, RecordingError, UsageError, printable
 from edge_vpr.evaluation.tracks import save_odometry
@@ -362,6 +363,9 @@ class LiveMatch(NamedTuple):
         `distance` / `second_distance`; NaN if it is not known.
     trust : int
         The higher, the surer.
+    misfit : int
+        0 where views are like the map's, `confidence.STRANGE` or more in another place or light; -1
+        of sequences.
     probability : float
         Of being correct; NaN if the map does not know it.
     lost : bool
@@ -383,6 +387,7 @@ class LiveMatch(NamedTuple):
     second_distance: float
     ratio: float
     trust: int
+    misfit: int
     probability: float
     lost: bool
     along_m: float | None
@@ -396,9 +401,10 @@ class Message(NamedTuple):
     Attributes
     ----------
     kind : str
-        ``link`` (lost or opened), ``stalled`` (silence), ``lag`` (the host is too slow),
-        ``device`` and ``sender`` (remarks on the camera and on a second one), ``senseless`` (bytes
-        that do not decode), ``odometer``, ``compiling``, ``file`` (given up), or ``drive`` (kept).
+        ``link`` (lost or opened), ``stalled`` (silence), ``lag`` (the host is too slow), ``misfit``
+        (another place or light), ``device`` and ``sender`` (remarks on the camera and on a second
+        one), ``senseless`` (bytes that do not decode), ``odometer``, ``compiling``, ``file`` (given
+        up), or ``drive`` (kept).
     text : str
         One sentence, which may quote a device or the system: pass it through `errors.printable`
         before it reaches a terminal.
@@ -687,6 +693,7 @@ class LiveSession:
         if self.reference is not None and self.reference.settings.window == "time":
             window_us = self.reference.settings.tau_us
         self._lag = _LagWatch(self.health, window_us, self._say)
+        self._strange = False
         self._begin_s = self._beat_s = time.monotonic()
         self._opened = True
 
@@ -798,11 +805,11 @@ class LiveSession:
         along, late = self._along, self.reference.settings.late > 0
         found = []
         for row in result.matches.tolist():
-            t, place, best, second, after, ratio, _, _, trust, probability, lost = row
+            t, place, best, second, after, ratio, _, _, trust, misfit, probability, lost = row
             found.append(
                 LiveMatch(
-                    t / 1e6, self._given, place, best, second, after, ratio, trust, probability,
-                    lost, None if along is None else _known(along[place]),
+                    t / 1e6, self._given, place, best, second, after, ratio, trust, misfit,
+                    probability, lost, None if along is None else _known(along[place]),
                     step.host_us - (result.reached_us - t) * late, result.incomplete,
                 )
             )  # fmt: skip
@@ -829,6 +836,8 @@ class LiveSession:
         # before the match is used: a program that fails then has a whole file
         self._write_events(result.events)
         self._lag.look(result.events, self.decoder.reached_us, time.monotonic())
+        if result.matches.size:
+            self._look_at_misfit(int(result.matches["misfit"][-1]))
         host_us = int(1e6 * (time.time() - (time.monotonic() - chunk.at_s)))
         return LiveStep(result, chunk.at_s, host_us, self._new_readings())
 
@@ -847,6 +856,18 @@ class LiveSession:
                 self._readings[time_us] = distance_mm
         self._watch.look(nothing_came=step.result is None)
         reader.send(decoder.to_send(time.monotonic()))
+
+    def _look_at_misfit(self, misfit: int) -> None:
+        """Say when views become unlike those of the map, and when they are like them again."""
+        if not self._strange and misfit >= STRANGE:
+            self._strange = True
+            self._say(
+                "misfit",
+                f"{STRANGE_TEXT}: what is seen has not fitted the matched places for some windows",
+            )
+        elif self._strange and misfit < STRANGE // 2:
+            self._strange = False
+            self._say("misfit", "what is seen fits the map again", over=True)
 
     def _end(self) -> LiveStep:
         """Take the last matches, close the link and complete the recordings."""
@@ -1142,8 +1163,8 @@ def senseless_bytes(health: Health) -> str:
 def _heartbeat(given: int) -> LiveMatch:
     return LiveMatch(
         time_s=math.nan, query=given, place=-1, distance=math.nan, second=-1,
-        second_distance=math.nan, ratio=math.nan, trust=0, probability=0.0, lost=True,
-        along_m=None, host_us=int(1e6 * time.time()), incomplete=True,
+        second_distance=math.nan, ratio=math.nan, trust=0, misfit=-1, probability=0.0,
+        lost=True, along_m=None, host_us=int(1e6 * time.time()), incomplete=True,
     )  # fmt: skip
 
 

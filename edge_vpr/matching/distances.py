@@ -316,6 +316,39 @@ class ReferenceIndex:
         return out
 
 
+def typical_distances(places: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.int64]:
+    """Return the mean distance of each place to all places, less the mean of these means.
+
+    Means are rounded down. What is typical of a place without contrast is negative: it is nearer
+    to any view than other places are.
+
+    Parameters
+    ----------
+    places : ndarray of int, shape (K, J)
+        Descriptors of the places, K at least 1.
+
+    Returns
+    -------
+    ndarray of int64, shape (K,)
+
+    Examples
+    --------
+    >>> typical_distances(np.array([[0, 0], [4, 0], [9, 2]])).tolist()
+    [1, -1, 2]
+    """
+    number = len(places)
+    total = np.zeros(number, dtype=np.int64)
+    lower = np.arange(number)
+    for column in np.asarray(places, dtype=np.int64).T:
+        order = np.argsort(column, kind="stable")
+        rising = column[order]
+        below = np.cumsum(rising) - rising
+        above = rising.sum() - below - rising
+        total[order] += rising * lower - below + above - rising * (number - 1 - lower)
+    mean = total // number
+    return np.asarray(mean - mean.sum() // number)
+
+
 def distance_matrix(reference: npt.ArrayLike, query: npt.ArrayLike) -> Distances:
     """Return the distance of every query to every reference place (method.md section 4).
 

@@ -9,13 +9,15 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.confidence import Acceptance, Confidence, default_confidence
+from edge_vpr.confidence import Acceptance, Confidence, default_confidence, net_trust
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, place_activity
 from edge_vpr.errors import MapError, UsageError, expect
-from edge_vpr.matching.distances import ReferenceIndex
+from edge_vpr.matching.distances import ReferenceIndex, typical_distances
 from edge_vpr.matching.matches import CANDIDATES, Matches, nearest_places
 from edge_vpr.matching.place_filter import (
+    LASTING_NEIGHBOURS,
     TRUST_BITS,
+    USUAL_FIT,
     FilterMatch,
     Metrics,
     PlaceFilter,
@@ -52,7 +54,7 @@ class FilteredDrive(NamedTuple):
 
     Attributes
     ----------
-    columns : ndarray of int64, shape (n, 6)
+    columns : ndarray of int64, shape (n, 7)
         Of `FilterMatch`.
     candidates : ndarray of int64, shape (n, 25)
         Places of the least metrics, see `nearest_places`.
@@ -97,7 +99,8 @@ def filter_drive(
         If smoothed, the trust is the mean margin of the summed metrics over the window and the
         four before and after it, in units of 1/16 of a metric, less the largest evidence against a
         match of these nine windows, and at least 0. A margin counts as 0 where a match between
-        does not follow from the one before. Else the trust is that of `trust_of`.
+        does not follow from the one before. The misfit is the mean of `window_misfit` over the
+        window and sixteen before and after it. Else trust and misfit are those of `match_window`.
 
     Raises
     ------
@@ -204,7 +207,7 @@ def _smooth(drive: _Drive, found: _Found) -> None:
         for _ in drive.advance(begin, begin + length):
             pass
     onward = BackwardPass(place_filter.transitions, place_filter.exclusion)
-    misfit = np.empty(n, dtype=np.int64)
+    misfit, told = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.bool_)
     for begin in reversed(begins):
         if begin != begins[-1]:
             metric, numbers = states.pop()
@@ -213,12 +216,14 @@ def _smooth(drive: _Drive, found: _Found) -> None:
         rows = drive.rows(begin, end)
         onward.add_to(rows, drive.ways[begin:end])
         misfit[begin:end] = rows.evidence[np.arange(end - begin), rows.columns[:, 0]]
+        told[begin:end] = rows.factor > 0
         for first in range(0, end - begin, drive.block):
             some = rows.part(first, min(first + drive.block, end - begin))
             found.put(begin + first, some.columns, some.metrics)
     misfit = _largest_around(misfit)
     trust = _mean_trust(found.columns, drive.ways, place_filter.transitions)
-    found.columns[:, -1] = np.maximum(trust - (misfit << TRUST_BITS), 0)
+    found.columns[:, 5] = np.maximum(trust - (misfit << TRUST_BITS), 0)
+    found.columns[:, 6] = _mean_misfit(found.columns[:, 6], told)
 
 
 def _largest_around(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
@@ -233,7 +238,7 @@ def _mean_trust(
     columns: npt.NDArray[np.int64], ways: Sequence[Way], transitions: Transitions
 ) -> npt.NDArray[np.int64]:
     """Return the mean trust of each window and its neighbours, with 0 for those beyond a jump."""
-    place, margin = columns[:, 0].tolist(), columns[:, -1]
+    place, margin = columns[:, 0].tolist(), columns[:, 5]
     total = np.concatenate([[0], np.cumsum(margin)])
     chain = np.zeros(len(place), dtype=np.int64)  # runs without a jump
     for j in range(1, len(place)):
@@ -242,6 +247,19 @@ def _mean_trust(
     first = np.maximum(at - NEIGHBOURS, np.searchsorted(chain, chain, side="left"))
     last = np.minimum(at + NEIGHBOURS, np.searchsorted(chain, chain, side="right") - 1)
     return np.asarray((total[last + 1] - total[first]) // (2 * NEIGHBOURS + 1))
+
+
+def _mean_misfit(
+    misfit: npt.NDArray[np.int64], told: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.int64]:
+    """Return the misfit of smoothed matches, from that of each window that is not a pause."""
+    n = len(misfit)
+    totals = [np.concatenate([[0], np.cumsum(column)]) for column in (misfit * told, told)]
+    first = np.maximum(np.arange(n) - LASTING_NEIGHBOURS, 0)
+    last = np.minimum(np.arange(n) + LASTING_NEIGHBOURS + 1, n)
+    summed, number = (total[last] - total[first] for total in totals)
+    mean = (summed << TRUST_BITS) // np.maximum(number, 1)
+    return np.where(number > 0, np.maximum(mean - USUAL_FIT, 0), 0)
 
 
 # Matching of all query windows of a recorded drive, by sequences or by the place filter.
@@ -341,7 +359,7 @@ def filter_of(
     return PlaceFilter(
         len(places), TransitionCosts.of(settings), settings.exclusion_places,
         activity_of_drive(events[::number]), place_activity=place_activity(events, number),
-        jumps=jumps, along_mm=along_mm,
+        jumps=jumps, along_mm=along_mm, typical=typical_distances(places.counts),
     )  # fmt: skip
 
 
@@ -375,8 +393,8 @@ def match_by_filter(
     found = filter_drive(
         place_filter, index, queries, odometry, smooth=settings.smooth, delay=settings.late
     )
-    place, metric, second, second_metric, ties, trust = found.columns.T
-    probability, lost = acceptance.acceptance(trust)
+    place, metric, second, second_metric, ties, trust, misfit = found.columns.T
+    probability, lost = acceptance.acceptance(net_trust(trust, misfit))
     return Matches(
         settings=settings,
         places_in_map=index.places,
@@ -389,6 +407,7 @@ def match_by_filter(
         ties=ties,
         candidates=found.candidates,
         trust=trust,
+        misfit=misfit,
         probability=probability,
         lost=lost,
     )

@@ -19,6 +19,7 @@ from edge_vpr.archive import (
     whole_number,
     write_archive,
 )
+from edge_vpr.confidence import MISFIT_SHIFT, NO_MISFIT, net_trust
 from edge_vpr.errors import MapError, MissingExtraError, expect
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.files import replacing
@@ -134,6 +135,8 @@ class Matches(EqualByValue):
     trust : ndarray of int64, shape (n,)
         Higher is surer: of the place filter, see `place_filter.FilterMatch`; of sequences, the
         margin.
+    misfit : ndarray of int64, shape (n,)
+        0 where views are like the map's, see `place_filter.FilterMatch`; -1 of sequences.
     probability : ndarray of float64, shape (n,)
         That the match is right, see `confidence.Confidence`; NaN where it is not known.
     lost : ndarray of bool, shape (n,)
@@ -151,6 +154,7 @@ class Matches(EqualByValue):
     ties: npt.NDArray[np.int64]
     candidates: npt.NDArray[np.int64]
     trust: npt.NDArray[np.int64]
+    misfit: npt.NDArray[np.int64]
     probability: npt.NDArray[np.float64]
     lost: npt.NDArray[np.bool_]
 
@@ -180,6 +184,11 @@ class Matches(EqualByValue):
     def second_distance(self) -> npt.NDArray[np.float64]:
         """Distance D_seq of the second-best place; NaN if there is none."""
         return np.where(self.second < 0, np.nan, self.second_sum / self.settings.windows_per_match)
+
+    @property
+    def net_trust(self) -> npt.NDArray[np.int64]:
+        """What the probability depends on, see `confidence.net_trust`."""
+        return net_trust(self.trust, self.misfit)
 
     @property
     def margin(self) -> npt.NDArray[np.float64]:
@@ -218,6 +227,7 @@ class Matches(EqualByValue):
             ties=np.zeros(n, dtype=np.int64),
             candidates=rows["place"][:, None],
             trust=rows["trust"],
+            misfit=rows["misfit"],
             probability=rows["probability"],
             lost=rows["lost"],
         )
@@ -256,6 +266,7 @@ class Matches(EqualByValue):
                 whole_number(meta, "places_in_map", 1, TIME_LIMIT_US),
                 **{name: arrays[name] for name in _COLUMNS if name not in _LATER},
                 trust=arrays.get("trust", arrays["second_sum"] - arrays["distance_sum"]),
+                misfit=arrays.get("misfit", np.full(arrays["query"].shape, NO_MISFIT)),
                 probability=arrays.get("probability", np.full(arrays["query"].shape, np.nan)),
                 lost=arrays.get("lost", np.zeros(arrays["query"].shape, dtype=np.bool_)),
             )
@@ -296,10 +307,10 @@ _COLUMNS = tuple(field.name for field in fields(Matches))[2:]  # all arrays
 #: are `time_us` in arrays
 TABLE = (
     "query", "time_s", "place", "distance", "second", "second_distance", "ratio", "trust",
-    "probability", "lost",
+    "misfit", "probability", "lost",
 )  # fmt: skip
 #: columns that older files do not have
-_LATER = ("trust", "probability", "lost")
+_LATER = ("trust", "misfit", "probability", "lost")
 
 
 def check_matches(matches: Matches) -> None:
@@ -320,6 +331,7 @@ def check_matches(matches: Matches) -> None:
         "query": (0, TIME_LIMIT_US), "time_us": (-TIME_LIMIT_US, TIME_LIMIT_US), "place": (0, last),
         "distance_sum": (0, TIME_LIMIT_US), "second": (-1, last), "second_sum": (-1, TIME_LIMIT_US),
         "ties": (0, last), "candidates": (-1, last), "trust": (-TIME_LIMIT_US, TIME_LIMIT_US),
+        "misfit": (NO_MISFIT, TIME_LIMIT_US >> MISFIT_SHIFT),
     }  # fmt: skip
     for name, (least, most) in limits.items():
         column = getattr(matches, name)
@@ -345,7 +357,7 @@ def write_csv(path: str | Path, matches: Matches, route: Route | None = None) ->
     Parameters
     ----------
     matches : Matches
-        Fields are empty where there is no second, where the probability is not known, and of
+        Fields are empty where there is no second, where misfit or probability are not known, and of
         ``lost`` where no precision is wanted.
     route : Route, optional
         Adds the coordinates of the matched place, metres along the route, and the interval of the
@@ -363,7 +375,9 @@ def write_csv(path: str | Path, matches: Matches, route: Route | None = None) ->
             row = [int(matches.query[i]), f"{time_s[i]:.6f}"]
             row += [int(matches.place[i]), f"{distance[i]:.6g}", "" if second < 0 else second]
             row += [_field(second_distance[i], "{:.6g}"), _field(ratio[i], "{:.6f}")]
-            row += [int(matches.trust[i]), _field(matches.probability[i], "{:.4f}")]
+            misfit = int(matches.misfit[i])
+            row += [int(matches.trust[i]), "" if misfit < 0 else misfit]
+            row.append(_field(matches.probability[i], "{:.4f}"))
             row.append(int(matches.lost[i]) if rejects else "")
             for name, column in where.items():
                 row.append(_field(column[i], "{:.2f}" if name in ALONG else "{:.7f}"))

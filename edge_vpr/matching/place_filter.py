@@ -143,6 +143,8 @@ class StepTable(NamedTuple):
         Pairs of places, from and to, that follow each other without a step.
     activity : ndarray of int32, shape (K,)
         Of each place, see `place_activity`.
+    typical : ndarray of int64, shape (K,)
+        Of each place, see `distances.typical_distances`.
     """
 
     costs: Metrics
@@ -151,6 +153,7 @@ class StepTable(NamedTuple):
     restart: int
     jumps: npt.NDArray[np.int32]
     activity: npt.NDArray[np.int32]
+    typical: npt.NDArray[np.int64]
 
 
 @kernel
@@ -342,6 +345,8 @@ class Transitions:
     along_mm : ndarray of int64, shape (K,), optional
         Millimetres that the reference had driven at each place, not falling: what odometry of a
         query is compared with.
+    typical : ndarray of int64, shape (K,), optional
+        See `distances.typical_distances`; 0 by default.
 
     Raises
     ------
@@ -363,6 +368,7 @@ class Transitions:
         place_activity: npt.NDArray[np.int32] | None = None,
         jumps: npt.NDArray[np.int32] | None = None,
         along_mm: npt.NDArray[np.int64] | None = None,
+        typical: npt.NDArray[np.int64] | None = None,
     ) -> None:
         if places < 1:
             raise UsageError(f"a map of {places} places: expected at least 1")
@@ -372,9 +378,11 @@ class Transitions:
         if place_activity is None:
             place_activity = np.zeros(places, dtype=np.int32)
         check_activity(place_activity, places)
+        if typical is None:
+            typical = np.zeros(places, dtype=np.int64)
         self.by_step = StepTable(
             costs.scaled, costs.first, costs.last, costs.restart << FRACTION_BITS, self.jumps,
-            place_activity,
+            place_activity, typical,
         )  # fmt: skip
         self._along = along_mm
         self._spacing = self._rate = 0
@@ -496,6 +504,8 @@ def _limited(travelled_mm: int) -> int:
 EVIDENCE_TOP = (1 << 8) - 1
 #: fraction bits of the reciprocal of the spread
 RECIPROCAL_BITS = 16
+#: fraction bits of the product of this reciprocal and a weight, without those of evidence
+FACTOR_SHIFT = RECIPROCAL_BITS - FRACTION_BITS + WEIGHT_BITS
 #: support, in units of 1/16 of a margin, moves by 1/4 of the difference in each window
 TRUST_SHIFT, TRUST_BITS = 2, 4
 #: while the place stays the same, support falls by 1/16 in each window
@@ -560,6 +570,61 @@ def trust_of(support: int, misfit: int) -> int:
 def misfit_of(evidence: int) -> int:
     """Return the evidence against the matched place, limited to `MISFIT_TOP`."""
     return min(int(evidence), MISFIT_TOP)
+
+
+#: the running misfit moves by 1/16 of the difference in each window, and has 4 more fraction bits
+LASTING_SHIFT, LASTING_BITS = 4, 4
+#: running misfit at the begin, and where the misfit of a match is 0: windows of drives along the
+#: map in its own light are lower on average
+USUAL_FIT = -80
+#: a smoothed drive has the mean of so many windows before and after a match
+LASTING_NEIGHBOURS = 16
+
+
+@kernel
+def window_misfit(
+    evidence: npt.NDArray[np.uint8], place: int, typical: npt.NDArray[np.int64], factor: int
+) -> int:
+    """Return how badly a window fits the matched place, compared with all places.
+
+    A view of another place, or in another light, has some place that it resembles most, too. But
+    the path cannot follow these, so that the matched place is as far from the view as any.
+
+    Parameters
+    ----------
+    evidence : ndarray of uint8, shape (K,)
+        Of the window.
+    typical : ndarray of int64, shape (K,)
+        Places without contrast are nearer to any view; this is subtracted.
+    factor : int
+        Of the evidence, see `WindowRows`; 0 of a window that says nothing.
+
+    Returns
+    -------
+    int
+        Evidence against the place, less the advantage of the place over the mean of all, each up
+        to 23: -23 to 46.
+    """
+    total = np.int64(0)
+    for k in range(evidence.size):
+        total += np.int64(evidence[k])
+    nearer = (np.int64(typical[place]) * factor) >> FACTOR_SHIFT
+    advantage = total // evidence.size - np.int64(evidence[place]) + nearer
+    return misfit_of(evidence[place]) - int(min(max(advantage, -MISFIT_TOP), MISFIT_TOP))
+
+
+@kernel
+def lasting_misfit_after(before: int, misfit: int, factor: int) -> int:
+    """Return the running mean of `window_misfit` after a window, in units of 1/256 of a metric."""
+    if factor == 0:
+        return before
+    return before + (((misfit << (TRUST_BITS + LASTING_BITS)) - before) >> LASTING_SHIFT)
+
+
+@kernel
+def shown_misfit(lasting: int) -> int:
+    """Return the misfit that a match is given with, in units of 1/16 of a metric, as trust has."""
+    return max((lasting >> LASTING_BITS) - USUAL_FIT, 0)
 
 
 @kernel
@@ -668,7 +733,9 @@ def _first_least(metric: Metrics, begin: int, end: int) -> int:
 
 
 #: State of a filter between two windows, in addition to its metrics; see `PlaceFilter`.
-NUMBER_NAMES = ("reciprocal", "mean_activity", "place", "support", "misfit", "misfit_before")
+NUMBER_NAMES = (
+    "reciprocal", "mean_activity", "place", "support", "misfit", "misfit_before", "lasting_misfit",
+)  # fmt: skip
 #: with the activity for which the prediction holds, or one of the two below
 NUMBERS = np.dtype([(name, np.int64) for name in (*NUMBER_NAMES, "predicted_for")])
 #: there is no prediction yet; it is by odometry, and holds for any activity
@@ -701,7 +768,7 @@ class WindowRows(NamedTuple):
 
     Attributes
     ----------
-    columns : ndarray of int64, shape (n, 6)
+    columns : ndarray of int64, shape (n, 7)
         Of `FilterMatch`.
     metrics : ndarray of int32, shape (n, K)
         After each window.
@@ -709,34 +776,39 @@ class WindowRows(NamedTuple):
         Which each window added.
     activity : ndarray of int32, shape (n,)
         Of each window, see `activity_of`.
+    factor : ndarray of int64, shape (n,)
+        Evidence for a difference of distances, in units of 2**-17; 0 of a pause.
     """
 
     columns: npt.NDArray[np.int64]
     metrics: Metrics
     evidence: npt.NDArray[np.uint8]
     activity: npt.NDArray[np.int32]
+    factor: npt.NDArray[np.int64]
 
     @classmethod
     def empty(cls, windows: int, places: int) -> WindowRows:
         """Return uninitialised rows."""
         return cls(
-            np.empty((windows, 6), dtype=np.int64),
+            np.empty((windows, 7), dtype=np.int64),
             np.empty((windows, places), dtype=np.int32),
             np.empty((windows, places), dtype=np.uint8),
             np.empty(windows, dtype=np.int32),
+            np.empty(windows, dtype=np.int64),
         )
 
     def part(self, first: int, last: int) -> WindowRows:
         """Return the rows of the windows from `first` to before `last`, in the same memory."""
         return WindowRows(
             self.columns[first:last], self.metrics[first:last], self.evidence[first:last],
-            self.activity[first:last],
+            self.activity[first:last], self.factor[first:last],
         )  # fmt: skip
 
     def take(self, others: WindowRows) -> None:
         """Copy the rows of as many other windows."""
         self.columns[:], self.metrics[:] = others.columns, others.metrics
         self.evidence[:], self.activity[:] = others.evidence, others.activity
+        self.factor[:] = others.factor
 
 
 @kernel
@@ -767,7 +839,7 @@ def update_windows(
     for i in range(len(distances)):
         row = rows.columns[i]
         rows.activity[i] = activity_of(events[i], now.mean_activity)
-        support, misfit = match_window(
+        support, misfit, lasting, rows.factor[i] = match_window(
             state, steps, exclusion, distances[i], events[i], rows.evidence[i], rows.metrics[i], row
         )
         if not is_pause(events[i], now.mean_activity):
@@ -775,7 +847,7 @@ def update_windows(
         now.mean_activity = mean_activity_after(now.mean_activity, events[i])
         now.place, now.support = row[0], support
         now.misfit_before = now.misfit
-        now.misfit = misfit
+        now.misfit, now.lasting_misfit = misfit, lasting
         now.predicted_for = NOT_PREDICTED
         for k in range(state.metric.size):
             state.metric[k] = rows.metrics[i, k]
@@ -791,7 +863,7 @@ def match_window(
     evidence: npt.NDArray[np.uint8],
     metric: Metrics,
     row: npt.NDArray[np.int64],
-) -> tuple[int, int]:
+) -> tuple[int, int, int, int]:
     """Match a window, finished or not, without advancing the filter.
 
     Parameters
@@ -806,13 +878,15 @@ def match_window(
         Written to: what the window adds at each place.
     metric : ndarray of int32, shape (K,)
         Written to: the metric of each place.
-    row : ndarray of int64, shape (6,)
+    row : ndarray of int64, shape (7,)
         Of `FilterMatch`; all three are written to.
 
     Returns
     -------
-    support, misfit : int
-        Of the match.
+    support, misfit, lasting : int
+        Of the match; see `lasting_misfit_after`.
+    factor : int
+        See `WindowRows`.
     """
     now = state.numbers[0]
     activity = activity_of(events, now.mean_activity)
@@ -839,14 +913,19 @@ def match_window(
     support = support_after(now.support if follows else 0, place == now.place, margin)
     misfit = misfit_of(evidence[place])
     row[5] = trust_of(support, max(misfit, now.misfit, now.misfit_before))
-    return support, misfit
+    factor = scale * weight
+    lasting = lasting_misfit_after(
+        now.lasting_misfit, window_misfit(evidence, place, steps.typical, factor), factor
+    )
+    row[6] = shown_misfit(lasting)
+    return support, misfit, lasting, factor
 
 
 @kernel
 def write_match(
     metric: Metrics, place: int, second: int, ties: int, row: npt.NDArray[np.int64]
 ) -> int:
-    """Write a match without its trust, and return its margin.
+    """Write a match without its trust and misfit, and return its margin.
 
     Parameters
     ----------
@@ -854,7 +933,7 @@ def write_match(
         Cost of each place.
     place, second, ties : int
         Of `least_and_second`.
-    row : ndarray of int64, shape (6,)
+    row : ndarray of int64, shape (7,)
         Of `FilterMatch`; written to.
     """
     row[0], row[1], row[2], row[3], row[4] = place, metric[place], second, -1, ties
@@ -887,8 +966,9 @@ def smooth_windows(
         See `WindowRows`.
     summed : ndarray of int32, shape (n, K)
         Metrics; after the call, the cost of the best path through each place.
-    columns : ndarray of int64, shape (n, 6)
-        Of `FilterMatch`, written to; its trust is the margin, in units of 1/16 of a metric.
+    columns : ndarray of int64, shape (n, 7)
+        Of `FilterMatch`, written to but for the misfit; its trust is the margin, in units of 1/16
+        of a metric.
     """
     costs = np.empty((steps.costs.shape[1], onward.size), dtype=np.int16)
     for i in range(len(summed) - 1, -1, -1):
@@ -910,8 +990,8 @@ def match_summed(
         After the call, the cost of the best path through each place.
     onward : ndarray of int16, shape (K,)
         Cost of going on from each place.
-    row : ndarray of int64, shape (6,)
-        Of `FilterMatch`, written to but for its trust.
+    row : ndarray of int64, shape (7,)
+        Of `FilterMatch`, written to but for its trust and misfit.
 
     Returns
     -------
@@ -950,11 +1030,9 @@ def go_back(
     move(ahead, steps, costs, np.bool_(True), onward)
 
 
-#: State of `HeldWindows`: number of the first window, how many there are, and of the match before
-#: them the place, support, and misfit, with the misfit of the one before that
-HELD = np.dtype(
-    [(name, np.int64) for name in ("first", "windows", "place", "support", *NUMBER_NAMES[-2:])]
-)
+#: State of `HeldWindows`: number of the first window, how many there are, and what `NUMBER_NAMES`
+#: tells of the match before them
+HELD = np.dtype([(name, np.int64) for name in ("first", "windows", *NUMBER_NAMES[2:])])
 
 
 class HeldWindows(NamedTuple):
@@ -966,6 +1044,7 @@ class HeldWindows(NamedTuple):
         Window i is at ``i % (N + 1)`` of each ring.
     metrics : ndarray of int32, shape (N + 1, K)
     evidence : ndarray of uint8, shape (N + 1, K)
+    factor : ndarray of int64, shape (N + 1,)
         See `WindowRows`.
     costs : ndarray of int16, shape (N + 1, steps, K)
         Of `write_costs`, which all backward passes over a window use.
@@ -978,6 +1057,7 @@ class HeldWindows(NamedTuple):
     numbers: Any
     metrics: Metrics
     evidence: npt.NDArray[np.uint8]
+    factor: npt.NDArray[np.int64]
     costs: Narrow
     onward: Narrow
     ahead: Narrow
@@ -987,12 +1067,13 @@ class HeldWindows(NamedTuple):
     def empty(cls, delay: int, transitions: Transitions) -> HeldWindows:
         """Return room for windows that wait for `delay` others."""
         room, places = delay + 1, transitions.places
-        numbers = np.array([(0, 0, -1, 0, 0, 0)], dtype=HELD)
+        numbers = np.array([(0, 0, -1, 0, 0, 0, USUAL_FIT << LASTING_BITS)], dtype=HELD)
         steps = transitions.by_step.costs.shape[1]
         return cls(
             numbers.view(np.recarray),
             np.empty((room, places), dtype=np.int32),
             np.empty((room, places), dtype=np.uint8),
+            np.empty(room, dtype=np.int64),
             np.empty((room, steps, places), dtype=np.int16),
             *np.empty((2, places), dtype=np.int16),
             np.empty(places, dtype=np.bool_),
@@ -1023,7 +1104,7 @@ def match_late(
         Whether `onward` has yet to be computed, by steps. If not, there is one window to match.
     travelled : bool
         Whether `follows` is known.
-    columns : ndarray of int64, shape (n + N, 6)
+    columns : ndarray of int64, shape (n + N, 7)
         Of `FilterMatch`; written to.
     metrics : ndarray of int32, shape (n + N, K)
         Cost of the best path through each place; written to.
@@ -1041,6 +1122,7 @@ def match_late(
             for k in range(places):
                 held.metrics[at, k] = rows.metrics[added, k]
                 held.evidence[at, k] = rows.evidence[added, k]
+            held.factor[at] = rows.factor[added]
             write_costs(steps, np.int64(rows.activity[added]), held.costs[at])
             now.windows += 1
             added += 1
@@ -1067,6 +1149,10 @@ def match_late(
         row[5] = trust_of(now.support, max(misfit, now.misfit, now.misfit_before))
         now.misfit_before = now.misfit
         now.misfit, now.place = misfit, place
+        factor = held.factor[at]
+        of_window = window_misfit(held.evidence[at], place, steps.typical, factor)
+        now.lasting_misfit = lasting_misfit_after(now.lasting_misfit, of_window, factor)
+        row[6] = shown_misfit(now.lasting_misfit)
         now.first += 1
         now.windows -= 1
         matched += 1
@@ -1089,6 +1175,9 @@ class FilterMatch(NamedTuple):
         (second metric less the least) of this window and those before, less its misfit, which is
         the largest evidence against the matched places of this window and the two before. See
         `support_after` and `trust_of`.
+    misfit : int
+        How much worse than usual the last sixteen windows or so fit the places that were matched,
+        from 0 (as in a drive along the map in its own light); see `window_misfit`.
     """
 
     place: int
@@ -1097,6 +1186,7 @@ class FilterMatch(NamedTuple):
     second_metric: int
     ties: int
     trust: int
+    misfit: int
 
 
 class PlaceFilter:
@@ -1111,7 +1201,7 @@ class PlaceFilter:
     mean_activity : int
         Events that a window of the reference has at the selected pixels on average, in units of
         1/256 event; 0 if only windows without events are pauses.
-    place_activity, jumps, along_mm : ndarray, optional
+    place_activity, jumps, along_mm, typical : ndarray, optional
         Of the map, see `Transitions`.
 
     Attributes
@@ -1121,7 +1211,7 @@ class PlaceFilter:
         evidence (0 before the first, and after a spread above 2**16: then the window's own does);
         `mean_activity`, how many events a window usually has; `place` and `support` of the latest
         match (the place is -1 before the first); `misfit` of the latest match and `misfit_before`
-        of the one before it, see `trust_of`.
+        of the one before it, see `trust_of`; and `lasting_misfit`, see `lasting_misfit_after`.
     """
 
     def __init__(
@@ -1134,10 +1224,12 @@ class PlaceFilter:
         place_activity: npt.NDArray[np.int32] | None = None,
         jumps: npt.NDArray[np.int32] | None = None,
         along_mm: npt.NDArray[np.int64] | None = None,
+        typical: npt.NDArray[np.int64] | None = None,
     ) -> None:
-        self.transitions = Transitions(places, costs, place_activity, jumps, along_mm)
+        self.transitions = Transitions(places, costs, place_activity, jumps, along_mm, typical)
         self.exclusion = exclusion
-        numbers = np.array([(0, mean_activity, -1, 0, 0, 0, NOT_PREDICTED)], dtype=NUMBERS)
+        begin = (0, mean_activity, -1, 0, 0, 0, USUAL_FIT << LASTING_BITS, NOT_PREDICTED)
+        numbers = np.array([begin], dtype=NUMBERS)
         metric, prediction = np.zeros(places, dtype=np.int32), np.zeros(places, dtype=np.int16)
         self.state = FilterState(
             numbers.view(np.recarray), metric, prediction, np.zeros(places, dtype=np.bool_)

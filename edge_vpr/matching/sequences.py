@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.confidence import Acceptance
+from edge_vpr.confidence import NO_MISFIT, Acceptance
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.distances import best_matches
 from edge_vpr.matching.matches import Matches, margin_to_second, nearest_places
@@ -142,6 +142,7 @@ def sequence_matches(
         ties=ties,
         candidates=np.where(candidates < 0, -1, candidates + offset),
         trust=trust,
+        misfit=np.full(trust.shape, NO_MISFIT, dtype=np.int64),
         probability=probability,
         lost=lost,
     )

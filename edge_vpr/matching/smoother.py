@@ -23,11 +23,12 @@ from edge_vpr.matching.place_filter import (
     go_back,
     match_late,
     smooth_windows,
+    window_misfit,
 )
 
 #: Distance driven since the window before, in millimetres; None where it is not known.
 Way = int | None
-#: Columns of `FilterMatch`, shape (m, 6), and costs of the best path through each place, (m, K).
+#: Columns of `FilterMatch`, shape (m, 7), and costs of the best path through each place, (m, K).
 Late = tuple[npt.NDArray[np.int64], Metrics]
 
 
@@ -52,7 +53,8 @@ class BackwardPass:
         ----------
         rows : WindowRows
             Of n windows; their metrics become the costs of the best path through each place, and
-            their columns the matches by these, with the margin as trust.
+            their columns the matches by these, with the margin as trust and `window_misfit` as
+            misfit.
         ways : sequence of int or None
             Of each window.
         """
@@ -65,6 +67,9 @@ class BackwardPass:
             way = ways[first]
             if way is not None:
                 _travel_back(self._transitions, self._ahead, way, self._onward)
+        typical = self._transitions.by_step.typical
+        for evidence, factor, found in zip(rows.evidence, rows.factor, rows.columns, strict=True):
+            found[6] = window_misfit(evidence, found[0], typical, factor)
 
 
 def _travel_back(
@@ -102,7 +107,7 @@ class FixedLag:
 
         Returns
         -------
-        columns : ndarray of int64, shape (m, 6)
+        columns : ndarray of int64, shape (m, 7)
             Of `FilterMatch`.
         metrics : ndarray of int32, shape (m, K)
             Cost of the best path through each place.
@@ -116,7 +121,7 @@ class FixedLag:
     def _match(self, rows: WindowRows, ways: Sequence[Way], delay: int) -> Late:
         self._ways.extend(ways)
         number = max(len(self._ways) - delay, 0)
-        columns = np.empty((number, 6), dtype=np.int64)
+        columns = np.empty((number, 7), dtype=np.int64)
         metrics = np.empty((number, self._transitions.places), dtype=np.int32)
         if all(way is None for way in self._ways):
             match_late(

@@ -9,6 +9,7 @@ from numba import config, types
 from numba.extending import intrinsic
 
 from edge_vpr.compiling import kernel
+from edge_vpr.confidence import MISFIT_SHIFT, MOST_TRUST, NO_MISFIT
 from edge_vpr.descriptors.counting import select_events
 from edge_vpr.errors import EventError
 from edge_vpr.events import TIME_LIMIT_US, Events
@@ -487,6 +488,7 @@ def sequence_answer(sums, total, c, length, row):
     second, second_least = _second(sums, total.sums, best, c.exclusion, c.places)
     best_sum, second_sum = np.int64(least) + total.common, np.int64(-1)
     row["place"], row["second"], row["trust"] = best + length - 1, -1, 0
+    row["misfit"] = NO_MISFIT
     if second >= 0:
         row["second"] = second + length - 1
         second_sum = np.int64(second_least) + total.common
@@ -570,7 +572,7 @@ def filter_answer(state, steps, rows, sums, c, events, row):
     if c.change and best == c.last_reported:
         return False
     c.last_reported = best
-    row["place"], row["second"], row["trust"] = best, second, found[5]
+    row["place"], row["second"], row["trust"], row["misfit"] = best, second, found[5], found[6]
     write_distances(row, least, second_least, 1)
     return True
 
@@ -582,20 +584,23 @@ def acceptance(row, trust, probability, least_trust):
     Parameters
     ----------
     row : record of MATCH_DTYPE
-        With its trust.
+        With its trust and misfit.
     trust : ndarray of int64, shape (m,)
-        Lowest trust of each step of the probability.
+        Lowest net trust of each step of the probability.
     probability : ndarray of float64, shape (m,)
         Steps of `Confidence`; m is 0 where nothing is known.
     least_trust : int
-        Of a match that is not lost.
+        Net, of a match that is not lost.
     """
-    row["probability"], row["lost"] = np.nan, row["trust"] < least_trust
+    net = row["trust"]
+    if row["misfit"] >= 0:  # as `net_trust`
+        net = min(net, MOST_TRUST) - (row["misfit"] << MISFIT_SHIFT)
+    row["probability"], row["lost"] = np.nan, net < least_trust
     first, last = 0, trust.size - 1  # binary search: the step lies between these two
     if last >= 0:
         while first < last:
             middle = (first + last + 1) // 2
-            if trust[middle] <= row["trust"]:
+            if trust[middle] <= net:
                 first = middle
             else:
                 last = middle - 1

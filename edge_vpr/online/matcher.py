@@ -34,6 +34,7 @@ from edge_vpr.online.state import (
     OnlineWindows,
     OwnCodes,
     SlidingWindows,
+    filter_state,
     grown,
 )
 from edge_vpr.route import Odometer
@@ -429,7 +430,7 @@ class FilterRun(MatchRun):
         """Restore the state from the arrays of `to_arrays`."""
         super().resume(arrays)
         found = self.place_filter
-        *numbers, self._windows = arrays["filter_state"].tolist()
+        *numbers, self._windows = filter_state(arrays)
         found.resume(arrays["filter_metric"], numbers)
         if "filter_odometer" in arrays:
             found.transitions.check_odometry()
@@ -545,7 +546,8 @@ class DelayedRun(FilterRun):
             row, match = self._undecided.popleft(), FilterMatch(*column)
             if row is None:
                 continue
-            row["place"], row["second"], row["trust"] = match.place, match.second, match.trust
+            row["place"], row["second"] = match.place, match.second
+            row["trust"], row["misfit"] = match.trust, match.misfit
             write_distances(row, match.metric, match.second_metric, 1)
             acceptance(
                 row, self._followed.trust, self._followed.probability, self._control.least_trust

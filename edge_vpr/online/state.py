@@ -16,11 +16,14 @@ from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.distances import ReferenceIndex, aligned_zeros
 from edge_vpr.matching.place_filter import (
+    LASTING_BITS,
     METRIC_TOP,
     MISFIT_TOP,
     NUMBER_NAMES,
     RECIPROCAL_BITS,
+    TRUST_BITS,
     TRUST_TOP,
+    USUAL_FIT,
     FilterState,
     PlaceFilter,
     StepTable,
@@ -522,6 +525,7 @@ MATCH_DTYPE = np.dtype(
         ("start_us", "<i8"),  # of the newest window
         # the higher the surer: of `place_filter.FilterMatch`, or with sequences the margin
         ("trust", "<i8"),
+        ("misfit", "<i8"),  # of `place_filter.FilterMatch`; -1 with sequences
         ("probability", "<f8"),  # of being right; NaN: not known
         ("lost", "?"),  # below the precision of the settings
     ]
@@ -776,6 +780,22 @@ def _bounds(arrays: Arrays, window: Window, length: int, now_us: int) -> npt.NDA
     return np.maximum(last - lags * window.events, 0)
 
 
+def filter_state(arrays: Arrays) -> list[int]:
+    """Return the numbers of the place filter of a saved localiser, and of finished windows.
+
+    Raises
+    ------
+    MapError
+        If there are others than those of this version, or of one that had no misfit of matches.
+    """
+    numbers = arrays["filter_state"]
+    earlier = len(NUMBER_NAMES)  # without the lasting misfit
+    shape = (earlier if numbers.shape == (earlier,) else earlier + 1,)
+    check_array(numbers, "filter_state", (np.int64,), shape)
+    found = numbers.tolist()
+    return found if len(found) > earlier else [*found[:-1], USUAL_FIT << LASTING_BITS, found[-1]]
+
+
 def check_filter_state(
     arrays: Arrays, places: int, window: Window, every: MatchSchedule, floor_us: int
 ) -> None:
@@ -797,8 +817,7 @@ def check_filter_state(
     """
     check_array(arrays["filter_metric"], "filter_metric", (np.int32,), (places,))
     check_range(arrays["filter_metric"], "filter_metric", 0, METRIC_TOP)
-    check_array(arrays["filter_state"], "filter_state", (np.int64,), (len(NUMBER_NAMES) + 1,))
-    reciprocal, mean_activity, place, support, *misfits, windows = arrays["filter_state"].tolist()
+    reciprocal, mean_activity, place, support, *misfits, lasting, windows = filter_state(arrays)
     ended = floor_us // window.tau_us if isinstance(window, FixedTime) else (
         int(arrays["bound"][0]) // window.events
     )  # fmt: skip
@@ -808,6 +827,7 @@ def check_filter_state(
         and (0 <= place < places if windows else place == -1)
         and 0 <= support <= TRUST_TOP
         and 0 <= min(misfits) <= max(misfits) <= MISFIT_TOP
+        and abs(lasting) <= 2 * MISFIT_TOP << (TRUST_BITS + LASTING_BITS)
     )
     if not within or windows != ended:
         raise MapError(

@@ -22,7 +22,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import descriptors, random_events
 
-from edge_vpr.confidence import LEARNT_DELAYS, Acceptance, Confidence, default_confidence
+from edge_vpr.confidence import (
+    LEARNT_DELAYS,
+    Acceptance,
+    Confidence,
+    default_confidence,
+    net_trust,
+)
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.evaluation.calibration import isotonic, learn_confidence, reliability
@@ -207,7 +213,7 @@ def test_a_table_travels_with_its_map_and_with_the_state_of_a_localiser(tmp_path
     localiser = Localiser(loaded)
     rows = localiser.update(events[:200])
     assert set(rows["probability"]) <= {0.25, 0.75} and set(rows["lost"]) == {True, False}
-    assert np.array_equal(rows["lost"], rows["trust"] < 8)
+    assert np.array_equal(rows["lost"], net_trust(rows["trust"], rows["misfit"]) < 8)
     localiser.save(tmp_path / "state.npz")
     resumed = Localiser.load(tmp_path / "state.npz")
     assert np.array_equal(resumed.update(events[200:]), localiser.update(events[200:]))
@@ -235,7 +241,8 @@ def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, caps
     assert main([*match, "-o", str(tmp_path / "a"), "--precision", "0.99"]) == 0
     with (tmp_path / "a" / "matches.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    expected = default_confidence().probability_of(np.array([int(row["trust"]) for row in rows]))
+    trust, misfit = (np.array([int(row[name]) for row in rows]) for name in ("trust", "misfit"))
+    expected = default_confidence().probability_of(net_trust(trust, misfit))
     assert [row["probability"] for row in rows] == [f"{p:.4f}" for p in expected]
     assert {row["lost"] for row in rows} == {"0", "1"}
     assert list(rows[0])[-2:] == ["probability", "lost"]
@@ -260,11 +267,11 @@ def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, caps
     assert learnt is not None and learnt.matches.sum() == len(rows)
     assert main(["match", sure, recording, "-o", str(tmp_path / "b"), "--no-figures"]) == 0
     again = Matches.load(tmp_path / "b" / "matches.npz")
-    assert np.array_equal(again.probability, learnt.probability_of(again.trust))
+    assert np.array_equal(again.probability, learnt.probability_of(again.net_trust))
     assert main(["match", sure, recording, "-o", str(tmp_path / "c"), "--no-figures", "--online",
                  "--every", "window"]) == 0  # fmt: skip
     live = Matches.load(tmp_path / "c" / "matches.npz")
-    assert np.array_equal(live.probability, learnt.probability_of(live.trust))
+    assert np.array_equal(live.probability, learnt.probability_of(live.net_trust))
     capsys.readouterr()
     assert main(["calibrate", str(tmp_path / "a"), *given, "-o", sure]) == 2
     assert "exists" in capsys.readouterr().err

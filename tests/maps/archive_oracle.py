@@ -149,12 +149,14 @@ def _compare_matches(
             rows.append((best + offset, column[best], named, least, trust))
     names = ("place", "distance_sum", "second", "second_sum", "trust")
     assert list(zip(*(getattr(found, name).tolist() for name in names), strict=True)) == rows
-    _compare_judged(reference, found.trust, found.probability, found.lost)
+    _compare_judged(reference, found)
 
 
-def _compare_judged(reference: ReferenceMap, trust, probability, lost) -> None:  # type: ignore[no-untyped-def]
+def _compare_judged(reference: ReferenceMap, found: Matches) -> None:
     table, wanted = _table(reference), reference.settings.precision
-    for value, p, gone in zip(trust.tolist(), probability.tolist(), lost.tolist(), strict=True):
+    columns = found.trust, found.misfit, found.probability, found.lost
+    for trust, misfit, p, gone in zip(*(column.tolist() for column in columns), strict=True):
+        value = naive.net_trust(trust, misfit)
         if table is None:
             assert p != p and not gone
             continue

@@ -60,9 +60,12 @@ def test_metrics_answers_and_trust_equal_the_oracle(
     pairs = random_jumps(rng, places, jumps)
     along, travelled = random_ways(rng, places, windows, spacing)
     seen = rng.integers(-128, 128, places).astype(np.int32)
+    typical = rng.integers(-largest, largest + 1, places)
     found = PlaceFilter(
-        places, costd, exclusion, mean_activity, place_activity=seen, jumps=pairs, along_mm=along
-    )
+        places, costd, exclusion, mean_activity, place_activity=seen, jumps=pairs, along_mm=along,
+        typical=typical,
+    )  # fmt: skip
+    matched, misfits = [], []
     told = naive.place_filter(
         distances.tolist(), events.tolist(), costd.forward, costd.back, costd.restart,
         exclusion, mean_activity, jumps=pairs.tolist(),
@@ -82,6 +85,10 @@ def test_metrics_answers_and_trust_equal_the_oracle(
         assert (answer.place, answer.second, answer.trust) == (best, second, trust)
         assert answer.ties == metric.count(metric[best]) - 1
         assert max(metric) <= METRIC_TOP
+        matched.append(answer.place)
+        misfits.append(answer.misfit)
+    given = distances.tolist(), events.tolist(), mean_activity, matched, typical.tolist()
+    assert misfits == naive.misfit(naive.misfits_of_windows(*given))
 
 
 def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
@@ -154,6 +161,10 @@ def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
         assert found.candidates[j][: min(places, 25)].tolist() == nearest[:25]
     trust = naive.smoothed_trust if delay is None else naive.delayed_trust
     assert found.trust.tolist() == trust(found.place.tolist(), margins, follow, evidence)
+    misfit = naive.smoothed_misfit if delay is None else naive.misfit
+    given = distances, events.tolist(), mean_activity, found.place.tolist()
+    of_windows = naive.misfits_of_windows(*given, naive.typical(reference.tolist()))
+    assert found.misfit.tolist() == misfit(of_windows)
 
 
 def readings(travelled):
@@ -414,6 +425,11 @@ def test_matches_of_a_traverse_are_those_of_the_oracle(seed, places, queries):
     assert found.place.tolist() == [best for _, best, _, _ in told]
     assert found.distance_sum.tolist() == [metric[best] for metric, best, _, _ in told]
     assert found.trust.tolist() == [trust for *_, trust in told]
+    of_windows = naive.misfits_of_windows(
+        matrix, query.sum(axis=1).tolist(), 256 * int(reference.sum()) // places,
+        found.place.tolist(), naive.typical(reference.tolist()),
+    )  # fmt: skip
+    assert found.misfit.tolist() == naive.misfit(of_windows)
     assert found.query.tolist() == list(range(queries))
     for i, (metric, *_) in enumerate(told):
         nearest = sorted(range(places), key=lambda k: (metric[k], k))[:25]

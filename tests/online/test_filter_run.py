@@ -164,6 +164,7 @@ def test_at_window_ends_it_says_what_the_batch_says(
         (batch.distance, live["distance"]),
         (batch.second, live["second"]),
         (batch.trust, live["trust"]),
+        (batch.misfit, live["misfit"]),
         (batch.probability, live["probability"]),
         (queries.selected, live["events"]),
     ):
@@ -223,6 +224,7 @@ def test_with_odometry_and_jumps_it_says_at_window_ends_what_the_batch_says(
     assert batch.place.tolist() == live["place"].tolist()
     assert batch.distance.tolist() == live["distance"].tolist()
     assert batch.trust.tolist() == live["trust"].tolist()
+    assert batch.misfit.tolist() == live["misfit"].tolist()
 
 
 def test_with_odometry_the_cut_of_the_stream_and_a_saved_state_change_nothing(tmp_path):

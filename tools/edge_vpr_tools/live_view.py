@@ -21,6 +21,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from edge_vpr.confidence import STRANGE, STRANGE_TEXT
 from edge_vpr.errors import MissingExtraError, printable
 from edge_vpr.events import Sensor
 from edge_vpr.live.session import SILENT_S, LiveResult, LiveStatus, Message, ends_early
@@ -363,6 +364,8 @@ class View:
                 said["certainty"] = f"correct with probability {probability:.2f}"
             if last["lost"]:
                 said["certainty"] += ", lost"
+            if (last["misfit"] or 0) >= STRANGE:
+                said["certainty"] += f", {STRANGE_TEXT}"
             if last["incomplete"]:
                 said["certainty"] += ", incomplete: events were lost"
         elif self._places:

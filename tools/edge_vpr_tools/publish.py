@@ -647,15 +647,15 @@ class MatchRows:
         """
         incomplete = _FLAG[result.incomplete]
         for values in result.matches.tolist():
-            time_us, place, distance, second, after, ratio, events, start, trust, chance, lost = (
-                values
-            )
+            time_us, place, distance, second, after, ratio, events, start, *judged = values
+            trust, misfit, chance, lost = judged
             came_us = host_us - (result.reached_us - time_us) * self._late
             yield (
                 f'{{"kind": "match", "time_s": {time_us / 1e6!r}, "place": {place}, '
                 f'"distance": {distance!r}, "second": {second}, '
                 f'"second_distance": {_number(after)}, "ratio": {_number(ratio)}, '
                 f'"events": {events}, "start_s": {start / 1e6!r}, "trust": {trust}, '
+                f'"misfit": {misfit if misfit >= 0 else "null"}, '
                 f'"probability": {_number(chance)}, "lost": {_FLAG[lost]}, '
                 f'"incomplete": {incomplete}, "host_us": {came_us}'
                 f"{self._where_text(place) if self._where else ''}}}"

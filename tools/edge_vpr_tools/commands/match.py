@@ -107,7 +107,7 @@ def match_online(
     from edge_vpr_tools.inputs import describe_faults, open_from
     from edge_vpr_tools.progress import describe_removed, tracked, warmed_up, warn_if_much
     from edge_vpr_tools.report.formats import read_formats
-    from edge_vpr_tools.runs.matching import export_tracks, report_shift
+    from edge_vpr_tools.runs.matching import export_tracks, report_shift, warn_if_strange
 
     if args.frames_as_windows:
         raise UsageError("--online needs events: leave --frames-as-windows out")
@@ -131,6 +131,7 @@ def match_online(
     matches, metrics = found.matches, found.metrics
     assert isinstance(metrics, OnlineMetrics)
     warn_if_much(found.removed, args.recording, "make the map with --bursts keep")
+    warn_if_strange(matches)
     with results.results_folder(output, args.overwrite) as folder:
         found.write(folder, list(filter(None, (args.map, args.recording, args.odometry))))
         if not args.no_figures:
@@ -166,7 +167,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.inputs import describe_faults, open_source
     from edge_vpr_tools.progress import describe_removed, tracked, warmed_up, warn_if_much
     from edge_vpr_tools.report.formats import read_formats
-    from edge_vpr_tools.runs.matching import export_tracks, report_shift
+    from edge_vpr_tools.runs.matching import export_tracks, report_shift, warn_if_strange
 
     output = Path(args.output)
     inputs = list(filter(None, (args.map, args.recording, args.odometry)))
@@ -206,6 +207,7 @@ def run(args: argparse.Namespace) -> None:
     queries, matches, metrics = found.queries, found.matches, found.metrics
     assert queries is not None and isinstance(metrics, MatchMetrics)
     warn_if_much(found.removed, args.recording, "make the map with --bursts keep")
+    warn_if_strange(matches)
     with results.results_folder(output, args.overwrite) as folder:
         found.write(folder, inputs)
         if not args.no_figures:

@@ -113,7 +113,7 @@ def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> 
         If there is nothing to learn from.
     """
     found = evaluate(matches, truth)
-    trust, correct = matches.trust[found.evaluated], found.correct[found.evaluated]
+    trust, correct = matches.net_trust[found.evaluated], found.correct[found.evaluated]
     confidence = learn_confidence(trust, correct)
     changed = reference.settings.of_trust != matches.settings.of_trust
     if changed:

@@ -1,13 +1,17 @@
-"""Messages on the registration of a query's image with the map."""
+"""Messages on how a query fits its map: the image shifted, or views unlike the map's."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
+from edge_vpr.confidence import STRANGE, STRANGE_TEXT
 from edge_vpr.evaluation.match_tracks import save_match_track
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import MatchResult, ReferenceMap
 from edge_vpr_tools.console import summary, warning
+
+#: share of matches that may be unlike the map without a warning
+_MUCH_STRANGE = 0.25
 
 
 def report_shift(reference: ReferenceMap, found: MatchResult) -> None:
@@ -30,6 +34,16 @@ def report_shift(reference: ReferenceMap, found: MatchResult) -> None:
         f"moved, and {pixels - len(found.reference.pixel_map)} of {pixels} are lost; fix the "
         "mounting, or make a new map"
     )
+
+
+def warn_if_strange(matches: Matches) -> None:
+    """Warn if the views of more than a quarter of the matches are unlike those of the map."""
+    share = float((matches.misfit >= STRANGE).mean())
+    if share > _MUCH_STRANGE:
+        warning(
+            f"{STRANGE_TEXT}, by {share:.0%} of the matches: check that the drive and the map are "
+            "of one route, or map the route in this light too"
+        )
 
 
 def export_tracks(paths: Iterable[str], reference: ReferenceMap, matches: Matches) -> None:

@@ -1,10 +1,11 @@
 """The shipped tables of probabilities on simulated streets that they were not learnt from.
 
-Each street is mapped once and driven in three lights and speed profiles. Each drive has four
+Each street is mapped once and driven in three lights and speed profiles. Each drive has six
 versions: as it was; with a quarter of the places cut out of the map; with a detour through another
-street, as long as a quarter of the drive; and with the camera carried to another part of the street
-and back. Matches of a robot have the running mean of the query, those of whole drives the drive's
-own mean. `learn` learns the tables on other streets, in the same way.
+street, as long as a quarter of the drive; with the camera carried to another part of the street and
+back; backwards; and of another street altogether. Matches of a robot have the running mean of the
+query, those of whole drives the drive's own mean. `learn` learns the tables on other streets, in the
+same way. Queries of `nulls`, whose windows or pixels are shuffled, judge them only.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import QUERY, REFERENCE, Drive, Light, SimulatedRecording, simulate_pair
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
+from edge_vpr_tools.research.experiments.nulls import null_queries
 from edge_vpr_tools.research.experiments.plots import dots
 
 # Drives that leave the map: pieces cut out of a map, a jump, and windows of another street.
@@ -196,6 +198,7 @@ def driven(
 
 
 WHOLE, CUT, DETOUR, CARRIED = "whole", "a piece cut out", "a detour", "carried off twice"
+BACKWARDS, ANOTHER = "backwards", "another route"
 
 
 def versions_of(
@@ -206,7 +209,7 @@ def versions_of(
     Parameters
     ----------
     elsewhere : Descriptors or None
-        Counts of a drive of another street; without it there is no detour.
+        Counts of a drive of another street; without it there is none, and no detour.
     rng : Generator
         Decides where the map and the drive are cut.
     """
@@ -219,7 +222,23 @@ def versions_of(
         away = elsewhere.take(np.arange(start, start + length))
         versions[DETOUR] = with_detour(case, away, int(rng.integers(1, windows)))
     versions[CARRIED] = carried_off(case, windows // 3, 2 * windows // 3)
+    versions[BACKWARDS] = _reordered(case, np.arange(windows)[::-1])
+    if elsewhere is not None:
+        versions[ANOTHER] = of_another_route(case, elsewhere)
     return versions
+
+
+def of_another_route(case: Case, elsewhere: Descriptors) -> Case:
+    """Return the map of a case with a drive of another route."""
+    nowhere = np.zeros((len(case.reference), len(elsewhere)), dtype=np.bool_)
+    known = np.ones(len(elsewhere), dtype=np.bool_)
+    return Case(case.reference, elsewhere, GroundTruth(nowhere, known, ANOTHER))
+
+
+def scrambled(case: Case, rng: np.random.Generator) -> dict[str, Case]:
+    """Return the null queries of a case by name; what is correct of them, is by chance."""
+    queries = null_queries(case.counted, rng)
+    return {name: replace(case, counted=shown) for name, shown in queries}
 
 
 # Matches of known truth, by the settings that each table is for.
@@ -236,7 +255,7 @@ MATCHINGS: dict[str, dict[str, object]] = {
 
 
 class Sample(NamedTuple):
-    """Matches of known truth: trust (n,) int64, correct (n,) and has_place (n,) bool."""
+    """Matches of known truth: net trust (n,) int64, correct (n,) and has_place (n,) bool."""
 
     trust: npt.NDArray[np.int64]
     correct: npt.NDArray[np.bool_]
@@ -255,7 +274,7 @@ def sample(case: Case) -> Sample:
     known = case.truth.known[matches.query]
     correct = case.truth.correct[matches.place, matches.query]
     has_place = case.truth.has_place[matches.query]
-    return Sample(matches.trust[known], correct[known], has_place[known])
+    return Sample(matches.net_trust[known], correct[known], has_place[known])
 
 
 def joined(found: Sequence[Sample]) -> Sample:
@@ -436,7 +455,7 @@ def first_sure(table: Confidence, cases: Sequence[Case]) -> dict[str, float | in
             stop = min(start + GIVEN, windows)
             rest = replace(case, counted=case.counted.take(np.arange(start, stop)))
             matches = rest.match()
-            given = table.probability_of(matches.trust)
+            given = table.probability_of(matches.net_trust)
             for least, found in waits.items():
                 sure = np.flatnonzero(given >= least)
                 if sure.size:
@@ -461,7 +480,7 @@ def judged_street(seed: int) -> dict[str, list[Case]]:
     _, other = simulate_pair(street_seed - 1, query=QUERIES[_ELSEWHERE])
     found: dict[str, list[Case]] = {}
     for case, elsewhere in driven(open_street(street_seed), other.keep()):
-        for name, version in versions_of(case, elsewhere, rng).items():
+        for name, version in (versions_of(case, elsewhere, rng) | scrambled(case, rng)).items():
             found.setdefault(name, []).append(version)
     return found
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from edge_vpr.matching.transitions import METRIC_TOP, TransitionCosts, Transitions, predict
 from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.windows import (

@@ -23,6 +23,7 @@ from edge_vpr_tools.research.experiments.calibration import (
     carried_off,
     described,
     judge,
+    scrambled,
     with_settings,
     without_places,
 )
@@ -34,6 +35,7 @@ LIVE = ("4", "0")
 JUDGED = (SMOOTHED, *LIVE)
 #: places that are cut out of the map of Brisbane's counts; of other maps, it is the third quarter
 _CUT = (220, 330)
+_NULLS = 11  # random stream that shuffles windows and pixels
 
 
 def case_of(pair: Pair, seed: int) -> Case:
@@ -48,7 +50,7 @@ def case_of(pair: Pair, seed: int) -> Case:
 
 
 def measure(draw: Draw) -> Iterator[Row]:
-    """Judge the shipped tables on a pair: whole, with a piece cut out, and carried off twice."""
+    """Judge the shipped tables on a pair: whole, a piece cut out, carried off twice, and nulls."""
     pair: Pair = draw.pair
     case = case_of(pair, draw.seed)
     places, windows = len(case.reference), len(case.counted)
@@ -58,6 +60,8 @@ def measure(draw: Draw) -> Iterator[Row]:
         CUT: [without_places(case, *piece)],
         CARRIED: [carried_off(case, windows // 3, 2 * windows // 3)],
     }
+    nulls = scrambled(case, np.random.default_rng((_NULLS, draw.seed)))
+    versions |= {name: [shown] for name, shown in nulls.items()}
     intervals: dict[str, dict[str, float]] = {}
     if pair.tracks is not None:
         intervals = {
