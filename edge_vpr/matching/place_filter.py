@@ -1075,7 +1075,8 @@ class HeldWindows(NamedTuple):
             np.empty((room, places), dtype=np.uint8),
             np.empty(room, dtype=np.int64),
             np.empty((room, steps, places), dtype=np.int16),
-            *np.empty((2, places), dtype=np.int16),
+            np.empty(places, dtype=np.int16),
+            np.empty(places, dtype=np.int16),
             np.empty(places, dtype=np.bool_),
         )
 

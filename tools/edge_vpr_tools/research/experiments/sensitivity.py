@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from edge_vpr.matching.transitions import METRIC_TOP, TransitionCosts, Transitions, predict
 from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.windows import (
@@ -151,9 +150,9 @@ def _late(
     """Return the place of each window, decided some windows later."""
     if not delay:
         return rows.columns[:, 0].copy()
-    lag, windows = FixedLag(transitions, exclusion, delay), len(rows.columns)
-    decided = [lag.add(rows.part(i, i + 1), None) for i in range(windows)]
-    return np.array([one.match.place for one in (*decided, *lag.finish()) if one is not None])
+    lag = FixedLag(transitions, exclusion, delay)
+    columns, _ = lag.add(rows, [None] * len(rows.columns))
+    return np.concatenate([columns, lag.finish()[0]])[:, 0]
 
 
 # The constants that are varied, and what is chosen by the other drives.
