@@ -816,7 +816,7 @@ def match_window(
             scale = reciprocal_of_spread(distances)
     evidence_of(distances, scale, weight, evidence)
     for k in range(metric.size):
-        metric[k] = min(np.int32(state.prediction[k]) + np.int32(evidence[k]), METRIC_TOP)
+        metric[k] = min(state.prediction[k] + np.int32(evidence[k]), METRIC_TOP)
     place, second, ties = least_and_second(metric, exclusion)
     if now.predicted_for == BY_DISTANCE:
         follows = state.follows[place]
@@ -983,7 +983,8 @@ class HeldWindows(NamedTuple):
             np.empty((room, places), dtype=np.int32),
             np.empty((room, places), dtype=np.uint8),
             np.empty((room, steps, places), dtype=np.int16),
-            *np.empty((2, places), dtype=np.int16),
+            np.empty(places, dtype=np.int16),
+            np.empty(places, dtype=np.int16),
             np.empty(places, dtype=np.bool_),
         )
 
