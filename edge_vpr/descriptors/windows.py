@@ -315,7 +315,7 @@ def log_activity(events: int) -> int:
     return least
 
 
-@kernel
+@kernel(inline="always")
 def activity_of(events: int, mean_activity: int) -> int:
     """Return the logarithm of a window's events less that of the usual number, in 1/16 octave.
 

@@ -183,7 +183,7 @@ def write_costs(steps: StepTable, activity: int, costs: Narrow) -> None:
     """
     number, places, last_row = costs.shape[0], costs.shape[1], len(steps.costs) - 1
     of_row = np.empty(last_row + 1, dtype=np.int16)
-    rows = np.empty(places if last_row > 0 else 0, dtype=np.uint8)
+    rows = np.empty(places if last_row > 0 else 0, dtype=np.int16)
     for k in range(rows.size):
         row = (activity - steps.activity[k] + (1 << (ROW_BITS - 1))) >> ROW_BITS
         rows[k] = min(max(row + SAME_ROW, 0), last_row)
@@ -247,7 +247,7 @@ def move(metric: Narrow, steps: StepTable, costs: Narrow, back: bool, prediction
         prediction[k] -= least
 
 
-@kernel
+@kernel(inline="always")
 def predict(metric: Metrics, steps: StepTable, activity: int, prediction: Narrow) -> None:
     """Write the cheapest cost of each place after a window of this activity; see `move`.
 
@@ -853,7 +853,7 @@ def update_windows(
             state.metric[k] = rows.metrics[i, k]
 
 
-@kernel
+@kernel(inline="always")
 def match_window(
     state: FilterState,
     steps: StepTable,
@@ -901,7 +901,7 @@ def match_window(
             scale = reciprocal_of_spread(distances)
     evidence_of(distances, scale, weight, evidence)
     for k in range(metric.size):
-        metric[k] = min(np.int32(state.prediction[k]) + np.int32(evidence[k]), METRIC_TOP)
+        metric[k] = min(state.prediction[k] + np.int32(evidence[k]), METRIC_TOP)
     place, second, ties = least_and_second(metric, exclusion)
     if now.predicted_for == BY_DISTANCE:
         follows = state.follows[place]
@@ -921,7 +921,7 @@ def match_window(
     return support, misfit, lasting, factor
 
 
-@kernel
+@kernel(inline="always")
 def write_match(
     metric: Metrics, place: int, second: int, ties: int, row: npt.NDArray[np.int64]
 ) -> int:
@@ -978,7 +978,7 @@ def smooth_windows(
         go_back(onward, ahead, steps, costs, evidence[i])
 
 
-@kernel
+@kernel(inline="always")
 def match_summed(
     metric: Metrics, onward: Narrow, exclusion: int, row: npt.NDArray[np.int64]
 ) -> int:
@@ -1004,7 +1004,7 @@ def match_summed(
     return write_match(metric, place, second, ties, row)
 
 
-@kernel
+@kernel(inline="always")
 def go_back(
     onward: Narrow,
     ahead: Narrow,

@@ -361,7 +361,7 @@ def note_steps(slot, column, before, now, noted, totals, counters, arrays):
             continue
         if arrivals + expiries == MAX_STEPS:
             update_blocks(sums, columns, steps, arrivals, expiries, total.sums)
-            arrivals = expiries = 0
+            arrivals = expiries = np.int64(0)
         if up > 0:
             at = arrivals
             arrivals += 1
@@ -381,7 +381,7 @@ def take_moves(moves, totals, counts, code, counters, columns, sums, steps):
     """
     total = totals[0]
     lags = counts.shape[0]
-    noted = (0, 0)
+    noted = (np.int64(0), np.int64(0))  # a literal would be of another type
     for m in range(total.moves):
         slot, left = moves[m].slot, moves[m].left
         for lag in range(max(left, 0), min(left + 2, lags)):
@@ -409,7 +409,7 @@ def recode(own, counts, totals, counters, columns, sums, steps):
     Most codes are the same as before; only those that changed take a pass over the places.
     """
     write_codes(counts[0], own, own.codes[1])
-    noted = (0, 0)
+    noted = (np.int64(0), np.int64(0))
     for slot in range(own.codes.shape[1]):
         before, now = own.codes[0, slot], own.codes[1, slot]
         own.codes[0, slot] = now
@@ -481,7 +481,7 @@ def sequence_answer(sums, total, c, length, row):
     bool
         False if only changes are asked for and there is none; nothing is written then.
     """
-    best, least = least_in(sums, total.sums, 0, c.places)
+    best, least = least_in(sums, total.sums, np.int64(0), c.places)
     if c.change and best == c.last_reported:
         return False
     c.last_reported = best
@@ -497,7 +497,7 @@ def sequence_answer(sums, total, c, length, row):
     return True
 
 
-@kernel
+@kernel(inline="always")
 def write_distances(row, best_sum, second_sum, length):
     """Write both distances and their ratio.
 
@@ -520,7 +520,7 @@ def _second(sums, count, best, exclusion, places):
     """Find the best place outside the exclusion zone; -1 if there is none."""
     second, second_least = -1, sums[best]
     if best - exclusion > 0:
-        second, second_least = least_in(sums, count, 0, best - exclusion)
+        second, second_least = least_in(sums, count, np.int64(0), best - exclusion)
     if best + exclusion + 1 < places:
         after, after_least = least_in(sums, count, best + exclusion + 1, places)
         if second < 0 or after_least < second_least:
@@ -530,13 +530,16 @@ def _second(sums, count, best, exclusion, places):
 
 @kernel
 def answer(state, step, rows, sums, total, c, length, events, row):
-    """Write the match of the place filter, or that of sequences where `state` is None.
+    """Write the match of the place filter, where `length` is None, or of sequences of this length.
 
-    Numba compiles only the one that the type of `state` asks for. The arguments are those of
-    `OnlineState`, of `filter_answer` and of `sequence_answer`.
+    Without a filter, `state` is None. Numba leaves out what is behind a comparison of an argument
+    that is None, so that only one of the two is compiled. The arguments are those of `OnlineState`,
+    of `filter_answer` and of `sequence_answer`.
     """
     if state is None:
-        return sequence_answer(sums, total, c, length, row)
+        if length is not None:
+            return sequence_answer(sums, total, c, length, row)
+        return False
     return filter_answer(
         FilterState(*state), StepTable(*step), WindowRows(*rows), sums, c, events, row
     )
@@ -577,7 +580,7 @@ def filter_answer(state, steps, rows, sums, c, events, row):
     return True
 
 
-@kernel
+@kernel(inline="always")
 def acceptance(row, trust, probability, least_trust):
     """Write the probability, and whether the match is lost.
 
@@ -663,7 +666,7 @@ def selected_in_order(
     return np.concatenate(some_slots), joined
 
 
-@kernel
+@kernel(inline="always")
 def few_in_order(table, events, floor, off_slots, slots, times):
     """Do the same in one pass without columns, and without the reason for an error.
 

@@ -73,7 +73,7 @@ def follow(box, slots, times, until):
     """
     f = OnlineState(*box.value)
     s, c, out = SlidingWindows(*f.s), f.control[0], f.out
-    state, step, rows = f.state, f.step, f.rows
+    state, step, rows, sequence = f.state, f.step, f.rows, f.sequence
     ring_slot, ring_time, bound = s.slot, s.time, s.bound
     moves, totals, counts, code, counters = s.moves, s.totals, s.counts, s.code, s.counters
     columns, sums, steps = s.columns, s.sums, s.steps
@@ -127,7 +127,7 @@ def follow(box, slots, times, until):
         if over:
             return i, given, WINDOW_OVER
         row, events = out[given], bound[0] - bound[1]
-        if answer(state, step, rows, sums, totals[0], c, length, events, row):
+        if answer(state, step, rows, sums, totals[0], c, sequence, events, row):
             row["time_us"], row["events"] = now, events
             # start of a fixed-count window: the time of its oldest event
             row["start_us"] = seen_until - tau if tau > 0 else ring_time[bound[1] & mask]

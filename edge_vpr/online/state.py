@@ -576,6 +576,8 @@ class OnlineState(NamedTuple):
         Of `Transitions`.
     rows : WindowRows or None
         Of one window; scratch of the place filter.
+    sequence : int or None
+        L where sequences are matched.
     control : ndarray of CONTROL, shape (1,)
         Numbers of the kernel, each by its name.
     trust : ndarray of int64, shape (m,)
@@ -596,6 +598,7 @@ class OnlineState(NamedTuple):
     state: FilterState | None
     step: StepTable | None
     rows: WindowRows | None
+    sequence: int | None
     control: npt.NDArray[np.void]
     trust: npt.NDArray[np.int64]
     probability: npt.NDArray[np.float64]
@@ -642,6 +645,7 @@ class OnlineState(NamedTuple):
             if acceptance.precision is not None:
                 first.least_trust = acceptance.confidence.least_trust(acceptance.precision)
         state = step = rows = None
+        sequence = settings.windows_per_match if place_filter is None else None
         if place_filter is not None:
             state, step = place_filter.state, place_filter.transitions.by_step
             rows = WindowRows.empty(1, len(place_filter))
@@ -650,6 +654,7 @@ class OnlineState(NamedTuple):
             state,
             step,
             rows,
+            sequence,
             control,
             trust,
             probability,
