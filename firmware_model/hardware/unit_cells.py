@@ -9,6 +9,8 @@ unit.
 from __future__ import annotations
 
 import argparse
+import csv
+import io
 import json
 import re
 import sys
@@ -59,25 +61,25 @@ def unit_cells(design: Design) -> Counter[str]:
     )
 
 
-def to_markdown(found: Mapping[str, Counter[str]]) -> str:
-    """Return the cells of units as a Markdown table, largest first, with a column a design."""
+def to_csv(found: Mapping[str, Counter[str]]) -> str:
+    """Return the cells of units as CSV, largest first, with a column for each design."""
     total: Counter[str] = Counter()
     for cells in found.values():
         total += cells
-    rows = [
-        [unit, *(f"{cells[unit]}" if cells[unit] else "" for cells in found.values())]
-        for unit, _ in total.most_common()
-    ]
-    rows.append(["all", *(f"{sum(cells.values()):,}" for cells in found.values())])
-    head = [f"| unit | {' | '.join(found)} |", f"| --- |{' --- |' * len(found)}"]
-    return "\n".join([*head, *(f"| {' | '.join(row)} |" for row in rows)])
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["unit", *found])
+    for unit, _ in total.most_common():
+        rows.writerow([unit, *(cells[unit] or "" for cells in found.values())])
+    rows.writerow(["all", *(f"{sum(cells.values()):,}" for cells in found.values())])
+    return text.getvalue()
 
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run the command; return 1 if a tool fails."""
     argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0]).parse_args(words)
     try:
-        print(to_markdown({kind: unit_cells(design) for kind, design in KINDS.items()}))
+        print(to_csv({kind: unit_cells(design) for kind, design in KINDS.items()}), end="")
     except ToolError as error:
         print(error, file=sys.stderr)
         return 1

@@ -54,8 +54,10 @@ def main(words: Sequence[str] | None = None) -> int:
                 return 1
             good, said = False, f"NO ANSWER, {error}"
         failures += not good
-        seconds[trial.name] = _processor_seconds() - begun
-        print(f"{trial.name}: {said}, {seconds[trial.name]:.0f} s", flush=True)
+        taken = _processor_seconds() - begun
+        if good:
+            seconds[trial.name] = taken
+        print(f"{trial.name}: {said}, {taken:.0f} s", flush=True)
     if args.table is not None:
         with args.table.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file, lineterminator="\n").writerows(_table(seconds))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import shutil
 import subprocess
@@ -592,7 +593,8 @@ def test_the_cells_of_all_units_are_those_of_the_report():
     assert {"search", "sequence_sums", "events: counters", "accept", "spi"} < set(found)
     packed = netlist.packed_cells(small, boards.ICEBREAKER)
     assert found.total() == packed["logic cells"][0]
-    assert f"| all | {found.total():,} |" in unit_cells.to_markdown({"small": found})
+    (total,) = list(csv.reader(unit_cells.to_csv({"small": found}).splitlines()))[-1:]
+    assert total == ["all", f"{found.total():,}"]
 
 
 @needs("yosys")
@@ -1123,7 +1125,7 @@ def test_the_report_goes_on_where_it_was_ended(tmp_path, monkeypatch, capsys):
         assert report.main([*command, seeds]) == 0
         runs.append(log.read_text("ascii").count("--seed"))
     assert runs == [1, 2, 2]
-    assert "7 of 10 | 7 of 10 | 7 of 10 | 7 of 10 | 5" in capsys.readouterr().out
+    assert 'iCE40UP5K,7 of 10,7 of 10,7 of 10,7 of 10,"5' in capsys.readouterr().out
     replace(DESIGN, places=21).save(tmp_path / "d.toml")
     assert report.main([*command, "1"]) == 0
     assert log.read_text("ascii").count("--seed") == 3
@@ -1131,6 +1133,35 @@ def test_the_report_goes_on_where_it_was_ended(tmp_path, monkeypatch, capsys):
     capsys.readouterr()
     assert report.main([*command, "1"]) == 1
     assert "holds no rows of this report: name a new file" in capsys.readouterr().err
+
+
+def test_each_proof_has_a_line_and_one_without_an_answer_does_not_end_the_others(
+    tmp_path, monkeypatch, capsys
+):
+    """By name, with the seconds, which the table has by claim and kind."""
+
+    def no_answer():
+        raise ToolError("yosys-abc took more than 5 s")
+
+    first, second = stream_proof.CLAIMS[3].name, stream_proof.CLAIMS[4].name
+    trials = [
+        proof.Trial(first, lambda: True, "proved", "NOT PROVED"),
+        proof.Trial(second, no_answer, "proved", "NOT PROVED"),
+        proof.Trial("another", lambda: False, "refused", "NOT REFUSED"),
+    ]
+    monkeypatch.setattr(proof, "_trials", lambda: iter(trials))
+    assert proof.main(["--table", str(tmp_path / "t.csv")]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == f"{first}: proved, 0 s"
+    assert lines[1] == f"{second}: NO ANSWER, yosys-abc took more than 5 s, 0 s"
+    assert lines[2] == "another: NOT REFUSED, 0 s"
+    assert proof.main(["--only", "m_event stays"]) == 0
+    with (tmp_path / "t.csv").open(encoding="utf-8", newline="") as file:
+        head, *rows = csv.reader(file)
+    assert head == ["claim", *stream_proof.CORE_KINDS]
+    # what has no answer has no seconds
+    assert [row[1] for row in rows] == ["0"]
+    assert [row[0] for row in rows] == [stream_proof.CORE_CLAIMS["EVENT"]]
 
 
 @needs("yosys", "yosys-smtbmc", "z3")
