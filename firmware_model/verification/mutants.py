@@ -321,7 +321,7 @@ PATIENCE_S = 3
 
 #: a microcontroller's faults are traps: unaligned access, index beyond an array, write behind one
 _OPTIONS = (
-    "-std=c11", "-O0", "-w", "-fstack-protector-all", "-fsanitize=alignment,bounds",
+    "-std=c11", "-O0", "-pedantic-errors", "-fstack-protector-all", "-fsanitize=alignment,bounds",
     "-fsanitize-undefined-trap-on-error",
 )  # fmt: skip
 
