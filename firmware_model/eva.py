@@ -77,15 +77,19 @@ _APART = (
     "vpr_open", "within_limits", "adaptive_within_limits", "laid_out", "lookup_sound",
     "codes_sound", "places_sound", "at_most", "words_at_most",
 )  # fmt: skip
-#: the gauges know how far a pointer is in a loop of many places
-_DOMAINS, _LARGE_DOMAINS = "cvalue,symbolic-locations,equality", "gauges"
 _OPTIONS = (
-    "-eva", "-machdep", "x86_32", "-eva-slevel", "64", "-eva-slevel-function", "lookup_sound:0",
+    "-eva", "-machdep", "x86_32", "-eva-slevel-function", "lookup_sound:0,event_log:64",
     "-eva-plevel", "2000", "-eva-ilevel", "64", "-eva-split-return-function",
     ",".join([*(f"{name}:0" for name in _APART), "vpr_slot:4294967295"]),
 )  # fmt: skip
-#: iterations of a loop that are analysed one by one
-_UNROLLED, _LARGE_UNROLLED = 600, 24
+_UNROLL, _DOMAINS = "-eva-auto-loop-unroll", "-eva-domains"
+_SMALL_OPTIONS = (
+    "-eva-slevel", "64", _UNROLL, "600", _DOMAINS, "cvalue,symbolic-locations,equality",
+)  # fmt: skip
+#: the gauges know how far a pointer is in a loop over many places
+_LARGE_OPTIONS = (
+    "-eva-slevel", "2", _UNROLL, "24", _DOMAINS, "cvalue,symbolic-locations,equality,gauges",
+)  # fmt: skip
 #: logarithm of 65,536 in units of 1/256 octave
 _LEVEL_MAX = 4096
 #: names and types of the tables, in their order in the image
@@ -321,8 +325,7 @@ def alarms(
         program.write_text(driver(design, large=large), encoding="ascii")
         # Frama-C does not know _Alignas, and aligns nothing
         include = f"-cpp-extra-args=-I{sources} -D'_Alignas(n)='"
-        unrolled = str(_LARGE_UNROLLED if large else _UNROLLED)
-        options = [*_OPTIONS, "-eva-auto-loop-unroll", unrolled]
+        options = [*_OPTIONS, *(_LARGE_OPTIONS if large else _SMALL_OPTIONS)]
         command = ["frama-c", *options, include, str(program), str(sources / "vpr.c")]
         limit = partial(resource.setrlimit, resource.RLIMIT_CPU, (seconds, seconds))
         done = subprocess.run(

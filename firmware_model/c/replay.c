@@ -86,7 +86,7 @@ uint32_t vpr_replay(const uint32_t *image, uint32_t image_bytes, const vpr_event
         return 0U;
     }
     spoil(&state, (uint32_t)sizeof state, 0xA5U);
-    spoil(ram, vpr_ram_bytes(&design), 0xA5U);
+    spoil(ram, vpr_ram_bytes(&design), ((batch & 2U) != 0U) ? 0U : 0xA5U);
     vpr_reset(&design, &state, ram, start);
     const vpr_event_t *next = events;
     const vpr_event_t *const end = &events[event_count];

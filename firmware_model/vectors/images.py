@@ -270,7 +270,7 @@ def refused_layouts() -> Named:
     """Yield names and images whose tables lie at forbidden places."""
     whole = base().pack()
     header, end = HEADER_WORDS * 4, len(whole)
-    for size in (0, 4, 64, 112, header - 4, header, end - 16, end - 4):
+    for size in (0, 4, 64, 112, header - 32, header - 4, header, end - 16, end - 4):
         yield f"cut_to_{size}", whole[:size]
         cut = bytearray(whole[:size])
         if size >= 12:
@@ -289,9 +289,11 @@ def refused_layouts() -> Named:
     yield "overlap", _overlapping()
     yield "table_in_the_header", _in_the_header()
     # a table in the last words of the header, which are zero: a valid displacement
-    draft = deep_draft(16)
-    body = draft.pack()[HEADER_WORDS * 4 :]
-    yield "table_in_the_last_words", draft.header(displacement_table=112).raw(body)
+    for before in (16, 32, 48):
+        draft = deep_draft(16)
+        body = draft.pack()[header:]
+        last = draft.header(displacement_table=header - before).raw(body)
+        yield f"table_in_the_last_{before}_bytes", last
     yield "displacement_reaches_the_lookup", deep_draft(16).header(height=9).pack()
     short = deep_draft(16).header(code_max=255)
     # the bytes that follow would be valid as the last two entries

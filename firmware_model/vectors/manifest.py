@@ -42,6 +42,20 @@ UNITS = {
 }
 
 
+#: what every case begins with, and what is read before what
+POWER_ON = (
+    "each case by itself: counters, events counted and numbers of windows 0; the first window "
+    "opens at start; the usual number is activity, the running means are means; the filter has "
+    "seen no window and no place, and trust and misfits are 0. Memories that are written before "
+    "they are read may hold anything"
+)
+ORDER = (
+    "memories, start and activity; then events, one a line, each with its line of "
+    "expected_events; a window that an event ends comes before that event by time, and behind it "
+    "by count; its match comes behind the window. expected.bin has all of them in this order"
+)
+
+
 class FieldPlace(NamedTuple):
     """Position of a field in a packed word."""
 
@@ -199,6 +213,8 @@ class Manifest:
             "packing": "the first field, and lane 0, in the least significant bits",
             "none": "0xFFFFFFFF in records, -1 in CSV and arrays",
             "units": UNITS,
+            "power_on": POWER_ON,
+            "order": ORDER,
             "corners": self.corners,
             "design": self.design.to_dict(),
             "rtl": list(self.rtl),

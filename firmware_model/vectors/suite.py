@@ -223,7 +223,8 @@ _README = """\
 
 What a device of the design in design.toml computes, to the bit, in folders SUITE/CASE.
 
-- manifest.json: every file with its SHA-256, the fields of each word, and what each case covers
+- manifest.json: every file with its SHA-256, the fields of each word, units, what a device holds
+  when it is switched on (each case begins so), the order of reading, and what each case covers
 - events.* in, expected_events.*, expected_windows.* and expected_matches.* out; *.mem are words for
   $readmemh, *.coe and *.mif the same for vendors' tools, *.csv and case.npz for other programs
 - image.bin, events.bin, expected.bin and case.h: the same for the firmware in C

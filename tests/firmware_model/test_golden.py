@@ -26,6 +26,7 @@ from edge_vpr.reference_map import ReferenceMap
 from firmware_model import Design, VectorError
 from firmware_model.emulation.build import EMULATED, SOURCES, build
 from firmware_model.emulation.emulator import Emulator
+from firmware_model.image import kept_bytes, ram_bytes
 from firmware_model.vectors import (
     CORNERS,
     FILTER_CORNERS,
@@ -42,9 +43,11 @@ from firmware_model.vectors import (
     write_suites,
 )
 from firmware_model.vectors.corners import filter_cases
+from firmware_model.vectors.formats import case_header
 from firmware_model.vectors.manifest import FieldPlace
 
 DESIGN = Design(width=24, height=16, pixels=9, places=20, length=3, code_bits=3, lanes=4)
+FILTER = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scales=(0,))
 
 
 @pytest.fixture(scope="module")
@@ -581,6 +584,51 @@ def test_a_recording_is_limited_in_windows_and_fits_a_microcontroller(tmp_path):
         assert sum((drive / f"{p}.bin").stat().st_size for p in parts) < bytes_in_flash - 8_192
         same_as_the_pipeline(folder, made, query)
         assert Design.load(folder / "design.toml").keep_distances
+
+
+def test_distances_are_kept_where_the_ram_allows(tmp_path, capsys):
+    """Of a map, and of a design file that does not say; the output tells what it takes."""
+    made, _ = recorded_drive(tmp_path)
+    silent = tmp_path / "silent.toml"
+    silent.write_text('width = 9\nheight = 9\npixels = 4\nplaces = 40\nmatching = "filter"\n')
+    stated = tmp_path / "stated.toml"
+    stated.write_text(silent.read_text() + "keep_distances = false\n")
+    few = ["--suite", "filter", "--vectors", "200kB"]
+    for i, (source, ram, kept) in enumerate(
+        (
+            (["--map", str(made)], "64KiB", True),
+            (["--map", str(made)], "4KiB", False),
+            (["--design", str(silent)], "64KiB", True),
+            (["--design", str(silent)], "4KiB", False),
+            (["--design", str(stated)], "64KiB", False),
+        )
+    ):
+        folder = tmp_path / f"v{i}"
+        assert main(["golden", *source, *few, "--ram", ram, "-o", str(folder)]) == 0
+        design = Design.load(folder / "design.toml")
+        assert design.keep_distances == kept
+        told = f"{ram_bytes(design):,} bytes"
+        words = "keeps the distances" if kept else "computes the distances of a window twice"
+        assert words in (error := capsys.readouterr().err) and told in error
+
+
+def test_a_header_of_c_says_what_ram_it_takes():
+    """All of it, and what keeps distances."""
+    design = replace(FILTER, keep_distances=True)
+    header = case_header("one", 0, ram_bytes(design), kept_bytes(design), b"", b"", b"")
+    assert f"#define CASE_RAM_BYTES {ram_bytes(design)}U" in header
+    twice = ram_bytes(replace(design, keep_distances=False))
+    assert f"#define CASE_KEPT_DISTANCES_BYTES {ram_bytes(design) - twice}U" in header
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_the_cases_of_the_filter_take_both_ways_of_distances(kept):
+    """Whichever the design has; most cases have that one."""
+    cases = filter_cases(replace(FILTER, keep_distances=kept))
+    found = [case.design.keep_distances for case in cases if case.design.filters]
+    assert 5 < sum(one != kept for one in found) < len(found) / 3
+    blocks = [c for c in cases if c.name in ("several_blocks", "blocks_by_activity")]
+    assert [c.design.keep_distances for c in blocks] == [False, False]
 
 
 def test_a_recording_without_a_match_is_an_error(tmp_path, capsys):
