@@ -237,6 +237,7 @@ def test_drives_of_nsavp_are_pairs_by_the_poses_of_the_vehicle(tmp_path, capsys)
     write_nsavp(tmp_path, "R0_RA0", 1_650_050_000)  # the other way: no pair with those
     (pair,) = drive_pairs.event_pairs(tmp_path)
     assert pair.name == "NSAVP forward, R0_FN0 against R0_FA0"
+    assert not list(datasets.published_pairs(tmp_path, ("bag",)))  # as for intensity frames
     assert pair.reference.sensor == (640, 480)
     times = np.concatenate(list(pair.reference))["t"]
     assert (times[0], times[-1]) == (0, 29_997_500)

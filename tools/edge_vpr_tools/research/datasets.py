@@ -44,7 +44,9 @@ SENSOR, NSAVP_SENSOR = Sensor(346, 260), Sensor(640, 480)
 #: Length of the route of QCR-Event-VPR in metres (How Many Events Do You Need?, section I).
 QCR_ROUTE_M = 160.0
 
-Files = Literal["parquet", "bag"]
+Files = Literal["parquet", "bag", "hdf5"]
+#: in order of preference
+_EVERY_KIND: tuple[Files, ...] = ("parquet", "bag", "hdf5")
 Landmarks = Literal["common", "released-code"]
 
 
@@ -78,6 +80,7 @@ class BrisbaneTraverse:
     complete_beginning_s: float
 
     sensor = SENSOR
+    kinds: ClassVar[tuple[Files, ...]] = ("parquet", "bag")
     time_units: ClassVar[Mapping[str, str]] = {"parquet": "us"}
 
     def file_name(self, kind: Files) -> str:
@@ -151,6 +154,7 @@ class QCRTraverse:
     landmarks_s: tuple[float, ...]
 
     sensor = SENSOR
+    kinds: ClassVar[tuple[Files, ...]] = ("parquet", "bag")
     time_units: ClassVar[Mapping[str, str]] = {"parquet": "us"}
 
     def file_name(self, kind: Files) -> str:
@@ -161,9 +165,8 @@ class QCRTraverse:
     def downloads(self) -> tuple[Download, ...]:
         """Files of the traverse, any of which will do."""
         title = f"QCR-Event-VPR, {self.name}"
-        kinds: tuple[Files, ...] = ("parquet", "bag")
         return tuple(
-            Download(title, QCR_PAGE, (PublishedFile(self.file_name(kind)),)) for kind in kinds
+            Download(title, QCR_PAGE, (PublishedFile(self.file_name(kind)),)) for kind in self.kinds
         )
 
     def origin(self, folder: Path, start_us: int) -> tuple[Track, int]:
@@ -210,6 +213,7 @@ class NSAVPTraverse:
     name: str
 
     sensor = NSAVP_SENSOR
+    kinds: ClassVar[tuple[Files, ...]] = ("hdf5",)
     time_units: ClassVar[Mapping[str, str]] = {"h5": "ns"}
 
     def file_name(self, kind: Files) -> str:
@@ -365,7 +369,7 @@ class PublishedPair:
 
 
 def published_pairs(
-    folder: Path, files: tuple[Files, ...] = ("parquet", "bag")
+    folder: Path, files: tuple[Files, ...] = _EVERY_KIND
 ) -> Iterator[PublishedPair]:
     """Open the pairs whose files are in a folder, one after another.
 
@@ -373,7 +377,7 @@ def published_pairs(
     ----------
     folder : Path
         Holds recordings and GPS logs under their published names.
-    files : tuple of {"parquet", "bag"}
+    files : tuple of {"parquet", "bag", "hdf5"}
         Kinds of files to use, in order of preference.
 
     Raises
@@ -395,13 +399,13 @@ def published_pairs(
 
 
 def found_traverses(
-    folder: Path, files: tuple[Files, ...] = ("parquet", "bag")
+    folder: Path, files: tuple[Files, ...] = _EVERY_KIND
 ) -> dict[str, list[tuple[Traverse, Path]]]:
     """Return the traverses whose recordings are in a folder, in order, by their data set.
 
     Parameters
     ----------
-    files : tuple of {"parquet", "bag"}
+    files : tuple of {"parquet", "bag", "hdf5"}
         Kinds of files to use, in order of preference.
 
     Returns
@@ -422,7 +426,7 @@ def found_traverses(
 def find_file(traverse: Traverse, folder: Path, files: tuple[Files, ...]) -> Path | None:
     """Return the recording of a traverse; None if the folder does not hold it."""
     for kind in files:
-        if (path := folder / traverse.file_name(kind)).is_file():
+        if kind in traverse.kinds and (path := folder / traverse.file_name(kind)).is_file():
             return path
     return None
 
