@@ -17,8 +17,8 @@ from edge_vpr.recordings.recording import Columns, FaultLog, unit_remedy
 #: Other names of the columns in published files.
 ALIASES = {
     "t": ("t", "ts", "time", "times", "timestamp", "timestamps", "t_us", "time_us"),
-    "x": ("x", "xs", "col", "column", "x_coordinate"),
-    "y": ("y", "ys", "row", "y_coordinate"),
+    "x": ("x", "xs", "col", "column", "x_coordinate", "x_coordinates"),
+    "y": ("y", "ys", "row", "y_coordinate", "y_coordinates"),
     "p": ("p", "ps", "pol", "polarity", "polarities", "on"),
 }
 

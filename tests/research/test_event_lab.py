@@ -87,7 +87,7 @@ def drives(tmp_path_factory):
     return Drive(folder, "sunset1", 1), Drive(folder, "sunset2", 2)
 
 
-def prepared(adapter, drives, folder, **configured):
+def prepared(adapter, drives, folder, more=None, **configured):
     baseline = adapter.EdgeVprBaseline()
     baseline.outdir = folder
     settings = {"pixels": 5, "sigma": 1.0, "sequence_length": 2, "keep_incomplete": False}
@@ -99,6 +99,7 @@ def prepared(adapter, drives, folder, **configured):
         "dataset": {"resolution": [16, 12]},
         "other": {"offset": {"sunset1": BEGIN_S + 0.25, "sunset2": BEGIN_S - 100.0}},
     }
+    dataset |= more or {}
     config = {"frame_generator": "frames", "ground_truth_tolerance": 0.0}
     baseline.format_data(config, dataset, *drives, 100)
     baseline.build_execute(config, dataset, "")
@@ -134,6 +135,37 @@ def test_frames_are_taken_as_windows_if_both_drives_have_them(adapter, drives, t
     found = np.load(output)
     assert found.shape == (14, 14)
     assert np.isfinite(found).all()
+
+
+def test_units_are_those_that_the_data_set_states(adapter, drives, tmp_path):
+    other = {"offset": {"sunset1": 1_500_250, "sunset2": 0}, "offset_time_scale": "us"}
+    for stated, unit in (
+        ({}, "ns"),
+        ({"timestamp_val": "us"}, "us"),
+        ({"timestamp_val": 1e6}, "us"),
+    ):
+        more = {"format": {"data": stated}, "other": other}
+        request = prepared(adapter, drives, tmp_path, more).request
+        assert request.time_unit == unit
+        assert (request.reference.offset_s, request.query.offset_s) == ("1.50025", "0")
+    request = prepared(adapter, drives, tmp_path, {"format": {"data": {}}}, time_unit="ms").request
+    assert request.time_unit == "ms"
+    assert request.reference.offset_s == "1587452582.25"
+    for more in (
+        {"format": {"data": {"timestamp_val": 7}}},
+        {"other": {**other, "offset_time_scale": "h"}},
+    ):
+        with pytest.raises(
+            adapter.EdgeVprFailedError, match=r"of the data set is (7|'h'): expected"
+        ):
+            prepared(adapter, drives, tmp_path, more)
+
+
+def test_windows_of_a_number_of_events_are_refused(adapter, drives):
+    with pytest.raises(adapter.EdgeVprFailedError, match="windows of 100000 events"):
+        adapter.EdgeVprBaseline().format_data(
+            {"frame_accumulator": "eventcount"}, {}, *drives, 100_000
+        )
 
 
 def test_an_error_of_edge_vpr_is_event_labs_error(adapter, drives, tmp_path):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 from functools import partial
 
+import h5py
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
+from edge_vpr_tools.research import catalogue, datasets
 from edge_vpr_tools.research.experiments import (
     calibration,
     codes_frontier,
@@ -181,7 +184,11 @@ def test_published_traverses_are_compared_by_every_system_at_both_tolerances(dow
 def test_a_lone_traverse_is_no_pair_and_what_to_download_is_said(downloads, tmp_path):
     (recording,) = downloads.glob("dvs_vpr_2020-04-21*.parquet")
     (tmp_path / recording.name).symlink_to(recording)
-    says = r"holds no pair, only Brisbane sunset1: name a folder .*huggingface.co/.*\*_concat.nmea"
+    says = (
+        r"holds no pair, only Brisbane sunset1: name a folder .* \(such as .*parquet \(1.93 GB\), "
+        r".*nmea \(395 kB\) of https://huggingface.co/.*, QCR-.*zenodo.*, NSAVP \(such as "
+        r"R0_FA0_dvxplorer_left.h5, R0_FA0_applanix.h5 of https://umauto.*nsavp\) .*--dry-run"
+    )
     with pytest.raises(UsageError, match=says):
         drive_pairs.check_data(tmp_path)
     drive_pairs.check_logs(tmp_path)  # of one traverse, no log is needed
@@ -195,6 +202,106 @@ def test_a_missing_log_is_an_error_before_any_work(downloads, tmp_path, capsys, 
     monkeypatch.setattr(rivals, "measure", None)  # is not called
     assert main(["experiment", "rivals", "--data", str(tmp_path)]) == 1
     assert "no GPS log of sunset1" in capsys.readouterr().err
+
+
+def write_nsavp(folder, name, begin_s, seconds=30, per_second=400):
+    """Write a drive in the layout of nsavp_tools, `documentation/data_format.md`."""
+    times = begin_s * SECOND + np.arange(seconds * per_second) * (SECOND // per_second)
+    second = (times - times[0]) // SECOND
+    with h5py.File(folder / f"{name}_dvxplorer_left.h5", "w") as file:
+        events = file.create_group("events")
+        events.attrs.update(height=480, width=640, ros_message_type="dvs_msgs/EventArray")
+        columns = {
+            "x_coordinates": (13 * second + times // 2_500 % 7).astype(np.uint16),
+            "y_coordinates": (times // 2_500 % 11).astype(np.uint16),
+            "polarities": np.ones(times.size, np.uint8),
+            "timestamps": (times * 1_000).astype(np.uint64),
+        }
+        for column, values in columns.items():
+            events.create_dataset(column, data=values, chunks=(1_024,), compression="gzip")
+        events["timestamps"].attrs["units"] = "nanoseconds"
+    # poses begin 2 s before the events, with 10 m a second along one axis of the Earth
+    at_ns = ((begin_s - 2) * 10 + np.arange((seconds + 4) * 10)).astype(np.uint64) * 100_000_000
+    along = np.arange(at_ns.size) - 20.0
+    with h5py.File(folder / f"{name}_applanix.h5", "w") as file:
+        poses = file.create_group("pose_base_link")
+        poses["positions"] = (
+            np.array([512_123.0, -4_698_109.0, 4_269_242.0]) + [[0, 0, 1]] * along[:, None]
+        )
+        poses["quaternions"] = np.tile([0.0, 0.0, 0.0, 1.0], (at_ns.size, 1))
+        poses["timestamps"] = at_ns
+
+
+def test_drives_of_nsavp_are_pairs_by_the_poses_of_the_vehicle(tmp_path, capsys):
+    write_nsavp(tmp_path, "R0_FA0", 1_650_000_000)
+    write_nsavp(tmp_path, "R0_FN0", 1_650_090_000, seconds=25)
+    write_nsavp(tmp_path, "R0_RA0", 1_650_050_000)  # the other way: no pair with those
+    (pair,) = drive_pairs.event_pairs(tmp_path)
+    assert pair.name == "NSAVP forward, R0_FN0 against R0_FA0"
+    assert not list(datasets.published_pairs(tmp_path, ("bag",)))  # as for intensity frames
+    assert pair.reference.sensor == (640, 480)
+    times = np.concatenate(list(pair.reference))["t"]
+    assert (times[0], times[-1]) == (0, 29_997_500)
+    assert pair.tracks.reference.time_us[[0, -1]].tolist() == [-2 * SECOND, 31_900_000]
+    centres = np.arange(25) * SECOND + SECOND // 2
+    truth = pair.truth_of(centres, centres)
+    # 10 m between windows, so that 25 m are two places on both sides
+    assert np.array_equal(truth.correct, abs(centres[:, None] - centres) <= 2 * SECOND)
+    (tmp_path / "R0_FN0_applanix.h5").write_bytes(b"no HDF5")
+    with pytest.raises(GroundTruthError, match=r"R0_FN0_applanix.h5 cannot be read"):
+        drive_pairs.check_logs(tmp_path)
+    with h5py.File(tmp_path / "R0_FN0_applanix.h5", "w") as file:
+        file["pose_base_link/positions"] = np.zeros((3, 3))
+    with pytest.raises(GroundTruthError, match=r"no poses as NSAVP has them .*timestamps"):
+        drive_pairs.check_logs(tmp_path)
+    (tmp_path / "R0_FN0_applanix.h5").unlink()
+    assert main(["experiment", "fixed-number", "--data", str(tmp_path)]) == 1
+    assert "no poses of R0_FN0" in capsys.readouterr().err
+
+
+def test_poses_that_begin_after_the_events_begin_the_drive(tmp_path):
+    write_nsavp(tmp_path, "R0_RA0", 1_650_000_000)
+    with h5py.File(tmp_path / "R0_RA0_applanix.h5", "r+") as file:
+        poses = file["pose_base_link"]
+        for name in ("positions", "timestamps"):
+            late = poses[name][50:]  # 3 s after the first event
+            del poses[name]
+            poses[name] = late
+    drive = datasets.open_drive(datasets.NSAVP_REVERSE[0], tmp_path / "R0_RA0_dvxplorer_left.h5")
+    assert drive.track.time_us[0] == 0
+    events = np.concatenate(list(drive.recording))
+    assert (events["t"][0], events["x"][0] // 13) == (0, 3)
+
+
+def test_a_dry_run_lists_every_file_and_finds_those_that_are_not_the_published_ones(
+    downloads, tmp_path, capsys, monkeypatch
+):
+    assert main(["experiment", "all", "--data", str(tmp_path), "--dry-run"]) == 0
+    shown = capsys.readouterr().out
+    assert "simulated: 5 trials, of simulated streets" in shown
+    assert "speck-walks: cannot run: the folder speck_walks, two walks with" in shown
+    for line in (
+        "  missing: dvs_vpr_2020-04-22-17-24-21_no_hot_pixels_nobursts_denoised.parquet (2.78 GB)",
+        "NSAVP, R0_FN0 (https://umautobots.github.io/nsavp)",
+        "  missing: R0_FN0_applanix.h5 (size not known)",
+        "NYC-Event-VPR (https://huggingface.co/datasets/ai4ce/NYC-Event-VPR)",
+        "  missing: speck_walks/query.npz (5.9 MB)",
+    ):
+        assert line in shown.splitlines()
+    assert "not opened: each archive has events of a DAVIS346" in shown
+    # the small files of these tests have the published names, and not the published sizes
+    assert main(["experiment", "rivals", "--data", str(downloads), "--dry-run"]) == 2
+    shown = capsys.readouterr()
+    assert shown.out.splitlines()[0].endswith(f"windows of N events; {PAIR}")
+    assert "bytes, of 1,925,019,428 published: download it again from https://hugg" in shown.err
+    recording = next(downloads.glob("dvs_vpr_2020-04-21*.parquet"))
+    content = recording.read_bytes()
+    for sha256, code in ((hashlib.sha256(content).hexdigest(), 0), ("0" * 64, 2)):
+        known = dict.fromkeys(catalogue._BRISBANE_PARQUET, (None, "", ""))
+        known["2020-04-21-17-03-03"] = (len(content), "", sha256)
+        monkeypatch.setattr(catalogue, "_BRISBANE_PARQUET", known)
+        assert main(["experiment", "rivals", "--data", str(downloads), "--dry-run"]) == code
+        assert ("another SHA-256 than published" in capsys.readouterr().err) == bool(code)
 
 
 @pytest.mark.parametrize("flag", ["--figure", "--report", "--table"])

@@ -16,6 +16,7 @@ import pytest
 import sweep_jobs
 from edge_vpr_tools import cli
 from edge_vpr_tools.commands import compare as compare_arguments
+from edge_vpr_tools.research import trials
 from edge_vpr_tools.research.baselines import match_distances, open_baseline
 from edge_vpr_tools.research.experiments.drives import count_pair
 from edge_vpr_tools.research.sweep import aggregation, comparison
@@ -105,6 +106,25 @@ def test_a_plan_is_variants_times_drives_times_seeds(plan_file):
     assert len(trials) == 6
     # two names of the same settings are one result
     assert len({one.trial.key for one in trials}) == 4
+
+
+def test_a_worker_with_a_nanny_keeps_freed_memory_during_a_job(monkeypatch):
+    calls = []
+
+    class Libc:
+        def mallopt(self, parameter, size):
+            calls.append((parameter, size))
+
+    monkeypatch.setattr(trials.ctypes, "CDLL", lambda name: Libc())
+    monkeypatch.delenv("MALLOC_TRIM_THRESHOLD_", raising=False)
+    assert trials._with_memory_kept(lambda job: job + 1, 3) == 4 and not calls
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
+    raised, back = [(-1, 64 << 20), (-3, 32 << 20)], [(-1, 65_536), (-3, 128 << 10)]
+    assert trials._with_memory_kept(lambda job: list(calls), 3) == raised
+    assert calls == raised + back
+    with pytest.raises(ZeroDivisionError):
+        trials._with_memory_kept(lambda job: job / 0, 3)
+    assert calls == 2 * (raised + back)
 
 
 def test_a_plan_runs_rivals_beside_variants(plan_file, tmp_path):

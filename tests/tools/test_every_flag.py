@@ -183,6 +183,7 @@ RUNS = [
     ("experiment codes --data {f} --seeds 1 --workers 1 --output {f}/codes "
      "--figure {f}/codes.png --figures pdf,svg", 0),
     ("experiment codes --data {f} --seeds 1 --figures pdf", 2),
+    ("experiment codes --data {f} --seeds 1 --dry-run", 0),
     ("experiment codes --data {f} --seeds 1 --workers 1 -o {f}/codes "
      "--report {f}/experiments.html", 0),
     # 2: rivals and frames alone compare systems, and drive streets for it

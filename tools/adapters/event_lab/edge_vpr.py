@@ -6,12 +6,18 @@ Event-LAB calls the methods of the class in the order in which they stand here.
 from __future__ import annotations
 
 import datetime
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
-from baselines.edge_vpr_matrix import Drive, Request, write_distance_matrix
+from baselines.edge_vpr_matrix import (
+    Drive,
+    EdgeVprFailedError,
+    Request,
+    write_distance_matrix,
+)
 from baselines.EventBaselineLab import EventBaseline
 
 CONFIG = Path(__file__).with_name("edge_vpr.yaml")
@@ -37,18 +43,28 @@ class EdgeVprBaseline(EventBaseline):  # type: ignore[misc]
 
         Frames (``frame_*.npy``) of both drives are taken if they are there and the configuration
         says ``frames: true``; the HDF5 files of events otherwise.
+
+        Raises
+        ------
+        EdgeVprFailedError
+            If the windows are numbers of events, or the data set states a unit that is not known.
         """
+        if config.get("frame_accumulator") == "eventcount":
+            raise EdgeVprFailedError(
+                f"windows of {timewindow} events are not covered: set frame_accumulator to polarity"
+            )
         self.config = config
         about = [drive.get_dataset_info() for drive in (reference, query)]
         names = [info["sequence_name"] for info in about]
         self.ref_query = "_".join(names)
-        offsets = dataset_config.get("other", {}).get("offset", {})
+        other = dataset_config.get("other") or {}
+        offsets, scale = other.get("offset") or {}, other.get("offset_time_scale", "s")
         folders = [_frames_of(info, timewindow) for info in about]
         by_frames = bool(self.baseline_config.get("frames")) and None not in folders
         drives = [
             Drive(folder)
             if by_frames and folder is not None
-            else Drive(Path(info["hdf5_path"]), _seconds(offsets.get(info["sequence_name"])))
+            else Drive(Path(info["hdf5_path"]), _seconds(offsets.get(info["sequence_name"]), scale))
             for info, folder in zip(about, folders, strict=True)
         ]
         width, height = dataset_config["dataset"]["resolution"]
@@ -56,7 +72,7 @@ class EdgeVprBaseline(EventBaseline):  # type: ignore[misc]
             *drives,
             window_ms=float(timewindow),
             resolution=(int(width), int(height)),
-            time_unit=self.baseline_config.get("time_unit", "ns"),
+            time_unit=self.baseline_config.get("time_unit") or _time_unit(dataset_config),
             settings=self.baseline_config.get("settings") or {},
             program=tuple(self.baseline_config.get("program", ["edge-vpr"])),
         )
@@ -95,5 +111,29 @@ def _frames_of(info: dict[str, Any], timewindow: float) -> Path | None:
     return None
 
 
-def _seconds(offset: object) -> str | None:
-    return None if offset is None else str(offset)
+#: names of the units of times in the configuration of a data set, and units in a second
+_UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
+
+
+def _time_unit(dataset_config: dict[str, Any]) -> str:
+    """Return the unit of the times in the HDF5 files of a data set."""
+    stated = (dataset_config.get("format") or {}).get("data", {}).get("timestamp_val") or "ns"
+    return _unit(stated, "timestamp_val")
+
+
+def _unit(stated: object, name: str) -> str:
+    for unit, in_a_second in _UNITS.items():
+        if stated in (unit, in_a_second):
+            return unit
+    raise EdgeVprFailedError(
+        f"{name} of the data set is {stated!r}: expected {', '.join(_UNITS)}, or as many in a "
+        "second; name the unit of the files as time_unit in edge_vpr.yaml"
+    )
+
+
+def _seconds(offset: object, scale: object) -> str | None:
+    """Return an offset on the file's clock in seconds, as text that loses no digit."""
+    if offset is None:
+        return None
+    unit = _unit(scale, "offset_time_scale")
+    return str(offset) if unit == "s" else str(Decimal(str(offset)) / _UNITS[unit])

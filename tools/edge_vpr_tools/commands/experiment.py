@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
 
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr_tools.console import note, summary, warning
 from edge_vpr_tools.research.experiments import EXPERIMENTS, STREETS_ONLY
 
@@ -17,7 +17,8 @@ EXAMPLES = """\
   edge-vpr experiment simulated
   edge-vpr experiment rivals --data recordings -o rivals --seeds 3
   edge-vpr experiment rivals frames --data recordings --report paper.html
-  edge-vpr experiment rivals --with model:netvlad.onnx@1,2,4"""
+  edge-vpr experiment rivals --with model:netvlad.onnx@1,2,4
+  edge-vpr experiment all --data recordings --dry-run"""
 #: folder of the stored trials in that of the results
 _STORE = ".trials"
 
@@ -36,6 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"names, or others (docs/datasets.md); {', '.join(STREETS_ONLY)} read none, since all of "
         "their drives are simulated",
     )
+    group.add_argument(
+        "--dry-run", action="store_true",
+        help="run nothing: list the drives and trials, and all files of the data sets with their "
+        "sizes and addresses; those in the folder of --data are checked by size and SHA-256",
+    )  # fmt: skip
     group.add_argument(
         "--with",
         dest="baselines",
@@ -78,7 +84,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Run experiments, write their tables and figures, and print the tables as Markdown."""
     from edge_vpr.results import check_parent
-    from edge_vpr_tools.research.experiments.drives import check_logs
+    from edge_vpr_tools.research.catalogue import damaged_files
+    from edge_vpr_tools.research.experiments.drives import check_logs, downloads
 
     begin = time.perf_counter()
     if args.seeds < 1:
@@ -99,12 +106,17 @@ def run(args: argparse.Namespace) -> None:
             f"{', '.join(names)} drives simulated streets only and reads no --data: leave it out, "
             f"or compare recorded drives by {others}"
         )
+    if args.dry_run:
+        _list_files(names, args, data)
+        return
     if args.table is not None:
         _learn(names, args)
         return
     names = _with_drives(names, args, data)
     folder = Path(args.output)
     if data is not None:
+        for problem in damaged_files(data, downloads(data)):
+            warning(problem)
         check_logs(data)
     for written in (args.figure, args.report):
         if written is not None:
@@ -118,6 +130,31 @@ def run(args: argparse.Namespace) -> None:
     if args.report is not None:
         _write_report(Path(args.report), folder, pages, args.seeds)
     summary(f"{folder}: {len(names)} experiments in {time.perf_counter() - begin:,.0f} s")
+
+
+def _list_files(names: list[str], args: argparse.Namespace, data: Path | None) -> None:
+    """Print what would run, and the files of all data sets."""
+    from edge_vpr_tools.research.catalogue import damaged_files, listing
+    from edge_vpr_tools.research.experiments.drives import downloads
+    from edge_vpr_tools.research.experiments.experiment import trials_of
+
+    for name in names:
+        try:
+            if name in PROGRAMS:
+                _check_program(name, args, data)
+                summary(f"{name}: runs as a whole")
+                continue
+            trials = trials_of(name, data, args.seeds, tuple(args.baselines))
+        except EdgeVprError as error:
+            summary(f"{name}: cannot run: {error}")
+            continue
+        drives = "; ".join(dict.fromkeys(one.drives for one in trials))
+        summary(f"{name}: {len(trials)} trials, of {drives}")
+    for line in listing(downloads(data), data):
+        summary(line)
+    damaged = [] if data is None else list(damaged_files(data, downloads(data), hashed=True))
+    if damaged:
+        raise UsageError("; ".join(damaged))
 
 
 def _with_drives(names: list[str], args: argparse.Namespace, data: Path | None) -> list[str]:

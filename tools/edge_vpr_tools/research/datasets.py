@@ -1,10 +1,12 @@
-"""The published traverses of Brisbane-Event-VPR and QCR-Event-VPR: files, clocks and positions.
+"""The published traverses of Brisbane-Event-VPR, QCR-Event-VPR and NSAVP: clocks and positions.
 
-The figures are facts stated by the data sets' authors in
+Addresses, sizes and hashes of the files are in `research.catalogue`, with the data sets that are
+not opened. The figures are facts stated by the data sets' authors in
 
 - https://github.com/Tobias-Fischer/sparse-event-vpr, ``src/sparse_event_vpr/constants.py``
 - https://github.com/Tobias-Fischer/ensemble-event-vpr,
   ``correspondence-event-camera-frame-camera.py``
+- https://github.com/umautobots/nsavp_tools, ``documentation/data_format.md``
 
 A file belongs to a traverse if its name is exactly one of the traverse's names.
 """
@@ -12,29 +14,39 @@ A file belongs to a traverse if its name is exactly one of the traverse's names.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from edge_vpr.errors import GroundTruthError, UsageError
-from edge_vpr.evaluation.tracks import Track, load_nmea
+from edge_vpr.evaluation.tracks import MAX_GAP_S, Track, load_nmea
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import Recording, open_recording
+from edge_vpr.recordings.hdf5 import CheckedDataset, load_h5py
 from edge_vpr.recordings.recording import TimeCrop
+from edge_vpr_tools.research.catalogue import (
+    BRISBANE_BAGS_PAGE,
+    BRISBANE_PAGE,
+    NSAVP_PAGE,
+    QCR_PAGE,
+    Download,
+    PublishedFile,
+    brisbane_download,
+    nsavp_download,
+)
 
-#: DAVIS346, in both data sets.
-SENSOR = Sensor(346, 260)
-
-BRISBANE_PAGE = "https://huggingface.co/datasets/TobiasRobotics/brisbane-event-vpr"
-BRISBANE_BAGS_PAGE = "https://zenodo.org/records/4302805"
-QCR_PAGE = "https://zenodo.org/records/10494919"
+#: DAVIS346 of Brisbane-Event-VPR and QCR-Event-VPR, and DVXplorer of NSAVP.
+SENSOR, NSAVP_SENSOR = Sensor(346, 260), Sensor(640, 480)
 
 #: Length of the route of QCR-Event-VPR in metres (How Many Events Do You Need?, section I).
 QCR_ROUTE_M = 160.0
 
-Files = Literal["parquet", "bag"]
+Files = Literal["parquet", "bag", "hdf5"]
+#: in order of preference
+_EVERY_KIND: tuple[Files, ...] = ("parquet", "bag", "hdf5")
 Landmarks = Literal["common", "released-code"]
 
 
@@ -67,11 +79,29 @@ class BrisbaneTraverse:
     beginning_s: float | None
     complete_beginning_s: float
 
+    sensor = SENSOR
+    kinds: ClassVar[tuple[Files, ...]] = ("parquet", "bag")
+    time_units: ClassVar[Mapping[str, str]] = {"parquet": "us"}
+
     def file_name(self, kind: Files) -> str:
         """Return the published name of the recording's file."""
         if kind == "bag":
             return f"{self.recording}.bag"
         return f"{self.recording}_no_hot_pixels_nobursts_denoised.parquet"
+
+    @property
+    def downloads(self) -> tuple[Download, ...]:
+        """Files of the traverse from each page, any of which will do."""
+        title, bag = f"Brisbane-Event-VPR, {self.name}", PublishedFile(self.file_name("bag"))
+        log = PublishedFile(f"{self.video}_concat.nmea")
+        bags = Download(title, BRISBANE_BAGS_PAGE, (bag, log))
+        return (bags,) if self.beginning_s is None else (
+            brisbane_download(self.name, self.recording), bags
+        )  # fmt: skip
+
+    def origin(self, folder: Path, start_us: int) -> tuple[Track, int]:
+        """Return the GPS log and the time of its time 0; see `track`."""
+        return self.track(folder)
 
     @property
     def logs(self) -> dict[str, float]:
@@ -123,9 +153,25 @@ class QCRTraverse:
     start_s: float
     landmarks_s: tuple[float, ...]
 
+    sensor = SENSOR
+    kinds: ClassVar[tuple[Files, ...]] = ("parquet", "bag")
+    time_units: ClassVar[Mapping[str, str]] = {"parquet": "us"}
+
     def file_name(self, kind: Files) -> str:
         """Return the published name of the recording's file."""
         return f"{self.recording}.bag" if kind == "bag" else f"{self.recording}_denoised.parquet"
+
+    @property
+    def downloads(self) -> tuple[Download, ...]:
+        """Files of the traverse, any of which will do."""
+        title = f"QCR-Event-VPR, {self.name}"
+        return tuple(
+            Download(title, QCR_PAGE, (PublishedFile(self.file_name(kind)),)) for kind in self.kinds
+        )
+
+    def origin(self, folder: Path, start_us: int) -> tuple[Track, int]:
+        """Return the landmarks as a track, and the time at which the robot set off."""
+        return self.track(), start_us + round(self.start_s * 1e6)
 
     def track(self, landmarks: Landmarks = "common") -> Track:
         """Return the metres along the route, from the times at which the landmarks were passed.
@@ -153,6 +199,82 @@ class QCRTraverse:
             raise UsageError(f"landmarks {landmarks!r} is unknown: use common or released-code")
         # the times were set by hand, tens of seconds apart: no gap is too long
         return Track(np.round(time_s * 1e6).astype(np.int64), route[:, None])
+
+
+@dataclass(frozen=True)
+class NSAVPTraverse:
+    """One drive of NSAVP, by the left event camera (DVXplorer), with poses of the vehicle.
+
+    Events and poses have one clock (TAI, in nanoseconds). The poses are those of the vehicle's rear
+    axle in an Earth-fixed frame; the camera, which looks forward, is some metres ahead, in all
+    drives of one direction alike.
+    """
+
+    name: str
+
+    sensor = NSAVP_SENSOR
+    kinds: ClassVar[tuple[Files, ...]] = ("hdf5",)
+    time_units: ClassVar[Mapping[str, str]] = {"h5": "ns"}
+
+    def file_name(self, kind: Files) -> str:
+        """Return the published name of the recording's file, which is of one kind."""
+        return f"{self.name}_dvxplorer_left.h5"
+
+    @property
+    def downloads(self) -> tuple[Download, ...]:
+        """Files of the traverse."""
+        return (nsavp_download(self.name),)
+
+    def origin(self, folder: Path, start_us: int) -> tuple[Track, int]:
+        """Return the poses as a track of three metric coordinates, and the time of its time 0.
+
+        Time 0 is that of the first pose, or of the first event if this is later.
+
+        Parameters
+        ----------
+        folder : Path
+            Holds the poses.
+        start_us : int
+            Of the first event, on the data set's clock.
+
+        Raises
+        ------
+        GroundTruthError
+            If the file of poses is missing or of another form.
+        """
+        path = folder / f"{self.name}_applanix.h5"
+        if not path.is_file():
+            raise GroundTruthError(
+                f"{folder} holds no poses of {self.name} ({path.name}): download them from "
+                f"{NSAVP_PAGE}"
+            )
+        with _poses_of(path) as file:
+            try:
+                group = file["pose_base_link"]
+                position, time_ns = (
+                    CheckedDataset(group[name], f"{path}: {name}").read(slice(0, len(group[name])))
+                    for name in ("positions", "timestamps")
+                )
+                time_us = time_ns.astype(np.int64) // 1_000
+            except (KeyError, TypeError, ValueError, OSError) as error:
+                raise GroundTruthError(
+                    f"{path} has no poses as NSAVP has them ({error}): download it again"
+                ) from error
+        zero = max(int(time_us[0]), start_us) if time_us.size else start_us
+        kept = np.diff(time_us, prepend=-1) > 0
+        track = Track(time_us[kept] - zero, position[kept], max_gap_us=round(MAX_GAP_S * 1e6))
+        return track, zero
+
+
+@contextmanager
+def _poses_of(path: Path) -> Iterator[Any]:
+    """Open a file of poses."""
+    try:
+        file = load_h5py().File(path, "r", locking=False)
+    except OSError as error:
+        raise GroundTruthError(f"{path} cannot be read ({error}): download it again") from error
+    with file:
+        yield file
 
 
 BRISBANE_TRAVERSES = (
@@ -188,6 +310,10 @@ QCR_TRAVERSES = (
                 (0, 15.5, 30, 63.5, 110, 141, 185, 217, 246.5, 256, 263)),
 )  # fmt: skip
 
+#: forward and reverse along one route, in the afternoon, at sunset and at night
+NSAVP_FORWARD = tuple(NSAVPTraverse(f"R0_F{light}0") for light in "ASN")
+NSAVP_REVERSE = tuple(NSAVPTraverse(f"R0_R{light}0") for light in "ASN")
+
 #: Metres along the route of each landmark; see `QCRTraverse.track`.
 QCR_LANDMARKS_M = QCR_ROUTE_M * np.median(
     [np.array(t.landmarks_s) / t.landmarks_s[-1] for t in QCR_TRAVERSES], axis=0
@@ -203,11 +329,16 @@ QCR_LANDMARKS_M.setflags(write=False)
 
 #: largest distance of a correct match in metres (paper, IV-B)
 BRISBANE_M, QCR_M = 70.0, 3.0
+#: in NSAVP: its tools evaluate 5 to 30 m
+NSAVP_M = 25.0
+Traverse = BrisbaneTraverse | QCRTraverse | NSAVPTraverse
 #: not evaluated in either paper
 _LEFT_OUT = ("night",)
-_DATA_SETS: Mapping[str, tuple[tuple[BrisbaneTraverse | QCRTraverse, ...], float]] = {
+DATA_SETS: Mapping[str, tuple[tuple[Traverse, ...], float]] = {
     "Brisbane": (BRISBANE_TRAVERSES, BRISBANE_M),
     "QCR": (QCR_TRAVERSES, QCR_M),
+    "NSAVP forward": (NSAVP_FORWARD, NSAVP_M),
+    "NSAVP reverse": (NSAVP_REVERSE, NSAVP_M),
 }
 
 
@@ -238,7 +369,7 @@ class PublishedPair:
 
 
 def published_pairs(
-    folder: Path, files: tuple[Files, ...] = ("parquet", "bag")
+    folder: Path, files: tuple[Files, ...] = _EVERY_KIND
 ) -> Iterator[PublishedPair]:
     """Open the pairs whose files are in a folder, one after another.
 
@@ -246,7 +377,7 @@ def published_pairs(
     ----------
     folder : Path
         Holds recordings and GPS logs under their published names.
-    files : tuple of {"parquet", "bag"}
+    files : tuple of {"parquet", "bag", "hdf5"}
         Kinds of files to use, in order of preference.
 
     Raises
@@ -263,24 +394,24 @@ def published_pairs(
                 f"{title}, {query.name} against {reference.name}",
                 reference,
                 query,
-                _DATA_SETS[title][1],
+                DATA_SETS[title][1],
             )
 
 
 def found_traverses(
-    folder: Path, files: tuple[Files, ...] = ("parquet", "bag")
-) -> dict[str, list[tuple[BrisbaneTraverse | QCRTraverse, Path]]]:
+    folder: Path, files: tuple[Files, ...] = _EVERY_KIND
+) -> dict[str, list[tuple[Traverse, Path]]]:
     """Return the traverses whose recordings are in a folder, in order, by their data set.
 
     Parameters
     ----------
-    files : tuple of {"parquet", "bag"}
+    files : tuple of {"parquet", "bag", "hdf5"}
         Kinds of files to use, in order of preference.
 
     Returns
     -------
     dict of str to list of (traverse, path)
-        Brisbane and QCR; the lists may be empty.
+        Of `DATA_SETS`; the lists may be empty.
     """
     return {
         title: [
@@ -288,42 +419,35 @@ def found_traverses(
             for traverse in traverses
             if traverse.name not in _LEFT_OUT and (path := find_file(traverse, folder, files))
         ]
-        for title, (traverses, _) in _DATA_SETS.items()
+        for title, (traverses, _) in DATA_SETS.items()
     }
 
 
-def find_file(
-    traverse: BrisbaneTraverse | QCRTraverse, folder: Path, files: tuple[Files, ...]
-) -> Path | None:
+def find_file(traverse: Traverse, folder: Path, files: tuple[Files, ...]) -> Path | None:
     """Return the recording of a traverse; None if the folder does not hold it."""
     for kind in files:
-        if (path := folder / traverse.file_name(kind)).is_file():
+        if kind in traverse.kinds and (path := folder / traverse.file_name(kind)).is_file():
             return path
     return None
 
 
-def open_drive(traverse: BrisbaneTraverse | QCRTraverse, path: Path) -> PublishedDrive:
+def open_drive(traverse: Traverse, path: Path) -> PublishedDrive:
     """Open the recording of a traverse, cut to its track.
 
     Parameters
     ----------
     path : Path
-        Path of its recording; the GPS log must lie in the same folder.
+        Path of its recording; its GPS log or poses must lie in the same folder.
 
     Raises
     ------
     RecordingError
         If the recording cannot be read.
     GroundTruthError
-        If the GPS log is missing or cannot be read.
+        If the GPS log or the poses are missing or cannot be read.
     """
-    recording = open_recording(
-        path, sensor=SENSOR, on_fault="drop", time_unit="us" if path.suffix == ".parquet" else None
-    )
-    if isinstance(traverse, BrisbaneTraverse):
-        track, beginning_us = traverse.track(path.parent)
-    else:
-        track = traverse.track()
-        beginning_us = recording.start_us + round(traverse.start_s * 1e6)
+    unit = traverse.time_units.get(path.suffix[1:])
+    recording = open_recording(path, sensor=traverse.sensor, on_fault="drop", time_unit=unit)
+    track, beginning_us = traverse.origin(path.parent, recording.start_us)
     crop = TimeCrop(end_us=int(track.time_us[-1]), offset_us=beginning_us)
     return PublishedDrive(traverse.name, path, recording.cropped(crop), track)

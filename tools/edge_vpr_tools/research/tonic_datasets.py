@@ -1,7 +1,7 @@
 """The method's two data sets as `tonic.Dataset`s, with ground truth; needs the extra ``tonic``.
 
 Nothing is downloaded, since the files are gigabytes, and the user must accept their licences.
-`edge_vpr_tools.research.datasets` states the pages and the names of the files.
+`edge_vpr_tools.research.catalogue` states the pages, and the names and sizes of the files.
 """
 
 from __future__ import annotations
@@ -18,11 +18,9 @@ from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import EVENT_DTYPE, Events
 from edge_vpr.recordings import open_recording
 from edge_vpr.recordings.recording import cropped_events
+from edge_vpr_tools.research.catalogue import BRISBANE_BAGS_PAGE, BRISBANE_PAGE, QCR_PAGE
 from edge_vpr_tools.research.datasets import (
-    BRISBANE_BAGS_PAGE,
-    BRISBANE_PAGE,
     BRISBANE_TRAVERSES,
-    QCR_PAGE,
     QCR_TRAVERSES,
     SENSOR,
     BrisbaneTraverse,

@@ -3,6 +3,8 @@
 Each is a module of this package that declares an `experiment.Experiment` as ``EXPERIMENT``.
 """
 
+from edge_vpr_tools.research.catalogue import STAND_INS, stand_in_text
+
 #: module of each experiment by its name on the command line
 EXPERIMENTS = {
     "simulated": "simulated",
@@ -35,13 +37,4 @@ STREETS_ONLY = {
 }
 
 #: folders of recordings, and their sources
-SOURCES = {
-    "brisbane_sparse49": "event counts at 49 pixels of Brisbane-Event-VPR, sunset 1 and 2 "
-    "(https://zenodo.org/records/4302805 has the data set)",
-    "brisbane_lens49": "the same drives at 49 other pixels, and weights of LENS trained with them "
-    "(A. D. Hines, M. Milford and T. Fischer, 2025)",
-    "speck_indoor": "two walks with a Speck, 80 x 80, one frame a second (A. D. Hines, M. Milford "
-    "and T. Fischer)",
-    "speck_walks": "two walks with a Speck, 128 x 128, in short frames (A. D. Hines, M. Milford "
-    "and T. Fischer)",
-}
+SOURCES = {folder: stand_in_text(folder) for folder in STAND_INS}

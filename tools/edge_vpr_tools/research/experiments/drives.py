@@ -22,11 +22,9 @@ from edge_vpr.evaluation.tracks import Track, load_nmea
 from edge_vpr.pipeline import EventSource, WindowSource, cleaned
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulation import SimulatedRecording, simulate_pair
+from edge_vpr_tools.research.catalogue import NOT_OPENED, STAND_INS, Download
 from edge_vpr_tools.research.datasets import (
-    BRISBANE_BAGS_PAGE,
-    BRISBANE_PAGE,
-    QCR_PAGE,
-    BrisbaneTraverse,
+    DATA_SETS,
     PublishedPair,
     found_traverses,
     published_pairs,
@@ -181,17 +179,34 @@ def check_data(data: Path | None) -> None:
 
 
 def check_logs(data: Path) -> None:
-    """Check that the GPS log of every published traverse of a pair in a folder is there.
+    """Check that the positions of every published traverse of a pair in a folder are there.
 
     Raises
     ------
     GroundTruthError
-        If one is missing or cannot be read.
+        If those of one are missing or cannot be read.
     """
     for traverses in found_traverses(data).values():
         for traverse, path in traverses:
-            if len(traverses) > 1 and isinstance(traverse, BrisbaneTraverse):
-                traverse.track(path.parent)
+            if len(traverses) > 1:
+                traverse.origin(path.parent, 0)
+
+
+def downloads(data: Path | None) -> list[Download]:
+    """Return the files of all data sets, those of a traverse in the kind that a folder has."""
+    found = []
+    for traverses, _ in DATA_SETS.values():
+        for traverse in traverses:
+            kinds = traverse.downloads
+            there = [
+                one for one in kinds
+                if data is not None and (data / one.files[0].name).is_file()
+            ]  # fmt: skip
+            found.append(there[0] if there else kinds[0])
+    for folder, one in STAND_INS.items():
+        files = tuple(replace(file, name=f"{folder}/{file.name}") for file in one.files)
+        found.append(replace(one, files=files))
+    return [*found, *NOT_OPENED]
 
 
 def without_pairs(data: Path | None, folders: Collection[str] = tuple(SOURCES)) -> str:
@@ -211,13 +226,20 @@ def without_pairs(data: Path | None, folders: Collection[str] = tuple(SOURCES)) 
         if len(traverses) == 1
     ]  # fmt: skip
     alone = f", only {' and '.join(lone)}" if lone else ""
-    listed = "; ".join(f"{folder}: {SOURCES[folder]}" for folder in folders)
     return (
-        f"{where}{alone}: name a folder with two traverses or more of Brisbane-Event-VPR "
-        f"(*_denoised.parquet and *.nmea of {BRISBANE_PAGE}, or *.bag and *_concat.nmea of "
-        f"{BRISBANE_BAGS_PAGE}) or of QCR-Event-VPR (*_denoised.parquet of {QCR_PAGE}) under "
-        f"their published names, or with one of the folders {listed}"
+        f"{where}{alone}: name a folder with two traverses or more of "
+        f"{_published_text()} under their published names, or with one of the folders "
+        f"{', '.join(folders)}; --dry-run lists all files, with sizes and addresses"
     )
+
+
+def _published_text() -> str:
+    """Return files of the first traverse of each data set, with sizes and addresses."""
+    found: dict[str, str] = {}
+    for traverses, _ in DATA_SETS.values():
+        one = traverses[0].downloads[0]
+        found.setdefault(one.title.partition(",")[0], f"{one.names} of {one.address}")
+    return ", ".join(f"{title} (such as {files})" for title, files in found.items())
 
 
 def _indoor(folder: Path) -> Iterator[Pair]:
