@@ -4,8 +4,8 @@ Each street is mapped once and driven in three lights and speed profiles. Each d
 versions: as it was; with a quarter of the places cut out of the map; with a detour through another
 street, as long as a quarter of the drive; with the camera carried to another part of the street and
 back; backwards; and of another street altogether. Matches of a robot have the running mean of the
-query, those of whole drives the drive's own mean. `learn` learns the tables on other streets, in the
-same way. Queries of `nulls`, whose windows or pixels are shuffled, judge them only.
+query, those of whole drives the drive's own mean. `learn` learns the tables on other streets, in
+the same way. Queries of `nulls`, whose windows or pixels are shuffled, judge them only.
 """
 
 from __future__ import annotations
