@@ -797,7 +797,7 @@ def filter_state(arrays: Arrays) -> list[int]:
     earlier = len(NUMBER_NAMES)  # without the lasting misfit
     shape = (earlier if numbers.shape == (earlier,) else earlier + 1,)
     check_array(numbers, "filter_state", (np.int64,), shape)
-    found = numbers.tolist()
+    found: list[int] = numbers.tolist()
     return found if len(found) > earlier else [*found[:-1], USUAL_FIT << LASTING_BITS, found[-1]]
 
 

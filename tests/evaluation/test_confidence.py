@@ -36,7 +36,9 @@ from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import auroc, judge_rejection
 from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches
+from edge_vpr.matching.place_filter import LASTING_BITS, USUAL_FIT
 from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.state import filter_state
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import MOST_DELAY, PRESETS, Settings
@@ -329,6 +331,21 @@ def test_a_table_of_an_earlier_rule_of_trust_is_not_used(tmp_path, monkeypatch, 
         return
     with pytest.warns(UserWarning, match="learnt by an earlier version"):
         assert ReferenceMap.load(path).confidence is None
+
+
+@given(trust=st.integers(0, 2**31), misfit=st.integers(-1, 1_000))
+def test_net_trust_is_that_of_the_oracle(trust, misfit):
+    found = net_trust(np.array([trust]), np.array([misfit]))
+    assert found.tolist() == [naive.net_trust(trust, misfit)]
+
+
+def test_a_state_that_was_saved_without_a_misfit_begins_with_that_of_a_usual_drive():
+    later = np.array([9, 100, 3, 40, 1, 2, 0, 7], dtype=np.int64)
+    assert filter_state({"filter_state": later}) == later.tolist()
+    earlier = filter_state({"filter_state": np.delete(later, 6)})
+    assert earlier == [9, 100, 3, 40, 1, 2, USUAL_FIT << LASTING_BITS, 7]
+    with pytest.raises(MapError, match="filter_state"):
+        filter_state({"filter_state": later[:5]})
 
 
 def test_matches_that_are_accepted_past_the_edge_of_the_map_are_counted():

@@ -500,3 +500,15 @@ def test_nothing_is_compiled_once_the_link_is_open():
         capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+
+
+def test_it_says_once_that_this_place_or_light_is_not_the_map_s():
+    session, said = LiveSession.__new__(LiveSession), []
+    session.on_message, session._strange = said.append, False
+    for misfit in (-1, 63, 64, 200, 32, 64, 31, 0):
+        session._look_at_misfit(misfit)
+    assert [(message.kind, message.over) for message in said] == [
+        ("misfit", False),
+        ("misfit", True),
+    ]
+    assert "not the map's" in said[0].text

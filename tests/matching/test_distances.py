@@ -15,7 +15,13 @@ from numba import njit
 
 from edge_vpr.errors import UsageError
 from edge_vpr.matching import distances as sad
-from edge_vpr.matching.distances import ReferenceIndex, best_match, best_matches, distance_matrix
+from edge_vpr.matching.distances import (
+    ReferenceIndex,
+    best_match,
+    best_matches,
+    distance_matrix,
+    typical_distances,
+)
 
 SEEDS = st.integers(0, 2**32)
 # the ends of each width, and steps over them
@@ -221,3 +227,14 @@ def test_each_processor_gets_its_own_instructions(kernel_ir, triple, cpu, instru
         if instruction == "udot" and llvm.llvm_version_info < (22,):
             continue  # older ones add in two steps
         assert f"\t{instruction}" in assembly
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    places=st.integers(1, 20),
+    pixels=st.integers(1, 5),
+    largest=st.sampled_from([1, 7, 2**32 - 1]),
+)
+def test_what_is_typical_of_a_place_is_that_of_the_oracle(seed, places, pixels, largest):
+    drawn = np.random.default_rng(seed).integers(0, largest + 1, (places, pixels)).astype(np.uint32)
+    assert typical_distances(drawn).tolist() == naive.typical(drawn.tolist())

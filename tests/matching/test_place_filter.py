@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import descriptors
 
+from edge_vpr.confidence import STRANGE
 from edge_vpr.descriptors.windows import (
     activity_of,
     activity_of_drive,
@@ -240,6 +241,18 @@ def test_one_wrong_window_does_not_move_the_answer():
     distances[10, 10] = 8
     found = PlaceFilter(40, STEADY)
     assert [found.update(row, 1).place for row in distances] == path
+
+
+def test_a_drive_along_the_map_has_no_misfit_and_another_one_has():
+    rng = np.random.default_rng(2)
+    along, elsewhere = (PlaceFilter(60, STEADY) for _ in range(2))
+    for row in drive_through(60, list(range(50)), rng):
+        assert along.update(row, 1).misfit == 0
+    jumping = drive_through(60, rng.permutation(50).tolist(), rng)
+    found = [elsewhere.update(row, 1).misfit for row in jumping]
+    assert min(found[-20:]) >= STRANGE
+    paused = elsewhere.update(np.full(60, 20), 0)  # which says nothing
+    assert paused.misfit == found[-1]
 
 
 def test_after_being_carried_off_it_finds_itself_again():

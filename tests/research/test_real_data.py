@@ -158,7 +158,7 @@ def test_the_shipped_probabilities_hold_on_a_drive_they_were_not_learnt_on(
     known = case.truth.known[matches.query]
     correct = case.truth.correct[matches.place, matches.query][known]
     error = reliability(matches.probability[known], correct).expected_calibration_error
-    assert error < 0.06 and correct.mean() > right
+    assert error < 0.07 and correct.mean() > right
     # a car that stands at a light off the map saw the same at the end of the route
     cut = calibration.sample(without_places(case, 220, 330))
     found = judge_rejection(*cut, cut.trust >= default_confidence(smooth).least_trust(0.99))

@@ -364,7 +364,7 @@ class View:
                 said["certainty"] = f"correct with probability {probability:.2f}"
             if last["lost"]:
                 said["certainty"] += ", lost"
-            if (last["misfit"] or 0) >= STRANGE:
+            if last["misfit"] >= STRANGE:
                 said["certainty"] += f", {STRANGE_TEXT}"
             if last["incomplete"]:
                 said["certainty"] += ", incomplete: events were lost"

@@ -655,8 +655,7 @@ class MatchRows:
                 f'"distance": {distance!r}, "second": {second}, '
                 f'"second_distance": {_number(after)}, "ratio": {_number(ratio)}, '
                 f'"events": {events}, "start_s": {start / 1e6!r}, "trust": {trust}, '
-                f'"misfit": {misfit if misfit >= 0 else "null"}, '
-                f'"probability": {_number(chance)}, "lost": {_FLAG[lost]}, '
+                f'"misfit": {misfit}, "probability": {_number(chance)}, "lost": {_FLAG[lost]}, '
                 f'"incomplete": {incomplete}, "host_us": {came_us}'
                 f"{self._where_text(place) if self._where else ''}}}"
             )
