@@ -371,7 +371,7 @@ def test_a_design_survives_its_file(tmp_path):
         ({"matching": "filter", "length": 2}, "leave length out"),
         ({"steps": (0,) * 17}, "at most 16 prices"),
         ({"activity_costs": True}, "matching by sequence"),
-        ({"activity_costs": True, "matching": "filter", "steps": (1,)}, "in place of steps"),
+        ({"activity_costs": True, "matching": "filter", "steps": (1,)}, "instead of steps"),
         ({"back": (255,)}, "from 0 to 254"),
         ({"restart": 255}, "restart = 255"),
         ({"trust": 1}, "only the place filter"),
