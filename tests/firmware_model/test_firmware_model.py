@@ -369,7 +369,7 @@ def test_a_design_survives_its_file(tmp_path):
         ({"window": "sliding"}, "choose from"),
         ({"matching": "viterbi"}, "choose from sequence"),
         ({"matching": "filter", "length": 2}, "leave length out"),
-        ({"steps": (0,) * 17}, "at most 16 prices"),
+        ({"steps": (0,) * 17}, "at most 16 costs"),
         ({"activity_costs": True}, "matching by sequence"),
         ({"activity_costs": True, "matching": "filter", "steps": (1,)}, "instead of steps"),
         ({"back": (255,)}, "from 0 to 254"),
