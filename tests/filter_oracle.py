@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import naive
 
-from edge_vpr.matching.transitions import METRIC_TOP
+from edge_vpr.matching.place_filter import METRIC_TOP
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 

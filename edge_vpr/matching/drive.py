@@ -14,7 +14,15 @@ from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, place_a
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import CANDIDATES, Matches, nearest_places
-from edge_vpr.matching.place_filter import TRUST_BITS, FilterMatch, PlaceFilter, WindowRows
+from edge_vpr.matching.place_filter import (
+    TRUST_BITS,
+    FilterMatch,
+    Metrics,
+    PlaceFilter,
+    TransitionCosts,
+    Transitions,
+    WindowRows,
+)
 from edge_vpr.matching.sequences import (
     BestSequences,
     anchor_offset,
@@ -23,7 +31,6 @@ from edge_vpr.matching.sequences import (
     sequence_sums,
 )
 from edge_vpr.matching.smoother import BackwardPass, FixedLag, SmoothedMatch, Way, runs
-from edge_vpr.matching.transitions import Metrics, TransitionCosts, Transitions
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
 

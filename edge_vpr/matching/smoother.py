@@ -18,6 +18,8 @@ import numpy as np
 from edge_vpr.matching.place_filter import (
     TRUST_BITS,
     FilterMatch,
+    Metrics,
+    Transitions,
     WindowRows,
     go_back,
     match_summed,
@@ -26,7 +28,6 @@ from edge_vpr.matching.place_filter import (
     support_after,
     trust_of,
 )
-from edge_vpr.matching.transitions import Metrics, Transitions
 
 #: Distance driven since the window before, in millimetres; None where it is not known.
 Way = int | None

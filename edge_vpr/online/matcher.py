@@ -15,9 +15,8 @@ from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Events
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.drive import filter_of
-from edge_vpr.matching.place_filter import FilterState, WindowRows
+from edge_vpr.matching.place_filter import FilterState, StepTable, WindowRows
 from edge_vpr.matching.smoother import FixedLag, SmoothedMatch
-from edge_vpr.matching.transitions import StepTable
 from edge_vpr.online.kernels import (
     acceptance,
     age,

@@ -16,6 +16,7 @@ from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.distances import ReferenceIndex, aligned_zeros
 from edge_vpr.matching.place_filter import (
+    METRIC_TOP,
     MISFIT_TOP,
     NUMBER_NAMES,
     NUMBERS,
@@ -23,9 +24,9 @@ from edge_vpr.matching.place_filter import (
     TRUST_TOP,
     FilterState,
     PlaceFilter,
+    StepTable,
     WindowRows,
 )
-from edge_vpr.matching.transitions import METRIC_TOP, StepTable
 from edge_vpr.online.kernels import BLOCK, LANES, MAX_STEPS, advance, settle, write_codes
 from edge_vpr.route import MOST_MM
 from edge_vpr.settings import Settings, duration_us

@@ -22,8 +22,7 @@ from edge_vpr.descriptors.windows import (
 from edge_vpr.errors import UsageError
 from edge_vpr.matching import drive as filtered_drive
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.matching.place_filter import PlaceFilter
-from edge_vpr.matching.transitions import METRIC_TOP, TransitionCosts
+from edge_vpr.matching.place_filter import METRIC_TOP, PlaceFilter, TransitionCosts
 from edge_vpr.route import MOST_MM, Odometry
 from edge_vpr.settings import PRESETS, Settings
 from fixedpoint.activity import ACTIVITY_COSTS, LOG_TOP, activity_costs

@@ -40,7 +40,7 @@ from naive import sad
 from test_commands import drive  # noqa: F401
 
 from edge_vpr.errors import MapError, UsageError
-from edge_vpr.matching.transitions import TransitionCosts
+from edge_vpr.matching.place_filter import TransitionCosts
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import to_json
 from edge_vpr.settings import PRESETS

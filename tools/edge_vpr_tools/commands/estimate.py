@@ -336,7 +336,7 @@ def _places(args: argparse.Namespace) -> int | None:
 
 def _of_flags(args: argparse.Namespace, places: int) -> Design:
     from edge_vpr.events import Sensor
-    from edge_vpr.matching.transitions import TransitionCosts
+    from edge_vpr.matching.place_filter import TransitionCosts
     from edge_vpr.settings import PRESETS
     from firmware_model.model.design import Design
 

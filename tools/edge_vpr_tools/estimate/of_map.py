@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from edge_vpr.descriptors.windows import activity_of_drive, narrow, place_activity
-from edge_vpr.matching.transitions import TransitionCosts
+from edge_vpr.matching.place_filter import TransitionCosts
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model.errors import DesignError
 from firmware_model.model.design import Design, DeviceCode
