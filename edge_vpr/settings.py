@@ -428,7 +428,8 @@ _COUNTERS = _group(
         "compared",
         choices=CODES,
         plugins=True,
-        more="See docs/codes.md.",
+        more="See docs/codes.md. The code changes neither which pixels are selected nor where "
+        "fixed-count windows end.",
     ),
     counter_bits=SettingField(
         kind=int, help="number of bits of a code", metavar="B", least=1, most=MAX_BITS, needs=_CODE
@@ -477,9 +478,10 @@ _MATCHING = _group(
         show=costs_word,
         valid=lambda values: len(values) > 0 and are_costs(values),
         expected="1 to 16 costs from 0 to 254, for example 1,0,1",
-        more="With fixed-count windows, moving on by two places costs nothing too, because such "
-        "windows become longer in other light. With two places per window, steps are of half a "
-        "window's way, and auto is 1,0,0,0,0,1 for fixed-count windows.",
+        more="A camera that moves slowly has fewer events. With fixed-count windows, moving on by "
+        "two places costs nothing too, because such windows become longer in other light. With two "
+        "places per window, steps are of half a window's way, and auto is 1,0,0,0,0,1 for "
+        "fixed-count windows.",
         needs=_FILTER,
     ),
     filter_back=SettingField(

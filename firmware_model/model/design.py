@@ -370,7 +370,7 @@ class Design(DesignFile):
         if self.activity_costs and (self.matching != "filter" or self.steps):
             raise DesignError(
                 f"design: activity_costs of matching by {self.matching} with steps = "
-                f"{list(self.steps)}: only the place filter has them, in place of steps"
+                f"{list(self.steps)}: only the place filter has them, instead of steps"
             )
         if not (self.activity_costs or self.steps):
             object.__setattr__(self, "steps", STEPS)
@@ -378,7 +378,7 @@ class Design(DesignFile):
             prices = getattr(self, name)
             if len(prices) > MAX_STEPS or not all(0 <= price <= MAX_PRICE for price in prices):
                 raise DesignError(
-                    f"design: {name} = {list(prices)}: expected at most {MAX_STEPS} prices from 0 "
+                    f"design: {name} = {list(prices)}: expected at most {MAX_STEPS} costs from 0 "
                     f"to {MAX_PRICE}"
                 )
 
