@@ -50,7 +50,6 @@ from edge_vpr_tools.research.experiments.experiment import (
 )
 from edge_vpr_tools.research.experiments.nulls import BY_US
 from edge_vpr_tools.research.experiments.place_filter import (
-    PIXELS,
     ROBOT,
     VARIANTS,
     Counted,
@@ -261,16 +260,11 @@ def _streets(seed: int) -> Iterator[Counted]:
     return counted_street(FIRST_SEED + seed, KINDS)
 
 
-#: number of pixels in the figure, where several were tried
-_PIXELS = f", {max(PIXELS)} px"
-
-
 def figure(rows: Rows) -> Figure:
     """Draw right matches over each constant: live in the first line of panels, late in the next."""
-    names = dict.fromkeys(row[DRIVES] for row in rows)
-    many = [name for name in names if name.endswith(_PIXELS)]
-    groups = {_group(name) for name in many}
-    shown = {*many, *(name for name in names if _group(name) not in groups)}
+    # of drives with several numbers of pixels the last one, which is the largest
+    last = {row[DRIVES].rpartition(",")[0]: row[DRIVES] for row in rows}
+    shown = set(last.values())
     varied = [row for row in rows if row[DRIVES] in shown and row[CHOSEN_ON] != BY_OTHERS]
     varied.sort(key=lambda row: list(DELAYS).index(row["matching"]))
     return lines(
