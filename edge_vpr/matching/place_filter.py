@@ -609,8 +609,8 @@ def window_misfit(
     for k in range(evidence.size):
         total += np.int64(evidence[k])
     nearer = (np.int64(typical[place]) * factor) >> FACTOR_SHIFT
-    advantage = total // evidence.size - np.int64(evidence[place]) + nearer
-    return misfit_of(evidence[place]) - int(min(max(advantage, -MISFIT_TOP), MISFIT_TOP))
+    advantage = int(total // evidence.size - np.int64(evidence[place]) + nearer)
+    return misfit_of(evidence[place]) - min(max(advantage, -MISFIT_TOP), MISFIT_TOP)
 
 
 @kernel

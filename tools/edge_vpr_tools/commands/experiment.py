@@ -140,10 +140,6 @@ def _list_files(names: list[str], args: argparse.Namespace, data: Path | None) -
 
     for name in names:
         try:
-            if name in PROGRAMS:
-                _check_program(name, args, data)
-                summary(f"{name}: runs as a whole")
-                continue
             trials = trials_of(name, data, args.seeds, tuple(args.baselines))
         except EdgeVprError as error:
             summary(f"{name}: cannot run: {error}")
