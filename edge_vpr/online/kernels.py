@@ -580,7 +580,7 @@ def filter_answer(state, steps, rows, sums, c, events, row):
     return True
 
 
-@kernel(inline="always")
+@kernel
 def acceptance(row, trust, probability, least_trust):
     """Write the probability, and whether the match is lost.
 
@@ -666,7 +666,7 @@ def selected_in_order(
     return np.concatenate(some_slots), joined
 
 
-@kernel(inline="always")
+@kernel
 def few_in_order(table, events, floor, off_slots, slots, times):
     """Do the same in one pass without columns, and without the reason for an error.
 
