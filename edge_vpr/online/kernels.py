@@ -250,7 +250,7 @@ else:
             i += LANES
 
 
-@kernel
+@kernel(inline="always")
 def least_in(sums, count, start, stop):
     """Return the first index of the smallest of ``sums[start:stop]``, and its value.
 
@@ -280,7 +280,7 @@ def least_in(sums, count, start, stop):
     return _first_equal(sums, max(start, best_block * BLOCK), stop, best), best
 
 
-@kernel
+@kernel(inline="always")
 def update_blocks(sums, columns, steps, arrivals, expiries, count):
     """Apply steps to the first `count` sums, and store the smallest of each block after them."""
     for start in range(0, count, BLOCK):
@@ -513,7 +513,7 @@ def write_distances(row, best_sum, second_sum, length):
         row["ratio"] = best_sum / second_sum
 
 
-@kernel
+@kernel(inline="always")
 def _second(sums, count, best, exclusion, places):
     """Find the best place outside the exclusion zone; -1 if there is none."""
     second, second_least = -1, sums[best]
