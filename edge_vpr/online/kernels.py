@@ -360,7 +360,7 @@ def note_steps(slot, column, before, now, noted, totals, counters, arrays):
             continue
         if arrivals + expiries == MAX_STEPS:
             update_blocks(sums, columns, steps, arrivals, expiries, total.sums)
-            arrivals = expiries = np.int64(0)
+            arrivals = expiries = 0
         if up > 0:
             at = arrivals
             arrivals += 1
@@ -380,7 +380,7 @@ def take_moves(moves, totals, counts, code, counters, columns, sums, steps):
     """
     total = totals[0]
     lags = counts.shape[0]
-    noted = (np.int64(0), np.int64(0))  # a literal would be of another type
+    noted = (0, 0)
     for m in range(total.moves):
         slot, left = moves[m].slot, moves[m].left
         for lag in range(max(left, 0), min(left + 2, lags)):
@@ -408,7 +408,7 @@ def recode(own, counts, totals, counters, columns, sums, steps):
     Most codes are the same as before; only those that changed take a pass over the places.
     """
     write_codes(counts[0], own, own.codes[1])
-    noted = (np.int64(0), np.int64(0))
+    noted = (0, 0)
     for slot in range(own.codes.shape[1]):
         before, now = own.codes[0, slot], own.codes[1, slot]
         own.codes[0, slot] = now
