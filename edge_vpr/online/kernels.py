@@ -251,7 +251,7 @@ else:
             i += LANES
 
 
-@kernel
+@kernel(inline="always")
 def least_in(sums, count, start, stop):
     """Return the first index of the smallest of ``sums[start:stop]``, and its value.
 
@@ -281,7 +281,7 @@ def least_in(sums, count, start, stop):
     return _first_equal(sums, max(start, best_block * BLOCK), stop, best), best
 
 
-@kernel
+@kernel(inline="always")
 def update_blocks(sums, columns, steps, arrivals, expiries, count):
     """Apply steps to the first `count` sums, and store the smallest of each block after them."""
     for start in range(0, count, BLOCK):
@@ -361,7 +361,7 @@ def note_steps(slot, column, before, now, noted, totals, counters, arrays):
             continue
         if arrivals + expiries == MAX_STEPS:
             update_blocks(sums, columns, steps, arrivals, expiries, total.sums)
-            arrivals = expiries = np.int64(0)
+            arrivals = expiries = 0
         if up > 0:
             at = arrivals
             arrivals += 1
@@ -381,7 +381,7 @@ def take_moves(moves, totals, counts, code, counters, columns, sums, steps):
     """
     total = totals[0]
     lags = counts.shape[0]
-    noted = (np.int64(0), np.int64(0))  # a literal would be of another type
+    noted = (0, 0)
     for m in range(total.moves):
         slot, left = moves[m].slot, moves[m].left
         for lag in range(max(left, 0), min(left + 2, lags)):
@@ -409,7 +409,7 @@ def recode(own, counts, totals, counters, columns, sums, steps):
     Most codes are the same as before; only those that changed take a pass over the places.
     """
     write_codes(counts[0], own, own.codes[1])
-    noted = (np.int64(0), np.int64(0))
+    noted = (0, 0)
     for slot in range(own.codes.shape[1]):
         before, now = own.codes[0, slot], own.codes[1, slot]
         own.codes[0, slot] = now
@@ -515,7 +515,7 @@ def write_distances(row, best_sum, second_sum, length):
         row["ratio"] = best_sum / second_sum
 
 
-@kernel
+@kernel(inline="always")
 def _second(sums, count, best, exclusion, places):
     """Find the best place outside the exclusion zone; -1 if there is none."""
     second, second_least = -1, sums[best]

@@ -103,8 +103,11 @@ def follow(box, slots, times, until):
         ):
             take_moves(moves, totals, counts, code, counters, columns, sums, steps)
         if over:
-            pass
-        elif tick:
+            take_moves(moves, totals, counts, code, counters, columns, sums, steps)
+            if own.levels.size > 0:
+                recode(own, counts, totals, counters, columns, sums, steps)
+            return i, given, WINDOW_OVER
+        if tick:
             c.next_tick += c.interval
         else:
             if bound[0] - bound[length] > mask:
@@ -119,13 +122,11 @@ def follow(box, slots, times, until):
                 continue
             left = c.every
         complete = seen_until >= length * tau if tau > 0 else bound[0] >= length * n
-        if not (over or complete):
+        if not complete:
             continue
         take_moves(moves, totals, counts, code, counters, columns, sums, steps)
         if own.levels.size > 0:
             recode(own, counts, totals, counters, columns, sums, steps)
-        if over:
-            return i, given, WINDOW_OVER
         row, events = out[given], bound[0] - bound[1]
         if answer(state, step, rows, sums, totals[0], c, sequence, events, row):
             row["time_us"], row["events"] = now, events
