@@ -121,7 +121,7 @@ def learn_drive(
     Parameters
     ----------
     counted : Descriptors
-        Counts of the drive at the pixels of the map, n windows.
+        Counts of the drive at the pixels of the map, n windows of `count_places`.
     track : Track, optional
         Of the drive. Where the map has positions too, its windows are aligned by them.
     odometry : Odometry, optional
@@ -147,11 +147,12 @@ def learn_drive(
     if code is None or initial is None:
         fine = reference.coded(counted).counts.astype(np.int64) << FRACTION_BITS
     else:
-        paused = find_pauses(counted.activity, activity_of_drive(reference.places.activity))
-        own = drive_mean(counted.counts, paused, code)
+        windows = counted.take(slice(None, None, reference.settings.places_per_window))
+        paused = find_pauses(windows.activity, reference.mean_activity)
+        own = drive_mean(windows.counts, paused, code)
         fine = code.fine(counted.counts, own)
-    seen, windows = _mean_by_place(fine, place, len(reference))
-    learnt = windows > 0
+    seen, shown = _mean_by_place(fine, place, len(reference))
+    learnt = shown > 0
     before = _learnt_before(reference)
     weight = np.minimum(before.drives, MOST_DRIVES).astype(np.int64)
     total = before.mean.astype(np.int64) * weight[:, None] + seen
@@ -195,11 +196,21 @@ def learn_drive(
 def _aligned_by_matching(
     reference: MapRecord, counted: Descriptors, odometry: Odometry | None
 ) -> npt.NDArray[np.int64]:
-    """Return the place that each window shows, by its smoothed match; -1 if that is unsure."""
+    """Return the place that each window shows, by its smoothed match; -1 if that is unsure.
+
+    Windows that overlap are matched as several drives, each of windows that do not.
+    """
     asked = {"matching": "filter", "smooth": True, "query_mean": "own", "precision": None}
     matching = reference.matched_with(reference.settings.replaced(asked, "alignment"))
-    matches = match_query(matching, matching.coded(counted), odometry)
-    return np.where(matches.probability >= LEAST_PROBABILITY, matches.place, -1)
+    place = np.full(len(counted), -1, dtype=np.int64)
+    number = reference.settings.places_per_window
+    for first in range(min(number, len(counted))):
+        windows = matching.coded(counted.take(slice(first, None, number)))
+        matches = match_query(matching, windows, odometry)
+        place[first::number] = np.where(
+            matches.probability >= LEAST_PROBABILITY, matches.place, -1
+        )
+    return place
 
 
 def _aligned_by_track(
@@ -264,7 +275,7 @@ def _confused(before: MapRecord, after: MapRecord) -> float:
     """Return the share of places of one map that resemble another part of the other map most."""
     places = len(before)
     some = np.unique(np.linspace(0, places - 1, min(places, SAMPLE)).astype(np.int64))
-    index, exclusion = ReferenceIndex(after.places.counts), before.settings.exclusion
+    index, exclusion = ReferenceIndex(after.places.counts), before.settings.exclusion_places
     confused = 0
     for first in range(0, len(some), 64):
         part = some[first : first + 64]

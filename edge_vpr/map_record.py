@@ -192,6 +192,17 @@ class MapRecord(EqualByValue):
             raise MapError("learnt_mean does not round to the codes of the places")
 
     @property
+    def windows(self) -> Descriptors:
+        """The places whose windows do not overlap: every one, or every second of half windows."""
+        number = self.settings.places_per_window
+        return self.places if number == 1 else self.places.take(slice(None, None, number))
+
+    @property
+    def mean_activity(self) -> int:
+        """Mean of the selected events of the reference's windows, see `activity_of_drive`."""
+        return activity_of_drive(self.windows.activity)
+
+    @property
     def codes(self) -> PixelCodes | None:
         """Counter codes of the places; None if the places hold event counts.
 
@@ -252,7 +263,7 @@ class MapRecord(EqualByValue):
         """Replace the counts of a query by the codes of this map."""
         code = self.own_mean_code
         if code is not None and self.mean is not None:
-            activity = activity_of_drive(self.places.activity)
+            activity = self.mean_activity
             if self.settings.query_mean == "running":
                 return encode_running(counted, code, self.mean, activity)
             return encode_own(counted, code, activity)

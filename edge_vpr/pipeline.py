@@ -27,10 +27,10 @@ from edge_vpr.descriptors.windows import (
     FixedTime,
     Window,
     WindowCounts,
-    activity_of_drive,
     collect,
     find_pauses,
     narrow,
+    overlapping,
 )
 from edge_vpr.errors import MapError, UsageError, expect, kind_of
 from edge_vpr.events import Events, Sensor
@@ -212,6 +212,60 @@ def count_windows(
     return describe(recording, pixel_map, settings.uncoded, removed=removed)
 
 
+def count_places(
+    recording: EventSource | WindowSource,
+    pixel_map: PixelMap,
+    settings: Settings,
+    removed: Removed | None = None,
+) -> Descriptors:
+    """Count the windows of a drive that can be places: as `count_windows`, or overlapping ones.
+
+    With N places per window, a window starts at each N-th part of a window. It is as long as any
+    other. Every N-th place is therefore a place of the map with one place per window.
+
+    Raises
+    ------
+    UsageError
+        If the recording is shorter than a window, holds no events, or a window has no whole parts.
+    """
+    number = settings.places_per_window
+    if number == 1:
+        return count_windows(recording, pixel_map, settings, removed)
+    check_parts(recording, settings)
+    part: dict[str, object] = {"places_per_window": 1, "tau_us": max(settings.tau_us // number, 1)}
+    if settings.events_per_pixel is not None:
+        part["events_per_pixel"] = settings.events_per_pixel / number
+    pieces = count_windows(
+        recording, pixel_map, settings.replaced(part, "parts of a window"), removed
+    )
+    found = overlapping(pieces, number, keep_incomplete=settings.keep_incomplete)
+    if len(found) == 0:
+        raise too_short(window_of(settings))
+    return found
+
+
+def check_parts(recording: EventSource | WindowSource, settings: Settings) -> None:
+    """Raise UsageError unless places can start at the parts of a window that the settings say."""
+    number = settings.places_per_window
+    if number == 1:
+        return
+    where = f"setting places_per_window = {number}"
+    if isinstance(recording, WindowSource):
+        raise UsageError(
+            f"{where} needs events, and published windows hold counts: set places_per_window to 1"
+        )
+    if settings.window == "time" and settings.tau_us % number:
+        raise UsageError(
+            f"{where} with windows of {settings.tau_us} us: expected an even number of microseconds"
+        )
+    by_count = settings.window == "count" and settings.events_per_pixel is not None
+    if by_count and settings.events_per_window % number:
+        raise UsageError(
+            f"{where} with windows of {settings.events_per_window} events: expected an even number; "
+            "set events_per_pixel to auto, or to another value"
+        )
+
+
 def describe_query(
     reference: MapRecord,
     recording: EventSource | WindowSource,
@@ -321,8 +375,8 @@ def map_traverse(
 ) -> MapRecord:
     """Make a reference map of one drive, in one pass over its events or two.
 
-    A second pass is needed for fixed-count windows, for polarity, and if the images of all windows
-    are too large for a temporary file. If a recording has events at few pixels alone, as published
+    A second pass is needed for fixed-count windows, for polarity, for several places per window, and
+    if the images of all windows are too large for a temporary file. If a recording has events at few pixels alone, as published
     counts do, and no more than the settings ask for, all of them are the map's.
 
     Parameters
@@ -362,6 +416,7 @@ def map_traverse(
         expect(pixel_map, PixelMap, "pixel_map", "a PixelMap(sensor, x, y)")
         check_sensor(sensor, pixel_map.sensor)
         settings = settings.replaced({"pixels": len(pixel_map)}, "the pixel map")
+    check_parts(recording, settings)
     # the released code selects by clipped counts; with other codes, pixels are selected by plain
     # counts, so that maps with different codes have the same pixels
     with PixelStatistics(sensor, clip=settings.clip) as first:
@@ -420,10 +475,12 @@ def map_traverse(
             )
         if settings.window == "count" and settings.events_per_pixel is None:
             settings = _with_mean_count(settings, first, pixel_map)
-        needs_events = settings.window == "count" or settings.polarity
+        needs_events = (
+            settings.window == "count" or settings.polarity or settings.places_per_window > 1
+        )
         places = None if needs_events else first.descriptors(pixel_map)
     if places is None:
-        places = count_windows(recording, pixel_map, settings, removed)
+        places = count_places(recording, pixel_map, settings, removed)
     return coded_map(
         MapRecord(settings.uncoded, pixel_map, places, saliency.astype(np.float32), hot),
         settings,
@@ -482,15 +539,16 @@ def coded_map(counted: AnyMap, settings: Settings) -> AnyMap:
     settings : Settings
         Of the map to make.
     """
-    places = counted.places
+    places, windows = counted.places, counted.windows
     counts, events = places.counts, places.activity
     full_scale, mean = None, None
     code = settings.own_mean_code
     if code is not None:
-        mean = drive_mean(counts, find_pauses(events, activity_of_drive(events)), code)
+        paused = find_pauses(windows.activity, counted.mean_activity)
+        mean = drive_mean(windows.counts, paused, code)
         coded: npt.NDArray[np.unsignedinteger] = code.encode(counts, mean)
     else:
-        full_scale = learn_full_scale(counts) if settings.learns_full_scale else None
+        full_scale = learn_full_scale(windows.counts) if settings.learns_full_scale else None
         codes = codes_of(settings, counts.shape[1], full_scale)
         coded = counts if codes is None else narrow(codes.encode(counts))
     return replace(
@@ -505,7 +563,8 @@ def coded_map(counted: AnyMap, settings: Settings) -> AnyMap:
 def _with_mean_count(settings: Settings, first: PixelStatistics, pixel_map: PixelMap) -> Settings:
     """Set the number of events in a window to the average of a window of tau."""
     events = int(first.totals[pixel_map.y, pixel_map.x].sum())
-    mean = max(1, round(events / first.windows))
+    number = settings.places_per_window  # a window has as many whole parts
+    mean = number * max(1, round(events / first.windows / number))
     return settings.replaced({"events_per_pixel": mean / len(pixel_map)}, "the reference")
 
 

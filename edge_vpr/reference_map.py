@@ -35,7 +35,7 @@ from edge_vpr.pipeline import (
     check_sensor,
     check_source,
     cleaned,
-    count_windows,
+    count_places,
     describe_query,
     map_traverse,
     match_query,
@@ -253,7 +253,7 @@ class ReferenceMap(MapRecord):
             track = load_track(track)
         if odometry is not None and not isinstance(odometry, Odometry):
             odometry = load_odometry(odometry)
-        counted = count_windows(drive, self.pixel_map, self.settings, removed)
+        counted = count_places(drive, self.pixel_map, self.settings, removed)
         return learn_drive(self, counted, track=track, odometry=odometry)
 
     def match(

@@ -149,7 +149,7 @@ def estimate_shift(
             f"border: expected {LEAST_PIXELS} to estimate a shift, leave registration out"
         )
     x, y = x[inner], y[inner]
-    counts = _folded(reference.decoded(reference.places).counts, len(pixel_map))
+    counts = _folded(reference.decoded(reference.windows).counts, len(pixel_map))
     places = _levels(counts[:, inner])
     found = {
         (dx, dy): _likeness(places, _levels(images[:, y + dy, x + dx]))

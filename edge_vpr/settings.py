@@ -394,6 +394,17 @@ _WINDOWS = _group(
         "reference drive covered in tau. The map stores the number found.",
         needs=("window", ("count",)),
     ),
+    places_per_window=SettingField(
+        kind=int,
+        help="number of windows of the reference drive that start in one window's length: each is a "
+        "place; 2: at every half window",
+        metavar="N",
+        least=1,
+        most=2,
+        more="Windows are as long as with 1, in the reference and in the query. The map has twice "
+        "as many places, and takes twice the memory and the work. Only the place filter takes 2.",
+        needs=_FILTER,
+    ),
     keep_incomplete=SettingField(
         kind=bool, help="keep the last window although the recording ends before it is complete"
     ),
@@ -526,6 +537,7 @@ _MATCHING = _group(
         kind=int,
         help="exclusion zone: the second-best place lies more than R places away from the best",
         metavar="R",
+        more="With several places per window, R counts windows, so that the zone is as long.",
     ),
     score=SettingField(
         help="score by which matches are accepted or rejected in an evaluation; auto: trust with "
@@ -588,6 +600,7 @@ class Settings:
     window: WindowKind = "time"
     tau_us: int = 1_000_000
     events_per_pixel: float | None = 3.0
+    places_per_window: int = 1
     polarity: bool = False
     clip: int | None = None
     counter_code: CounterCodeName = "none"
@@ -615,6 +628,12 @@ class Settings:
             setting.check(getattr(self, name))
         if self.events_per_pixel is not None:
             self._check_events_per_window()
+        if self.places_per_window > 1 and self.matching != "filter":
+            raise UsageError(
+                f"setting places_per_window = {self.places_per_window} with matching = "
+                f"{self.matching}: sequences compare one place per window; set matching to filter, "
+                "or places_per_window to 1"
+            )
         self._check_code()
 
     @property
@@ -637,6 +656,11 @@ class Settings:
     def windows_per_match(self) -> int:
         """Number of windows that one match compares: L, or 1 with the place filter."""
         return 1 if self.matching == "filter" else self.sequence_length
+
+    @property
+    def exclusion_places(self) -> int:
+        """Number of places on each side of the best one in its exclusion zone."""
+        return self.exclusion * self.places_per_window
 
     @property
     def late(self) -> int:

@@ -28,6 +28,17 @@ ACTIVITY_COSTS = (
     (5, 1, 10, 26), (7, 0, 8, 22), (9, 0, 6, 20), (11, 0, 5, 18), (15, 1, 5, 17),
     (19, 3, 5, 16), (22, 4, 4, 15),
 )  # fmt: skip
+#: the same where a window of the reference starts at each half window: steps of 0 to 6 places
+HALF_PLACE_COSTS = (
+    (4, 10, 24, 35, 47, 69, 77), (4, 9, 22, 32, 43, 65, 72), (4, 8, 20, 29, 39, 60, 68),
+    (4, 7, 17, 26, 35, 56, 63), (4, 6, 15, 22, 32, 52, 59), (4, 5, 12, 19, 28, 48, 54),
+    (4, 4, 10, 16, 24, 44, 50), (5, 4, 9, 14, 21, 40, 46), (4, 2, 6, 10, 17, 35, 41),
+    (4, 1, 3, 7, 13, 31, 36), (5, 1, 1, 4, 10, 28, 32), (7, 1, 0, 2, 8, 25, 29),
+    (9, 2, 0, 1, 6, 22, 26), (11, 4, 0, 1, 5, 21, 24), (15, 6, 1, 1, 4, 20, 23),
+    (19, 9, 3, 2, 5, 20, 23), (24, 13, 6, 4, 6, 21, 23),
+)  # fmt: skip
+#: cost of steps by the number of places per window
+COSTS_BY_ACTIVITY = {1: ACTIVITY_COSTS, 2: HALF_PLACE_COSTS}
 #: a row of `ACTIVITY_COSTS` spans ``2**ROW_BITS`` parts of an octave; the row of equal activity
 ROW_BITS, SAME_ROW = 3, 12
 #: evidence has no weight up to this activity, and all of it, ``2**WEIGHT_BITS``, an octave above
@@ -50,15 +61,29 @@ def least_events() -> npt.NDArray[np.int64]:
     return np.array(found, dtype=np.int64)
 
 
-def activity_costs() -> npt.NDArray[np.int64]:
-    """Compute `ACTIVITY_COSTS` from the shares of steps, and from the speed that each stands for.
+#: shares of the windows that are expected to move on by 0, 1, 2 ... places
+SHARES = {1: (0.2, 0.6, 0.19, 0.01), 2: (0.1, 0.25, 0.3, 0.25, 0.1, 0.002, 0.001)}
 
-    A step of i places costs ``-ln(share)``, and that of a normal distribution: the logarithm of the
-    activity has a standard deviation of 1.2 octaves around that of i, or of 0.3 for standing. The
-    cheapest step of a row costs at most 1.
+
+def activity_costs(places_per_window: int = 1) -> npt.NDArray[np.int64]:
+    """Compute `COSTS_BY_ACTIVITY` from `SHARES`, and from the speed that each step stands for.
+
+    A step of i windows' way costs ``-ln(share)``, and that of a normal distribution: the logarithm
+    of the activity has a standard deviation of 1.2 octaves around that of i, or of 0.3 for
+    standing. The cheapest step of a row costs at most 1.
+
+    Parameters
+    ----------
+    places_per_window : {1, 2}
+        How many places are one window's way.
+
+    Returns
+    -------
+    ndarray of int64, shape (17, steps)
     """
     octaves = np.arange(len(ACTIVITY_COSTS)) / 2 - SAME_ROW / 2
-    steps, share = np.array([0.3, 1.0, 2.0, 3.0]), np.array([0.2, 0.6, 0.19, 0.01])
+    share = np.array(SHARES[places_per_window])
+    steps = np.maximum(np.arange(share.size) / places_per_window, 0.3)
     off = octaves[:, None] - np.log2(steps)
     cost = off**2 / (2 * 1.2**2) - np.log(share)
     least = cost.min(axis=1, keepdims=True)

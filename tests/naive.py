@@ -357,9 +357,16 @@ def usual_after(usual: int, events: int) -> int:
     return usual + (256 * min(events, 2**23 - 1) - usual) // 64
 
 
+#: pairs of speed and share of each step, by the number of places per window
+STEPS = {
+    1: [(0.3, 0.2), (1, 0.6), (2, 0.19), (3, 0.01)],
+    2: [(0.3, 0.1), (0.5, 0.25), (1, 0.3), (1.5, 0.25), (2, 0.1), (2.5, 0.002), (3, 0.001)],
+}
+
+
 @cache
-def step_prices(row: int) -> list[int]:
-    """Prices of steps of 0 to 3 places where the activity is ``row / 2 - 6`` octaves higher.
+def step_prices(row: int, per_window: int = 1) -> list[int]:
+    """Prices of steps of 0, 1 ... places where the activity is ``row / 2 - 6`` octaves higher.
 
     A share of the steps is expected to be of each, with so many octaves of activity.
     """
@@ -367,7 +374,7 @@ def step_prices(row: int) -> list[int]:
     for each in range(17):
         prices[each] = [
             (each / 2 - 6 - math.log2(speed)) ** 2 / 2 / 1.2**2 - math.log(share)
-            for speed, share in [(0.3, 0.2), (1, 0.6), (2, 0.19), (3, 0.01)]
+            for speed, share in STEPS[per_window]
         ]
     lowest = min(map(min, prices.values()))
     lower = max(min(prices[row]) - lowest - 1, 0)  # the cheapest step costs 1 at most
@@ -378,19 +385,25 @@ Prices = dict[int, int]
 
 
 def prices_to(
-    places: Sequence[int], now: int, forward: Sequence[int] | None, back: Sequence[int]
+    places: Sequence[int],
+    now: int,
+    forward: Sequence[int] | None,
+    back: Sequence[int],
+    per_window: int = 1,
 ) -> list[Prices]:
     """Prices of the steps that reach each place in a window; `places` and `now` are activities."""
     prices = {-1 - i: 4 * price for i, price in enumerate(back)}
     if forward is not None:
         return [prices | {i: 4 * price for i, price in enumerate(forward)} for _ in places]
     rows = [min(max((now - place + 4) // 8, -12), 4) + 12 for place in places]
-    return [prices | dict(enumerate(step_prices(row))) for row in rows]
+    return [prices | dict(enumerate(step_prices(row, per_window))) for row in rows]
 
 
-def steps_that_follow(forward: Sequence[int] | None, back: Sequence[int]) -> Prices:
+def steps_that_follow(
+    forward: Sequence[int] | None, back: Sequence[int], per_window: int = 1
+) -> Prices:
     """Steps after which a match follows from the one before."""
-    last = 3 if forward is None else max(len(forward) - 1, 2)
+    last = 3 * per_window if forward is None else max(len(forward) - 1, 2 * per_window)
     return dict.fromkeys(range(-len(back), last + 1), 0)
 
 
@@ -407,6 +420,7 @@ def place_filter(
     along: Sequence[int] = (),
     travelled: Sequence[int | None] = (),
     places: Sequence[int] = (),
+    per_window: int = 1,
 ) -> list[tuple[list[int], int, int, int]]:
     """Metrics, best, second and trust after each window; ``distances[j]`` are those of window j.
 
@@ -419,8 +433,10 @@ def place_filter(
     told = []
     for j, d in enumerate(distances):
         least, way = min(metric), travelled[j] if travelled else None
-        prices = prices_to(places or [0] * k, activity(events[j], usual), forward, back)
-        ways = ways_of_steps(prices, jumps) if way is None else ways_of_odometry(along, way, jumps)
+        now = activity(events[j], usual)
+        ways = ways_of_steps(prices_to(places or [0] * k, now, forward, back, per_window), jumps)
+        if way is not None:
+            ways = ways_of_odometry(along, way, jumps, per_window)
         predicted = [
             min([4 * restart] + [metric[i] - least + c for i, to, c in ways if to == place])
             for place in range(k)
@@ -433,7 +449,7 @@ def place_filter(
         best, second, _ = best_and_second(metric, exclusion)
         margin = metric[second] - metric[best] if second >= 0 else 1023
         if way is None:
-            ways = ways_of_steps([steps_that_follow(forward, back)] * k, jumps)
+            ways = ways_of_steps([steps_that_follow(forward, back, per_window)] * k, jumps)
         follows = any((i, to) == (last, best) and c < 4 * restart for i, to, c in ways)
         support = next_support(support if follows else 0, margin, best == last)
         misfits, last = [*misfits, evidence[best]][-3:], best
@@ -477,24 +493,26 @@ def smoothed_filter(
     along: Sequence[int],
     travelled: Sequence[int | None],
     places: Sequence[int] = (),
+    per_window: int = 1,
 ) -> tuple[list[list[int]], list[set[tuple[int, int]]], list[list[int]]]:
     """Forward metric of each window plus the price of the cheapest way on from each place.
 
     And the pairs of places that may follow each other up to each window, and its evidence.
     """
     k, scale, evidence, ways, follow = len(distances[0]), 0, [], [], []
-    given = (forward, back, restart, 0, usual, None, jumps, along, travelled, places)
+    given = (forward, back, restart, 0, usual, None, jumps, along, travelled, places, per_window)
     metrics = [metric for metric, *_ in place_filter(distances, events, *given)]
     for d, count, way in zip(distances, events, travelled, strict=True):
         some, scale = evidence_of(d, count, usual, scale)
         evidence.append(some)
-        steps = prices_to(places or [0] * k, activity(count, usual), forward, back)
+        steps = prices_to(places or [0] * k, activity(count, usual), forward, back, per_window)
         steps, known = ways_of_steps(steps, jumps), []
         if way is not None:
-            steps = known = ways_of_odometry(along, way, jumps)
+            steps = known = ways_of_odometry(along, way, jumps, per_window)
         ways.append(steps)
         usual = usual_after(usual, count)
-        known = known or ways_of_steps([steps_that_follow(forward, back)] * k, jumps)
+        follows = steps_that_follow(forward, back, per_window)
+        known = known or ways_of_steps([follows] * k, jumps)
         follow.append({(i, to) for i, to, c in known if c < 4 * restart})
     onward, summed = [0] * k, []
     for j in reversed(range(len(distances))):
@@ -573,12 +591,12 @@ def ways_of_steps(
 
 
 def ways_of_odometry(
-    along: Sequence[int], travelled: int, jumps: Sequence[tuple[int, int]]
+    along: Sequence[int], travelled: int, jumps: Sequence[tuple[int, int]], per_window: int = 1
 ) -> list[tuple[int, int, int]]:
-    """Place, place after a known way, and price: 2 for each mean spacing that it is off."""
+    """Place, place after a known way, and price: 2 for each mean way of a window that it is off."""
     places = len(along)
     spacing = (along[-1] - along[0]) // (places - 1)
-    rate = 2 * 4 * 2**16 // spacing
+    rate = 2 * 4 * 2**16 // (spacing * per_window)
     ways = [
         (i, k, abs(along[k] - along[i] - travelled) * rate // 2**16)
         for i in range(places)

@@ -189,6 +189,41 @@ class Descriptors(EqualByValue):
         return self.start_us + (self.end_us - self.start_us) // 2
 
 
+def overlapping(
+    pieces: Descriptors, number: int, *, keep_incomplete: bool = False
+) -> Descriptors:
+    """Return the windows of `number` successive pieces each, one from each piece on.
+
+    Parameters
+    ----------
+    pieces : Descriptors
+        n of them, with counts and not codes.
+    keep_incomplete : bool
+        Return the last windows too, which have fewer pieces.
+
+    Returns
+    -------
+    Descriptors
+        n - number + 1 of them, or none; n if the last ones are kept.
+    """
+    n = len(pieces)
+    first = np.arange(n if keep_incomplete else max(n - number + 1, 0))
+    last = np.minimum(first + number, n) - 1
+
+    def summed(values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+        total = np.zeros((n + 1, *values.shape[1:]), dtype=np.int64)
+        np.cumsum(values, axis=0, dtype=np.int64, out=total[1:])
+        return np.asarray(total[last + 1] - total[first])
+
+    return Descriptors(
+        narrow(summed(pieces.counts)),
+        pieces.start_us[first],
+        pieces.end_us[last],
+        summed(pieces.events),
+        summed(pieces.activity),
+    )
+
+
 def check_descriptors(descriptors: Descriptors, counters: int | None = None) -> None:
     """Check that all arrays have the documented dtypes and the same length.
 
@@ -285,13 +320,17 @@ def activity_of(events: int, mean_activity: int) -> int:
     return log_activity(events) - log_activity(mean_activity >> ACTIVITY_BITS)
 
 
-def place_activity(events: npt.NDArray[np.integer]) -> npt.NDArray[np.int32]:
+def place_activity(
+    events: npt.NDArray[np.integer], places_per_window: int = 1
+) -> npt.NDArray[np.int32]:
     """Return the activity of each place: the logarithm of its events less that of the mean.
 
     Parameters
     ----------
     events : ndarray of int, shape (K,)
         At the selected pixels in the window of each place.
+    places_per_window : int
+        The mean is that of the windows that do not overlap, which are every so many places.
 
     Returns
     -------
@@ -299,7 +338,8 @@ def place_activity(events: npt.NDArray[np.integer]) -> npt.NDArray[np.int32]:
         In units of 1/16 octave, of 8 bits with sign.
     """
     logs = np.searchsorted(_LEAST_EVENTS, events, side="right")
-    relative = logs - log_activity(activity_of_drive(events) >> ACTIVITY_BITS)
+    mean = activity_of_drive(events[::places_per_window])
+    relative = logs - log_activity(mean >> ACTIVITY_BITS)
     return np.clip(relative, PLACE_LOW, PLACE_HIGH).astype(np.int32)
 
 

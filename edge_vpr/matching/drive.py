@@ -340,9 +340,10 @@ def filter_of(
     jumps, along_mm : ndarray or None
         Of the map, see `match_descriptors`.
     """
+    events, number = places.activity, settings.places_per_window
     return PlaceFilter(
-        len(places), TransitionCosts.of(settings), settings.exclusion,
-        activity_of_drive(places.activity), place_activity=place_activity(places.activity),
+        len(places), TransitionCosts.of(settings), settings.exclusion_places,
+        activity_of_drive(events[::number]), place_activity=place_activity(events, number),
         jumps=jumps, along_mm=along_mm,
     )  # fmt: skip
 

@@ -287,7 +287,7 @@ class Matches(EqualByValue):
             raise MissingExtraError("a table of matches", "pandas", "pandas") from error
         columns = {name: getattr(self, name) for name in (*TABLE, "margin", "ties")}
         if route is not None:
-            columns |= route.columns(self.place, self.settings.exclusion)
+            columns |= route.columns(self.place, self.settings.exclusion_places)
         return pandas.DataFrame(columns)
 
 
@@ -352,7 +352,7 @@ def write_csv(path: str | Path, matches: Matches, route: Route | None = None) ->
         exclusion zone around it; empty where the position is not known.
     """
     rejects = matches.settings.precision is not None
-    where = {} if route is None else route.columns(matches.place, matches.settings.exclusion)
+    where = {} if route is None else route.columns(matches.place, matches.settings.exclusion_places)
     time_s, distance, ratio = matches.time_s, matches.distance, matches.ratio
     second_distance = matches.second_distance
     with replacing(path) as temporary, temporary.open("w", newline="") as file:

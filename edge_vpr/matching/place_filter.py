@@ -22,7 +22,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.route import MOST_MM
 from edge_vpr.settings import Settings
 from fixedpoint.activity import (
-    ACTIVITY_COSTS,
+    COSTS_BY_ACTIVITY,
     LOG_TOP,
     PLACE_HIGH,
     PLACE_LOW,
@@ -38,8 +38,11 @@ Metrics = npt.NDArray[np.int32]
 FRACTION_BITS = 2
 #: largest metric: 10 bits
 METRIC_TOP = (1 << 10) - 1
-#: a match follows from the one before over so many places at least, even if no step is so long
+#: a match follows from the one before over so many windows' ways at least, even if no step is so
+#: long
 LEAST_LAST = 2
+#: costs of steps where windows have a fixed count, by the number of places per window
+COUNT_COSTS = {1: (1, 0, 0, 1), 2: (1, 1, 0, 0, 0, 1, 1)}
 
 
 @dataclass(frozen=True)
@@ -49,12 +52,14 @@ class TransitionCosts:
     Parameters
     ----------
     forward : tuple of int, optional
-        Cost of a step of 0, 1, 2 ... places. By default `ACTIVITY_COSTS`: by the activity of the
+        Cost of a step of 0, 1, 2 ... places. By default `COSTS_BY_ACTIVITY`: by the activity of the
         window against that of the place that is reached.
     back : tuple of int
         Cost of a step of -1, -2 ... places; empty if the route is never driven backwards.
     restart : int
         Cost of getting anywhere else: the robot was carried, or the filter is wrong.
+    places_per_window : {1, 2}
+        How many places are one window's way.
 
     Raises
     ------
@@ -65,6 +70,7 @@ class TransitionCosts:
     forward: tuple[int, ...] | None = None
     back: tuple[int, ...] = ()
     restart: int = 16
+    places_per_window: int = 1
 
     def __post_init__(self) -> None:
         most = (METRIC_TOP >> FRACTION_BITS) - 1
@@ -78,10 +84,10 @@ class TransitionCosts:
     @classmethod
     def of(cls, settings: Settings) -> TransitionCosts:
         """Return the costs of the settings; the default depends on the kind of window."""
-        forward = settings.filter_steps
+        forward, number = settings.filter_steps, settings.places_per_window
         if forward is None and settings.window == "count":  # whose activity is always the same
-            forward = (1, 0, 0, 1)
-        return cls(forward, settings.filter_back, settings.filter_restart)
+            forward = COUNT_COSTS[number]
+        return cls(forward, settings.filter_back, settings.filter_restart, number)
 
     @property
     def first(self) -> int:
@@ -91,19 +97,23 @@ class TransitionCosts:
     @property
     def last(self) -> int:
         """Largest step, in places; a match that is farther away is a jump."""
-        forward = ACTIVITY_COSTS[0] if self.forward is None else self.forward
-        return max(len(forward) - 1, LEAST_LAST)
+        forward = self._by_activity[0] if self.forward is None else self.forward
+        return max(len(forward) - 1, LEAST_LAST * self.places_per_window)
 
     @property
     def scaled(self) -> npt.NDArray[np.int32]:
         """Costs from the smallest to the largest step, with fraction bits.
 
-        A row for each row of `ACTIVITY_COSTS`, or one for all.
+        A row for each row of `COSTS_BY_ACTIVITY`, or one for all.
         """
         one = np.array([self.forward or ()], dtype=np.int32) << FRACTION_BITS
-        forward = np.array(ACTIVITY_COSTS, dtype=np.int32) if self.forward is None else one
+        forward = np.array(self._by_activity, dtype=np.int32) if self.forward is None else one
         back = np.array(self.back[::-1], dtype=np.int32) << FRACTION_BITS
         return np.hstack([np.tile(back, (len(forward), 1)), forward])
+
+    @property
+    def _by_activity(self) -> tuple[tuple[int, ...], ...]:
+        return COSTS_BY_ACTIVITY[self.places_per_window]
 
 
 # Prediction: the cost of each place one window later, by steps or by a known distance.
@@ -122,7 +132,7 @@ class StepTable(NamedTuple):
     ----------
     costs : ndarray of int32, shape (rows, steps)
         Of a step of ``first``, ``first + 1`` ... places, with fraction bits. Several rows are those
-        of `ACTIVITY_COSTS`; one row is for any activity.
+        of `COSTS_BY_ACTIVITY`; one row is for any activity.
     first, last : int
         Smallest step, and the largest after which an answer follows from the one before.
     restart : int
@@ -272,8 +282,8 @@ def predict_travelled(
     return (prediction >> RATE_BITS).astype(np.int32)
 
 
-#: with odometry, the cost of being one mean spacing away from where the distance leads
-OFF_BY_A_PLACE = 2
+#: with odometry, the cost of being one window's mean way off from where the distance leads
+OFF_BY_A_WINDOW = 2
 _NO_JUMPS = np.zeros((0, 2), dtype=np.int32)
 
 
@@ -331,7 +341,8 @@ class Transitions:
         if along_mm is not None:
             check_along(along_mm, places)
             self._spacing = int(along_mm[-1] - along_mm[0]) // max(places - 1, 1)
-            self._rate = (OFF_BY_A_PLACE << FRACTION_BITS << RATE_BITS) // max(self._spacing, 1)
+            way = max(self._spacing, 1) * costs.places_per_window
+            self._rate = (OFF_BY_A_WINDOW << FRACTION_BITS << RATE_BITS) // way
 
     def check_odometry(self) -> None:
         """Raise UsageError if the map does not hold the distances between its places."""

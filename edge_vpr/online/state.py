@@ -632,7 +632,7 @@ class OnlineState(NamedTuple):
         control = np.zeros(1, dtype=CONTROL).view(np.recarray)
         first = control[0]
         first.every, first.interval = schedule.events, schedule.interval_us
-        first.change, first.exclusion = schedule.change, settings.exclusion
+        first.change, first.exclusion = schedule.change, settings.exclusion_places
         first.next_tick, first.last_reported = schedule.interval_us, -1
         first.window_end = NEVER
         first.least_trust = -2 * TIME_LIMIT_US

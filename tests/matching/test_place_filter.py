@@ -25,13 +25,14 @@ from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.place_filter import METRIC_TOP, PlaceFilter, TransitionCosts
 from edge_vpr.route import MOST_MM, Odometry
 from edge_vpr.settings import PRESETS, Settings
-from fixedpoint.activity import ACTIVITY_COSTS, LOG_TOP, activity_costs
+from fixedpoint.activity import COSTS_BY_ACTIVITY, LOG_TOP, activity_costs
 
 costs = st.builds(
     TransitionCosts,
     forward=st.none() | st.lists(st.integers(0, 6), min_size=1, max_size=5).map(tuple),
     back=st.lists(st.integers(0, 6), max_size=2).map(tuple),
     restart=st.integers(1, 40),
+    places_per_window=st.sampled_from([1, 2]),
 )
 #: with these, a path is followed at the pace of the reference, whatever the activity
 STEADY = TransitionCosts((1, 0, 1))
@@ -66,6 +67,7 @@ def test_metrics_answers_and_trust_equal_the_oracle(
         distances.tolist(), events.tolist(), costd.forward, costd.back, costd.restart,
         exclusion, mean_activity, jumps=pairs.tolist(),
         along=[] if along is None else along.tolist(), travelled=travelled, places=seen.tolist(),
+        per_window=costd.places_per_window,
     )  # fmt: skip
     for row, count, way, (metric, best, second, trust) in zip(
         distances, events, travelled, told, strict=True
@@ -119,14 +121,16 @@ def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
     chosen = Settings(
         matching="filter", pixels=3, smooth=delay is None, delay=delay or 0,
         filter_steps=costd.forward, filter_back=costd.back, filter_restart=costd.restart,
-        exclusion=1,
+        exclusion=1, places_per_window=costd.places_per_window,
     )  # fmt: skip
     counted = replace(descriptors(queries), selected=events)
     found = match_descriptors(
         mapped, counted, chosen, jumps=pairs, along_mm=along, odometry=odometry
     )
     distances = [[naive.sad(p, q) for p in reference.tolist()] for q in queries.tolist()]
-    mean_activity = activity_of_drive(mapped.activity)
+    number = costd.places_per_window
+    of_places = place_activity(mapped.activity, number).tolist()
+    mean_activity = activity_of_drive(mapped.activity[::number])
     ways = [] if along is None else along.tolist()
 
     def smoothed(known):
@@ -134,7 +138,7 @@ def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
         return naive.smoothed_filter(
             distances[:known], events[:known].tolist(), costd.forward, costd.back,
             costd.restart, mean_activity, pairs.tolist(), ways, travelled[:known],
-            place_activity(mapped.activity).tolist(),
+            of_places, number,
         )  # fmt: skip
 
     told, follow, evidence = smoothed(windows)
@@ -142,7 +146,7 @@ def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
         told = [smoothed(j + delay + 1)[0][j] for j in range(windows)]
     margins = []
     for j, metric in enumerate(told):
-        best, second, ties = naive.best_and_second(metric, 1)
+        best, second, ties = naive.best_and_second(metric, number)
         assert (found.place[j], found.second[j], found.ties[j]) == (best, second, ties)
         assert found.distance_sum[j] == metric[best]
         margins.append(metric[second] - metric[best] if second >= 0 else METRIC_TOP)
@@ -342,11 +346,17 @@ def test_the_activity_of_a_place_is_a_byte(events):
         min(max(naive.log_activity(n) - naive.log_activity(usual), -128), 127) for n in events
     ]
     assert place_activity(np.array(events)).tolist() == expected
+    # of half windows, those that do not overlap make the usual number
+    twice = np.repeat(events, 2)
+    twice[1::2] = 7
+    assert place_activity(twice, 2)[::2].tolist() == expected
 
 
-def test_the_costs_by_activity_are_those_of_their_formula():
-    assert activity_costs().tolist() == [list(row) for row in ACTIVITY_COSTS]
-    assert [naive.step_prices(row) for row in range(17)] == activity_costs().tolist()
+@pytest.mark.parametrize("number", COSTS_BY_ACTIVITY)
+def test_the_costs_by_activity_are_those_of_their_formula(number):
+    assert activity_costs(number).tolist() == [list(row) for row in COSTS_BY_ACTIVITY[number]]
+    told = [naive.step_prices(row, number) for row in range(17)]
+    assert told == activity_costs(number).tolist()
 
 
 def test_a_pause_has_less_than_a_sixteenth_of_the_usual_events():
@@ -381,6 +391,11 @@ def test_prices_follow_the_kind_of_window_unless_they_are_given():
     assert TransitionCosts((0,)).last == 2
     assert TransitionCosts.of(Settings(window="count")).forward == (1, 0, 0, 1)
     assert TransitionCosts.of(Settings(filter_steps=(2, 0))).forward == (2, 0)
+    half = Settings(matching="filter", places_per_window=2)
+    assert TransitionCosts.of(half).forward is None
+    assert TransitionCosts.of(half).last == 6
+    assert TransitionCosts((0,), places_per_window=2).last == 4
+    assert TransitionCosts.of(replace(half, window="count")).last == 6
 
 
 @given(seed=st.integers(0, 2**32), places=st.integers(1, 30), queries=st.integers(1, 10))

@@ -621,7 +621,7 @@ class MatchRows:
         self._texts: dict[int, str] = {}  # of `_where`, made when a place is first matched
         if reference is not None and reference.route is not None:
             route = reference.route
-            columns = route.columns(np.arange(len(reference)), reference.settings.exclusion)
+            columns = route.columns(np.arange(len(reference)), reference.settings.exclusion_places)
             columns["route_m"] = np.full(len(reference), np.nanmax(route.along_m))
             self._names = tuple(columns)
             self._where = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from edge_vpr.descriptors.windows import activity_of_drive, narrow, place_activity
+from edge_vpr.descriptors.windows import narrow, place_activity
 from edge_vpr.matching.place_filter import TransitionCosts
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model.errors import DesignError
@@ -58,7 +58,7 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         restart=costs.restart,
         lanes=lanes,
         accept="margin" if filters else "ratio",
-        exclusion=settings.exclusion,
+        exclusion=settings.exclusion_places,
     )
 
 
@@ -77,14 +77,15 @@ def memories_of(reference: ReferenceMap, design: Design) -> Memories:
         if reference.codes is None:
             places = narrow(codes.encode(places))
     adaptive = design.own_mean or design.filters
+    of_places = place_activity(events, reference.settings.places_per_window)
     return Memories(
         design,
         np.stack([reference.pixel_map.x, reference.pixel_map.y], axis=1).tolist(),
         places.tolist(),
         tables,
         mean=None if reference.mean is None else reference.mean.tolist(),
-        activity=activity_of_drive(events) if adaptive else 0,
-        place_activity=place_activity(events).tolist() if design.activity_costs else None,
+        activity=reference.mean_activity if adaptive else 0,
+        place_activity=of_places.tolist() if design.activity_costs else None,
     )
 
 
