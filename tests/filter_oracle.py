@@ -26,8 +26,11 @@ class Begin(NamedTuple):
 
 
 def begin_of(reference: ReferenceMap) -> Begin:
-    """Before the first window: the usual number of events is the reference's mean."""
-    activity = reference.places.activity.tolist()
+    """Before the first window: the usual number of events is the reference's mean.
+
+    Places at half windows overlap: every second one counts.
+    """
+    activity = reference.places.activity.tolist()[:: reference.settings.places_per_window]
     mean_activity = 256 * sum(activity) // len(activity)
     return Begin(0, min(mean_activity, 256 * (2**23 - 1)))
 
@@ -68,7 +71,13 @@ def place_activities(reference: ReferenceMap) -> list[int]:
 
 def forward_costs(settings: Settings) -> tuple[int, ...] | None:
     """Costs of steps forward; None: by activity."""
-    return settings.filter_steps or (None if settings.window == "time" else (1, 0, 0, 1))
+    by_count = (1, 0, 0, 1) if settings.places_per_window == 1 else (1, 1, 0, 0, 0, 1, 1)
+    return settings.filter_steps or (None if settings.window == "time" else by_count)
+
+
+def zone_of(settings: Settings) -> int:
+    """Places on each side in the exclusion zone, which is given in windows."""
+    return settings.exclusion * settings.places_per_window
 
 
 def running_codes(reference: ReferenceMap, counted: Rows, begin: Begin) -> Rows:
@@ -111,10 +120,10 @@ def filtered(
     forward = forward_costs(settings)
     told = naive.place_filter(
         [[naive.sad(place, code) for place in places] for code in coded],
-        events, forward, settings.filter_back, settings.filter_restart, settings.exclusion,
+        events, forward, settings.filter_back, settings.filter_restart, zone_of(settings),
         begin.mean_activity, begin.filtered,
         [] if reference.jumps is None else reference.jumps.tolist(),
-        places=place_activities(reference),
+        places=place_activities(reference), per_window=settings.places_per_window,
     )  # fmt: skip
     return [
         (best, metric[best], second, metric[second] if second >= 0 else -1, trust)
@@ -140,7 +149,7 @@ def smoothed(
             distances[:known], events[:known], forward, settings.filter_back,
             settings.filter_restart, begin_of(reference).mean_activity,
             [] if reference.jumps is None else reference.jumps.tolist(), [], [None] * known,
-            place_activities(reference),
+            place_activities(reference), settings.places_per_window,
         )  # fmt: skip
 
     told, follow, evidence = decided(len(coded))
@@ -149,7 +158,7 @@ def smoothed(
         told = [decided(min(j + late + 1, whole))[0][j] for j in range(whole)]
     rows, margins = [], []
     for metric in told:
-        best, second, _ = naive.best_and_second(metric, settings.exclusion)
+        best, second, _ = naive.best_and_second(metric, zone_of(settings))
         least = metric[second] if second >= 0 else -1
         margins.append(least - metric[best] if second >= 0 else METRIC_TOP)
         rows.append((best, metric[best], second, least))

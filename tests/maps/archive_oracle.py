@@ -167,7 +167,7 @@ def _compare_route(reference: ReferenceMap, found: Matches) -> None:
     """Hold the intervals along the route to a search of the known places."""
     if reference.route is None:
         return
-    within = reference.settings.exclusion
+    within = filter_oracle.zone_of(reference.settings)
     located = reference.route.locate(found.place, within)
     along = reference.route.along_m.tolist()
     for i, place in enumerate(found.place.tolist()):

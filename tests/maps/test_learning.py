@@ -83,6 +83,7 @@ def _round_half_up(value: Fraction) -> int:
         {"counter_code": "none", "counter_scaling": "shared"},
         {"polarity": True},
         {"matching": "sequence", "smooth": False},
+        {"places_per_window": 2},
     ],
 )
 def test_a_map_that_learns_its_own_drive_stays_as_it_is(

@@ -59,11 +59,12 @@ def expected_map(events, chosen):
     window=st.sampled_from(["time", "count"]),
     polarity=st.booleans(),
     remove_bursts=st.booleans(),
+    per_window=st.sampled_from([1, 2]),
     chunk=st.sampled_from([1, 100, 10_000]),
 )
 @settings(max_examples=15)
 def test_a_map_equals_the_oracle_from_events_to_descriptors(
-    seed, window, polarity, remove_bursts, chunk
+    seed, window, polarity, remove_bursts, per_window, chunk
 ):
     chosen = SMALL.replaced(
         {
@@ -71,6 +72,7 @@ def test_a_map_equals_the_oracle_from_events_to_descriptors(
             "polarity": polarity,
             "remove_bursts": remove_bursts,
             "seed": seed,
+            **({} if per_window == 1 else {"matching": "filter", "places_per_window": 2}),
         },
         "test",
     )
@@ -82,11 +84,74 @@ def test_a_map_equals_the_oracle_from_events_to_descriptors(
     assert list(map_pixels) == pixels
     assert {(int(x), int(y)) for y, x in np.argwhere(found.hot)} == set(hot)
     if window == "time":
-        windows = naive.fixed_time_windows(kept, chosen.tau_us)
+        parts = naive.fixed_time_windows(kept, chosen.tau_us // per_window)
     else:
-        windows = naive.fixed_count_windows(kept, pixels, chosen.events_per_window)
+        parts = naive.fixed_count_windows(kept, pixels, chosen.events_per_window // per_window)
+    windows = [sum(parts[i : i + per_window], []) for i in range(len(parts) - per_window + 1)]
     assert found.places.counts.tolist() == [naive.count(w, pixels, polarity) for w in windows]
     assert found.places.events.tolist() == [len(w) for w in windows]
+
+
+@pytest.mark.parametrize("window", ["time", "count"])
+@pytest.mark.parametrize("keep_incomplete", [False, True])
+@pytest.mark.parametrize("scaling", ["shared", "per-pixel", "own-mean", "contrast"])
+def test_every_second_place_at_half_windows_is_one_of_whole_windows(
+    tmp_path, window, keep_incomplete, scaling
+):
+    """Of the codes, too: their means and scales are those of windows that do not overlap."""
+    changes = {
+        "window": window, "keep_incomplete": keep_incomplete, "matching": "filter",
+        "counter_code": "log", "counter_scaling": scaling, "query_mean": "running",
+    }  # fmt: skip
+    events = busy_drive(np.random.default_rng(5), 900)
+    drive = Drive(events, SENSOR)
+    whole = ReferenceMap.build(drive, SMALL, **changes)
+    half = ReferenceMap.build(drive, SMALL, places_per_window=2, **changes)
+    assert half.windows == whole.places
+    assert len(half) in (2 * len(whole) - 1, 2 * len(whole))
+    assert half.pixel_map == whole.pixel_map
+    assert np.array_equal(half.mean, whole.mean) if whole.mean is not None else half.mean is None
+    assert np.array_equal(half.full_scale, whole.full_scale) or whole.full_scale is None
+    assert half.mean_activity == whole.mean_activity
+    # a query is counted in whole windows, and coded as with the other map
+    assert half.match(drive).queries == whole.match(drive).queries
+    half.save(tmp_path / "half.npz")
+    assert ReferenceMap.load(tmp_path / "half.npz") == half
+    assert half.settings.exclusion_places == 2 * whole.settings.exclusion_places
+
+
+def test_a_drive_matched_against_its_own_map_of_half_windows_finds_each_place():
+    events = random_events(np.random.default_rng(2), 5_000, SENSOR, 2_000_000)
+    drive = Drive(events, SENSOR)
+    reference = ReferenceMap.build(drive, SMALL, matching="filter", places_per_window=2)
+    result = reference.match(drive)
+    assert result.matches.place.tolist() == (2 * result.matches.query).tolist()
+
+
+def test_windows_by_count_are_of_an_even_number_where_it_is_taken_from_the_drive():
+    drive = Drive(busy_drive(np.random.default_rng(4)), SENSOR)
+    changes = {"window": "count", "events_per_pixel": None, "matching": "filter"}
+    for seed in range(4):
+        found = ReferenceMap.build(drive, SMALL, seed=seed, places_per_window=2, **changes)
+        number = found.settings.events_per_window
+        assert number % 2 == 0
+        whole = ReferenceMap.build(drive, SMALL, seed=seed, **changes).settings.events_per_window
+        assert abs(number - whole) <= 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"tau_us": 100_001}, "windows of 100001 us: expected an even number of microseconds"),
+        ({"window": "count", "events_per_pixel": 1.5}, "windows of 9 events: expected an even"),
+        ({"tau_us": 3_000_000}, "shorter than one window of 3 s"),
+        ({"tau_us": 2_000_000}, "shorter than one window of 2 s"),
+    ],
+)
+def test_half_windows_that_cannot_be_are_refused(changes, message):
+    drive = Drive(busy_drive(np.random.default_rng(4)), SENSOR)
+    with pytest.raises(UsageError, match=message):
+        ReferenceMap.build(drive, SMALL, matching="filter", places_per_window=2, **changes)
 
 
 def test_the_hot_pixel_and_the_burst_of_a_drive_do_not_reach_its_map():

@@ -57,6 +57,8 @@ def test_settings_come_back_from_plain_values():
             "set counter_full_scale to auto",
         ),
         ({"events_per_pixel": 0.001}, "windows without events"),
+        ({"places_per_window": 3}, "places_per_window = 3: expected 1 to 2"),
+        ({"places_per_window": 2}, "sequences compare one place per window; set matching to"),
     ],
 )
 def test_a_wrong_setting_is_named_with_the_remedy(values, message):
@@ -115,6 +117,7 @@ ALL_FLAGS = {  # a value other than the preset's, as the flag takes it
     "exclusion": "1",
     "score": "ratio",
     "precision": "0.9",
+    "places_per_window": "2",
 }
 #: flags of two words, and what stands in a file where the default is the other
 SWITCHES = {"polarity": True, "keep_incomplete": True, "smooth": False}

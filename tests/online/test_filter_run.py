@@ -8,7 +8,7 @@ from functools import partial
 import naive
 import numpy as np
 import pytest
-from filter_oracle import begin_of, forward_costs, place_activities, running_codes
+from filter_oracle import begin_of, forward_costs, place_activities, running_codes, zone_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import config
@@ -71,7 +71,8 @@ def oracle_after_each_event(reference, events):
         distances = [[naive.sad(place, code) for place in places] for code in coded]
         metric, best, second, trust = naive.place_filter(
             distances, list(map(sum, counted)), forward_costs(chosen), (), chosen.filter_restart,
-            chosen.exclusion, usual_of(reference), places=place_activities(reference),
+            zone_of(chosen), usual_of(reference), places=place_activities(reference),
+            per_window=chosen.places_per_window,
         )[-1]  # fmt: skip
         second_metric = metric[second] if second >= 0 else -1
         rows.append((t, best, metric[best], second, second_metric, sum(counted[-1]), trust))
@@ -113,16 +114,17 @@ def random_map(rng, places, largest, **changes):
     per_pixel=st.sampled_from([0.4, 1.0, 3.0]),
     code=st.sampled_from(CODES),
     exclusion=st.integers(0, 4),
+    per_window=st.sampled_from([1, 2]),
     pieces=st.integers(1, 7),
 )
 @settings(max_examples=40)
 def test_every_match_equals_the_oracle_however_the_stream_is_cut(
-    seed, n, places, largest, window, tau, per_pixel, code, exclusion, pieces
+    seed, n, places, largest, window, tau, per_pixel, code, exclusion, per_window, pieces
 ):
     rng = np.random.default_rng(seed)
     reference = random_map(
         rng, places, largest, window=window, tau_us=tau, events_per_pixel=per_pixel,
-        exclusion=exclusion, **code,
+        exclusion=exclusion, places_per_window=per_window, **code,
     )  # fmt: skip
     events = random_events(rng, n, SENSOR, 2_000)
     found = feed(Localiser(reference, check_every=7), cut_up(rng, events, pieces))
@@ -135,14 +137,17 @@ def test_every_match_equals_the_oracle_however_the_stream_is_cut(
     code=st.sampled_from(CODES),
     back=st.sampled_from([(), (1,), (0, 2)]),
     delay=st.sampled_from([0, 0, 1, 3, 50]),
+    per_window=st.sampled_from([1, 2]),
     pieces=st.integers(1, 5),
 )
 @settings(max_examples=EXAMPLES)
-def test_at_window_ends_it_says_what_the_batch_says(seed, window, code, back, delay, pieces):
+def test_at_window_ends_it_says_what_the_batch_says(
+    seed, window, code, back, delay, per_window, pieces
+):
     rng = np.random.default_rng(seed)
     reference = random_map(
         rng, 30, 9, window=window, tau_us=100, events_per_pixel=1.0, filter_back=back, delay=delay,
-        **code,
+        places_per_window=per_window, **code,
     )  # fmt: skip
     # from time to time the camera stands
     times = np.sort(rng.choice(rng.choice(2_000, 1_200, replace=False), 800))
@@ -185,18 +190,20 @@ def with_ways(rng, reference):
     window=st.sampled_from(["time", "count"]),
     code=st.sampled_from(CODES),
     delay=st.sampled_from([0, 2]),
+    per_window=st.sampled_from([1, 2]),
     pieces=st.integers(1, 5),
 )
 @settings(max_examples=EXAMPLES)
 def test_with_odometry_and_jumps_it_says_at_window_ends_what_the_batch_says(
-    seed, window, code, delay, pieces
+    seed, window, code, delay, per_window, pieces
 ):
     rng = np.random.default_rng(seed)
     reference = with_ways(
         rng,
         random_map(
-            rng, 30, 9, window=window, tau_us=100, events_per_pixel=1.0, delay=delay, **code
-        ),
+            rng, 30, 9, window=window, tau_us=100, events_per_pixel=1.0, delay=delay,
+            places_per_window=per_window, **code,
+        ),  # fmt: skip
     )
     events = random_events(rng, 800, SENSOR, 2_000)
     odometry = random_odometry(rng, 2_000)
