@@ -207,9 +207,7 @@ def _aligned_by_matching(
     for first in range(min(number, len(counted))):
         windows = matching.coded(counted.take(slice(first, None, number)))
         matches = match_query(matching, windows, odometry)
-        place[first::number] = np.where(
-            matches.probability >= LEAST_PROBABILITY, matches.place, -1
-        )
+        place[first::number] = np.where(matches.probability >= LEAST_PROBABILITY, matches.place, -1)
     return place
 
 

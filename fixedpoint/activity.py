@@ -30,12 +30,12 @@ ACTIVITY_COSTS = (
 )  # fmt: skip
 #: the same where a window of the reference starts at each half window: steps of 0 to 6 places
 HALF_PLACE_COSTS = (
-    (4, 10, 24, 35, 47, 69, 77), (4, 9, 22, 32, 43, 65, 72), (4, 8, 20, 29, 39, 60, 68),
-    (4, 7, 17, 26, 35, 56, 63), (4, 6, 15, 22, 32, 52, 59), (4, 5, 12, 19, 28, 48, 54),
-    (4, 4, 10, 16, 24, 44, 50), (5, 4, 9, 14, 21, 40, 46), (4, 2, 6, 10, 17, 35, 41),
-    (4, 1, 3, 7, 13, 31, 36), (5, 1, 1, 4, 10, 28, 32), (7, 1, 0, 2, 8, 25, 29),
-    (9, 2, 0, 1, 6, 22, 26), (11, 4, 0, 1, 5, 21, 24), (15, 6, 1, 1, 4, 20, 23),
-    (19, 9, 3, 2, 5, 20, 23), (24, 13, 6, 4, 6, 21, 23),
+    (4, 17, 44, 63, 80, 107, 120), (4, 15, 39, 57, 73, 100, 111), (4, 14, 35, 51, 67, 92, 103),
+    (4, 12, 31, 45, 60, 84, 95), (4, 10, 26, 40, 53, 77, 87), (4, 8, 22, 34, 46, 69, 79),
+    (4, 6, 18, 28, 40, 62, 70), (4, 4, 14, 22, 33, 54, 62), (5, 3, 10, 17, 27, 47, 55),
+    (5, 1, 6, 11, 20, 40, 46), (6, 1, 2, 7, 14, 33, 39), (8, 1, 1, 4, 10, 28, 34),
+    (12, 3, 0, 2, 7, 24, 29), (17, 6, 1, 1, 5, 22, 26), (23, 11, 2, 1, 4, 20, 24),
+    (30, 16, 6, 3, 5, 20, 23), (37, 21, 8, 4, 5, 20, 22),
 )  # fmt: skip
 #: cost of steps by the number of places per window
 COSTS_BY_ACTIVITY = {1: ACTIVITY_COSTS, 2: HALF_PLACE_COSTS}
@@ -61,16 +61,18 @@ def least_events() -> npt.NDArray[np.int64]:
     return np.array(found, dtype=np.int64)
 
 
-#: shares of the windows that are expected to move on by 0, 1, 2 ... places
+#: shares of the windows that are expected to move on by 0, 1, 2 ... places, and standard deviation
+#: of the activity at each speed in octaves, by the number of places per window
 SHARES = {1: (0.2, 0.6, 0.19, 0.01), 2: (0.1, 0.25, 0.3, 0.25, 0.1, 0.002, 0.001)}
+OCTAVES = {1: 1.2, 2: 0.9}
 
 
 def activity_costs(places_per_window: int = 1) -> npt.NDArray[np.int64]:
     """Compute `COSTS_BY_ACTIVITY` from `SHARES`, and from the speed that each step stands for.
 
-    A step of i windows' way costs ``-ln(share)``, and that of a normal distribution: the logarithm
-    of the activity has a standard deviation of 1.2 octaves around that of i, or of 0.3 for
-    standing. The cheapest step of a row costs at most 1.
+    A step costs ``-ln(share)``, and that of a normal distribution: the logarithm of the activity
+    has a standard deviation of `OCTAVES` around that of the windows' ways that the step is long, or
+    of 0.3 for standing. The cheapest step of a row costs at most 1.
 
     Parameters
     ----------
@@ -85,6 +87,6 @@ def activity_costs(places_per_window: int = 1) -> npt.NDArray[np.int64]:
     share = np.array(SHARES[places_per_window])
     steps = np.maximum(np.arange(share.size) / places_per_window, 0.3)
     off = octaves[:, None] - np.log2(steps)
-    cost = off**2 / (2 * 1.2**2) - np.log(share)
+    cost = off**2 / (2 * OCTAVES[places_per_window] ** 2) - np.log(share)
     least = cost.min(axis=1, keepdims=True)
     return np.rint(4 * (cost - least + np.minimum(least - least.min(), 1))).astype(np.int64)

@@ -357,10 +357,10 @@ def usual_after(usual: int, events: int) -> int:
     return usual + (256 * min(events, 2**23 - 1) - usual) // 64
 
 
-#: pairs of speed and share of each step, by the number of places per window
+#: octaves of spread, and the speed and share of each step, by the number of places per window
 STEPS = {
-    1: [(0.3, 0.2), (1, 0.6), (2, 0.19), (3, 0.01)],
-    2: [(0.3, 0.1), (0.5, 0.25), (1, 0.3), (1.5, 0.25), (2, 0.1), (2.5, 0.002), (3, 0.001)],
+    1: (1.2, [(0.3, 0.2), (1, 0.6), (2, 0.19), (3, 0.01)]),
+    2: (0.9, [(0.3, 0.1), (0.5, 0.25), (1, 0.3), (1.5, 0.25), (2, 0.1), (2.5, 0.002), (3, 0.001)]),
 }
 
 
@@ -370,11 +370,12 @@ def step_prices(row: int, per_window: int = 1) -> list[int]:
 
     A share of the steps is expected to be of each, with so many octaves of activity.
     """
+    spread, steps = STEPS[per_window]
     prices = {}
     for each in range(17):
         prices[each] = [
-            (each / 2 - 6 - math.log2(speed)) ** 2 / 2 / 1.2**2 - math.log(share)
-            for speed, share in STEPS[per_window]
+            (each / 2 - 6 - math.log2(speed)) ** 2 / 2 / spread**2 - math.log(share)
+            for speed, share in steps
         ]
     lowest = min(map(min, prices.values()))
     lower = max(min(prices[row]) - lowest - 1, 0)  # the cheapest step costs 1 at most

@@ -189,9 +189,7 @@ class Descriptors(EqualByValue):
         return self.start_us + (self.end_us - self.start_us) // 2
 
 
-def overlapping(
-    pieces: Descriptors, number: int, *, keep_incomplete: bool = False
-) -> Descriptors:
+def overlapping(pieces: Descriptors, number: int, *, keep_incomplete: bool = False) -> Descriptors:
     """Return the windows of `number` successive pieces each, one from each piece on.
 
     Parameters

@@ -514,7 +514,9 @@ class DelayedRun(FilterRun):
                 "match every window, or set delay to 0"
             )
         super().__init__(reference, windows, schedule)
-        self._lag = FixedLag(self.place_filter.transitions, settings.exclusion_places, settings.late)
+        self._lag = FixedLag(
+            self.place_filter.transitions, settings.exclusion_places, settings.late
+        )
         self._given: np.void | None = None  # by the kernel, of the window that ends
         self._undecided: deque[np.void | None] = deque()  # None of a window that was skipped
         self._decided: list[np.void] = []

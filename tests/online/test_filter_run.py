@@ -201,8 +201,15 @@ def test_with_odometry_and_jumps_it_says_at_window_ends_what_the_batch_says(
     reference = with_ways(
         rng,
         random_map(
-            rng, 30, 9, window=window, tau_us=100, events_per_pixel=1.0, delay=delay,
-            places_per_window=per_window, **code,
+            rng,
+            30,
+            9,
+            window=window,
+            tau_us=100,
+            events_per_pixel=1.0,
+            delay=delay,
+            places_per_window=per_window,
+            **code,
         ),  # fmt: skip
     )
     events = random_events(rng, 800, SENSOR, 2_000)

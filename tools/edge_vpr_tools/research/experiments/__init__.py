@@ -25,6 +25,7 @@ EXPERIMENTS = {
     "fixed-number": "fixed_number",
     "joules": "joules",
     "several-drives": "several_drives",
+    "places-per-window": "places_per_window",
 }
 
 #: experiments that are no declarations
