@@ -261,8 +261,8 @@ def check_parts(recording: EventSource | WindowSource, settings: Settings) -> No
     by_count = settings.window == "count" and settings.events_per_pixel is not None
     if by_count and settings.events_per_window % number:
         raise UsageError(
-            f"{where} with windows of {settings.events_per_window} events: expected an even number; "
-            "set events_per_pixel to auto, or to another value"
+            f"{where} with windows of {settings.events_per_window} events: expected an even "
+            "number; set events_per_pixel to auto, or to another value"
         )
 
 
@@ -375,9 +375,10 @@ def map_traverse(
 ) -> MapRecord:
     """Make a reference map of one drive, in one pass over its events or two.
 
-    A second pass is needed for fixed-count windows, for polarity, for several places per window, and
-    if the images of all windows are too large for a temporary file. If a recording has events at few pixels alone, as published
-    counts do, and no more than the settings ask for, all of them are the map's.
+    A second pass is needed for fixed-count windows, for polarity, for several places per window,
+    and if the images of all windows are too large for a temporary file. If a recording has events
+    at few pixels alone, as published counts do, and no more than the settings ask for, all of them
+    are the map's.
 
     Parameters
     ----------

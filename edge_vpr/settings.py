@@ -396,13 +396,13 @@ _WINDOWS = _group(
     ),
     places_per_window=SettingField(
         kind=int,
-        help="number of windows of the reference drive that start in one window's length: each is a "
-        "place; 2: at every half window",
+        help="number of places in one window's length; 2: a place starts at every half window",
         metavar="N",
         least=1,
         most=2,
-        more="Windows are as long as with 1, in the reference and in the query. The map has twice "
-        "as many places, and takes twice the memory and the work. Only the place filter takes 2.",
+        more="Windows are as long as with 1, in the reference and in the query. With 2 the map has "
+        "twice as many places, and takes twice the memory and the work. Only the place filter "
+        "takes 2, and only with a reference of events.",
         needs=_FILTER,
     ),
     keep_incomplete=SettingField(

@@ -210,7 +210,7 @@ def test_with_odometry_and_jumps_it_says_at_window_ends_what_the_batch_says(
             delay=delay,
             places_per_window=per_window,
             **code,
-        ),  # fmt: skip
+        ),
     )
     events = random_events(rng, 800, SENSOR, 2_000)
     odometry = random_odometry(rng, 2_000)

@@ -7,7 +7,7 @@ other recorded drives, cannot have places at half windows.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
+from edge_vpr.evaluation.calibration import reliability
+from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.matching.matches import Matches
 from edge_vpr.pipeline import EventSource, count_windows, match_query
@@ -27,15 +28,17 @@ from edge_vpr.simulation import SimulatedRecording, simulate_pair
 from edge_vpr.simulation.drive import wheel_odometry
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments import speck_walks
+from edge_vpr_tools.research.experiments.calibration import Case, carried_off, without_places
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
 from edge_vpr_tools.research.experiments.place_filter import STREETS
 from edge_vpr_tools.research.experiments.plots import dots
-from edge_vpr_tools.research.experiments.trial import Times
+from edge_vpr_tools.research.experiments.trial import TruthOf, truth_of_tracks
 
 LENGTH_M, TOLERANCES_M = 450.0, (10.0, 20.0)
 FIRST_SEED = 70
 PIXELS = (25, 150)
 PRECISION = 0.99
+WHOLE = "whole"
 _NUMBER = "places per window"
 _WHEELS = 9  # random stream of the odometers
 LIGHTS: Mapping[str, str] = {
@@ -52,11 +55,11 @@ MATCHED: Mapping[str, Mapping[str, Any]] = {
 
 
 class Query(NamedTuple):
-    """One drive to match: its truths from the nearest tolerance on, and its odometry, if any."""
+    """One drive to match: its truths, the second with the wider tolerance, and its odometry."""
 
     name: str
     recording: EventSource
-    truths: Mapping[str, Any]
+    truths: tuple[TruthOf, TruthOf]
     odometry: Odometry | None = None
 
 
@@ -78,22 +81,21 @@ def open_street(seed: int) -> Route:
         driven = SimulatedRecording(
             query.world, query.camera, STREETS[name].drive, seed=query.seed, device=query.device
         ).keep()
-        truths = {
-            f"{metres:g} m": partial(from_tracks, reference.track, driven.track, tolerance_m=metres)
-            for metres in TOLERANCES_M
-        }
-        queries.append(Query(light, driven, truths, wheel_odometry(driven.track, rng)))
+        near, wide = (
+            truth_of_tracks(reference.track, driven.track, metres) for metres in TOLERANCES_M
+        )
+        queries.append(Query(light, driven, (near, wide), wheel_odometry(driven.track, rng)))
     return Route(reference.keep(), tuple(queries), meter)
 
 
 def open_walks(folder: Path, seed: int) -> Route:
-    """Read the walks; their truth is known to a second, so that one tolerance serves for both."""
+    """Read the walks; their truth is known to a second, so that both tolerances are 2 s."""
     reference, query, truth_of = speck_walks.open_pair(folder, seed)
-    return Route(reference, (Query("as recorded", query, {"2 s": truth_of}),))
+    return Route(reference, (Query("as recorded", query, (truth_of, truth_of)),))
 
 
 def measure(draw: Draw) -> Iterator[Row]:
-    """Match in every way with both maps."""
+    """Match whole drives, and drives that leave the map, with both maps in every way."""
     route: Route = draw.pair
     for pixels in PIXELS:
         settings = PRESETS["default"].replaced({"pixels": pixels, "seed": draw.seed}, "half")
@@ -104,52 +106,66 @@ def measure(draw: Draw) -> Iterator[Row]:
         for query in route.queries:
             counted = count_windows(query.recording, whole.pixel_map, settings)
             for number, mapped in ((1, whole), (2, half)):
-                truths = _truths(query, mapped.places.centre_us, counted.centre_us)
-                metred = mapped
-                if route.odometry is not None:
-                    way = route.odometry.along(mapped.places.centre_us)
-                    metred = replace(mapped, odometer_mm=way)
-                for odometry in (None, query.odometry)[: 1 + (query.odometry is not None)]:
-                    for matched, changes in MATCHED.items():
-                        asked = metred.matched_with(settings.replaced(
-                            {**changes, "places_per_window": number}, matched
-                        ))  # fmt: skip
-                        found = match_query(asked, asked.coded(counted), odometry)
-                        yield {
-                            "pixels": pixels,
-                            "query": query.name,
-                            "odometry": "wheels" if odometry is not None else "none",
-                            "matched": matched,
-                            _NUMBER: number,
-                            **_judged(asked, found, truths),
-                        }
+                truths = [
+                    truth_of(mapped.places.centre_us, counted.centre_us)
+                    for truth_of in query.truths
+                ]
+                row = {"pixels": pixels, "query": query.name, _NUMBER: number}
+                for matched, changes in MATCHED.items():
+                    named = {**row, "matched": matched}
+                    asked = mapped.settings.replaced(changes, matched)
+                    drive = Case(mapped.matched_with(asked), counted, truths[-1])
+                    judged = _judged(drive, drive.match(), truths)
+                    yield {**named, "odometry": "none", "drive": WHOLE, **judged}
+                    for name, left in (("a quarter cut out", _cut), ("carried off", _carried)):
+                        part = left(drive, number)
+                        judged = _judged(part, part.match(), [part.truth])
+                        yield {**named, "odometry": "none", "drive": name, **judged}
+                    if query.odometry is not None and route.odometry is not None:
+                        way = route.odometry.along(mapped.places.centre_us)
+                        metred = replace(drive.reference, odometer_mm=way)
+                        found = match_query(metred, metred.coded(counted), query.odometry)
+                        judged = _judged(drive, found, truths)
+                        yield {**named, "odometry": "wheels", "drive": WHOLE, **judged}
 
 
-def _truths(query: Query, places_us: Times, queries_us: Times) -> dict[str, GroundTruth]:
-    return {name: truth_of(places_us, queries_us) for name, truth_of in query.truths.items()}
+def _cut(drive: Case, number: int) -> Case:
+    """Cut the third quarter out of the map."""
+    places = len(drive.reference) // number
+    return without_places(drive, number * (places // 2), number * (3 * places // 4))
 
 
-def _judged(asked: ReferenceMap, found: Matches, truths: Mapping[str, GroundTruth]) -> Row:
-    """Return the figures of one drive; those of probabilities, and "wide", at the last truth."""
-    judged = [evaluate(found, truth) for truth in truths.values()]
-    near, far = judged[0], judged[-1]
-    confidence = asked.acceptance.confidence
-    assert confidence is not None and far.reliability is not None
-    known = far.evaluated
+def _carried(drive: Case, number: int) -> Case:
+    windows = len(drive.counted)
+    return carried_off(drive, windows // 3, 2 * windows // 3)
+
+
+def _judged(drive: Case, found: Matches, truths: Sequence[GroundTruth]) -> Row:
+    """Return the figures of a drive; those of probabilities, and "wide", are by the last truth."""
+    reference, known = drive.reference, truths[-1].known
+    wide = truths[-1].correct[found.place, found.query]
+    confidence = reference.acceptance.confidence
+    assert confidence is not None
     accepted = known & (found.trust >= confidence.least_trust(PRECISION))
-    return {
-        "P@100R": near.precision_at_100_recall,
-        "P@100R (wide)": far.precision_at_100_recall,
-        "R@99P (wide)": far.recall_at_99_precision,
+    error = reliability(found.probability[known], wide[known]).expected_calibration_error
+    row = {
+        "P@100R": None,
+        "P@100R (wide)": float(wide[known].mean()),
+        "R@99P (wide)": None,
         "mean probability": float(found.probability[known].mean()),
-        "calibration error": far.reliability.expected_calibration_error,
+        "calibration error": error,
         "windows": int(known.sum()),
         "accepted at 0.99": int(accepted.sum()),
-        "accepted and correct": int((accepted & far.correct).sum()),
-        "places": len(asked),
-        "bytes of the places": len(asked) * (asked.packed_bytes_per_place + 1),
-        "differences per window": asked.places.counts.size,
+        "accepted and correct": int((accepted & wide).sum()),
+        "places": len(reference),
+        "bytes of the places": len(reference) * (reference.packed_bytes_per_place + 1),
+        "differences per window": reference.places.counts.size,
     }
+    if len(truths) > 1:  # of a whole drive
+        near, far = (evaluate(found, truth) for truth in truths)
+        row["P@100R"] = near.precision_at_100_recall
+        row["R@99P (wide)"] = far.recall_at_99_precision
+    return row
 
 
 def drives(data: Path | None) -> list[Drives]:
@@ -166,15 +182,19 @@ def figure(rows: Rows) -> Figure:
     shown = [
         {**row, "drives": f"{row['drives']}, {row['pixels']} px", _NUMBER: f"{row[_NUMBER]}"}
         for row in rows
-        if row["odometry"] == "none"
+        if row["odometry"] == "none" and row["drive"] == WHOLE
     ]
     return dots(shown, measures=("P@100R", "R@99P (wide)"), row="matched", series=_NUMBER)
 
 
 EXPERIMENT = Experiment(
     drives=drives,
-    names=("pixels", "query", "odometry", "matched", _NUMBER),
+    names=("pixels", "query", "drive", "odometry", "matched", _NUMBER),
     measure=measure,
     figure=figure,
-    view=TableView({"matched": "live", "odometry": "none"}, ("pixels", "query", "P@100R"), _NUMBER),
+    view=TableView(
+        {"matched": "live", "odometry": "none", "drive": WHOLE},
+        ("pixels", "query", "P@100R"),
+        _NUMBER,
+    ),
 )
