@@ -481,7 +481,8 @@ _MATCHING = _group(
         valid=lambda values: len(values) > 0 and are_costs(values),
         expected="1 to 16 costs from 0 to 254, for example 1,0,1",
         more="A camera that moves slowly has fewer events. With fixed-count windows, moving on by "
-        "two places costs nothing too, because such windows become longer in other light.",
+        "two places costs nothing too, because such windows become longer in other light. With two "
+        "places per window, steps are of half a window's way, and auto is 1,0,0,0,0,1 for them.",
         needs=_FILTER,
     ),
     filter_back=SettingField(

@@ -71,7 +71,7 @@ def place_activities(reference: ReferenceMap) -> list[int]:
 
 def forward_costs(settings: Settings) -> tuple[int, ...] | None:
     """Costs of steps forward; None: by activity."""
-    by_count = (1, 0, 0, 1) if settings.places_per_window == 1 else (1, 1, 0, 0, 0, 1, 1)
+    by_count = (1, 0, 0, 1) if settings.places_per_window == 1 else (1, 0, 0, 0, 0, 1)
     return settings.filter_steps or (None if settings.window == "time" else by_count)
 
 

@@ -42,7 +42,7 @@ METRIC_TOP = (1 << 10) - 1
 #: long
 LEAST_LAST = 2
 #: costs of steps where windows have a fixed count, by the number of places per window
-COUNT_COSTS = {1: (1, 0, 0, 1), 2: (1, 1, 0, 0, 0, 1, 1)}
+COUNT_COSTS = {1: (1, 0, 0, 1), 2: (1, 0, 0, 0, 0, 1)}
 
 
 @dataclass(frozen=True)

@@ -186,6 +186,20 @@ def test_the_device_refuses_a_map_with_jumps():
         design_of(replace(reference, jumps=np.array([[3, 0]], dtype=np.int32)))
 
 
+def test_a_device_has_half_places_with_fixed_costs_alone(tmp_path, capsys):
+    half = map_of_places(np.ones((8, len(PIXELS)), dtype=np.int64), places_per_window=2)
+    with pytest.raises(DesignError, match="for 1 only: map the drive with --filter-steps 1,0,0,0"):
+        design_of(half)
+    fixed = half.matched_with(half.settings.replaced({"filter_steps": (1, 0, 0, 0, 1)}, "test"))
+    design = design_of(fixed)
+    assert (design.places, design.exclusion, design.steps) == (8, 6, (1, 0, 0, 0, 1))
+    half.save(tmp_path / "half.npz")
+    assert main(["estimate", "--map", str(tmp_path / "half.npz"), "--target", "cortex-m4"]) == 0
+    assert "no device has costs of steps by activity for 2 places" in capsys.readouterr().out
+    assert main(["golden", "--map", str(tmp_path / "half.npz"), "-o", str(tmp_path / "v")]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
 def test_a_simulated_wheel_is_a_few_percent_off():
     times = np.arange(0, 100_000_001, 20_000, dtype=np.int64)
     track = Track(times, (times / 1e6 * 6)[:, None])

@@ -395,7 +395,8 @@ def test_prices_follow_the_kind_of_window_unless_they_are_given():
     assert TransitionCosts.of(half).forward is None
     assert TransitionCosts.of(half).last == 6
     assert TransitionCosts((0,), places_per_window=2).last == 4
-    assert TransitionCosts.of(replace(half, window="count")).last == 6
+    by_count = TransitionCosts.of(replace(half, window="count"))
+    assert (by_count.forward, by_count.last) == ((1, 0, 0, 0, 0, 1), 5)
 
 
 @given(seed=st.integers(0, 2**32), places=st.integers(1, 30), queries=st.integers(1, 10))

@@ -7,10 +7,21 @@ import numpy as np
 from edge_vpr.descriptors.windows import narrow, place_activity
 from edge_vpr.matching.place_filter import TransitionCosts
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import costs_word
 from firmware_model.errors import DesignError
 from firmware_model.model.design import Design, DeviceCode
 from firmware_model.model.memories import Memories
 from fixedpoint.codes import CounterCode, PixelCodes
+
+#: costs of half steps for windows of a fixed time, where they cannot follow the activity
+FIXED_COSTS = (1, 0, 0, 0, 1)
+
+
+def costs_on_device(reference: ReferenceMap) -> bool:
+    """Return whether a device has the costs of steps of a map."""
+    settings = reference.settings
+    by_activity = settings.matching == "filter" and TransitionCosts.of(settings).forward is None
+    return settings.places_per_window == 1 or not by_activity
 
 
 def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
@@ -38,6 +49,12 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
     code, bits, full_scales = _code_of(reference)
     filters = settings.matching == "filter"
     costs = TransitionCosts.of(settings)
+    if not costs_on_device(reference):
+        raise DesignError(
+            "the map has 2 places per window and costs of steps by activity, which a device has "
+            f"for 1 only: map the drive with --filter-steps {costs_word(FIXED_COSTS)}, or with "
+            "--places-per-window 1"
+        )
     return Design(
         width=reference.pixel_map.sensor.width,
         height=reference.pixel_map.sensor.height,
