@@ -20,6 +20,7 @@ from edge_vpr_tools.research.experiments import (
     burst_filters,
     calibration,
     event_speed,
+    places_per_window,
     simulated,
     speck_walks,
 )
@@ -244,3 +245,23 @@ def test_the_time_of_the_quickest_of_some_is_taken(monkeypatch, ticks, expected)
     )
     done = []
     assert fastest(lambda: done.append(1) or len(done)) == expected
+
+
+def test_half_windows_are_judged_on_whole_drives_and_off_the_map(walks, monkeypatch):
+    """Streets have an odometer too; each drive is cut, and carried off."""
+    monkeypatch.setattr(places_per_window, "simulate_pair", STREET)
+    monkeypatch.setattr(places_per_window, "LIGHTS", {"in other light": "street"})
+    monkeypatch.setattr(places_per_window, "PIXELS", (10,))
+    rows, axes = measured(places_per_window, walks, seeds=1)
+    on_street = [row for row in rows if row["drives"].startswith("streets")]
+    # 3 ways to match, 2 maps: whole with and without odometry, cut out, carried off
+    assert len(on_street) == 3 * 2 * 4 and len(rows) - len(on_street) == 3 * 2 * 3
+    for row in rows:
+        assert 0 <= row["accepted and correct"] <= row["accepted at 0.99"] <= row["windows"]
+        assert row["bytes of the places"] == row["places"] * 5
+        assert (row["P@100R"] is None) == (row["drive"] != "whole")
+    shown = {"odometry": "none", "drive": "whole", "matched": "live"}
+    whole, half = [row["places"] for row in on_street if shown.items() <= row.items()]
+    assert half in (2 * whole - 1, 2 * whole)
+    means = [mean_of(on_street, "P@100R", **shown, **{"places per window": n}) for n in (1, 2)]
+    assert [series[0] for series in dots(axes[0])] == means
