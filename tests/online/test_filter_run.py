@@ -265,10 +265,13 @@ def test_a_reading_without_a_use_is_refused():
 
 
 @pytest.mark.parametrize("code", CODES)
-@pytest.mark.parametrize("window", ["time", "count"])
-def test_a_saved_state_goes_on_as_if_it_had_not_been_saved(tmp_path, code, window):
+@pytest.mark.parametrize(("window", "per_window"), [("time", 1), ("time", 2), ("count", 1)])
+def test_a_saved_state_goes_on_as_if_it_had_not_been_saved(tmp_path, code, window, per_window):
     rng = np.random.default_rng(5)
-    reference = random_map(rng, 20, 9, window=window, tau_us=130, events_per_pixel=1.0, **code)
+    reference = random_map(
+        rng, 20, 9, window=window, tau_us=130, events_per_pixel=1.0, places_per_window=per_window,
+        **code,
+    )  # fmt: skip
     events = random_events(rng, 900, SENSOR, 2_000)
     whole = Localiser(reference).update(events)
     for cut in (0, 1, 333, 899):
