@@ -124,7 +124,8 @@ RUNS = [
     (f"{STREAM} --map {{f}}/filter_map.npz --once --delay 3", 0),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --delay 3 --every 50ms", 2),
     ("match {f}/filter_map.npz {f}/query.npz -o {f}/smooth --online --smooth", 2),
-    (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SETTINGS} --no-smooth", 0),
+    (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SETTINGS} --no-smooth "
+     "--places-per-window 2", 0),
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SMALL} --no-polarity "
      "--no-keep-incomplete --clip 200 --overwrite", 0),
     # 2: the viewer is an extra of 160 MB, which may not be installed
