@@ -69,6 +69,10 @@ EQUAL = {
      "(EVENTS_BITS - 1)'(counted_i);"): "either width holds the one bit",
     ("vpr_logarithm.sv", "memory[(15 - of) * 32 + at] = at < 8 ? 1'b1 : "
      "POWERS[24*of+(at<8?0:at-8)];"): "the words below the lowest bit of a power are not read",
+    ("vpr_trust.sv", "larger_q     <= former_q >= earlier_q ? former_q : earlier_q;"):
+     "of two equal numbers either is the larger",
+    ("vpr_trust.sv", "worst_q      <= newest_q >= larger_q ? newest_q : larger_q;"):
+     "of two equal numbers either is the larger",
 }  # fmt: skip
 _CHANGES = tuple(
     (re.compile(old), new)
