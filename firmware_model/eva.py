@@ -64,8 +64,6 @@ _LARGE = Design(
 #: sizes of the designs that edge-vpr makes of a map: of 150 pixels of a DAVIS346 and 1,000 places
 LARGE_SIZES = {
     "large_default": _LARGE,
-    "large_default_distances_twice": replace(_LARGE, keep_distances=False),
-    "large_sequences": Design(width=346, height=260, pixels=150, places=1000, code_bits=3),
 }
 #: words of the header that may be any; the others are sizes
 FREE = (
