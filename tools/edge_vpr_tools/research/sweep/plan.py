@@ -27,6 +27,13 @@ from edge_vpr.recordings.recording import TimeCrop, seconds_us
 from edge_vpr.reference_map import MatchMetrics
 from edge_vpr.results import RecordError, from_json
 from edge_vpr.settings import SETTING_FIELDS, Settings, resolve_settings
+from edge_vpr_tools.research.baselines import (
+    compare,
+    filter_distances,
+    match_distances,
+    open_baseline,
+)
+from edge_vpr_tools.research.experiments.drives import count_pair
 from edge_vpr_tools.research.trials import (
     SCHEMA,
     NamedTrial,
@@ -253,14 +260,6 @@ def run_trial(trial: Trial) -> TrialResult:
 
 def _run_system(drives: PairOfDrives, settings: Settings, system: str, begin: float) -> TrialResult:
     """Count two drives at all pixels, compare them by a baseline, and match its distances."""
-    from edge_vpr_tools.research.baselines import (
-        compare,
-        filter_distances,
-        match_distances,
-        open_baseline,
-    )
-    from edge_vpr_tools.research.experiments.drives import count_pair
-
     baseline = open_baseline(system, settings.seed)
     counted = count_pair(system, drives.open(0), drives.open(1), settings, drives.truth)
     places, queries = counted.reference, counted.query
@@ -443,8 +442,6 @@ def _system(given: object, folder: Path) -> str | None:
         return None
     if not isinstance(given, str):
         raise UsageError(f"system is {given!r}: give the name of a baseline, such as hog")
-    from edge_vpr_tools.research.baselines import open_baseline
-
     system = _FILE.sub(lambda found: f":{folder / found[0][1:]}", given)
     open_baseline(system)
     return system
