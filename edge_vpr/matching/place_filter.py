@@ -1042,10 +1042,8 @@ class HeldWindows(NamedTuple):
     ----------
     numbers : ndarray of HELD, shape (1,)
         Window i is at ``i % (N + 1)`` of each ring.
-    metrics : ndarray of int32, shape (N + 1, K)
-    evidence : ndarray of uint8, shape (N + 1, K)
-    factor : ndarray of int64, shape (N + 1,)
-        See `WindowRows`.
+    metrics, evidence, factor : ndarray
+        N + 1 rows of each, see `WindowRows`.
     costs : ndarray of int16, shape (N + 1, steps, K)
         Of `write_costs`, which all backward passes over a window use.
     onward, ahead : ndarray of int16, shape (K,)

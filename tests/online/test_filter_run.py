@@ -69,13 +69,20 @@ def oracle_after_each_event(reference, events):
         counted.append(naive.lagged_counts(selected, t + 1, 1, counters, tau, n)[0])
         coded = in_code(reference, counted)
         distances = [[naive.sad(place, code) for place in places] for code in coded]
-        metric, best, second, trust = naive.place_filter(
+        told = naive.place_filter(
             distances, list(map(sum, counted)), forward_costs(chosen), (), chosen.filter_restart,
             zone_of(chosen), usual_of(reference), places=place_activities(reference),
             per_window=chosen.places_per_window,
+        )  # fmt: skip
+        misfit = naive.misfit(
+            naive.misfits_of_windows(
+                distances, list(map(sum, counted)), usual_of(reference), [one[1] for one in told],
+                naive.typical(places),
+            )
         )[-1]  # fmt: skip
+        metric, best, second, trust = told[-1]
         second_metric = metric[second] if second >= 0 else -1
-        rows.append((t, best, metric[best], second, second_metric, sum(counted[-1]), trust))
+        rows.append((t, best, metric[best], second, second_metric, sum(counted[-1]), trust, misfit))
     return rows
 
 

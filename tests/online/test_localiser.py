@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numba import config
 from streams import Drive, as_tuples, cut_up, descriptors, random_events, with_sums
 
+from edge_vpr.confidence import NO_MISFIT
 from edge_vpr.descriptors.codes import codes_of
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
@@ -76,7 +77,8 @@ def expected_after_each_event(reference, events, recent=0):
 
 
 def without_ratio(matches, length=1):
-    derived = ("ratio", "start_us", "trust", "probability", "lost")
+    derived = ("ratio", "start_us", "trust", "misfit", "probability", "lost")
+    assert (matches["misfit"] == NO_MISFIT).all()
     names = [name for name in MATCH_DTYPE.names if name not in derived]
     return [tuple(int(match[name]) for name in names) for match in with_sums(matches, length)]
 

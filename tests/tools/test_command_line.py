@@ -479,6 +479,9 @@ def completions(line, tmp_path):
 def test_completion_offers_verbs_flags_and_choices(tmp_path):
     assert {"map", "match"} <= completions("edge-vpr ma", tmp_path)
     flags = {"--pixels", "--pixel-map", "--polarity", "--precision", "--preset"}
+    flags = {
+        "--pixels", "--pixel-map", "--places-per-window", "--polarity", "--precision", "--preset"
+    }  # fmt: skip
     assert flags == completions("edge-vpr map --p", tmp_path)
     assert {"variance"} == completions("edge-vpr map --strategy v", tmp_path)
     assert {"verify"} == completions("edge-vpr golden v", tmp_path)

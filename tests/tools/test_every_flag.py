@@ -149,7 +149,7 @@ RUNS = [
      "--tolerance 0.2 --tau 100ms -L 2 --target cortex-m4", 0),
     ("golden --design {f}/design.toml -o {f}/vectors --seed 1", 0),
     ("golden --map {f}/map.npz --recording {f}/query.npz --max-windows 5 --lanes 2 "
-     "--case-size 256KiB --vectors 2MB -o {f}/vectors --overwrite", 0),
+     "--case-size 256KiB --vectors 2MB --ram 64KiB -o {f}/vectors --overwrite", 0),
     (f"golden --map {{f}}/map.npz --recording {{f}}/table.txt {TABLE} --max-windows 3 "
      "--suite recording -o {f}/vectors2", 0),
     ("golden --map {f}/map.npz --recording {f}/query.h5 --sensor 16x12 --topic left "

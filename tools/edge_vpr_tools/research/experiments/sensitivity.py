@@ -120,13 +120,15 @@ def match_with(
     cap = round(constants.cap * EVIDENCE_TOP)
     mean, scale = activity_of_drive(coded.places.activity), 0
     rows = WindowRows.empty(*distances.shape)
+    rows.factor[:] = 0  # the misfit of late matches, which nobody reads
     metric = np.zeros(distances.shape[1], dtype=np.int32)
-    unweighted, prediction = np.zeros(metric.size, dtype=np.uint8), np.zeros_like(metric)
+    unweighted = np.zeros(metric.size, dtype=np.uint8)
+    prediction = np.zeros(metric.size, dtype=np.int16)
     for i, events in enumerate(queries.activity.tolist()):
         activity = activity_of(events, mean)
         rows.activity[i] = activity
         if i:
-            predict(metric, transitions.by_step, activity, False, prediction)
+            predict(metric, transitions.by_step, activity, prediction)
         pause = is_pause(events, mean)
         weight = 0.0 if pause else constants.weight * weight_of(activity)
         if not pause and scale == 0:
