@@ -316,6 +316,10 @@ class ReferenceIndex:
         return out
 
 
+#: number of levels of counts, and of counts, that are looked at together
+_LEVELS, _COUNTS = 1 << 16, 1 << 22
+
+
 def typical_distances(places: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.int64]:
     """Return the mean distance of each place to all places, less the mean of these means.
 
@@ -336,17 +340,24 @@ def typical_distances(places: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.in
     >>> typical_distances(np.array([[0, 0], [4, 0], [9, 2]])).tolist()
     [1, -1, 2]
     """
-    number = len(places)
-    total = np.zeros(number, dtype=np.int64)
-    lower = np.arange(number)
-    for column in np.asarray(places, dtype=np.int64).T:
-        order = np.argsort(column, kind="stable")
-        rising = column[order]
-        below = np.cumsum(rising) - rising
-        above = rising.sum() - below - rising
-        total[order] += rising * lower - below + above - rising * (number - 1 - lower)
-    mean = total // number
-    return np.asarray(mean - mean.sum() // number)
+    low, wide = int(places.min()), int(places.max()) - int(places.min()) + 1
+    together = max(min(_LEVELS // wide, _COUNTS // len(places)), 1)  # columns
+    total = np.zeros(len(places), dtype=np.int64)
+    for first in range(0, places.shape[1], together):
+        some = places[:, first : first + together]
+        levels = np.arange(low, low + wide) if wide <= _LEVELS else np.unique(some)
+        of = np.searchsorted(levels, some) if wide > _LEVELS else some.astype(np.int64) - low
+        of += len(levels) * np.arange(some.shape[1])
+        places_at = np.bincount(of.ravel(), minlength=levels.size * some.shape[1])
+        places_at = places_at.reshape(-1, levels.size)
+        # from level to level, the sum of distances grows by the places below, and falls by the rest
+        below = np.cumsum(places_at, axis=1)[:, :-1]
+        change = (2 * below - len(places)) * np.diff(levels)
+        start = (places_at * (levels - levels[0])).sum(axis=1, keepdims=True)
+        sums = np.hstack([start, start + np.cumsum(change, axis=1)])
+        total += sums.ravel()[of].sum(axis=1)
+    mean = total // len(places)
+    return np.asarray(mean - mean.sum() // len(places))
 
 
 def distance_matrix(reference: npt.ArrayLike, query: npt.ArrayLike) -> Distances:

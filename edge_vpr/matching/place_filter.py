@@ -948,10 +948,7 @@ def smooth_windows(
     ahead: Narrow,
     steps: StepTable,
     exclusion: int,
-    activity: npt.NDArray[np.int32],
-    evidence: npt.NDArray[np.uint8],
-    summed: Metrics,
-    columns: npt.NDArray[np.int64],
+    rows: WindowRows,
 ) -> None:
     """Add the costs of the rest of the drive to the metrics of n windows, from the last window.
 
@@ -962,20 +959,18 @@ def smooth_windows(
         the first.
     ahead : ndarray of int16, shape (K,)
         Written to: the cost of going on from the first window, with its own evidence.
-    activity, evidence
-        See `WindowRows`.
-    summed : ndarray of int32, shape (n, K)
-        Metrics; after the call, the cost of the best path through each place.
-    columns : ndarray of int64, shape (n, 7)
-        Of `FilterMatch`, written to but for the misfit; its trust is the margin, in units of 1/16
-        of a metric.
+    rows : WindowRows
+        Of n windows. After the call, its metrics are the costs of the best path through each place,
+        and its columns the matches by these, with the margin as trust, in units of 1/16 of a
+        metric, and `window_misfit` as misfit.
     """
     costs = np.empty((steps.costs.shape[1], onward.size), dtype=np.int16)
-    for i in range(len(summed) - 1, -1, -1):
-        row = columns[i]
-        row[5] = match_summed(summed[i], onward, exclusion, row) << TRUST_BITS
-        write_costs(steps, np.int64(activity[i]), costs)
-        go_back(onward, ahead, steps, costs, evidence[i])
+    for i in range(len(rows.metrics) - 1, -1, -1):
+        row, evidence = rows.columns[i], rows.evidence[i]
+        row[5] = match_summed(rows.metrics[i], onward, exclusion, row) << TRUST_BITS
+        row[6] = window_misfit(evidence, row[0], steps.typical, rows.factor[i])
+        write_costs(steps, np.int64(rows.activity[i]), costs)
+        go_back(onward, ahead, steps, costs, evidence)
 
 
 @kernel(inline="always")

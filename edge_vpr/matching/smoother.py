@@ -23,7 +23,6 @@ from edge_vpr.matching.place_filter import (
     go_back,
     match_late,
     smooth_windows,
-    window_misfit,
 )
 
 #: Distance driven since the window before, in millimetres; None where it is not known.
@@ -59,17 +58,13 @@ class BackwardPass:
             Of each window.
         """
         for first, last in reversed(list(runs(ways, len(ways)))):
-            run = rows.part(first, last)
             smooth_windows(
                 self._onward, self._ahead, self._transitions.by_step, self._exclusion,
-                run.activity, run.evidence, run.metrics, run.columns,
+                rows.part(first, last),
             )  # fmt: skip
             way = ways[first]
             if way is not None:
                 _travel_back(self._transitions, self._ahead, way, self._onward)
-        typical = self._transitions.by_step.typical
-        for evidence, factor, found in zip(rows.evidence, rows.factor, rows.columns, strict=True):
-            found[6] = window_misfit(evidence, found[0], typical, factor)
 
 
 def _travel_back(
