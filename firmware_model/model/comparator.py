@@ -28,8 +28,9 @@ from firmware_model.model.memories import Memories
 class MatchResult(NamedTuple):
     """One match; second and second_sum are None if every place lies in the exclusion zone.
 
-    With the place filter, the two sums are metrics, and there is a trust: the mean margin of this
-    window and those before, each with 3/4 of the weight of the next, in units of 1/16 of a metric.
+    With the place filter, the two sums are metrics, and there is a trust, in units of 1/16 of a
+    metric: the support, which is a running mean of the margins, less the largest misfit of this
+    window and the two before, and at least 0.
     """
 
     window: int

@@ -74,7 +74,7 @@ def measure(draw: Draw) -> Iterator[Row]:
                 continue
             at = chosen.pixel_map
             profile = timed.images[:, at.y, at.x].mean(axis=1, dtype=np.float64)
-            near = np.abs(matched - places) <= settings.exclusion
+            near = np.abs(matched - places) <= settings.exclusion_places
             yield {
                 "pixels chosen": called,
                 "pixels": number,

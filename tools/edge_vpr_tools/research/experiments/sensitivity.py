@@ -116,7 +116,7 @@ def match_with(
     queries = coded.coded(counted.queries)
     distances = ReferenceIndex(coded.places.counts).rows(queries.counts)
     transitions = transitions_of(counted, constants)
-    exclusion = coded.settings.exclusion
+    exclusion = coded.settings.exclusion_places
     cap = round(constants.cap * EVIDENCE_TOP)
     mean, scale = activity_of_drive(coded.places.activity), 0
     rows = WindowRows.empty(*distances.shape)

@@ -82,7 +82,7 @@ def interval(tracks: Tracks, case: Case) -> dict[str, float]:
         tracks.query.kind, tracks.query.at(matches.time_us)[known, None], route.position[None]
     )
     true_m = route.along_m[np.nanargmin(gaps, axis=1)]  # the nearest place of the map
-    located = route.locate(matches.place[known], matches.settings.exclusion)
+    located = route.locate(matches.place[known], matches.settings.exclusion_places)
     inside = (located.from_m <= true_m) & (true_m <= located.to_m)
     return {
         "positions in their interval": float(inside.mean()),
