@@ -308,6 +308,7 @@ def run(argv):
     Late()
     time.sleep(60)
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # tests in the background ignore it
 cli.run = run
 sys.exit(cli.main(["info"]))
 """

@@ -136,9 +136,11 @@ def interrupts_kept(*more: signal.Signals) -> Iterator[None]:
         Signals that are interrupts too.
     """
     caught = list(more)
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # and not ignored
-        caught.append(signal.SIGINT)
+    handler = signal.getsignal(signal.SIGINT)
+    if handler is not _interrupt:  # a new command, not a part of one
         _interrupted.clear()
+    if handler is signal.default_int_handler:  # and not ignored
+        caught.append(signal.SIGINT)
     with _handled(caught, _interrupt):
         yield
 
