@@ -610,7 +610,11 @@ FILTER_MUTATIONS = {
         "events == (below & 0U)",
     ),
     "means move in pauses": ("vpr.c", "        if (!s->paused) {\n", "        if (true) {\n"),
-    "means move by one shift": ("vpr.c", "s->mean_windows >> (shift + 1U)", "0U"),
+    "means move by one shift": (
+        "vpr.c",
+        "(s->mean_windows < (2U << shift)) ? shift : (shift + 1U)",
+        "shift",
+    ),
     "differences round to zero": (
         "filter.h",
         "((value - target) + ((1U << shift) - 1U)) >> shift",

@@ -120,17 +120,14 @@ def test_a_command_compiles_before_its_work(drive, tmp_path):  # noqa: F811
         f"match {tmp_path}/driven.npz {query} -o {tmp_path}/odometry --odometry {driven}",
         f"match {tmp_path}/map.npz {query} -o {tmp_path}/L3 --matching sequence -L 3 --no-figures",
     ]
-    # in a process of its own, because a map has been compiled for whole images before
-    moved = [f"match {drive}/map.npz {query} -o {tmp_path}/moved --register --no-figures"]
-    for folder, some in (("kernels", commands), ("registered", moved)):
-        done = subprocess.run(
-            [sys.executable, str(ROOT / "tests/tools/left_by_commands.py"), *some],
-            env={
-                **os.environ,
-                "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}",
-                "NUMBA_CACHE_DIR": str(tmp_path / folder),
-            },
-            capture_output=True, text=True, check=False, timeout=300,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-        assert "compiling the kernels that this needs, once on each machine" in done.stderr
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "tests/tools/left_by_commands.py"), *commands],
+        env={
+            **os.environ,
+            "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}",
+            "NUMBA_CACHE_DIR": str(tmp_path / "kernels"),
+        },
+        capture_output=True, text=True, check=False, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "compiling the kernels that this needs, once on each machine" in done.stderr
