@@ -228,7 +228,9 @@ def matching(of: Design) -> str:
     """Return how a design matches."""
     if not of.filters:
         return f"sequences of {of.length}"
-    return f"place filter of {len(of.steps) + len(of.back)} steps"
+    if not of.steps:
+        return "place filter"
+    return f"place filter with fixed costs of {len(of.steps) + len(of.back)} steps"
 
 
 def short_text(of: Design) -> str:
