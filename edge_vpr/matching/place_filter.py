@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import kernel, plain
+from edge_vpr.confidence import TRUST_TOP
 from edge_vpr.descriptors.windows import activity_of, is_pause, mean_activity_after
 from edge_vpr.errors import UsageError
 from edge_vpr.route import MOST_MM
@@ -510,10 +511,8 @@ FACTOR_SHIFT = RECIPROCAL_BITS - FRACTION_BITS + WEIGHT_BITS
 TRUST_SHIFT, TRUST_BITS = 2, 4
 #: while the place stays the same, support falls by 1/16 in each window
 STANDING_SHIFT = 4
-#: larger margins and misfits count as this, so that one window is not remembered for long: 5 bits
-MARGIN_TOP = MISFIT_TOP = 23
-#: largest support and largest trust: 9 bits
-TRUST_TOP = MARGIN_TOP << TRUST_BITS
+#: larger margins and residuals count as this, so that one window is not remembered for long: 23
+MARGIN_TOP = RESIDUAL_TOP = TRUST_TOP >> TRUST_BITS
 
 
 @kernel(inline="always")
@@ -545,8 +544,8 @@ def support_after(kept: int, stands: bool, margin: int) -> int:
 
 
 @kernel(inline="always")
-def trust_of(support: int, misfit: int) -> int:
-    """Return the trust in a match: its support less the misfit of the matched place.
+def trust_of(support: int, residual: int) -> int:
+    """Return the trust in a match: its support less the residual of the matched place.
 
     A path that has become wrong still has the support of earlier windows, but the places along it
     no longer fit what is seen.
@@ -555,21 +554,21 @@ def trust_of(support: int, misfit: int) -> int:
     ----------
     support : int
         See `support_after`.
-    misfit : int
-        Largest `misfit_of` of this window and the two before it.
+    residual : int
+        Largest `residual_of` of this window and the two before it.
 
     Returns
     -------
     int
         0 to `TRUST_TOP`.
     """
-    return max(int(support) - (int(misfit) << TRUST_BITS), 0)
+    return max(int(support) - (int(residual) << TRUST_BITS), 0)
 
 
 @kernel(inline="always")
-def misfit_of(evidence: int) -> int:
-    """Return the evidence against the matched place, limited to `MISFIT_TOP`."""
-    return min(int(evidence), MISFIT_TOP)
+def residual_of(evidence: int) -> int:
+    """Return the residual of a window: the evidence against the matched place, up to 23."""
+    return min(int(evidence), RESIDUAL_TOP)
 
 
 #: the running misfit moves by 1/16 of the difference in each window, and has 4 more fraction bits
@@ -610,7 +609,7 @@ def window_misfit(
         total += np.int64(evidence[k])
     nearer = (np.int64(typical[place]) * factor) >> FACTOR_SHIFT
     advantage = int(total // evidence.size - np.int64(evidence[place]) + nearer)
-    return misfit_of(evidence[place]) - min(max(advantage, -MISFIT_TOP), MISFIT_TOP)
+    return residual_of(evidence[place]) - min(max(advantage, -RESIDUAL_TOP), RESIDUAL_TOP)
 
 
 @kernel
@@ -734,7 +733,8 @@ def _first_least(metric: Metrics, begin: int, end: int) -> int:
 
 #: State of a filter between two windows, in addition to its metrics; see `PlaceFilter`.
 NUMBER_NAMES = (
-    "reciprocal", "mean_activity", "place", "support", "misfit", "misfit_before", "lasting_misfit",
+    "reciprocal", "mean_activity", "place", "support", "residual", "residual_before",
+    "lasting_misfit",
 )  # fmt: skip
 #: with the activity for which the prediction holds, or one of the two below
 NUMBERS = np.dtype([(name, np.int64) for name in (*NUMBER_NAMES, "predicted_for")])
@@ -839,15 +839,15 @@ def update_windows(
     for i in range(len(distances)):
         row = rows.columns[i]
         rows.activity[i] = activity_of(events[i], now.mean_activity)
-        support, misfit, lasting, rows.factor[i] = match_window(
+        support, residual, lasting, rows.factor[i] = match_window(
             state, steps, exclusion, distances[i], events[i], rows.evidence[i], rows.metrics[i], row
         )
         if not is_pause(events[i], now.mean_activity):
             now.reciprocal = reciprocal_of_spread(distances[i])
         now.mean_activity = mean_activity_after(now.mean_activity, events[i])
         now.place, now.support = row[0], support
-        now.misfit_before = now.misfit
-        now.misfit, now.lasting_misfit = misfit, lasting
+        now.residual_before = now.residual
+        now.residual, now.lasting_misfit = residual, lasting
         now.predicted_for = NOT_PREDICTED
         for k in range(state.metric.size):
             state.metric[k] = rows.metrics[i, k]
@@ -883,8 +883,8 @@ def match_window(
 
     Returns
     -------
-    support, misfit, lasting : int
-        Of the match; see `lasting_misfit_after`.
+    support, residual, lasting : int
+        Of the match; see `residual_of` and `lasting_misfit_after`.
     factor : int
         See `WindowRows`.
     """
@@ -911,14 +911,14 @@ def match_window(
         )
     margin = write_match(metric, place, second, ties, row)
     support = support_after(now.support if follows else 0, place == now.place, margin)
-    misfit = misfit_of(evidence[place])
-    row[5] = trust_of(support, max(misfit, now.misfit, now.misfit_before))
+    residual = residual_of(evidence[place])
+    row[5] = trust_of(support, max(residual, now.residual, now.residual_before))
     factor = scale * weight
     lasting = lasting_misfit_after(
         now.lasting_misfit, window_misfit(evidence, place, steps.typical, factor), factor
     )
     row[6] = shown_misfit(lasting)
-    return support, misfit, lasting, factor
+    return support, residual, lasting, factor
 
 
 @kernel(inline="always")
@@ -1139,10 +1139,10 @@ def match_late(
         else:
             follows = before >= 0 and leads_to(before, place, steps.first, steps.last, steps.jumps)
         now.support = support_after(now.support if follows else 0, place == before, margin)
-        misfit = misfit_of(held.evidence[at, place])
-        row[5] = trust_of(now.support, max(misfit, now.misfit, now.misfit_before))
-        now.misfit_before = now.misfit
-        now.misfit, now.place = misfit, place
+        residual = residual_of(held.evidence[at, place])
+        row[5] = trust_of(now.support, max(residual, now.residual, now.residual_before))
+        now.residual_before = now.residual
+        now.residual, now.place = residual, place
         factor = held.factor[at]
         of_window = window_misfit(held.evidence[at], place, steps.typical, factor)
         now.lasting_misfit = lasting_misfit_after(now.lasting_misfit, of_window, factor)
@@ -1166,8 +1166,8 @@ class FilterMatch(NamedTuple):
         Other places of the same least metric.
     trust : int
         How far to trust the match, 0 to 368: its support, which is a running mean of the margins
-        (second metric less the least) of this window and those before, less its misfit, which is
-        the largest evidence against the matched places of this window and the two before. See
+        (second metric less the least) of this window and those before, less the largest residual
+        (evidence against the matched place) of this window and the two before. See
         `support_after` and `trust_of`.
     misfit : int
         How much worse than usual the last sixteen windows or so fit the places that were matched,
@@ -1204,8 +1204,9 @@ class PlaceFilter:
         Its numbers: `reciprocal` is ``floor(2**16 / spread)`` of the window before and scales the
         evidence (0 before the first, and after a spread above 2**16: then the window's own does);
         `mean_activity`, how many events a window usually has; `place` and `support` of the latest
-        match (the place is -1 before the first); `misfit` of the latest match and `misfit_before`
-        of the one before it, see `trust_of`; and `lasting_misfit`, see `lasting_misfit_after`.
+        match (the place is -1 before the first); `residual` of the latest match and
+        `residual_before` of the one before it, see `trust_of`; and `lasting_misfit`, see
+        `lasting_misfit_after`.
     """
 
     def __init__(

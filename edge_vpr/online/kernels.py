@@ -9,7 +9,7 @@ from numba import config, types
 from numba.extending import intrinsic
 
 from edge_vpr.compiling import kernel
-from edge_vpr.confidence import MISFIT_SHIFT, MOST_TRUST, NO_MISFIT
+from edge_vpr.confidence import MISFIT_SHIFT, NO_MISFIT, TRUST_TOP
 from edge_vpr.descriptors.counting import select_events
 from edge_vpr.errors import EventError
 from edge_vpr.events import TIME_LIMIT_US, Events
@@ -597,7 +597,7 @@ def acceptance(row, trust, probability, least_trust):
     """
     net = row["trust"]
     if row["misfit"] >= 0:  # as `net_trust`
-        net = min(net, MOST_TRUST) - (row["misfit"] << MISFIT_SHIFT)
+        net = min(net, TRUST_TOP) - (row["misfit"] << MISFIT_SHIFT)
     row["probability"], row["lost"] = np.nan, net < least_trust
     first, last = 0, trust.size - 1  # binary search: the step lies between these two
     if last >= 0:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays, check_array, check_range, whole_number
+from edge_vpr.confidence import TRUST_TOP
 from edge_vpr.descriptors.windows import MAX_WINDOWS, FixedTime, Window, narrow
 from edge_vpr.errors import EdgeVprError, MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
@@ -18,11 +19,10 @@ from edge_vpr.matching.distances import ReferenceIndex, aligned_zeros
 from edge_vpr.matching.place_filter import (
     LASTING_BITS,
     METRIC_TOP,
-    MISFIT_TOP,
     NUMBER_NAMES,
     RECIPROCAL_BITS,
+    RESIDUAL_TOP,
     TRUST_BITS,
-    TRUST_TOP,
     USUAL_FIT,
     FilterState,
     PlaceFilter,
@@ -822,7 +822,7 @@ def check_filter_state(
     """
     check_array(arrays["filter_metric"], "filter_metric", (np.int32,), (places,))
     check_range(arrays["filter_metric"], "filter_metric", 0, METRIC_TOP)
-    reciprocal, mean_activity, place, support, *misfits, lasting, windows = filter_state(arrays)
+    reciprocal, mean_activity, place, support, *residuals, lasting, windows = filter_state(arrays)
     ended = floor_us // window.tau_us if isinstance(window, FixedTime) else (
         int(arrays["bound"][0]) // window.events
     )  # fmt: skip
@@ -831,8 +831,8 @@ def check_filter_state(
         and 0 <= mean_activity <= TIME_LIMIT_US
         and (0 <= place < places if windows else place == -1)
         and 0 <= support <= TRUST_TOP
-        and 0 <= min(misfits) <= max(misfits) <= MISFIT_TOP
-        and abs(lasting) <= 2 * MISFIT_TOP << (TRUST_BITS + LASTING_BITS)
+        and 0 <= min(residuals) <= max(residuals) <= RESIDUAL_TOP
+        and abs(lasting) <= 2 * RESIDUAL_TOP << (TRUST_BITS + LASTING_BITS)
     )
     if not within or windows != ended:
         raise MapError(
