@@ -171,7 +171,7 @@ def leads_to(
     return False
 
 
-@kernel
+@kernel(inner=True)
 def write_costs(steps: StepTable, activity: int, costs: Narrow) -> None:
     """Write the cost of each step to each place, in a window of this activity.
 
@@ -182,25 +182,23 @@ def write_costs(steps: StepTable, activity: int, costs: Narrow) -> None:
     costs : ndarray of int16, shape (steps, K)
         Written to.
     """
-    number, places, last_row = costs.shape[0], costs.shape[1], len(steps.costs) - 1
-    of_row = np.empty(last_row + 1, dtype=np.int16)
+    places, last_row = costs.shape[1], len(steps.costs) - 1
     rows = np.empty(places if last_row > 0 else 0, dtype=np.int16)
     for k in range(rows.size):
         row = (activity - steps.activity[k] + (1 << (ROW_BITS - 1))) >> ROW_BITS
         rows[k] = min(max(row + SAME_ROW, 0), last_row)
-    for i in range(number):
-        for row in range(last_row + 1):
-            of_row[row] = steps.costs[row, i]
-        written = costs[i]
+    for i in range(costs.shape[0]):
+        of_row, written = steps.costs[:, i], costs[i]
         if last_row > 0:
             for k in range(places):
                 written[k] = of_row[rows[k]]
         else:
+            cost = np.int16(of_row[0])
             for k in range(places):
-                written[k] = of_row[0]
+                written[k] = cost
 
 
-@kernel
+@kernel(inner=True)
 def move(metric: Narrow, steps: StepTable, costs: Narrow, back: bool, prediction: Narrow) -> None:
     """Write the cheapest cost of each place one window later, or earlier.
 
@@ -444,7 +442,8 @@ class Transitions:
         """Return whether `next_place` can be reached from `place` without a restart."""
         steps = self.by_step
         if travelled_mm is None:
-            return bool(leads_to(place, next_place, steps.first, steps.last, steps.jumps))
+            follows = plain(leads_to)(place, next_place, steps.first, steps.last, steps.jumps)
+            return bool(follows)
         return bool(self.following(place, travelled_mm)[next_place])
 
     def _jumps_near(self, place: int, reach: int) -> npt.NDArray[np.bool_]:
@@ -612,7 +611,7 @@ def window_misfit(
     return residual_of(evidence[place]) - min(max(advantage, -RESIDUAL_TOP), RESIDUAL_TOP)
 
 
-@kernel
+@kernel(inline="always")
 def lasting_misfit_after(before: int, misfit: int, factor: int) -> int:
     """Return the running mean of `window_misfit` after a window, in units of 1/256 of a metric."""
     if factor == 0:
@@ -620,7 +619,7 @@ def lasting_misfit_after(before: int, misfit: int, factor: int) -> int:
     return before + (((misfit << (TRUST_BITS + LASTING_BITS)) - before) >> LASTING_SHIFT)
 
 
-@kernel
+@kernel(inline="always")
 def shown_misfit(lasting: int) -> int:
     """Return the misfit that a match is given with, in units of 1/16 of a metric, as trust has."""
     return max((lasting >> LASTING_BITS) - USUAL_FIT, 0)
@@ -835,22 +834,37 @@ def update_windows(
     rows : WindowRows
         Written to.
     """
-    now = state.numbers[0]
     for i in range(len(distances)):
-        row = rows.columns[i]
-        rows.activity[i] = activity_of(events[i], now.mean_activity)
-        support, residual, lasting, rows.factor[i] = match_window(
-            state, steps, exclusion, distances[i], events[i], rows.evidence[i], rows.metrics[i], row
-        )
-        if not is_pause(events[i], now.mean_activity):
-            now.reciprocal = reciprocal_of_spread(distances[i])
-        now.mean_activity = mean_activity_after(now.mean_activity, events[i])
-        now.place, now.support = row[0], support
-        now.residual_before = now.residual
-        now.residual, now.lasting_misfit = residual, lasting
-        now.predicted_for = NOT_PREDICTED
-        for k in range(state.metric.size):
-            state.metric[k] = rows.metrics[i, k]
+        found = match_window(state, steps, exclusion, distances[i], events[i], rows, i)
+        end_window(state, distances[i], events[i], rows.metrics[i], found)
+
+
+@kernel(inline="always")
+def end_window(
+    state: FilterState,
+    distances: npt.NDArray[np.integer],
+    events: int,
+    metric: Metrics,
+    found: tuple[int, int, int, int],
+) -> None:
+    """Advance the filter to the next window.
+
+    Parameters
+    ----------
+    distances, events, metric
+        Of `match_window` for this window.
+    found : tuple of int
+        Result of `match_window`.
+    """
+    now = state.numbers[0]
+    if not is_pause(events, now.mean_activity):
+        now.reciprocal = reciprocal_of_spread(distances)
+    now.mean_activity = mean_activity_after(now.mean_activity, events)
+    now.residual_before = now.residual
+    now.place, now.support, now.residual, now.lasting_misfit = found
+    now.predicted_for = NOT_PREDICTED
+    for k in range(metric.size):
+        state.metric[k] = metric[k]
 
 
 @kernel(inline="always")
@@ -860,9 +874,8 @@ def match_window(
     exclusion: int,
     distances: npt.NDArray[np.integer],
     events: int,
-    evidence: npt.NDArray[np.uint8],
-    metric: Metrics,
-    row: npt.NDArray[np.int64],
+    rows: WindowRows,
+    i: int,
 ) -> tuple[int, int, int, int]:
     """Match a window, finished or not, without advancing the filter.
 
@@ -874,21 +887,20 @@ def match_window(
         What all of them have in common does not matter.
     events : int
         At the selected pixels in the window.
-    evidence : ndarray of uint8, shape (K,)
-        Written to: what the window adds at each place.
-    metric : ndarray of int32, shape (K,)
-        Written to: the metric of each place.
-    row : ndarray of int64, shape (7,)
-        Of `FilterMatch`; all three are written to.
+    rows : WindowRows
+        Row `i` of each is written to.
 
     Returns
     -------
-    support, residual, lasting : int
+    place, support, residual, lasting : int
         Of the match; see `residual_of` and `lasting_misfit_after`.
-    factor : int
-        See `WindowRows`.
     """
-    now = state.numbers[0]
+    now, row, metric, evidence = (
+        state.numbers[0],
+        rows.columns[i],
+        rows.metrics[i],
+        rows.evidence[i],
+    )
     activity = activity_of(events, now.mean_activity)
     if now.predicted_for != activity and now.predicted_for != BY_DISTANCE:
         if now.place >= 0:
@@ -918,7 +930,8 @@ def match_window(
         now.lasting_misfit, window_misfit(evidence, place, steps.typical, factor), factor
     )
     row[6] = shown_misfit(lasting)
-    return support, residual, lasting, factor
+    rows.activity[i], rows.factor[i] = activity, factor
+    return place, support, residual, lasting
 
 
 @kernel(inline="always")
@@ -1250,10 +1263,7 @@ class PlaceFilter:
         """
         distances, state = self._checked(distances[np.newaxis]), self.state
         rows = WindowRows.empty(1, len(self))
-        match_window(
-            state, self.transitions.by_step, self.exclusion, distances[0], events,
-            rows.evidence[0], rows.metrics[0], rows.columns[0],
-        )  # fmt: skip
+        match_window(state, self.transitions.by_step, self.exclusion, distances[0], events, rows, 0)
         return FilterMatch(*rows.columns[0].tolist())
 
     def update(self, distances: npt.NDArray[np.integer], events: int) -> FilterMatch:
@@ -1311,10 +1321,6 @@ class PlaceFilter:
         self.state.metric[:] = metric
         self.state.prediction[:] = 0  # as before the first window
         self.state.numbers[0] = (*numbers, NOT_PREDICTED)
-
-    def pauses(self, events: int) -> bool:
-        """Return whether a window with `events` selected events is a pause."""
-        return bool(plain(is_pause)(events, int(self.state.numbers[0].mean_activity)))
 
     def predict_travelled(self, travelled_mm: int) -> None:
         """Predict by odometry instead of steps until the window ends.
