@@ -40,14 +40,11 @@ OFF_COUNTS = -2
 
 
 @kernel
-def _copied(column: Any, first: int, copy: Any) -> int:
-    """Copy the block of a column from event `first` on; return the highest coordinate in it."""
+def _below(column: Any, limit: int) -> bool:
     highest = np.uint16(0)
-    for i in range(copy.size):
-        copy[i] = column[first + i]
-    for i in range(copy.size):
-        highest = np.uint16(max(highest, copy[i]))
-    return np.int64(highest)
+    for i in range(column.size):
+        highest = np.uint16(max(highest, column[i]))
+    return bool(highest < limit)
 
 
 @kernel(inline="always")
@@ -72,16 +69,15 @@ def count_slots(
 ) -> tuple[int, int]:
     """Count until the budget is spent; the OFF counts start at `slots_end`."""
     height, row, counted = table.size // width, np.uint64(width), 0
-    columns = np.empty((2, min(x.size, _BLOCK)), np.uint16)
     for first in range(0, x.size, _BLOCK):
-        size = min(x.size - first, _BLOCK)
-        xs, ys = columns[0, :size], columns[1, :size]
-        if _copied(x, first, xs) >= width or _copied(y, first, ys) >= height:
+        xs = np.ascontiguousarray(x[first : first + _BLOCK])
+        ys = np.ascontiguousarray(y[first : first + _BLOCK])
+        if not (_below(xs, width) and _below(ys, height)):
             return OFF_SENSOR, counted
         start = 0
-        while start < size:
+        while start < xs.size:
             start = _skip(table, row, xs, ys, start)
-            for i in range(start, min(start + _GROUP, size)):
+            for i in range(start, min(start + _GROUP, xs.size)):
                 slot = np.int64(table[np.uint64(ys[i]) * row + np.uint64(xs[i])])
                 if slot < 0:
                     continue
@@ -117,13 +113,12 @@ def _count_one(
 def count_pixels(x: Any, y: Any, flat: Any, width: int) -> int:
     """Count every event at its own pixel."""
     height, row = flat.size // width, np.uint64(width)
-    columns = np.empty((2, min(x.size, _BLOCK)), np.uint16)
     for first in range(0, x.size, _BLOCK):
-        size = min(x.size - first, _BLOCK)
-        xs, ys = columns[0, :size], columns[1, :size]
-        if _copied(x, first, xs) >= width or _copied(y, first, ys) >= height:
+        xs = np.ascontiguousarray(x[first : first + _BLOCK])
+        ys = np.ascontiguousarray(y[first : first + _BLOCK])
+        if not (_below(xs, width) and _below(ys, height)):
             return OFF_SENSOR
-        for i in range(size):
+        for i in range(xs.size):
             flat[np.uint64(ys[i]) * row + np.uint64(xs[i])] += 1
     return x.size
 

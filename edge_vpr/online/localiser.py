@@ -25,6 +25,7 @@ from edge_vpr.matching.drive import check_no_ways
 from edge_vpr.online.kernels import check_order
 from edge_vpr.online.matcher import (
     DONE,
+    GO_ON,
     REFUSED,
     DelayedRun,
     FilterRun,
@@ -161,7 +162,8 @@ class Localiser:
         self._window, length = window_of(settings), settings.windows_per_match
         reference.check()
         reference.check_counters()
-        check_extent(*reference.places.counts.shape, length, recent, self._window)
+        places, counters = reference.places.counts.shape
+        check_extent(places, counters, length, recent, self._window)
         filtered = settings.matching == "filter"
         if reference.own_mean_code is not None and not filtered:
             raise UsageError(
@@ -603,4 +605,4 @@ def follow_kept(bursts, followed, events):  # type: ignore[no-untyped-def]
     c, last = OnlineState(*followed.value).control[0], kept[n - 1]["t"]
     if c.interval > 0 and last - c.floor > MOST_TICKS * c.interval:
         return n, (0, REFUSED, last)
-    return n, follow(followed, kept)
+    return n, follow(followed, kept, GO_ON)

@@ -30,6 +30,7 @@ from edge_vpr.online.kernels import (
     write_distances,
 )
 from edge_vpr.online.state import (
+    CONTROL,
     MATCH_DTYPE,
     MatchSchedule,
     OnlineState,
@@ -49,13 +50,15 @@ from fixedpoint.own_mean import RunningMean
 
 # why the kernel returned
 DONE, MATCHES_FULL, RING_FULL, WINDOW_OVER, REFUSED = range(5)
+#: in place of a time
+GO_ON = -1
 
 Stop = tuple[int, int, int]
 """Result of `follow`."""
 
 
 @kernel
-def follow(box, events):
+def follow(box, events, until):
     """Process events, or go on with those of an earlier call; stop where Python is needed.
 
     Parameters
@@ -63,8 +66,10 @@ def follow(box, events):
     box : BoxedState
         Of `OnlineState`; its arrays are changed in place.
     events : ndarray of EVENT_DTYPE, shape (m,)
-        As many as `OnlineState.slots` has room for. None: what `OnlineState.control` says is
-        left, up to its `until`.
+        As many as `OnlineState.slots` has room for.
+    until : int
+        Without events: time to advance to, or `GO_ON` with what `OnlineState.control` says is left
+        of an earlier call.
 
     Returns
     -------
@@ -83,6 +88,8 @@ def follow(box, events):
         if selected < 0 or (c.interval > 0 and (last - c.next_tick) // c.interval > MAX_WINDOWS):
             return 0, REFUSED, last
         c.floor, c.until, c.now, c.read, c.selected = last, last, last + 1, 0, selected
+    elif until != GO_ON:
+        c.floor, c.until, c.now, c.read, c.selected = until, until, max(c.now, until), 0, 0
     slots, times, until = f.slots, f.times, c.until
     ring_slot, ring_time, bound = s.slot, s.time, s.bound
     moves, totals, counts, code, counters = s.moves, s.totals, s.counts, s.code, s.counters
@@ -202,31 +209,33 @@ class MatchRun:
             reference.own_mean_code or self._codes, reference.mean,
         )  # fmt: skip
         state = OnlineState.begin(reference, windows, schedule, recent, place_filter)
-        self._control, self._out = state.control[0], state.out.view(np.uint8).data
+        # not as a record array, whose fields take 1 us each
+        self._control = np.asarray(state.control).view(CONTROL)[0]
+        self._out = state.out.view(np.uint8).data
         self._hold(state)
 
     def _hold(self, state: OnlineState) -> None:
         self.state, self.boxed = state, KernelState(state).boxed
-        self._follow: Callable[..., Stop] = entry(follow, self.boxed, _NO_EVENTS)
+        self._follow: Callable[..., Stop] = entry(follow, self.boxed, _NO_EVENTS, GO_ON)
 
     @property
     def next_tick(self) -> int:
         """Time of the next match by the interval of the schedule, in microseconds."""
-        return int(self._control.next_tick)
+        return int(self._control["next_tick"])
 
     @next_tick.setter
     def next_tick(self, time_us: int) -> None:
-        self._control.next_tick = time_us
+        self._control["next_tick"] = time_us
 
     @property
     def floor_us(self) -> int:
         """Earliest time that the next event may have."""
-        return int(self._control.floor)
+        return int(self._control["floor"])
 
     @property
     def now_us(self) -> int:
         """T: all earlier events have been processed."""
-        return int(self._control.now)
+        return int(self._control["now"])
 
     def follow(self, events: Events) -> Stop:
         """Call the kernel of this name, with events in one piece that may be written to."""
@@ -234,13 +243,11 @@ class MatchRun:
             # of this room, memory is taken only where selected events are written
             slots, times = np.empty(events.size, np.int32), np.empty(events.size, np.int64)
             self._hold(self.state._replace(slots=slots, times=times))
-        return self._follow(self.boxed, events)
+        return self._follow(self.boxed, events, GO_ON)
 
     def advance(self, until_us: int) -> Found:
         """Advance the time without events."""
-        c = self._control
-        c.floor, c.until, c.now, c.read, c.selected = until_us, until_us, max(c.now, until_us), 0, 0
-        return self.go_on(self.follow(_NO_EVENTS))
+        return self.go_on(self._follow(self.boxed, _NO_EVENTS, until_us))
 
     def go_on(self, stop: Stop) -> Found:
         """Call the kernel until all events are processed, and return all matches.
@@ -265,7 +272,7 @@ class MatchRun:
                 self._hold(self.state._replace(s=grown(self.state.s)))
             elif why == WINDOW_OVER:
                 self._window_over()
-            stop = self.follow(_NO_EVENTS)
+            stop = self._follow(self.boxed, _NO_EVENTS, GO_ON)
 
     def finish(self) -> Found:
         """Return the matches of windows that wait for later ones, at the end of a drive."""
@@ -345,7 +352,7 @@ class MatchRun:
         """Return the arrays that `resume` needs, for an archive."""
         s, control = self.settled(), self._control
         alive = np.arange(s.bound[-1], s.bound[0]) & (s.slot.size - 1)
-        schedule = np.array([control.next_tick, control.last_reported], dtype=np.int64)
+        schedule = np.array([control["next_tick"], control["last_reported"]], dtype=np.int64)
         return {
             "places": self.places,
             "slot": s.slot[alive],
@@ -356,8 +363,9 @@ class MatchRun:
 
     def resume(self, arrays: Arrays, now_us: int, floor_us: int) -> None:
         """Restore the state from the arrays of `to_arrays`; the map has the saved places."""
-        self._control.now, self._control.floor = now_us, floor_us
-        self._control.next_tick, self._control.last_reported = arrays[self.schedule_name].tolist()
+        self._control["now"], self._control["floor"] = now_us, floor_us
+        tick, place = arrays[self.schedule_name].tolist()
+        self._control["next_tick"], self._control["last_reported"] = tick, place
         s, first = self.state.s, int(arrays["bound"][-1])
         while s.slot.size < arrays["slot"].size:
             s = grown(s)
@@ -418,13 +426,13 @@ class FilterRun(MatchRun):
 
     def _set_window_end(self) -> None:
         s = self.state.s
-        self._control.window_end = (self._windows + 1) * (s.tau or s.n)
+        self._control["window_end"] = (self._windows + 1) * (s.tau or s.n)
 
     def _window_over(self) -> None:
         s, read = self.state.s, self.odometer.fresh
         self._windows += 1
         self.odometer.end_window()
-        if self.mean is not None and self._code is not None and not self._control.paused:
+        if self.mean is not None and self._code is not None and not self._control["paused"]:
             self.mean.update(self._code.level(s.counts[0]))
             s.own.means[:] = self.mean.mean
         if s.tau and s.bound[0] == s.bound[1]:
@@ -433,15 +441,17 @@ class FilterRun(MatchRun):
             self._silence = ()
         self._set_window_end()
 
-    def _skip_silence(self, read: bool) -> None:
+    def _skip_silence(self, odometry: bool) -> None:
         """Skip windows without events, as soon as they change nothing any more."""
         found, c = self.place_filter, self._control
         before = self._silence
         self._silence = found.numbers, found.state.metric.tobytes()
-        if self._silence == before and not read:
-            until = self.state.times[c.read] if c.read < c.selected else c.until
-            if c.interval:
-                until = min(until, c.next_tick)
+        if self._silence == before and not odometry:
+            read, until = c["read"], c["until"]
+            if read < c["selected"]:
+                until = self.state.times[read]
+            if c["interval"]:
+                until = min(until, c["next_tick"])
             self._windows = max(self._windows, int(until) // self.state.s.tau - 1)
 
     def to_arrays(self) -> Arrays:
@@ -551,7 +561,7 @@ class DelayedRun(FilterRun):
             row["trust"], row["misfit"] = match.trust, match.misfit
             plain(write_distances)(row, match.metric, match.second_metric, 1)
             trust, probability = self.state.trust, self.state.probability
-            plain(acceptance)(row, trust, probability, self._control.least_trust)
+            plain(acceptance)(row, trust, probability, self._control["least_trust"])
             self._decided.append(row)
 
     def _drained(self) -> Found:
