@@ -37,7 +37,10 @@ _CONSTANTS = (bool, int, float, tuple, np.dtype, np.integer, np.floating)
 
 
 def kernel(
-    function: Callable[..., Any] | None = None, *, inline: Literal["never", "always"] = "never"
+    function: Callable[..., Any] | None = None,
+    *,
+    inline: Literal["never", "always"] = "never",
+    inner: bool = False,
 ) -> Any:
     """Compile a function when it is first called, and keep the code for later runs.
 
@@ -47,6 +50,9 @@ def kernel(
         Given where the decorator is used without options.
     inline : {"never", "always"}
         "always": its code is copied into the kernels that call it.
+    inner : bool
+        Whether only kernels call it: no wrapper for calls from Python is compiled, which takes long
+        for many arguments. A call from Python would end the process.
 
     Returns
     -------
@@ -54,11 +60,13 @@ def kernel(
         The compiled function; the function itself where the compiler is off (NUMBA_DISABLE_JIT).
     """
     if function is None:
-        return lambda given: kernel(given, inline=inline)
+        return lambda given: kernel(given, inline=inline, inner=inner)
+    options: Any = {"nogil": True, "inline": inline, "no_cpython_wrapper": inner}
+    options["no_cfunc_wrapper"] = True  # no C code calls kernels
     try:
-        compiled = njit(cache=True, nogil=True, inline=inline)(function)
+        compiled = njit(cache=True, **options)(function)
     except RuntimeError:  # there is no folder where code may be kept: it is compiled in each run
-        return njit(nogil=True, inline=inline)(function)
+        return njit(**options)(function)
     cache = getattr(compiled, "_cache", None)
     if isinstance(cache, _CACHING.FunctionCache):
         cache._cache_file = _CheckedCacheFile(

@@ -27,8 +27,8 @@ SMOOTHED = "smoothed"
 MOST_STEPS = 4_096
 #: number of the rule for the trust of the place filter: tables learnt with another one do not hold
 TRUST_RULE = 4
-#: trust above this counts as this, and a unit of misfit counts as 4 units of trust
-MOST_TRUST, MISFIT_SHIFT = 368, 2
+#: largest trust of the place filter (9 bits); a unit of misfit counts as 4 units of trust
+TRUST_TOP, MISFIT_SHIFT = 368, 2
 #: misfit of matches by sequences, which is not known
 NO_MISFIT = -1
 #: Misfit from which on a place or a light is not the map's. On streets of the calibration, 0.1 % of
@@ -50,7 +50,7 @@ def net_trust(trust: npt.NDArray[np.int64], misfit: npt.NDArray[np.int64]) -> np
     >>> net_trust(np.array([300, 2_000, 2_000]), np.array([10, 100, NO_MISFIT])).tolist()
     [260, -32, 2000]
     """
-    limited = np.minimum(trust, MOST_TRUST) - (misfit << MISFIT_SHIFT)
+    limited = np.minimum(trust, TRUST_TOP) - (misfit << MISFIT_SHIFT)
     return np.where(misfit < 0, trust, limited)
 
 

@@ -173,8 +173,8 @@ RESET
     state.least = ANY;
     state.place = ANY;
     state.support = ANY;
-    state.misfit = ANY;
-    state.misfit_before = ANY;
+    state.residual = ANY;
+    state.residual_before = ANY;
     //@ split state.newest;
     if (Frama_C_nondet(0, 1)) {
         //@ loop unroll DEPTH;

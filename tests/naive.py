@@ -427,10 +427,10 @@ def place_filter(
 
     `places` are the activities of the places; without `forward`, prices depend on them. It goes on
     from `begin`: metrics, scale (0: none yet), place and support of a window before, and the
-    misfits of it and the one before it.
+    residuals of it and the one before it.
     """
     k = len(distances[0])
-    metric, scale, last, support, misfits = begin or ([0] * k, 0, None, 0, [])
+    metric, scale, last, support, residuals = begin or ([0] * k, 0, None, 0, [])
     told = []
     for j, d in enumerate(distances):
         least, way = min(metric), travelled[j] if travelled else None
@@ -453,8 +453,8 @@ def place_filter(
             ways = ways_of_steps([steps_that_follow(forward, back, per_window)] * k, jumps)
         follows = any((i, to) == (last, best) and c < 4 * restart for i, to, c in ways)
         support = next_support(support if follows else 0, margin, best == last)
-        misfits, last = [*misfits, evidence[best]][-3:], best
-        told.append((metric, best, second, trust(support, misfits)))
+        residuals, last = [*residuals, evidence[best]][-3:], best
+        told.append((metric, best, second, trust(support, residuals)))
     return told
 
 
@@ -478,9 +478,9 @@ def next_support(kept: int, margin: int, stands: bool) -> int:
     return min(risen, kept - kept // 16) if stands else risen
 
 
-def trust(support: int, misfits: Sequence[int]) -> int:
+def trust(support: int, residuals: Sequence[int]) -> int:
     """Support of a match, less 16 times the worst evidence against it in three windows."""
-    return max(support - 16 * min(max(misfits), 23), 0)
+    return max(support - 16 * min(max(residuals), 23), 0)
 
 
 def typical(places: Sequence[Sequence[int]]) -> list[int]:
@@ -586,7 +586,7 @@ def smoothed_trust(
 
     It is reduced by 16 times the worst evidence against a match in the 9 windows.
     """
-    misfit = [row[best] for row, best in zip(evidence, place, strict=True)]
+    residual = [row[best] for row, best in zip(evidence, place, strict=True)]
     trust = []
     for j in range(len(place)):
         first = last = j
@@ -597,7 +597,7 @@ def smoothed_trust(
         ):
             last += 1
         mean = 16 * sum(margin[first : last + 1]) // 9
-        trust.append(max(mean - 16 * max(misfit[max(j - 4, 0) : j + 5]), 0))
+        trust.append(max(mean - 16 * max(residual[max(j - 4, 0) : j + 5]), 0))
     return trust
 
 
@@ -608,13 +608,13 @@ def delayed_trust(
     evidence: Matrix,
 ) -> list[int]:
     """Trust of the place filter, of margins and places that later windows have changed."""
-    trusts, support, misfits = [], 0, []
+    trusts, support, residuals = [], 0, []
     for j, best in enumerate(place):
         last = place[j - 1] if j else None
         kept = support if (last, best) in follow[j] else 0
         support = next_support(kept, margin[j], best == last)
-        misfits = [*misfits, evidence[j][best]][-3:]
-        trusts.append(trust(support, misfits))
+        residuals = [*residuals, evidence[j][best]][-3:]
+        trusts.append(trust(support, residuals))
     return trusts
 
 

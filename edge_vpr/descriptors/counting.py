@@ -47,7 +47,7 @@ def _below(column: Any, limit: int) -> bool:
     return bool(highest < limit)
 
 
-@kernel
+@kernel(inline="always")
 def _skip(table: Any, row: Any, x: Any, y: Any, start: int) -> int:
     """Skip groups of events without any at a selected pixel."""
     while start + _GROUP <= x.size:
@@ -64,48 +64,32 @@ def _skip(table: Any, row: Any, x: Any, y: Any, start: int) -> int:
 
 
 @kernel
-def _scan(table: Any, width: int, x: Any, y: Any, first: int, index: Any, slots: Any) -> int:
-    """Find events at selected pixels in the block from event `first` on; return their number."""
-    xs = np.ascontiguousarray(x[first : first + _BLOCK])
-    ys = np.ascontiguousarray(y[first : first + _BLOCK])
-    if not (_below(xs, width) and _below(ys, table.size // width)):
-        return OFF_SENSOR
-    row = np.uint64(width)
-    found, start = 0, np.int64(0)  # no constant, for which Numba would compile another `_skip`
-    while start < xs.size:
-        start = _skip(table, row, xs, ys, start)
-        end = min(start + _GROUP, xs.size)
-        for i in range(start, end):
-            slot = table[np.uint64(ys[i]) * row + np.uint64(xs[i])]
-            if slot >= 0:
-                index[found], slots[found] = first + i, slot
-                found += 1
-        start = end
-    return found
-
-
-@kernel
 def count_slots(
     table: Any, width: int, x: Any, y: Any, p: Any, counts: Any, slots_end: int, budget: int
 ) -> tuple[int, int]:
     """Count until the budget is spent; the OFF counts start at `slots_end`."""
-    block = min(x.size, _BLOCK)
-    index, slots = np.empty(block, np.int64), np.empty(block, np.int32)
-    counted = 0
+    height, row, counted = table.size // width, np.uint64(width), 0
     for first in range(0, x.size, _BLOCK):
-        found = _scan(table, width, x, y, first, index, slots)
-        if found < 0:
+        xs = np.ascontiguousarray(x[first : first + _BLOCK])
+        ys = np.ascontiguousarray(y[first : first + _BLOCK])
+        if not (_below(xs, width) and _below(ys, height)):
             return OFF_SENSOR, counted
-        for i in range(found):
-            slot = np.int64(slots[i])
-            if slot >= slots_end:
-                return OFF_COUNTS, counted
-            if p is not None and not p[index[i]]:
-                slot += slots_end
-            counts[slot] += 1
-            counted += 1
-            if counted == budget:
-                return index[i] + 1, counted
+        start = 0
+        while start < xs.size:
+            start = _skip(table, row, xs, ys, start)
+            for i in range(start, min(start + _GROUP, xs.size)):
+                slot = np.int64(table[np.uint64(ys[i]) * row + np.uint64(xs[i])])
+                if slot < 0:
+                    continue
+                if slot >= slots_end:
+                    return OFF_COUNTS, counted
+                if p is not None and not p[first + i]:
+                    slot += slots_end
+                counts[slot] += 1
+                counted += 1
+                if counted == budget:
+                    return first + i + 1, counted
+            start += _GROUP
     return x.size, counted
 
 
@@ -123,23 +107,6 @@ def _count_one(
         return 1, 0
     counts[slot + (0 if p is None or p[0] else slots_end)] += 1
     return 1, 1
-
-
-@kernel
-def select_slots(
-    table: Any, width: int, x: Any, y: Any, p: Any, slots_end: int, index: Any, slots: Any
-) -> int:
-    """List the events at selected pixels; the slots of OFF events start at `slots_end`."""
-    selected = 0
-    for first in range(0, x.size, _BLOCK):
-        found = _scan(table, width, x, y, first, index[selected:], slots[selected:])
-        if found < 0:
-            return OFF_SENSOR
-        if p is not None:
-            for i in range(selected, selected + found):
-                slots[i] += 0 if p[index[i]] else slots_end
-        selected += found
-    return selected
 
 
 @kernel
@@ -232,7 +199,7 @@ def count_until(
         As for :func:`count_events`; also if `budget` is negative.
     """
     _check_pixels(table, "table", (np.int16, np.int32))
-    _check_columns(x, y, p)
+    check_columns(x, y, p)
     if counts.ndim != 1 or counts.dtype not in (np.int32, np.int64):
         raise UsageError(
             f"counters are {counts.dtype} of shape {counts.shape}: give int32 or int64, 1-D"
@@ -262,39 +229,6 @@ def count_until(
     return int(consumed), int(counted)
 
 
-def select_events(
-    table: npt.NDArray[np.signedinteger[Any]], x: Column, y: Column, p: Column | None = None
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32]]:
-    """Find the events at selected pixels.
-
-    Parameters
-    ----------
-    table, x, y, p
-        As for :func:`count_events`.
-
-    Returns
-    -------
-    index : ndarray of int64, shape (m,)
-        Which events of the chunk, in order.
-    slots : ndarray of int32, shape (m,)
-        Their slots; with polarity, those of OFF events follow those of ON events.
-
-    Raises
-    ------
-    UsageError, EventError
-        As for :func:`count_events`.
-    """
-    _check_pixels(table, "table", (np.int16, np.int32))
-    _check_columns(x, y, p)
-    height, width = table.shape
-    slots_end = 0 if p is None else int(table.max()) + 1
-    index, slots = np.empty(x.size, dtype=np.int64), np.empty(x.size, dtype=np.int32)
-    selected = select_slots(table.reshape(-1), width, x, y, p, slots_end, index, slots)
-    if selected == OFF_SENSOR:
-        raise _off_sensor(x, y, width, height)
-    return index[:selected], slots[:selected]
-
-
 def count_frame(x: Column, y: Column, frame: Counts) -> None:
     """Add a chunk of events to a count image of the whole sensor.
 
@@ -314,7 +248,7 @@ def count_frame(x: Column, y: Column, frame: Counts) -> None:
     """
     _check_pixels(frame, "count image", (np.int32, np.int64))
     _check_writeable(frame, "count image")
-    _check_columns(x, y, None)
+    check_columns(x, y, None)
     height, width = frame.shape
     if count_pixels(x, y, frame.reshape(-1), width) == OFF_SENSOR:
         raise _off_sensor(x, y, width, height)
@@ -338,7 +272,8 @@ def _check_writeable(counts: Counts, name: str) -> None:
         raise UsageError(f"{name}: the array may only be read: give a copy to count in")
 
 
-def _check_columns(x: Column, y: Column, p: Column | None) -> None:
+def check_columns(x: Column, y: Column, p: Column | None) -> None:
+    """Raise UsageError unless the columns of events are of their types, and of one length."""
     for name, column in (("x", x), ("y", y)):
         if column.dtype != np.uint16:
             raise UsageError(

@@ -207,7 +207,7 @@ def _smooth(drive: _Drive, found: _Found) -> None:
         for _ in drive.advance(begin, begin + length):
             pass
     onward = BackwardPass(place_filter.transitions, place_filter.exclusion)
-    misfit, told = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.bool_)
+    residual, told = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.bool_)
     for begin in reversed(begins):
         if begin != begins[-1]:
             metric, numbers = states.pop()
@@ -215,14 +215,14 @@ def _smooth(drive: _Drive, found: _Found) -> None:
         end = min(begin + length, n)
         rows = drive.rows(begin, end)
         onward.add_to(rows, drive.ways[begin:end])
-        misfit[begin:end] = rows.evidence[np.arange(end - begin), rows.columns[:, 0]]
+        residual[begin:end] = rows.evidence[np.arange(end - begin), rows.columns[:, 0]]
         told[begin:end] = rows.factor > 0
         for first in range(0, end - begin, drive.block):
             some = rows.part(first, min(first + drive.block, end - begin))
             found.put(begin + first, some.columns, some.metrics)
-    misfit = _largest_around(misfit)
+    residual = _largest_around(residual)
     trust = _mean_trust(found.columns, drive.ways, place_filter.transitions)
-    found.columns[:, 5] = np.maximum(trust - (misfit << TRUST_BITS), 0)
+    found.columns[:, 5] = np.maximum(trust - (residual << TRUST_BITS), 0)
     found.columns[:, 6] = _mean_misfit(found.columns[:, 6], told)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import kernel, plain
+from edge_vpr.confidence import TRUST_TOP
 from edge_vpr.descriptors.windows import activity_of, is_pause, mean_activity_after
 from edge_vpr.errors import UsageError
 from edge_vpr.route import MOST_MM
@@ -170,7 +171,7 @@ def leads_to(
     return False
 
 
-@kernel
+@kernel(inner=True)
 def write_costs(steps: StepTable, activity: int, costs: Narrow) -> None:
     """Write the cost of each step to each place, in a window of this activity.
 
@@ -181,25 +182,23 @@ def write_costs(steps: StepTable, activity: int, costs: Narrow) -> None:
     costs : ndarray of int16, shape (steps, K)
         Written to.
     """
-    number, places, last_row = costs.shape[0], costs.shape[1], len(steps.costs) - 1
-    of_row = np.empty(last_row + 1, dtype=np.int16)
+    places, last_row = costs.shape[1], len(steps.costs) - 1
     rows = np.empty(places if last_row > 0 else 0, dtype=np.int16)
     for k in range(rows.size):
         row = (activity - steps.activity[k] + (1 << (ROW_BITS - 1))) >> ROW_BITS
         rows[k] = min(max(row + SAME_ROW, 0), last_row)
-    for i in range(number):
-        for row in range(last_row + 1):
-            of_row[row] = steps.costs[row, i]
-        written = costs[i]
+    for i in range(costs.shape[0]):
+        of_row, written = steps.costs[:, i], costs[i]
         if last_row > 0:
             for k in range(places):
                 written[k] = of_row[rows[k]]
         else:
+            cost = np.int16(of_row[0])
             for k in range(places):
-                written[k] = of_row[0]
+                written[k] = cost
 
 
-@kernel
+@kernel(inner=True)
 def move(metric: Narrow, steps: StepTable, costs: Narrow, back: bool, prediction: Narrow) -> None:
     """Write the cheapest cost of each place one window later, or earlier.
 
@@ -443,7 +442,8 @@ class Transitions:
         """Return whether `next_place` can be reached from `place` without a restart."""
         steps = self.by_step
         if travelled_mm is None:
-            return bool(leads_to(place, next_place, steps.first, steps.last, steps.jumps))
+            follows = plain(leads_to)(place, next_place, steps.first, steps.last, steps.jumps)
+            return bool(follows)
         return bool(self.following(place, travelled_mm)[next_place])
 
     def _jumps_near(self, place: int, reach: int) -> npt.NDArray[np.bool_]:
@@ -510,10 +510,8 @@ FACTOR_SHIFT = RECIPROCAL_BITS - FRACTION_BITS + WEIGHT_BITS
 TRUST_SHIFT, TRUST_BITS = 2, 4
 #: while the place stays the same, support falls by 1/16 in each window
 STANDING_SHIFT = 4
-#: larger margins and misfits count as this, so that one window is not remembered for long: 5 bits
-MARGIN_TOP = MISFIT_TOP = 23
-#: largest support and largest trust: 9 bits
-TRUST_TOP = MARGIN_TOP << TRUST_BITS
+#: larger margins and residuals count as this, so that one window is not remembered for long: 23
+MARGIN_TOP = RESIDUAL_TOP = TRUST_TOP >> TRUST_BITS
 
 
 @kernel(inline="always")
@@ -545,8 +543,8 @@ def support_after(kept: int, stands: bool, margin: int) -> int:
 
 
 @kernel(inline="always")
-def trust_of(support: int, misfit: int) -> int:
-    """Return the trust in a match: its support less the misfit of the matched place.
+def trust_of(support: int, residual: int) -> int:
+    """Return the trust in a match: its support less the residual of the matched place.
 
     A path that has become wrong still has the support of earlier windows, but the places along it
     no longer fit what is seen.
@@ -555,21 +553,21 @@ def trust_of(support: int, misfit: int) -> int:
     ----------
     support : int
         See `support_after`.
-    misfit : int
-        Largest `misfit_of` of this window and the two before it.
+    residual : int
+        Largest `residual_of` of this window and the two before it.
 
     Returns
     -------
     int
         0 to `TRUST_TOP`.
     """
-    return max(int(support) - (int(misfit) << TRUST_BITS), 0)
+    return max(int(support) - (int(residual) << TRUST_BITS), 0)
 
 
 @kernel(inline="always")
-def misfit_of(evidence: int) -> int:
-    """Return the evidence against the matched place, limited to `MISFIT_TOP`."""
-    return min(int(evidence), MISFIT_TOP)
+def residual_of(evidence: int) -> int:
+    """Return the residual of a window: the evidence against the matched place, up to 23."""
+    return min(int(evidence), RESIDUAL_TOP)
 
 
 #: the running misfit moves by 1/16 of the difference in each window, and has 4 more fraction bits
@@ -610,10 +608,10 @@ def window_misfit(
         total += np.int64(evidence[k])
     nearer = (np.int64(typical[place]) * factor) >> FACTOR_SHIFT
     advantage = int(total // evidence.size - np.int64(evidence[place]) + nearer)
-    return misfit_of(evidence[place]) - min(max(advantage, -MISFIT_TOP), MISFIT_TOP)
+    return residual_of(evidence[place]) - min(max(advantage, -RESIDUAL_TOP), RESIDUAL_TOP)
 
 
-@kernel
+@kernel(inline="always")
 def lasting_misfit_after(before: int, misfit: int, factor: int) -> int:
     """Return the running mean of `window_misfit` after a window, in units of 1/256 of a metric."""
     if factor == 0:
@@ -621,7 +619,7 @@ def lasting_misfit_after(before: int, misfit: int, factor: int) -> int:
     return before + (((misfit << (TRUST_BITS + LASTING_BITS)) - before) >> LASTING_SHIFT)
 
 
-@kernel
+@kernel(inline="always")
 def shown_misfit(lasting: int) -> int:
     """Return the misfit that a match is given with, in units of 1/16 of a metric, as trust has."""
     return max((lasting >> LASTING_BITS) - USUAL_FIT, 0)
@@ -734,7 +732,8 @@ def _first_least(metric: Metrics, begin: int, end: int) -> int:
 
 #: State of a filter between two windows, in addition to its metrics; see `PlaceFilter`.
 NUMBER_NAMES = (
-    "reciprocal", "mean_activity", "place", "support", "misfit", "misfit_before", "lasting_misfit",
+    "reciprocal", "mean_activity", "place", "support", "residual", "residual_before",
+    "lasting_misfit",
 )  # fmt: skip
 #: with the activity for which the prediction holds, or one of the two below
 NUMBERS = np.dtype([(name, np.int64) for name in (*NUMBER_NAMES, "predicted_for")])
@@ -835,22 +834,37 @@ def update_windows(
     rows : WindowRows
         Written to.
     """
-    now = state.numbers[0]
     for i in range(len(distances)):
-        row = rows.columns[i]
-        rows.activity[i] = activity_of(events[i], now.mean_activity)
-        support, misfit, lasting, rows.factor[i] = match_window(
-            state, steps, exclusion, distances[i], events[i], rows.evidence[i], rows.metrics[i], row
-        )
-        if not is_pause(events[i], now.mean_activity):
-            now.reciprocal = reciprocal_of_spread(distances[i])
-        now.mean_activity = mean_activity_after(now.mean_activity, events[i])
-        now.place, now.support = row[0], support
-        now.misfit_before = now.misfit
-        now.misfit, now.lasting_misfit = misfit, lasting
-        now.predicted_for = NOT_PREDICTED
-        for k in range(state.metric.size):
-            state.metric[k] = rows.metrics[i, k]
+        found = match_window(state, steps, exclusion, distances[i], events[i], rows, i)
+        end_window(state, distances[i], events[i], rows.metrics[i], found)
+
+
+@kernel(inline="always")
+def end_window(
+    state: FilterState,
+    distances: npt.NDArray[np.integer],
+    events: int,
+    metric: Metrics,
+    found: tuple[int, int, int, int],
+) -> None:
+    """Advance the filter to the next window.
+
+    Parameters
+    ----------
+    distances, events, metric
+        Of `match_window` for this window.
+    found : tuple of int
+        Result of `match_window`.
+    """
+    now = state.numbers[0]
+    if not is_pause(events, now.mean_activity):
+        now.reciprocal = reciprocal_of_spread(distances)
+    now.mean_activity = mean_activity_after(now.mean_activity, events)
+    now.residual_before = now.residual
+    now.place, now.support, now.residual, now.lasting_misfit = found
+    now.predicted_for = NOT_PREDICTED
+    for k in range(metric.size):
+        state.metric[k] = metric[k]
 
 
 @kernel(inline="always")
@@ -860,9 +874,8 @@ def match_window(
     exclusion: int,
     distances: npt.NDArray[np.integer],
     events: int,
-    evidence: npt.NDArray[np.uint8],
-    metric: Metrics,
-    row: npt.NDArray[np.int64],
+    rows: WindowRows,
+    i: int,
 ) -> tuple[int, int, int, int]:
     """Match a window, finished or not, without advancing the filter.
 
@@ -874,21 +887,20 @@ def match_window(
         What all of them have in common does not matter.
     events : int
         At the selected pixels in the window.
-    evidence : ndarray of uint8, shape (K,)
-        Written to: what the window adds at each place.
-    metric : ndarray of int32, shape (K,)
-        Written to: the metric of each place.
-    row : ndarray of int64, shape (7,)
-        Of `FilterMatch`; all three are written to.
+    rows : WindowRows
+        Row `i` of each is written to.
 
     Returns
     -------
-    support, misfit, lasting : int
-        Of the match; see `lasting_misfit_after`.
-    factor : int
-        See `WindowRows`.
+    place, support, residual, lasting : int
+        Of the match; see `residual_of` and `lasting_misfit_after`.
     """
-    now = state.numbers[0]
+    now, row, metric, evidence = (
+        state.numbers[0],
+        rows.columns[i],
+        rows.metrics[i],
+        rows.evidence[i],
+    )
     activity = activity_of(events, now.mean_activity)
     if now.predicted_for != activity and now.predicted_for != BY_DISTANCE:
         if now.place >= 0:
@@ -911,14 +923,15 @@ def match_window(
         )
     margin = write_match(metric, place, second, ties, row)
     support = support_after(now.support if follows else 0, place == now.place, margin)
-    misfit = misfit_of(evidence[place])
-    row[5] = trust_of(support, max(misfit, now.misfit, now.misfit_before))
+    residual = residual_of(evidence[place])
+    row[5] = trust_of(support, max(residual, now.residual, now.residual_before))
     factor = scale * weight
     lasting = lasting_misfit_after(
         now.lasting_misfit, window_misfit(evidence, place, steps.typical, factor), factor
     )
     row[6] = shown_misfit(lasting)
-    return support, misfit, lasting, factor
+    rows.activity[i], rows.factor[i] = activity, factor
+    return place, support, residual, lasting
 
 
 @kernel(inline="always")
@@ -1139,10 +1152,10 @@ def match_late(
         else:
             follows = before >= 0 and leads_to(before, place, steps.first, steps.last, steps.jumps)
         now.support = support_after(now.support if follows else 0, place == before, margin)
-        misfit = misfit_of(held.evidence[at, place])
-        row[5] = trust_of(now.support, max(misfit, now.misfit, now.misfit_before))
-        now.misfit_before = now.misfit
-        now.misfit, now.place = misfit, place
+        residual = residual_of(held.evidence[at, place])
+        row[5] = trust_of(now.support, max(residual, now.residual, now.residual_before))
+        now.residual_before = now.residual
+        now.residual, now.place = residual, place
         factor = held.factor[at]
         of_window = window_misfit(held.evidence[at], place, steps.typical, factor)
         now.lasting_misfit = lasting_misfit_after(now.lasting_misfit, of_window, factor)
@@ -1166,8 +1179,8 @@ class FilterMatch(NamedTuple):
         Other places of the same least metric.
     trust : int
         How far to trust the match, 0 to 368: its support, which is a running mean of the margins
-        (second metric less the least) of this window and those before, less its misfit, which is
-        the largest evidence against the matched places of this window and the two before. See
+        (second metric less the least) of this window and those before, less the largest residual
+        (evidence against the matched place) of this window and the two before. See
         `support_after` and `trust_of`.
     misfit : int
         How much worse than usual the last sixteen windows or so fit the places that were matched,
@@ -1204,8 +1217,9 @@ class PlaceFilter:
         Its numbers: `reciprocal` is ``floor(2**16 / spread)`` of the window before and scales the
         evidence (0 before the first, and after a spread above 2**16: then the window's own does);
         `mean_activity`, how many events a window usually has; `place` and `support` of the latest
-        match (the place is -1 before the first); `misfit` of the latest match and `misfit_before`
-        of the one before it, see `trust_of`; and `lasting_misfit`, see `lasting_misfit_after`.
+        match (the place is -1 before the first); `residual` of the latest match and
+        `residual_before` of the one before it, see `trust_of`; and `lasting_misfit`, see
+        `lasting_misfit_after`.
     """
 
     def __init__(
@@ -1249,10 +1263,7 @@ class PlaceFilter:
         """
         distances, state = self._checked(distances[np.newaxis]), self.state
         rows = WindowRows.empty(1, len(self))
-        match_window(
-            state, self.transitions.by_step, self.exclusion, distances[0], events,
-            rows.evidence[0], rows.metrics[0], rows.columns[0],
-        )  # fmt: skip
+        match_window(state, self.transitions.by_step, self.exclusion, distances[0], events, rows, 0)
         return FilterMatch(*rows.columns[0].tolist())
 
     def update(self, distances: npt.NDArray[np.integer], events: int) -> FilterMatch:
@@ -1310,10 +1321,6 @@ class PlaceFilter:
         self.state.metric[:] = metric
         self.state.prediction[:] = 0  # as before the first window
         self.state.numbers[0] = (*numbers, NOT_PREDICTED)
-
-    def pauses(self, events: int) -> bool:
-        """Return whether a window with `events` selected events is a pause."""
-        return bool(plain(is_pause)(events, int(self.state.numbers[0].mean_activity)))
 
     def predict_travelled(self, travelled_mm: int) -> None:
         """Predict by odometry instead of steps until the window ends.

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from llvmlite import ir
 from numba import config, types
 from numba.extending import intrinsic
 
 from edge_vpr.compiling import kernel
-from edge_vpr.confidence import MISFIT_SHIFT, MOST_TRUST, NO_MISFIT
-from edge_vpr.descriptors.counting import select_events
+from edge_vpr.confidence import MISFIT_SHIFT, NO_MISFIT, TRUST_TOP
+from edge_vpr.descriptors.windows import is_pause
 from edge_vpr.errors import EventError
-from edge_vpr.events import TIME_LIMIT_US, Events
-from edge_vpr.matching.place_filter import FilterState, StepTable, WindowRows, match_window
+from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, check_events
+from edge_vpr.matching.place_filter import (
+    FilterState,
+    StepTable,
+    WindowRows,
+    end_window,
+    match_window,
+)
 from fixedpoint.own_mean import LEVEL_BITS
 
 # Vector kernels of online matching: change all sums by +-1, find the smallest.
@@ -373,7 +378,7 @@ def note_steps(slot, column, before, now, noted, totals, counters, arrays):
     return arrivals, expiries
 
 
-@kernel
+@kernel(inner=True)
 def take_moves(moves, totals, counts, code, counters, columns, sums, steps):
     """Update counters and distances by the noted moves; the arrays are those of `s`.
 
@@ -402,7 +407,7 @@ def take_moves(moves, totals, counts, code, counters, columns, sums, steps):
         update_blocks(sums, columns, steps, noted[0], noted[1], total.sums)
 
 
-@kernel
+@kernel(inner=True)
 def recode(own, counts, totals, counters, columns, sums, steps):
     """Update own-mean codes and distances by the counters and means; the arrays are those of `s`.
 
@@ -435,7 +440,7 @@ def advance(s, until):
             settle(s)
 
 
-@kernel
+@kernel(inline="always")
 def write_codes(counts, own, codes):
     """Write the own-mean codes of the counters of a window, as `OwnMeanCode.encode` does.
 
@@ -461,8 +466,8 @@ def write_codes(counts, own, codes):
 # Kernels that write a match: the best place and how sure it is.
 
 
-@kernel
-def sequence_answer(sums, total, c, length, row):
+@kernel(inline="always")
+def sequence_match(sums, total, c, length, row):
     """Write the place with the nearest sequence.
 
     Parameters
@@ -470,7 +475,7 @@ def sequence_answer(sums, total, c, length, row):
     sums : ndarray of uint16 or uint32
         Of `SlidingWindows`, with all moves taken.
     c : record of CONTROL
-        Changed in place: the place told last.
+        Changed in place: the place of the last match.
     length : int
         L.
     row : record of MATCH_DTYPE
@@ -479,13 +484,14 @@ def sequence_answer(sums, total, c, length, row):
     Returns
     -------
     bool
-        False if only changes are asked for and there is none; nothing is written then.
+        Whether a match is written: not if only changes are asked for and there is none.
     """
-    best, least = least_in(sums, total.sums, np.int64(0), c.places)
+    places = total.sums - c.recent
+    best, least = least_in(sums, total.sums, np.int64(0), places)
     if c.change and best == c.last_reported:
         return False
     c.last_reported = best
-    second, second_least = _second(sums, total.sums, best, c.exclusion, c.places)
+    second, second_least = _second(sums, total.sums, best, c.exclusion, places)
     best_sum, second_sum = np.int64(least) + total.common, np.int64(-1)
     row["place"], row["second"], row["trust"] = best + length - 1, -1, 0
     row["misfit"] = NO_MISFIT
@@ -528,49 +534,55 @@ def _second(sums, count, best, exclusion, places):
     return second, second_least
 
 
-@kernel
-def answer(state, step, rows, sums, total, c, length, events, row):
-    """Write the match of the place filter, where `length` is None, or of sequences of this length.
+@kernel(inner=True)
+def match_now(state, step, rows, sums, total, c, length, events, over, row):
+    """Match the newest window by the place filter, or the newest windows by sequences.
 
-    Without a filter, `state` is None. Numba leaves out what is behind a comparison of an argument
-    that is None, so that only one of the two is compiled. The arguments are those of `OnlineState`,
-    of `filter_answer` and of `sequence_answer`.
+    Without a filter, `state` is None, and with it `length` is. Numba leaves out what is behind a
+    comparison of an argument that is None, so that only one of the two is compiled. The arguments
+    are those of `OnlineState`, `filter_match` and `sequence_match`.
     """
     if state is None:
         if length is not None:
-            return sequence_answer(sums, total, c, length, row)
+            return sequence_match(sums, total, c, length, row)
         return False
-    return filter_answer(
-        FilterState(*state), StepTable(*step), WindowRows(*rows), sums, c, events, row
+    return filter_match(
+        FilterState(*state), StepTable(*step), WindowRows(*rows), sums, c, events, over, row
     )
 
 
 @kernel(inline="always")
-def filter_answer(state, steps, rows, sums, c, events, row):
-    """Write the place of the lowest metric for the unfinished window.
+def filter_match(state, steps, rows, sums, c, events, over, row):
+    """Match the newest window by the place filter: write the match, or end the window.
 
     Parameters
     ----------
     rows : WindowRows
-        Of one window; scratch.
+        Of one window; written to.
     sums : ndarray of uint16 or uint32
         Of `SlidingWindows` with one window, with all moves taken.
     c : record of CONTROL
-        Changed in place: the place told last.
+        Changed in place: the place of the last match, or whether the window was a pause.
     events : int
         In the window, at selected pixels.
+    over : bool
+        Whether the window ends now: the filter advances, and no match is written.
     row : record of MATCH_DTYPE
         Written to, but for what `acceptance` and the kernel write.
 
     Returns
     -------
     bool
-        False if only changes are asked for and there is none; nothing is written then.
+        Whether a match is written: not if only changes are asked for and there is none.
     """
     metric, found = rows.metrics[0], rows.columns[0]
-    match_window(
-        state, steps, c.exclusion, sums[: metric.size], events, rows.evidence[0], metric, found
-    )
+    # the common part of all distances changes neither the evidence nor its spread
+    distances = sums[: metric.size]
+    matched = match_window(state, steps, c.exclusion, distances, events, rows, 0)
+    if over:
+        c.paused = is_pause(events, state.numbers[0].mean_activity)
+        end_window(state, distances, events, metric, matched)
+        return False
     best, least, second, second_least = found[0], found[1], found[2], found[3]
     if c.change and best == c.last_reported:
         return False
@@ -597,7 +609,7 @@ def acceptance(row, trust, probability, least_trust):
     """
     net = row["trust"]
     if row["misfit"] >= 0:  # as `net_trust`
-        net = min(net, MOST_TRUST) - (row["misfit"] << MISFIT_SHIFT)
+        net = min(net, TRUST_TOP) - (row["misfit"] << MISFIT_SHIFT)
     row["probability"], row["lost"] = np.nan, net < least_trust
     first, last = 0, trust.size - 1  # binary search: the step lies between these two
     if last >= 0:
@@ -610,67 +622,12 @@ def acceptance(row, trust, probability, least_trust):
         row["probability"] = probability[first]
 
 
-# Checks and selection of events for the kernels: time order, sensor, selected pixels.
-
-
-_EVENTS_AT_ONCE = 1 << 16  # limits the buffers for chunks of any size
-
-
-def selected_in_order(
-    table: npt.NDArray[np.signedinteger], events: Events, floor_us: int, polarity: bool
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
-    """Find the events at selected pixels, and check that time does not run backwards.
-
-    Parameters
-    ----------
-    table : ndarray of int16 or int32, shape (height, width)
-        Of `PixelMap.table`.
-    events : ndarray with fields t, x, y and, for polarity, p; shape (n,)
-        At least one.
-    floor_us : int
-        No event may be earlier: the time of the last event before these, or until which time has
-        passed without any.
-    polarity : bool
-        Give OFF events slots of their own.
-
-    Returns
-    -------
-    slots : ndarray of int32, shape (m,)
-    times : ndarray of int64, shape (m,)
-
-    Raises
-    ------
-    EventError
-        If time runs backwards or a pixel lies off the sensor.
-    """
-    t = events["t"]
-    if t[0] < floor_us or t[-1] < t[0]:
-        raise EventError(
-            f"time runs backwards, from {floor_us} to {min(t[0], t[-1])} us: sort the events, or "
-            "drop the late ones"
-        )
-    if t[-1] > TIME_LIMIT_US:
-        raise EventError(
-            f"an event at {t[-1]} us lies beyond {TIME_LIMIT_US} us: check the unit of its clock"
-        )
-    some_slots, some_times = [], []
-    for begin in range(0, events.size, _EVENTS_AT_ONCE):
-        some = events[begin : begin + _EVENTS_AT_ONCE]
-        p = some["p"] if polarity else None
-        index, selected = select_events(table, some["x"], some["y"], p)
-        some_slots.append(selected)
-        some_times.append(some["t"][index])
-    joined = np.concatenate(some_times)
-    if joined.size and (np.any(joined[1:] < joined[:-1]) or joined[0] < t[0] or joined[-1] > t[-1]):
-        raise EventError("time runs backwards within the chunk: sort the events, or drop some")
-    return np.concatenate(some_slots), joined
+# Checks and selection of events: time order, sensor, selected pixels.
 
 
 @kernel
-def few_in_order(table, events, floor, off_slots, slots, times):
-    """Do the same in one pass without columns, and without the reason for an error.
-
-    For a single event, the checks of columns would take longer than everything else.
+def selected_in_order(table, events, floor, off_slots, slots, times):
+    """Write the events at selected pixels, unless one of all is out of order or off the sensor.
 
     Parameters
     ----------
@@ -678,6 +635,8 @@ def few_in_order(table, events, floor, off_slots, slots, times):
         Slot of each pixel, below 0 where it is not selected.
     events : ndarray of EVENT_DTYPE, shape (n,)
         From a caller; checked here.
+    floor : int
+        No event may be earlier.
     off_slots : int
         Where the slots of OFF events begin; 0 if polarity does not matter.
     slots : ndarray of int32, shape (n or more,)
@@ -688,7 +647,7 @@ def few_in_order(table, events, floor, off_slots, slots, times):
     Returns
     -------
     int
-        Events at selected pixels; -1 if anything is wrong.
+        Events at selected pixels; -1 if anything is wrong, see `check_order`.
     """
     last, n = floor, 0
     for i in range(events.size):
@@ -703,3 +662,32 @@ def few_in_order(table, events, floor, off_slots, slots, times):
             times[n] = t
             n += 1
     return n
+
+
+def check_order(events: Events, floor_us: int, sensor: Sensor) -> None:
+    """Raise what is wrong with events that `selected_in_order` refuses.
+
+    Parameters
+    ----------
+    events : ndarray with fields t, x and y, shape (n,)
+        At least one.
+    floor_us : int
+        No event may be earlier: the time of the last event before these, or until which time has
+        passed without any.
+
+    Raises
+    ------
+    EventError
+        If time runs backwards or a pixel lies off the sensor.
+    """
+    first, last = int(events["t"][0]), int(events["t"][-1])
+    if first < floor_us:
+        raise EventError(
+            f"time runs backwards, from {floor_us} to {first} us: sort the events, or drop the "
+            "late ones"
+        )
+    if last > TIME_LIMIT_US:
+        raise EventError(
+            f"an event at {last} us lies beyond {TIME_LIMIT_US} us: check the unit of its clock"
+        )
+    check_events(events, sensor)

@@ -15,30 +15,30 @@ from edge_vpr.archive import Arrays, damaged, present, read_archive, write_archi
 from edge_vpr.compiling import BoxedState, entry, kernel
 from edge_vpr.confidence import Confidence
 from edge_vpr.descriptors.cleaning import CausalBurstFilter, keep
+from edge_vpr.descriptors.counting import check_columns
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, FixedTime
 from edge_vpr.errors import EventError, UsageError, expect
 from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Events, Sensor, check_event_array
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.drive import check_no_ways
-from edge_vpr.online.kernels import selected_in_order
+from edge_vpr.online.kernels import check_order
 from edge_vpr.online.matcher import (
     DONE,
+    GO_ON,
     REFUSED,
-    Chunked,
     DelayedRun,
     FilterRun,
     Found,
     MatchRun,
-    SequenceRun,
-    follow_chunk,
+    Stop,
+    follow,
 )
 from edge_vpr.online.state import (
     CHUNK_EVENTS,
     MATCH_DTYPE,
     MatchSchedule,
     OnlineState,
-    OnlineWindows,
     check_extent,
     check_filter_state,
     check_state,
@@ -94,166 +94,13 @@ def searched_map(arrays: Arrays, meta: Mapping[str, Any]) -> MapRecord:
     )
 
 
-# State of a localiser (time, windows, matching), and its form as an archive.
-
-
-NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
-_NO_SLOTS, _NO_TIMES = np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int64)
-
-
-class LocaliserState:
-    """State of a localiser that changes with the stream.
-
-    Parameters
-    ----------
-    reference, every, recent, check_every
-        See `edge_vpr.online.localiser.Localiser`.
-    """
-
-    def __init__(
-        self, reference: MapRecord, every: MatchSchedule, recent: int, check_every: int
-    ) -> None:
-        settings = reference.settings
-        self._settings, self._every = settings, every
-        self._recent = recent
-        self._check_every = check_every
-        self._reference = reference
-        self._table = reference.pixel_map.table()
-        self._window = window_of(settings)
-        self._length = settings.windows_per_match
-        reference.check()
-        reference.check_counters()
-        places, counters = reference.places.counts.shape
-        check_extent(places, counters, self._length, recent, self._window)
-        if reference.own_mean_code is not None and settings.matching != "filter":
-            raise UsageError(
-                "own-mean codes follow the mean of a drive, which sequences after every event do "
-                "not: set matching to filter, or counter_scaling to shared when the map is made"
-            )
-        if settings.matching == "filter" and recent:
-            raise UsageError(
-                f"{recent} recent places are left out by sequences only: set matching to sequence"
-            )
-        self.windows = OnlineWindows(reference, self._window)
-        self.run: FilterRun | SequenceRun
-        if settings.matching == "filter":
-            run = DelayedRun if settings.late else FilterRun
-            self.run = run(reference, self.windows, every)
-        else:
-            check_no_ways(reference.jumps, odometry=False)
-            self.run = SequenceRun(reference, self.windows, every, recent)
-
-    @property
-    def now(self) -> int:
-        """T: all earlier events have been processed."""
-        return self.run.now_us
-
-    def seen_and_whole(self) -> tuple[int, int]:
-        """Return how much of the windows before the first match is complete, and their length."""
-        windows = self._length + self._settings.late
-        if isinstance(self._window, FixedTime):
-            return self.now, windows * self._window.tau_us
-        return int(self.windows.s.bound[0]), windows * self._window.events
-
-    def resume(self, arrays: Arrays, meta: Mapping[str, Any]) -> None:
-        """Restore the state from the result of `to_archive`.
-
-        Raises
-        ------
-        MapError
-            If it is not a state that a localiser can come to.
-        """
-        clock = check_state(
-            arrays,
-            meta,
-            counters=self.windows.places.shape[1],
-            length=self._length,
-            ends=len(self.windows.places) - self._length + 1,
-            window=self._window,
-            every=self._every,
-            filtered=self._settings.matching == "filter",
-        )
-        if self._settings.matching == "filter":
-            check_filter_state(
-                arrays, len(self.windows.places), self._window, self._every, clock.floor_us
-            )
-        self.run.resume(arrays)
-        self.windows.resume(arrays)
-        self.run.now_us, self.run.floor_us = clock.now_us, clock.floor_us
-
-    def take(self, events: Events) -> npt.NDArray[np.void]:
-        """Feed events, at any pixels; see `Localiser.update`."""
-        if events.size <= CHUNK_EVENTS and events.dtype == EVENT_DTYPE and not self._check_every:
-            plain = type(events) is np.ndarray and events.flags.carray
-            few = events if plain else np.array(events, dtype=EVENT_DTYPE)
-            result = self.run.follow_chunk(few)
-            if result[2] != REFUSED:
-                return _joined(self.run.go_on(result))
-        slots, times = selected_in_order(
-            self._table, events, self.run.floor_us, self._settings.polarity
-        )
-        last = int(events["t"][-1])
-        self._every.check_ticks(self.run.next_tick, last)
-        matches = self._feed(slots, times, last)
-        self.run.now_us = last + 1
-        return matches
-
-    def advance(self, until_us: int) -> npt.NDArray[np.void]:
-        """Advance the time without events; see `Localiser.advance`."""
-        self._every.check_ticks(self.run.next_tick, until_us)
-        matches = self._feed(_NO_SLOTS, _NO_TIMES, until_us)
-        self.run.now_us = max(self.now, until_us)
-        return matches
-
-    def finish(self) -> npt.NDArray[np.void]:
-        """Return the matches that wait for later windows; see `Localiser.finish`."""
-        return _joined(self.run.finish())
-
-    def _feed(
-        self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int
-    ) -> npt.NDArray[np.void]:
-        """Process selected events, then the ticks up to `until`; verify in between if asked to."""
-        if not self._check_every:
-            return _joined(self.run.feed(slots, times, until))
-        found = []
-        for begin in range(0, max(slots.size, 1), self._check_every):
-            stop = min(begin + self._check_every, slots.size)
-            some_until = until if stop == slots.size else int(times[stop - 1])
-            found += self.run.feed(slots[begin:stop], times[begin:stop], some_until)
-            self.verify()
-        return _joined(found)
-
-    def verify(self) -> None:
-        """Recompute counters and distances, and compare; see `OnlineWindows.verify`."""
-        self.windows.verify(self.now)
-
-    def to_archive(self) -> tuple[Arrays, dict[str, Any]]:
-        """Return the arrays and the metadata of an archive, for `resume`."""
-        arrays = map_arrays(self._reference) | self.windows.to_arrays(self.now)
-        arrays |= self.run.to_arrays()
-        meta = {
-            "sensor": list(self._reference.pixel_map.sensor),
-            "settings": self._settings.to_dict(),
-            "every": asdict(self._every),
-            "recent": self._recent,
-            "now_us": self.now,
-            "floor_us": self.run.floor_us,
-        }
-        return arrays, meta
-
-
-def _joined(found: Found) -> npt.NDArray[np.void]:
-    if len(found) == 1:
-        return found[0]
-    return np.concatenate(found) if found else NO_MATCHES
-
-
 # The localiser: a match after every event, from distances that are updated, not recomputed.
 
 
 __all__ = ["MATCH_DTYPE", "Localiser"]
 
 KIND = "localiser state"
+NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
 
 
 class Localiser:
@@ -311,15 +158,34 @@ class Localiser:
         if every is not None:
             expect(every, (str, MatchSchedule), "every", "a text such as '50ms' or 'window'")
         self.every = MatchSchedule.parse(every, settings, "event")
-        self._state = LocaliserState(reference, self.every, recent, check_every)
+        self._reference, self._recent, self._check_every = reference, recent, check_every
+        self._window, length = window_of(settings), settings.windows_per_match
+        reference.check()
+        reference.check_counters()
+        places, counters = reference.places.counts.shape
+        check_extent(places, counters, length, recent, self._window)
+        filtered = settings.matching == "filter"
+        if reference.own_mean_code is not None and not filtered:
+            raise UsageError(
+                "own-mean codes follow the mean of a drive, which sequences after every event do "
+                "not: set matching to filter, or counter_scaling to shared when the map is made"
+            )
+        if recent and filtered:
+            raise UsageError(
+                f"{recent} recent places are left out by sequences only: set matching to sequence"
+            )
+        if not filtered:
+            check_no_ways(reference.jumps, odometry=False)
+        kind = (DelayedRun if settings.late else FilterRun) if filtered else MatchRun
+        self._run = kind(reference, self._window, self.every, recent)
 
     def __len__(self) -> int:
-        return len(self._state.windows.places)
+        return len(self._run.places)
 
     @property
     def counts(self) -> npt.NDArray[np.int64]:
         """Counts of each window, newest first, shape (L, J); a copy."""
-        return self._state.windows.counts_at(self._state.now)
+        return self._run.settled().counts.copy()
 
     @property
     def distance_sums(self) -> npt.NDArray[np.int64]:
@@ -327,29 +193,30 @@ class Localiser:
 
         Element m belongs to place m + L - 1.
         """
-        return self._state.windows.sums_at(self._state.now)
+        return self._run.distance_sums()
 
     @property
     def map_bytes(self) -> int:
         """Size of the map in the form that is searched, in bytes."""
-        return self._state.windows.s.columns.nbytes
+        return self._run.state.s.columns.nbytes
 
     @property
     def complete(self) -> bool:
         """Whether the L windows and those of a delay are complete; there are no matches before."""
-        seen, whole = self._state.seen_and_whole()
-        return seen >= whole
+        return self.filled >= 1
 
     @property
     def filled(self) -> float:
         """Share of these windows that is complete, 0 to 1."""
-        seen, whole = self._state.seen_and_whole()
-        return min(1.0, seen / whole)
+        windows = self.settings.windows_per_match + self.settings.late
+        if isinstance(self._window, FixedTime):
+            return min(1.0, self._run.now_us / (windows * self._window.tau_us))
+        return min(1.0, self.selected / (windows * self._window.events))
 
     @property
     def next_match_us(self) -> int:
         """Time before which there is no match, if matches are given by time only; else 0."""
-        return 0 if self.every.events else self._state.run.next_tick
+        return 0 if self.every.events else self._run.next_tick
 
     def update(self, events: Events) -> npt.NDArray[np.void]:
         """Feed the next events.
@@ -372,20 +239,57 @@ class Localiser:
             If time jumps over more than a million ticks of the policy.
         """
         try:
-            return self._state.take(events) if events.size else NO_MATCHES
+            if not events.size:
+                return NO_MATCHES
+            if type(events) is not np.ndarray or events.dtype != EVENT_DTYPE:
+                events = self._plain(events)
+            elif not events.flags.carray:
+                events = events.copy()
         except (AttributeError, IndexError, ValueError):
             check_event_array(events)  # which would take as long as a few events
             raise
+        if self._check_every:
+            return self._verified(events)
+        stop = self._run.follow(events)
+        if stop[1] == REFUSED:
+            self._check(events)
+        return _joined(self._run.go_on(stop))
+
+    def _verified(self, events: Events) -> npt.NDArray[np.void]:
+        """Process events in parts, and verify the state after each."""
+        self._check(events)
+        selected = self._reference.pixel_map.table()[events["y"], events["x"]] >= 0
+        ends = np.flatnonzero(selected)[self._check_every - 1 :: self._check_every] + 1
+        found = []
+        for part in np.split(events, ends[ends < events.size]):
+            found += self._run.go_on(self._run.follow(part))
+            self.verify()
+        return _joined(found)
+
+    def _check(self, events: Events) -> None:
+        """Raise what is wrong with events of EVENT_DTYPE, if anything is."""
+        check_order(events, self._run.floor_us, self._reference.pixel_map.sensor)
+        self.every.check_ticks(self._run.next_tick, int(events["t"][-1]))
+
+    def _plain(self, events: Events) -> Events:
+        """Return events of another layout as an array of EVENT_DTYPE."""
+        p = events["p"] if self.settings.polarity else None
+        check_columns(events["x"], events["y"], p)
+        plain = np.zeros(events.shape, dtype=EVENT_DTYPE)
+        plain["t"], plain["x"], plain["y"] = events["t"], events["x"], events["y"]
+        if p is not None:
+            plain["p"] = p
+        return plain
 
     @property
     def run(self) -> MatchRun:
         """What feeds its kernel, for kernels that decode events too."""
-        return self._state.run
+        return self._run
 
     @property
     def selected(self) -> int:
         """Events at the selected pixels so far."""
-        return int(self._state.windows.s.bound[0])
+        return int(self._run.state.s.bound[0])
 
     def advance(self, until_us: int) -> npt.NDArray[np.void]:
         """Advance the time without events to T = `until_us`, and return the matches due until then.
@@ -400,7 +304,7 @@ class Localiser:
         ndarray of MATCH_DTYPE, shape (m,)
         """
         expect(until_us, (int, np.integer), "until_us", "whole microseconds")
-        floor_us = self._state.run.floor_us
+        floor_us = self._run.floor_us
         if until_us < floor_us:
             raise EventError(
                 f"time runs backwards, from {floor_us} to {until_us} us: name a later time"
@@ -409,7 +313,11 @@ class Localiser:
             raise EventError(
                 f"time {until_us} us lies beyond {TIME_LIMIT_US}: check the clock's unit"
             )
-        return self._state.advance(until_us)
+        self.every.check_ticks(self._run.next_tick, until_us)
+        found = _joined(self._run.advance(until_us))
+        if self._check_every:
+            self.verify()
+        return found
 
     def finish(self) -> npt.NDArray[np.void]:
         """Return the matches that a delay still holds, at the end of a drive.
@@ -420,7 +328,7 @@ class Localiser:
             Of the last windows, with fewer windows after them than the settings ask for; m is 0
             without a delay.
         """
-        return self._state.finish()
+        return _joined(self._run.finish())
 
     def read_odometer(self, time_us: int, distance_m: float) -> npt.NDArray[np.void]:
         """Advance the time to `time_us` and take a reading of the robot's odometer.
@@ -448,8 +356,8 @@ class Localiser:
             If the map does not say how far its places are from each other, matching is by
             sequences, or the distance is not finite or beyond 1e9 m.
         """
-        run = self._state.run
-        if isinstance(run, SequenceRun):
+        run = self._run
+        if not isinstance(run, FilterRun):
             check_no_ways(None, odometry=True)
             return NO_MATCHES
         if not abs(distance_m) * 1e3 <= MOST_MM:
@@ -470,8 +378,7 @@ class Localiser:
         interval = self.every.interval_us
         if interval:
             last = until_us // interval * interval
-            run = self._state.run
-            run.next_tick = max(run.next_tick, last)
+            self._run.next_tick = max(self._run.next_tick, last)
 
     def append(self, counts: npt.NDArray[np.integer]) -> int:
         """Add a place at the end of the map.
@@ -493,7 +400,7 @@ class Localiser:
         """
         if self.settings.matching == "filter":
             raise UsageError("places are added while matching by sequences only: map the drive")
-        self._state.windows.append(counts, self._state.now)
+        self._run.append(counts)
         return len(self) - 1
 
     def save(self, path: str | Path) -> None:
@@ -504,7 +411,17 @@ class Localiser:
         path : path
             An ``.npz`` file, written atomically.
         """
-        write_archive(path, KIND, *self._state.to_archive())
+        run, reference = self._run, self._reference
+        arrays = map_arrays(reference) | run.to_arrays()
+        meta = {
+            "sensor": list(reference.pixel_map.sensor),
+            "settings": self.settings.to_dict(),
+            "every": asdict(self.every),
+            "recent": self._recent,
+            "now_us": run.now_us,
+            "floor_us": run.floor_us,
+        }
+        write_archive(path, KIND, arrays, meta)
 
     @classmethod
     def load(cls, path: str | Path, *, check_every: int = 0) -> Localiser:
@@ -523,8 +440,26 @@ class Localiser:
                 recent=meta["recent"],
                 check_every=check_every,
             )
-            found._state.resume(arrays, meta)
+            found._resume(arrays, meta)
         return found
+
+    def _resume(self, arrays: Arrays, meta: Mapping[str, Any]) -> None:
+        """Restore the state from what `save` wrote, which is checked."""
+        places, counters = self._run.places.shape
+        length, filtered = self.settings.windows_per_match, isinstance(self._run, FilterRun)
+        now_us, floor_us = check_state(
+            arrays,
+            meta,
+            counters=counters,
+            length=length,
+            ends=places - length + 1,
+            window=self._window,
+            every=self.every,
+            filtered=filtered,
+        )
+        if filtered:
+            check_filter_state(arrays, places, self._window, self.every, floor_us)
+        self._run.resume(arrays, now_us, floor_us)
 
     def verify(self) -> None:
         """Recompute counters and distances from the events in the windows, and compare.
@@ -534,7 +469,13 @@ class Localiser:
         EdgeVprError
             If anything differs, which no sequence of events can bring about.
         """
-        self._state.verify()
+        self._run.verify()
+
+
+def _joined(found: Found) -> npt.NDArray[np.void]:
+    if len(found) == 1:
+        return found[0]
+    return np.concatenate(found) if found else NO_MATCHES
 
 
 # Feeding of events and odometer readings to a localiser in time order.
@@ -632,11 +573,11 @@ class Follower:
             events = events.copy()
         return self.go_on(events, reached_us, *self.bound(follow_kept, events)(events))
 
-    def go_on(self, events: Events, reached_us: int, kept: int, few: Chunked) -> Step:
+    def go_on(self, events: Events, reached_us: int, kept: int, stop: Stop) -> Step:
         """Do what remains to do after `follow_kept` with `events`."""
-        if few[2] == REFUSED:
+        if stop[1] == REFUSED:
             return reached_us, [], -1, (self._bursts.kept(events, kept),)
-        return reached_us, self._run.go_on(few), int(few[4]), ()
+        return reached_us, self._run.go_on(stop), int(stop[2]), ()
 
 
 @kernel
@@ -654,14 +595,14 @@ def follow_kept(bursts, followed, events):  # type: ignore[no-untyped-def]
     -------
     kept : int
         Events that are in no burst.
-    few : tuple
-        See `follow_chunk`.
+    stop : tuple
+        See `follow`.
     """
     n = keep(bursts, events)
     kept = bursts.value[-1][:n]
     if n == 0:
-        return n, (0, 0, DONE, 0, np.int64(-1))
+        return n, (0, DONE, np.int64(-1))
     c, last = OnlineState(*followed.value).control[0], kept[n - 1]["t"]
     if c.interval > 0 and last - c.floor > MOST_TICKS * c.interval:
-        return n, (0, 0, REFUSED, 0, last)
-    return n, follow_chunk(followed, kept)
+        return n, (0, REFUSED, last)
+    return n, follow(followed, kept, GO_ON)

@@ -1,4 +1,4 @@
-"""The matcher of the localiser: kernels over events, and what needs Python between them."""
+"""The matcher of the localiser: one kernel over events, and what needs Python at its stops."""
 
 from __future__ import annotations
 
@@ -9,33 +9,38 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays, check_array, check_range
-from edge_vpr.compiling import BoxedState, KernelState, entry, kernel
-from edge_vpr.descriptors.windows import MAX_WINDOWS
-from edge_vpr.errors import MapError, UsageError
-from edge_vpr.events import Events
+from edge_vpr.compiling import KernelState, entry, kernel, plain
+from edge_vpr.descriptors.windows import MAX_WINDOWS, Window, narrow
+from edge_vpr.errors import EdgeVprError, MapError, UsageError
+from edge_vpr.events import EVENT_DTYPE, Events
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.drive import filter_of
-from edge_vpr.matching.place_filter import FilterMatch, WindowRows
+from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter
 from edge_vpr.matching.smoother import FixedLag, Late
 from edge_vpr.online.kernels import (
     acceptance,
+    advance,
     age,
-    answer,
-    few_in_order,
+    match_now,
     note,
     recode,
+    selected_in_order,
+    settle,
     take_moves,
     write_distances,
 )
 from edge_vpr.online.state import (
+    CONTROL,
     MATCH_DTYPE,
     MatchSchedule,
     OnlineState,
-    OnlineWindows,
     OwnCodes,
     SlidingWindows,
     filter_state,
     grown,
+    recount,
+    start,
+    with_distances,
 )
 from edge_vpr.route import Odometer
 from fixedpoint.own_mean import RunningMean
@@ -45,73 +50,84 @@ from fixedpoint.own_mean import RunningMean
 
 # why the kernel returned
 DONE, MATCHES_FULL, RING_FULL, WINDOW_OVER, REFUSED = range(5)
+#: in place of a time
+GO_ON = -1
 
-Chunked = tuple[int, int, int, int, int]
-"""Result of `follow_chunk`."""
+Stop = tuple[int, int, int]
+"""Result of `follow`."""
 
 
 @kernel
-def follow(box, slots, times, until):
-    """Process selected events, then advance the time to `until`; stop where Python is needed.
+def follow(box, events, until):
+    """Process events, or go on with those of an earlier call; stop where Python is needed.
 
     Parameters
     ----------
     box : BoxedState
         Of `OnlineState`; its arrays are changed in place.
-    slots : ndarray of int32, shape (m,)
-        Of the events, in the order of their times.
-    times : ndarray of int64, shape (m,)
-        Events at selected pixels, in time order.
+    events : ndarray of EVENT_DTYPE, shape (m,)
+        As many as `OnlineState.slots` has room for.
     until : int
-        Time of the last event, selected or not, in microseconds.
+        Without events: time to advance to, or `GO_ON` with what `OnlineState.control` says is left
+        of an earlier call.
 
     Returns
     -------
-    read, given, why : int
-        Events taken, matches written to `OnlineState.out`, and `DONE`, `MATCHES_FULL`, `RING_FULL`,
-        or `WINDOW_OVER`: a window of the place filter has ended, and its counts are complete.
+    given, why : int
+        Matches written to `OnlineState.out`, and `DONE`, `MATCHES_FULL`, `RING_FULL`,
+        `WINDOW_OVER`: the place filter has ended a window; or `REFUSED`: an event is off the
+        sensor, not in the order of time, or over more ticks than may be, and nothing was taken.
+    until : int
+        Time of the last event, selected or not.
     """
     f = OnlineState(*box.value)
     s, c, out = SlidingWindows(*f.s), f.control[0], f.out
-    state, step, rows, sequence = f.state, f.step, f.rows, f.sequence
+    if events.size > 0:
+        last = events[events.size - 1]["t"]
+        selected = selected_in_order(f.table, events, c.floor, c.off_slots, f.slots, f.times)
+        if selected < 0 or (c.interval > 0 and (last - c.next_tick) // c.interval > MAX_WINDOWS):
+            return 0, REFUSED, last
+        c.floor, c.until, c.now, c.read, c.selected = last, last, last + 1, 0, selected
+    elif until != GO_ON:
+        c.floor, c.until, c.now, c.read, c.selected = until, until, max(c.now, until), 0, 0
+    slots, times, until = f.slots, f.times, c.until
     ring_slot, ring_time, bound = s.slot, s.time, s.bound
     moves, totals, counts, code, counters = s.moves, s.totals, s.counts, s.code, s.counters
     columns, sums, steps = s.columns, s.sums, s.steps
     own = OwnCodes(*s.own)
-    tau, n, length, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
-    given, i = 0, 0
+    state, step, rows, length = f.state, f.step, f.rows, f.length
+    tau, n, windows, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
+    given, i, end = 0, c.read, c.selected
     # counted down, because a division would take as long as the rest of an event's processing
     left = c.every - bound[0] % c.every if c.every > 0 else np.int64(-1)
     # each iteration is a tick or an event, until there are no more of either
     while True:
-        now = times[i] if i < slots.size else until
+        now = times[i] if i < end else until
         tick = c.interval > 0 and c.next_tick <= now
         now = c.next_tick if tick else now
         seen_until = now if tick else now + 1
         # a tick at the end of a window belongs to it; an event at the same time to the next window
         over = seen_until > c.window_end if tau > 0 else bound[0] >= c.window_end
+        why = DONE
         if over:
             seen_until = c.window_end
-        elif not tick and i == slots.size:
-            return i, given, DONE
-        elif given == len(out):
-            return i, given, MATCHES_FULL
+        elif not tick and i == end:
+            break
+        why = MATCHES_FULL
+        if given == len(out):
+            break
         room = 0 if tick or over else n
         while not (
             age(ring_time, ring_slot, bound, moves, totals, tau, room, seen_until)
             and totals[0].moves < len(moves)
         ):
             take_moves(moves, totals, counts, code, counters, columns, sums, steps)
-        if over:
-            take_moves(moves, totals, counts, code, counters, columns, sums, steps)
-            if own.levels.size > 0:
-                recode(own, counts, totals, counters, columns, sums, steps)
-            return i, given, WINDOW_OVER
-        if tick:
+        if tick and not over:
             c.next_tick += c.interval
-        else:
-            if bound[0] - bound[length] > mask:
-                return i, given, RING_FULL
+        elif not over:
+            why = RING_FULL
+            if bound[0] - bound[windows] > mask:
+                break
             ring_slot[bound[0] & mask] = slots[i]
             ring_time[bound[0] & mask] = now
             bound[0] += 1
@@ -121,215 +137,251 @@ def follow(box, slots, times, until):
             if left != 0:
                 continue
             left = c.every
-        complete = seen_until >= length * tau if tau > 0 else bound[0] >= length * n
+        complete = seen_until >= windows * tau if tau > 0 else bound[0] >= windows * n
         if not complete:
             continue
         take_moves(moves, totals, counts, code, counters, columns, sums, steps)
         if own.levels.size > 0:
             recode(own, counts, totals, counters, columns, sums, steps)
-        row, events = out[given], bound[0] - bound[1]
-        if answer(state, step, rows, sums, totals[0], c, sequence, events, row):
-            row["time_us"], row["events"] = now, events
+        row, in_window = out[given], bound[0] - bound[1]
+        if match_now(state, step, rows, sums, totals[0], c, length, in_window, over, row):
+            row["time_us"], row["events"] = now, in_window
             # start of a fixed-count window: the time of its oldest event
             row["start_us"] = seen_until - tau if tau > 0 else ring_time[bound[1] & mask]
             acceptance(row, f.trust, f.probability, c.least_trust)
             given += 1
+        why = WINDOW_OVER
+        if over:
+            break
+    c.read = i
+    return given, why, until
 
 
-@kernel
-def follow_chunk(box, events):
-    """Process a few events; none if `selected_in_order` would refuse one of them.
-
-    Parameters
-    ----------
-    events : ndarray of EVENT_DTYPE, shape (m,)
-        1 to `CHUNK_EVENTS`.
-
-    Returns
-    -------
-    read, given, why : int
-        Selected events taken, see `follow`; `REFUSED` if events are off the sensor, not in the
-        order of time, or over more ticks than may be, and nothing was taken.
-    selected : int
-        Events that are now in `OnlineState.slots` and `OnlineState.times`.
-    last : int
-        Time of the last event.
-    """
-    f = OnlineState(*box.value)
-    c, last = f.control[0], events[events.size - 1]["t"]
-    selected = few_in_order(f.table, events, c.floor, c.off_slots, f.slots, f.times)
-    if selected < 0 or (c.interval > 0 and (last - c.next_tick) // c.interval > MAX_WINDOWS):
-        return 0, 0, REFUSED, 0, last
-    c.floor, c.now = last, last + 1
-    read, given, why = follow(box, f.slots[:selected], f.times[:selected], last)
-    return read, given, why, selected, last
-
-
-# Feeds events to the kernel, and does the work between its calls that needs Python.
+# Feeds events to the kernel, and does the work at its stops that needs Python.
 
 
 Found = list[npt.NDArray[np.void]]
+_NO_EVENTS = np.empty(0, dtype=EVENT_DTYPE)
 
 
 class MatchRun:
-    """Runs the kernel of a localiser on its state.
+    """Matches by the sequence of the newest L windows; holds the state of the localiser.
+
+    Counters and distances are updated when they are read. They are then those at the time
+    `now_us`; all earlier events have been processed.
 
     Parameters
     ----------
-    windows : OnlineWindows
-        Its state may be replaced between two calls.
+    schedule : MatchSchedule
+        When to give a match.
+    recent : int
+        So many of the newest places are not searched.
+
+    Attributes
+    ----------
+    places : ndarray of unsigned int, shape (K, J)
+        Those of the map, and those that were appended.
+    state : OnlineState
+        In its place comes another one where an array has to grow.
+    boxed : BoxedState
+        The same for `follow`; call `go_on` after it.
     """
 
     #: Name of the array of the schedule in an archive.
     schedule_name = "policy"
 
-    def __init__(self, windows: OnlineWindows, followed: OnlineState) -> None:
-        self.windows = windows
-        self._followed = followed
-        self._control = followed.control[0]
-        self._box: KernelState[OnlineState] | None = None
-        self._chunk: Callable[..., Chunked] | None = None  # code of `follow_chunk` for the box
-        self._out = followed.out.view(np.uint8).data
+    def __init__(
+        self, reference: MapRecord, window: Window, schedule: MatchSchedule, recent: int = 0
+    ) -> None:
+        self._begin(reference, window, schedule, recent, None)
+
+    def _begin(
+        self,
+        reference: MapRecord,
+        window: Window,
+        schedule: MatchSchedule,
+        recent: int,
+        place_filter: PlaceFilter | None,
+    ) -> None:
+        self.places, self._codes = reference.places.counts, reference.codes
+        windows = start(
+            self.places, window, reference.settings.windows_per_match,
+            reference.own_mean_code or self._codes, reference.mean,
+        )  # fmt: skip
+        state = OnlineState.begin(reference, windows, schedule, recent, place_filter)
+        # not as a record array, whose fields take 1 us each
+        self._control = np.asarray(state.control).view(CONTROL)[0]
+        self._out = state.out.view(np.uint8).data
+        self._hold(state)
+
+    def _hold(self, state: OnlineState) -> None:
+        self.state, self.boxed = state, KernelState(state).boxed
+        self._follow: Callable[..., Stop] = entry(follow, self.boxed, _NO_EVENTS, GO_ON)
 
     @property
     def next_tick(self) -> int:
         """Time of the next match by the interval of the schedule, in microseconds."""
-        return int(self._followed.control["next_tick"][0])
+        return int(self._control["next_tick"])
 
     @next_tick.setter
     def next_tick(self, time_us: int) -> None:
-        self._followed.control["next_tick"] = time_us
+        self._control["next_tick"] = time_us
 
     @property
     def floor_us(self) -> int:
         """Earliest time that the next event may have."""
-        return int(self._followed.control["floor"][0])
-
-    @floor_us.setter
-    def floor_us(self, time_us: int) -> None:
-        self._followed.control["floor"] = time_us
+        return int(self._control["floor"])
 
     @property
     def now_us(self) -> int:
         """T: all earlier events have been processed."""
-        return int(self._followed.control["now"][0])
+        return int(self._control["now"])
 
-    @now_us.setter
-    def now_us(self, time_us: int) -> None:
-        self._followed.control["now"] = time_us
-
-    def feed(self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int) -> Found:
-        """Process selected events, then advance the time to `until`.
-
-        Parameters
-        ----------
-        slots : ndarray of int32, shape (m,)
-            Of the events, in the order of their times.
-        times : ndarray of int64, shape (m,)
-            In time order, none before `floor_us`.
-
-        Returns
-        -------
-        list of ndarray of MATCH_DTYPE
-        """
-        self.floor_us = until
-        return self._go_on(slots, times, until, follow(self.boxed, slots, times, until))
-
-    def follow_chunk(self, events: Events) -> Chunked:
+    def follow(self, events: Events) -> Stop:
         """Call the kernel of this name, with events in one piece that may be written to."""
-        box = self.boxed
-        if self._chunk is None:
-            self._chunk = entry(follow_chunk, box, events)
-        return self._chunk(box, events)
+        if events.size > self.state.slots.size:
+            # of this room, memory is taken only where selected events are written
+            slots, times = np.empty(events.size, np.int32), np.empty(events.size, np.int64)
+            self._hold(self.state._replace(slots=slots, times=times))
+        return self._follow(self.boxed, events, GO_ON)
 
-    def go_on(self, result: Chunked) -> Found:
-        """Process the events that `follow_chunk` has left, and return all matches.
+    def advance(self, until_us: int) -> Found:
+        """Advance the time without events."""
+        return self.go_on(self._follow(self.boxed, _NO_EVENTS, until_us))
+
+    def go_on(self, stop: Stop) -> Found:
+        """Call the kernel until all events are processed, and return all matches.
 
         Parameters
         ----------
-        result : Chunked
-            Which is not that the events are refused.
+        stop : tuple
+            Of the first call, which is not that the events are refused.
 
         Returns
         -------
         list of ndarray of MATCH_DTYPE
         """
-        read, given, why, selected, last = result
-        if why == DONE:
-            return [self._taken(given)] if given else []
-        slots, times = self._followed.slots[:selected], self._followed.times[:selected]
-        return self._go_on(slots, times, int(last), (read, given, why))
-
-    def finish(self) -> Found:
-        """Return the matches of windows that wait for later ones, at the end of a drive."""
-        return []
-
-    def _go_on(
-        self,
-        slots: npt.NDArray[np.int32],
-        times: npt.NDArray[np.int64],
-        until: int,
-        result: tuple[int, int, int],
-    ) -> Found:
-        """Call the kernel until all events are processed."""
-        found, begin = [], 0
+        found = []
         while True:
-            read, given, why = result
-            begin += read
+            given, why, _ = stop
             if given:
                 found.append(self._taken(given))
             if why == DONE:
                 return found
             if why == RING_FULL:
-                self.windows.s = grown(self.windows.s)
+                self._hold(self.state._replace(s=grown(self.state.s)))
             elif why == WINDOW_OVER:
-                self._end_window(int(times[begin]) if begin < times.size else until)
-            result = follow(self.boxed, slots[begin:], times[begin:], until)
+                self._window_over()
+            stop = self._follow(self.boxed, _NO_EVENTS, GO_ON)
+
+    def finish(self) -> Found:
+        """Return the matches of windows that wait for later ones, at the end of a drive."""
+        return []
 
     def _taken(self, given: int) -> npt.NDArray[np.void]:
         # as bytes, because NumPy copies records field by field
         room = bytearray(self._out[: given * MATCH_DTYPE.itemsize])
         return np.frombuffer(room, dtype=MATCH_DTYPE)
 
-    @property
-    def boxed(self) -> BoxedState:
-        """State for `follow` and `follow_chunk`; call `go_on` after the latter."""
-        if self._box is None or self._followed.s is not self.windows.s:
-            self._followed = self._followed._replace(s=self.windows.s)
-            self._rebound()
-            self._box, self._chunk = KernelState(self._followed), None
-        return self._box.boxed
-
-    def _rebound(self) -> None:
-        """Update the control record for another map or other windows."""
-
-    def _end_window(self, next_us: int) -> None:
-        """Finish a window of the place filter; the next event or tick is at `next_us`."""
+    def _window_over(self) -> None:
+        """Do what is left to do when the place filter has ended a window."""
         raise NotImplementedError
+
+    def settled(self) -> SlidingWindows:
+        """Return the windows, with counters and distances of the present time."""
+        advance(self.state.s, self.now_us)
+        settle(self.state.s)
+        return self.state.s
+
+    def distance_sums(self) -> npt.NDArray[np.int64]:
+        """Return the distance of the sequence that ends at each place, shape (K - L + 1,)."""
+        s = self.settled()
+        return s.sums[: s.totals["sums"][0]].astype(np.int64) + s.totals["common"][0]
+
+    def append(self, counts: npt.NDArray[np.integer]) -> None:
+        """Add a place at the end of the map.
+
+        Parameters
+        ----------
+        counts : ndarray of int, shape (J,)
+            Its descriptor, in codes where the map has a code.
+
+        Raises
+        ------
+        MapError
+            If the descriptor has another length, or holds what the map cannot.
+        """
+        if counts.shape != self.places.shape[1:] or counts.dtype.kind not in "iu":
+            raise MapError(
+                f"descriptor of {counts.dtype} and shape {counts.shape}: expected "
+                f"{self.places.shape[1]} whole numbers, as `DescriptorStream` gives them"
+            )
+        most = np.iinfo(np.int32).max if self._codes is None else int(self._codes.tables.max())
+        if counts.min() < 0 or counts.max() > most:
+            raise MapError(
+                f"descriptor holds {counts.min()} to {counts.max()}: expected 0 to {most}, in "
+                "codes where the map has a code"
+            )
+        wide = np.promote_types(self.places.dtype, narrow(counts).dtype)
+        self.places = np.concatenate([self.places.astype(wide), counts[None].astype(wide)])
+        self._hold(self.state._replace(s=with_distances(self.settled(), self.places)))
+
+    def verify(self) -> None:
+        """Recompute counters and distances from the events in the windows, and compare.
+
+        Raises
+        ------
+        EdgeVprError
+            If anything differs, which no sequence of events can bring about.
+        """
+        s = self.settled()
+        fresh = with_distances(s, self.places)
+        used = slice(fresh.totals["sums"][0])
+        same = (
+            np.array_equal(recount(s), s.counts)
+            and np.array_equal(fresh.sums[used], s.sums[used])
+            and fresh.totals["common"] == s.totals["common"]
+        )
+        if not same:
+            raise EdgeVprError(
+                f"counters or distances have drifted by {self.now_us} us: this is a fault of "
+                "edge-vpr, report it with the recording"
+            )
 
     def to_arrays(self) -> Arrays:
         """Return the arrays that `resume` needs, for an archive."""
-        control = self._control
-        told = np.array([control.next_tick, control.last_reported], dtype=np.int64)
-        return {self.schedule_name: told}
+        s, control = self.settled(), self._control
+        alive = np.arange(s.bound[-1], s.bound[0]) & (s.slot.size - 1)
+        schedule = np.array([control["next_tick"], control["last_reported"]], dtype=np.int64)
+        return {
+            "places": self.places,
+            "slot": s.slot[alive],
+            "time": s.time[alive],
+            "bound": s.bound,
+            self.schedule_name: schedule,
+        }
 
-    def resume(self, arrays: Arrays) -> None:
-        """Restore the state from the arrays of `to_arrays`."""
-        self._control.next_tick, self._control.last_reported = arrays[self.schedule_name].tolist()
+    def resume(self, arrays: Arrays, now_us: int, floor_us: int) -> None:
+        """Restore the state from the arrays of `to_arrays`; the map has the saved places."""
+        self._control["now"], self._control["floor"] = now_us, floor_us
+        tick, place = arrays[self.schedule_name].tolist()
+        self._control["next_tick"], self._control["last_reported"] = tick, place
+        s, first = self.state.s, int(arrays["bound"][-1])
+        while s.slot.size < arrays["slot"].size:
+            s = grown(s)
+        at = np.arange(first, first + arrays["slot"].size) & (s.slot.size - 1)
+        s.slot[at] = arrays["slot"]
+        s.time[at] = arrays["time"]
+        s.bound[:] = arrays["bound"]
+        s.counts[:] = recount(s)
+        self._hold(self.state._replace(s=with_distances(s, self.places)))
 
 
 # The place filter event by event: within windows, and at the end of each window.
 
 
 class FilterRun(MatchRun):
-    """Feeds events to the place filter, and gives matches within windows too.
-
-    Parameters
-    ----------
-    windows : OnlineWindows
-        Of this map, and one window long.
-    schedule : MatchSchedule
-        When to give a match.
+    """Matches by the place filter, within windows too.
 
     Attributes
     ----------
@@ -340,19 +392,19 @@ class FilterRun(MatchRun):
     schedule_name = "filter_schedule"
 
     def __init__(
-        self, reference: MapRecord, windows: OnlineWindows, schedule: MatchSchedule
+        self, reference: MapRecord, window: Window, schedule: MatchSchedule, recent: int = 0
     ) -> None:
         self.place_filter = filter_of(
             reference.places, reference.settings, reference.jumps, reference.along_mm
         )
-        state = OnlineState.begin(reference, windows.s, schedule, self.place_filter)
-        super().__init__(windows, state)
+        self._begin(reference, window, schedule, recent, self.place_filter)
         self.odometer = Odometer()
         self._code = reference.own_mean_code
         self.mean = None
         if self._code is not None and reference.mean is not None:
             self.mean = RunningMean(reference.mean)
         self._windows = 0  # finished
+        self._silence: tuple[object, ...] = ()  # the filter after a window without events
         self._set_window_end()
 
     def read_odometer(self, distance_mm: int) -> None:
@@ -373,43 +425,34 @@ class FilterRun(MatchRun):
             self.place_filter.predict_travelled(travelled)
 
     def _set_window_end(self) -> None:
-        s = self.windows.s
-        self._control.window_end = (self._windows + 1) * (s.tau or s.n)
+        s = self.state.s
+        self._control["window_end"] = (self._windows + 1) * (s.tau or s.n)
 
-    def _end_window(self, next_us: int) -> None:
-        self._finish_window()
-        if self.windows.s.tau:
-            tick = self.next_tick if self._control.interval else next_us
-            self._skip_silence(min(next_us, tick))
+    def _window_over(self) -> None:
+        s, read = self.state.s, self.odometer.fresh
+        self._windows += 1
+        self.odometer.end_window()
+        if self.mean is not None and self._code is not None and not self._control["paused"]:
+            self.mean.update(self._code.level(s.counts[0]))
+            s.own.means[:] = self.mean.mean
+        if s.tau and s.bound[0] == s.bound[1]:
+            self._skip_silence(read)
+        else:
+            self._silence = ()
         self._set_window_end()
 
-    def _finish_window(self) -> None:
-        s, found = self.windows.s, self.place_filter
-        self._windows += 1
-        counts = s.counts[0]
-        events = int(counts.sum())
-        paused = found.pauses(events)
-        # the common part of all distances changes neither the evidence nor its spread
-        distances = s.sums[np.newaxis, : len(found)]
-        self._ended(found.update_windows(distances, np.array([events], dtype=np.int64)))
-        self.odometer.end_window()
-        if self.mean is not None and self._code is not None and not paused:
-            self.mean.update(self._code.level(counts))
-            s.own.means[:] = self.mean.mean
-
-    def _ended(self, rows: WindowRows) -> None:
-        """Take the results of a window that has ended."""
-
-    def _skip_silence(self, until: int) -> None:
-        """Skip windows without events up to `until`, as soon as they change nothing any more."""
-        found, s = self.place_filter, self.windows.s
-        while s.bound[0] == s.bound[1] and (self._windows + 2) * s.tau <= until:
-            read = self.odometer.fresh
-            before, metric = found.numbers, found.state.metric.copy()
-            self._finish_window()
-            same = before == found.numbers
-            if same and not read and np.array_equal(metric, found.state.metric):
-                self._windows = until // s.tau - 1
+    def _skip_silence(self, odometry: bool) -> None:
+        """Skip windows without events, as soon as they change nothing any more."""
+        found, c = self.place_filter, self._control
+        before = self._silence
+        self._silence = found.numbers, found.state.metric.tobytes()
+        if self._silence == before and not odometry:
+            read, until = c["read"], c["until"]
+            if read < c["selected"]:
+                until = self.state.times[read]
+            if c["interval"]:
+                until = min(until, c["next_tick"])
+            self._windows = max(self._windows, int(until) // self.state.s.tau - 1)
 
     def to_arrays(self) -> Arrays:
         """Return the arrays that `resume` needs, for an archive."""
@@ -427,9 +470,8 @@ class FilterRun(MatchRun):
             arrays["filter_mean_windows"] = np.array([self.mean.windows], dtype=np.int64)
         return arrays
 
-    def resume(self, arrays: Arrays) -> None:
+    def resume(self, arrays: Arrays, now_us: int, floor_us: int) -> None:
         """Restore the state from the arrays of `to_arrays`."""
-        super().resume(arrays)
         found = self.place_filter
         *numbers, self._windows = filter_state(arrays)
         found.resume(arrays["filter_metric"], numbers)
@@ -445,37 +487,8 @@ class FilterRun(MatchRun):
             check_range(arrays["filter_mean"], "filter_mean", 0, np.iinfo(np.int32).max)
             self.mean.total = arrays["filter_mean"].copy()
             self.mean.windows = int(arrays["filter_mean_windows"][0])
-            self.windows.s.own.means[:] = self.mean.mean
-
-
-# Matching by sequences event by event.
-
-
-class SequenceRun(MatchRun):
-    """Feeds events to the sequence of the newest L windows.
-
-    Parameters
-    ----------
-    windows : OnlineWindows
-        Of this map.
-    schedule : MatchSchedule
-        When to give a match.
-    recent : int
-        So many of the newest places are not searched.
-    """
-
-    def __init__(
-        self,
-        reference: MapRecord,
-        windows: OnlineWindows,
-        schedule: MatchSchedule,
-        recent: int,
-    ) -> None:
-        super().__init__(windows, OnlineState.begin(reference, windows.s, schedule))
-        self._recent = recent
-
-    def _rebound(self) -> None:
-        self._control.places = self.windows.s.totals["sums"][0] - self._recent
+            self.state.s.own.means[:] = self.mean.mean
+        super().resume(arrays, now_us, floor_us)
 
 
 # The place filter event by event, with matches that come some windows late.
@@ -501,7 +514,7 @@ class DelayedRun(FilterRun):
     """
 
     def __init__(
-        self, reference: MapRecord, windows: OnlineWindows, schedule: MatchSchedule
+        self, reference: MapRecord, window: Window, schedule: MatchSchedule, recent: int = 0
     ) -> None:
         settings = reference.settings
         if schedule != MatchSchedule.window(settings):
@@ -509,7 +522,7 @@ class DelayedRun(FilterRun):
                 f"a delay of {settings.delay} windows gives a match at the end of each window: "
                 "match every window, or set delay to 0"
             )
-        super().__init__(reference, windows, schedule)
+        super().__init__(reference, window, schedule, recent)
         self._lag = FixedLag(
             self.place_filter.transitions, settings.exclusion_places, settings.late
         )
@@ -517,14 +530,9 @@ class DelayedRun(FilterRun):
         self._undecided: deque[np.void | None] = deque()  # None of a window that was skipped
         self._decided: list[np.void] = []
 
-    def feed(self, slots: npt.NDArray[np.int32], times: npt.NDArray[np.int64], until: int) -> Found:
-        """See `MatchRun.feed`."""
-        super().feed(slots, times, until)
-        return self._drained()
-
-    def go_on(self, result: Chunked) -> Found:
+    def go_on(self, stop: Stop) -> Found:
         """See `MatchRun.go_on`."""
-        super().go_on(result)
+        super().go_on(stop)
         return self._drained()
 
     def finish(self) -> Found:
@@ -537,10 +545,12 @@ class DelayedRun(FilterRun):
         (self._given,) = rows
         return rows[:0]
 
-    def _ended(self, rows: WindowRows) -> None:
+    def _window_over(self) -> None:
+        assert self.state.rows is not None
         self._undecided.append(self._given)
         self._given = None
-        self._decide(self._lag.add(rows, [self.odometer.travelled_mm]))
+        self._decide(self._lag.add(self.state.rows, [self.odometer.travelled_mm]))
+        super()._window_over()
 
     def _decide(self, late: Late) -> None:
         for column in late[0].tolist():
@@ -549,10 +559,9 @@ class DelayedRun(FilterRun):
                 continue
             row["place"], row["second"] = match.place, match.second
             row["trust"], row["misfit"] = match.trust, match.misfit
-            write_distances(row, match.metric, match.second_metric, 1)
-            acceptance(
-                row, self._followed.trust, self._followed.probability, self._control.least_trust
-            )
+            plain(write_distances)(row, match.metric, match.second_metric, 1)
+            trust, probability = self.state.trust, self.state.probability
+            plain(acceptance)(row, trust, probability, self._control["least_trust"])
             self._decided.append(row)
 
     def _drained(self) -> Found:
@@ -565,6 +574,6 @@ class DelayedRun(FilterRun):
             "a localiser with a delay cannot be saved: set delay to 0, or keep the events"
         )
 
-    def resume(self, arrays: Arrays) -> None:
+    def resume(self, arrays: Arrays, now_us: int, floor_us: int) -> None:
         """Raise MapError: no state holds the windows that wait."""
         raise MapError("the state has a delay, with which none can be saved")

@@ -10,26 +10,27 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays, check_array, check_range, whole_number
+from edge_vpr.compiling import plain
+from edge_vpr.confidence import TRUST_TOP
 from edge_vpr.descriptors.windows import MAX_WINDOWS, FixedTime, Window, narrow
-from edge_vpr.errors import EdgeVprError, MapError, UsageError
+from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.distances import ReferenceIndex, aligned_zeros
 from edge_vpr.matching.place_filter import (
     LASTING_BITS,
     METRIC_TOP,
-    MISFIT_TOP,
     NUMBER_NAMES,
     RECIPROCAL_BITS,
+    RESIDUAL_TOP,
     TRUST_BITS,
-    TRUST_TOP,
     USUAL_FIT,
     FilterState,
     PlaceFilter,
     StepTable,
     WindowRows,
 )
-from edge_vpr.online.kernels import BLOCK, LANES, MAX_STEPS, advance, settle, write_codes
+from edge_vpr.online.kernels import BLOCK, LANES, MAX_STEPS, write_codes
 from edge_vpr.route import MOST_MM
 from edge_vpr.settings import Settings, duration_us
 from fixedpoint.codes import PixelCodes
@@ -241,7 +242,7 @@ def with_distances(s: SlidingWindows, places: npt.NDArray[np.unsignedinteger]) -
     for lag in range(length):
         end = length - 1 - lag
         # `distances` would need one more kernel
-        distances += index.rows(coded[lag : lag + 1])[0, end : end + count + LANES]
+        distances += index.rows(narrow(coded[lag : lag + 1]))[0, end : end + count + LANES]
     base = int(np.abs(coded - np.clip(coded, low, high)).sum())
     # without the base, no distance is larger than this; those of filling places always are, so that
     # a search can include them
@@ -274,124 +275,11 @@ def _find_least(sums: npt.NDArray[np.unsignedinteger], count: int) -> None:
 def _coded(s: SlidingWindows) -> npt.NDArray[np.int64]:
     """Return the codes of the counters of each lag, shape (L, J); own-mean codes are kept."""
     if s.own.levels.size:
-        write_codes(s.counts[0], s.own, s.own.codes[0])
+        plain(write_codes)(s.counts[0], s.own, s.own.codes[0])
         return s.own.codes[:1]
     if s.code.size == 0:
         return s.counts
     return s.code[s.counters["table"], np.minimum(s.counts, s.code.shape[1] - 1)].astype(np.int64)
-
-
-# The newest L windows of a stream, and the distances of their sequence to all places of a map.
-
-
-class OnlineWindows:
-    """State that the kernels update at each event, see `edge_vpr.online.state`.
-
-    Counters and distances are updated when they are read. They are then those at the time `now_us`;
-    all earlier events have been processed.
-
-    Attributes
-    ----------
-    places : ndarray of unsigned int, shape (K, J)
-        Those of the map, and those that were appended.
-    """
-
-    def __init__(self, reference: MapRecord, window: Window) -> None:
-        self.places = reference.places.counts
-        self._codes = reference.codes
-        self.s = start(
-            self.places, window, reference.settings.windows_per_match,
-            reference.own_mean_code or self._codes, reference.mean,
-        )  # fmt: skip
-
-    def _settle(self, now_us: int) -> None:
-        advance(self.s, now_us)
-        settle(self.s)
-
-    def counts_at(self, now_us: int) -> npt.NDArray[np.int64]:
-        """Return the events in each window, newest first, shape (L, J); a copy."""
-        self._settle(now_us)
-        return self.s.counts.copy()
-
-    def sums_at(self, now_us: int) -> npt.NDArray[np.int64]:
-        """Return the distance of the sequence that ends at each place, shape (K - L + 1,)."""
-        self._settle(now_us)
-        sums = self.s.sums[: self.s.totals["sums"][0]].astype(np.int64)
-        return sums + self.s.totals["common"][0]
-
-    def append(self, counts: npt.NDArray[np.integer], now_us: int) -> None:
-        """Add a place at the end of the map.
-
-        Parameters
-        ----------
-        counts : ndarray of int, shape (J,)
-            Its descriptor, in codes where the map has a code.
-
-        Raises
-        ------
-        MapError
-            If the descriptor has another length, or holds what the map cannot.
-        """
-        if counts.shape != self.places.shape[1:] or counts.dtype.kind not in "iu":
-            raise MapError(
-                f"descriptor of {counts.dtype} and shape {counts.shape}: expected "
-                f"{self.places.shape[1]} whole numbers, as `DescriptorStream` gives them"
-            )
-        most = np.iinfo(np.int32).max if self._codes is None else int(self._codes.tables.max())
-        if counts.min() < 0 or counts.max() > most:
-            raise MapError(
-                f"descriptor holds {counts.min()} to {counts.max()}: expected 0 to {most}, in "
-                "codes where the map has a code"
-            )
-        wide = np.promote_types(self.places.dtype, narrow(counts).dtype)
-        self.places = np.concatenate([self.places.astype(wide), counts[None].astype(wide)])
-        self._settle(now_us)
-        self.s = with_distances(self.s, self.places)
-
-    def verify(self, now_us: int) -> None:
-        """Recompute counters and distances from the events in the windows, and compare.
-
-        Raises
-        ------
-        EdgeVprError
-            If anything differs, which no sequence of events can bring about.
-        """
-        self._settle(now_us)
-        fresh = with_distances(self.s, self.places)
-        used = slice(fresh.totals["sums"][0])
-        same = (
-            np.array_equal(recount(self.s), self.s.counts)
-            and np.array_equal(fresh.sums[used], self.s.sums[used])
-            and fresh.totals["common"] == self.s.totals["common"]
-        )
-        if not same:
-            raise EdgeVprError(
-                f"counters or distances have drifted by {now_us} us: this is a fault of "
-                "edge-vpr, report it with the recording"
-            )
-
-    def to_arrays(self, now_us: int) -> Arrays:
-        """Return the places and the events of the windows as arrays, for an archive."""
-        self._settle(now_us)
-        alive = np.arange(self.s.bound[-1], self.s.bound[0]) & (self.s.slot.size - 1)
-        return {
-            "places": self.places,
-            "slot": self.s.slot[alive],
-            "time": self.s.time[alive],
-            "bound": self.s.bound,
-        }
-
-    def resume(self, arrays: Arrays) -> None:
-        """Restore the events from the arrays of `to_arrays`; the map has the saved places."""
-        while self.s.slot.size < arrays["slot"].size:
-            self.s = grown(self.s)
-        s, first = self.s, int(arrays["bound"][-1])
-        at = np.arange(first, first + arrays["slot"].size) & (s.slot.size - 1)
-        s.slot[at] = arrays["slot"]
-        s.time[at] = arrays["time"]
-        s.bound[:] = arrays["bound"]
-        s.counts[:] = recount(s)
-        self.s = with_distances(s, self.places)
 
 
 # Schedule of matches: after a number of events, at times, or when the place changes.
@@ -537,7 +425,7 @@ MATCH_DTYPE = np.dtype(
 
 #: Number of matches after which the kernel returns.
 MATCHES_AT_ONCE = 4_096
-#: Largest number of events that one call processes; more are processed by columns.
+#: Number of events of a chunk that there is room for at the start.
 CHUNK_EVENTS = 4_096
 #: Time that is later than the end of any window.
 NEVER = np.iinfo(np.int64).max
@@ -553,14 +441,18 @@ CONTROL = np.dtype(
         ("last_reported", "<i8"),  # place of the last match
         # search
         ("exclusion", "<i8"),  # width of the zone around the best place
-        ("places", "<i8"),  # number of sums that are searched
+        ("recent", "<i8"),  # number of the newest places that are not searched
         ("least_trust", "<i8"),  # of a match that is not lost
         # place filter
         ("window_end", "<i8"),  # of the present window: a time, or the number of an event
+        ("paused", "<i8"),  # whether the window that ended last was a pause
         # events
         ("off_slots", "<i8"),  # first slot of OFF events
         ("floor", "<i8"),  # earliest time that the next event may have
-        ("now", "<i8"),  # T: all earlier events have been processed
+        ("now", "<i8"),  # T: all earlier events have been processed, but for these:
+        ("read", "<i8"),  # first of the selected events of a chunk that is not processed yet
+        ("selected", "<i8"),  # number of all selected events of the chunk
+        ("until", "<i8"),  # time of the last event of the chunk, to which the time advances
     ]
 )
 
@@ -576,8 +468,8 @@ class OnlineState(NamedTuple):
         Of `Transitions`.
     rows : WindowRows or None
         Of one window; scratch of the place filter.
-    sequence : int or None
-        L where sequences are matched.
+    length : int or None
+        L of sequences; None of the place filter.
     control : ndarray of CONTROL, shape (1,)
         Numbers of the kernel, each by its name.
     trust : ndarray of int64, shape (m,)
@@ -586,10 +478,8 @@ class OnlineState(NamedTuple):
         Steps of `edge_vpr.confidence.Confidence`; of size 0 where nothing is known.
     table : ndarray of int16 or int32, shape (height, width)
         Of `PixelMap.table`.
-    slots : ndarray of int32, shape (FEW,)
-        Scratch for the slots of the events of one call.
-    times : ndarray of int64, shape (FEW,)
-        Scratch for the events of one call.
+    slots, times : ndarray of int32 and int64, shape (CHUNK_EVENTS or more,)
+        Selected events of the present chunk.
     out : ndarray of MATCH_DTYPE, shape (MATCHES_AT_ONCE,)
         Matches are written here.
     """
@@ -598,7 +488,7 @@ class OnlineState(NamedTuple):
     state: FilterState | None
     step: StepTable | None
     rows: WindowRows | None
-    sequence: int | None
+    length: int | None
     control: npt.NDArray[np.void]
     trust: npt.NDArray[np.int64]
     probability: npt.NDArray[np.float64]
@@ -613,6 +503,7 @@ class OnlineState(NamedTuple):
         reference: MapRecord,
         s: SlidingWindows,
         schedule: MatchSchedule,
+        recent: int = 0,
         place_filter: PlaceFilter | None = None,
     ) -> OnlineState:
         """Build the state before the first event.
@@ -623,6 +514,8 @@ class OnlineState(NamedTuple):
             Of this map.
         schedule : MatchSchedule
             When to give a match.
+        recent : int
+            So many of the newest places are not searched.
         place_filter : PlaceFilter, optional
             Its arrays are used, not copied.
         """
@@ -632,7 +525,7 @@ class OnlineState(NamedTuple):
         first.every, first.interval = schedule.events, schedule.interval_us
         first.change, first.exclusion = schedule.change, settings.exclusion_places
         first.next_tick, first.last_reported = schedule.interval_us, -1
-        first.window_end = NEVER
+        first.recent, first.window_end = recent, NEVER
         first.least_trust = -2 * TIME_LIMIT_US
         first.off_slots = len(reference.pixel_map) if settings.polarity else 0
         trust, probability = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.float64)
@@ -645,7 +538,7 @@ class OnlineState(NamedTuple):
             if acceptance.precision is not None:
                 first.least_trust = acceptance.confidence.least_trust(acceptance.precision)
         state = step = rows = None
-        sequence = settings.windows_per_match if place_filter is None else None
+        length = settings.windows_per_match if place_filter is None else None
         if place_filter is not None:
             state, step = place_filter.state, place_filter.transitions.by_step
             rows = WindowRows.empty(1, len(place_filter))
@@ -654,7 +547,7 @@ class OnlineState(NamedTuple):
             state,
             step,
             rows,
-            sequence,
+            length,
             control,
             trust,
             probability,
@@ -672,21 +565,6 @@ class OnlineState(NamedTuple):
 MAX_COUNTERS = 1 << 24
 #: Largest number of windows x places x counters: some ten seconds of work at the start.
 MAX_COMPARISONS = 1 << 36
-
-
-class Clock(NamedTuple):
-    """Progress of a localiser in its stream.
-
-    Attributes
-    ----------
-    now_us : int
-        T: all events before it have been taken.
-    floor_us : int
-        No event may be earlier.
-    """
-
-    now_us: int
-    floor_us: int
 
 
 def check_extent(places: int, counters: int, length: int, recent: int, window: Window) -> None:
@@ -730,7 +608,7 @@ def check_state(
     window: Window,
     every: MatchSchedule,
     filtered: bool,
-) -> Clock:
+) -> tuple[int, int]:
     """Check that the arrays are a possible state of a localiser.
 
     Parameters
@@ -746,7 +624,8 @@ def check_state(
 
     Returns
     -------
-    Clock
+    now_us, floor_us : int
+        T: all events before it have been taken; and the time that no event may be earlier than.
 
     Raises
     ------
@@ -773,7 +652,7 @@ def check_state(
         )
     if not filtered:  # the place filter has a schedule of its own
         _check_schedule(arrays, "policy", ends, every, floor_us)
-    return Clock(now_us, floor_us)
+    return now_us, floor_us
 
 
 def _bounds(arrays: Arrays, window: Window, length: int, now_us: int) -> npt.NDArray[np.int64]:
@@ -809,7 +688,7 @@ def check_filter_state(
     Parameters
     ----------
     arrays : mapping of str to ndarray
-        Of `FilterRun.to_arrays`, and ``bound``.
+        Of `FilterRun.to_arrays`.
     places : int
         K.
     floor_us : int
@@ -822,7 +701,7 @@ def check_filter_state(
     """
     check_array(arrays["filter_metric"], "filter_metric", (np.int32,), (places,))
     check_range(arrays["filter_metric"], "filter_metric", 0, METRIC_TOP)
-    reciprocal, mean_activity, place, support, *misfits, lasting, windows = filter_state(arrays)
+    reciprocal, mean_activity, place, support, *residuals, lasting, windows = filter_state(arrays)
     ended = floor_us // window.tau_us if isinstance(window, FixedTime) else (
         int(arrays["bound"][0]) // window.events
     )  # fmt: skip
@@ -831,8 +710,8 @@ def check_filter_state(
         and 0 <= mean_activity <= TIME_LIMIT_US
         and (0 <= place < places if windows else place == -1)
         and 0 <= support <= TRUST_TOP
-        and 0 <= min(misfits) <= max(misfits) <= MISFIT_TOP
-        and abs(lasting) <= 2 * MISFIT_TOP << (TRUST_BITS + LASTING_BITS)
+        and 0 <= min(residuals) <= max(residuals) <= RESIDUAL_TOP
+        and abs(lasting) <= 2 * RESIDUAL_TOP << (TRUST_BITS + LASTING_BITS)
     )
     if not within or windows != ended:
         raise MapError(

@@ -372,7 +372,7 @@ static void search_places(const vpr_design_t *d, const uint16_t *metric, vpr_mat
 
 /* Evidence against a place in a window that does not pause. It is not limited, as above 23 it takes
  * all trust anyway, which 255 of any weight is. */
-static uint32_t misfit_of(const vpr_design_t *d, const vpr_state_t *s, const scale_t *scale,
+static uint32_t residual_of(const vpr_design_t *d, const vpr_state_t *s, const scale_t *scale,
                           uint32_t place)
 {
     const uint32_t distance = sad(s->query, &d->places[place * d->stride], d->stride);
@@ -383,7 +383,7 @@ static uint32_t misfit_of(const vpr_design_t *d, const vpr_state_t *s, const sca
 
 /* Trust the match by its margin, and by those before it as long as it follows from them; less what
  * speaks against it and the two matches before. */
-static void trust(const vpr_design_t *d, vpr_state_t *s, uint32_t misfit, vpr_match_t *m)
+static void trust(const vpr_design_t *d, vpr_state_t *s, uint32_t residual, vpr_match_t *m)
 {
     const uint32_t margin = (m->second == VPR_NONE) ? METRIC_TOP : (m->second_sum - m->sum);
     const uint32_t last = ((d->steps > FEW_STEPS) ? d->steps : FEW_STEPS) - 1U;
@@ -396,11 +396,11 @@ static void trust(const vpr_design_t *d, vpr_state_t *s, uint32_t misfit, vpr_ma
         s->support = lesser(s->support, stood); /* the same view again says nothing new */
     }
     s->place = m->place;
-    uint32_t worst = (s->misfit > s->misfit_before) ? s->misfit : s->misfit_before;
-    worst = ((misfit > worst) ? misfit : worst) << TRUST_BITS;
+    uint32_t worst = (s->residual > s->residual_before) ? s->residual : s->residual_before;
+    worst = ((residual > worst) ? residual : worst) << TRUST_BITS;
     m->trust = s->support - lesser(s->support, worst);
-    s->misfit_before = s->misfit;
-    s->misfit = misfit;
+    s->residual_before = s->residual;
+    s->residual = residual;
 }
 
 /* Advance by the window that ended last, and search it. */
@@ -416,7 +416,7 @@ static void filter_places(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
         advance_by_evidence(d, s, &prices, &scale);
     }
     search_places(d, s->metric, m);
-    trust(d, s, s->paused ? 0U : misfit_of(d, s, &scale, m->place), m);
+    trust(d, s, s->paused ? 0U : residual_of(d, s, &scale, m->place), m);
 }
 
 #endif

@@ -107,8 +107,8 @@ void plain_begin(plain_t *p, const uint8_t *image, uint32_t bytes, uint32_t star
     p->reciprocal = 0;
     p->place = -1;
     p->support = 0;
-    p->misfits[0] = 0;
-    p->misfits[1] = 0;
+    p->residuals[0] = 0;
+    p->residuals[1] = 0;
     p->end = (start + (uint64_t)plain_word(p, WINDOW)) % period(p);
     p->counted = 0U;
     p->windows = 0U;
@@ -377,12 +377,12 @@ static void trust(plain_t *p, vpr_match_t *m)
         p->support = stood;
     }
     p->place = m->place;
-    p->misfits[2] = p->misfits[1];
-    p->misfits[1] = p->misfits[0];
-    p->misfits[0] = p->evidence[m->place];
+    p->residuals[2] = p->residuals[1];
+    p->residuals[1] = p->residuals[0];
+    p->residuals[0] = p->evidence[m->place];
     int64_t trust = p->support;
     for (uint32_t i = 0U; i < 3U; i++) {
-        const int64_t less = p->support - (p->misfits[i] * 16);
+        const int64_t less = p->support - (p->residuals[i] * 16);
         trust = (less < trust) ? less : trust;
     }
     m->trust = (trust < 0) ? 0U : (uint32_t)trust;

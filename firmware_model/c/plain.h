@@ -26,7 +26,7 @@ typedef struct {
     int64_t *evidence; /* [places]: of the window that ended last */
     int64_t place;     /* of the match before, or -1 */
     int64_t support;
-    int64_t misfits[3]; /* of the last matches, the newest first */
+    int64_t residuals[3]; /* of the last matches, the newest first */
 } plain_t;
 
 /* The memory is the caller's: that of `plain_free`. */

@@ -350,8 +350,8 @@ void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t st
     s->least = 0U;
     s->place = VPR_NONE;
     s->support = 0U;
-    s->misfit = 0U;
-    s->misfit_before = 0U;
+    s->residual = 0U;
+    s->residual_before = 0U;
     for (uint32_t i = 0U; (d->level != NULL) && (i < d->slots); i++) {
         s->mean[i] = (uint32_t)d->mean[i] << MEAN_BITS;
     }

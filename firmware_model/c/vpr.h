@@ -93,8 +93,8 @@ typedef struct {
     uint32_t least;      /* metric */
     uint32_t place;      /* of the match before, or VPR_NONE */
     uint32_t support;    /* of the match before */
-    uint32_t misfit;
-    uint32_t misfit_before; /* of the match before that one */
+    uint32_t residual;   /* evidence against that place */
+    uint32_t residual_before; /* of the match before that one */
 } vpr_state_t;
 
 typedef enum {

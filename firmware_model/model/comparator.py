@@ -14,8 +14,8 @@ from firmware_model.model.design import (
     FRACTION_BITS,
     MARGIN_TOP,
     METRIC_TOP,
-    MISFIT_TOP,
     RECIPROCAL_BITS,
+    RESIDUAL_TOP,
     TRUST_BITS,
     WEIGHT_BITS,
     Design,
@@ -29,7 +29,7 @@ class MatchResult(NamedTuple):
     """One match; second and second_sum are None if every place lies in the exclusion zone.
 
     With the place filter, the two sums are metrics, and there is a trust, in units of 1/16 of a
-    metric: the support, which is a running mean of the margins, less the largest misfit of this
+    metric: the support, which is a running mean of the margins, less the largest residual of this
     window and the two before, and at least 0.
     """
 
@@ -225,7 +225,7 @@ class PlaceFilterModel:
         Of the distances of the latest window that did not pause, at least 1; 0 before there is one.
     margin, kept : int
         Of the latest match, and the support that it began with: that of the match before, or 0.
-    misfit, misfit_before, worst : int
+    residual, residual_before, worst : int
         Evidence against the latest match, against the one before it, and the largest of the last
         three; each of 5 bits.
     """
@@ -236,7 +236,7 @@ class PlaceFilterModel:
         self.metrics = [0] * design.places
         self.reciprocal = 0
         self.place, self.support = -1, 0
-        self.misfit, self.misfit_before = 0, 0
+        self.residual, self.residual_before = 0, 0
         self.spread, self.margin, self.kept, self.worst = 0, 0, 0, 0
 
     def predictions(self, activity: int) -> list[int]:
@@ -310,10 +310,10 @@ class PlaceFilterModel:
         self.place = result.place
         self.margin, self.kept = margin, kept
         # the evidence: the least metric never saturates, because the nearest place has none
-        misfit = min(result.sum - predictions[result.place], MISFIT_TOP)
-        worst = max(misfit, self.misfit, self.misfit_before)
+        residual = min(result.sum - predictions[result.place], RESIDUAL_TOP)
+        worst = max(residual, self.residual, self.residual_before)
         trust = max(self.support - (worst << TRUST_BITS), 0)
-        self.misfit, self.misfit_before, self.worst = misfit, self.misfit, worst
+        self.residual, self.residual_before, self.worst = residual, self.residual, worst
         return result._replace(trust=trust, accepted=result.accepted and trust >= design.trust)
 
 

@@ -105,8 +105,8 @@ FRACTION_BITS = 2
 METRIC_TOP, EVIDENCE_TOP = (1 << 10) - 1, (1 << 8) - 1
 #: fraction bits of the reciprocal of the spread, which is at most 1
 RECIPROCAL_BITS = 16
-#: largest margin and largest misfit that count
-MARGIN_TOP = MISFIT_TOP = 23
+#: largest margin and largest residual that count
+MARGIN_TOP = RESIDUAL_TOP = 23
 #: fraction bits of the trust, and its largest value
 TRUST_BITS = 4
 TRUST_TOP = MARGIN_TOP << TRUST_BITS

@@ -26,8 +26,8 @@ from firmware_model.model.design import (
     FRACTION_BITS,
     MARGIN_TOP,
     METRIC_TOP,
-    MISFIT_TOP,
     RECIPROCAL_BITS,
+    RESIDUAL_TOP,
     TRUST_BITS,
     Design,
 )
@@ -96,7 +96,7 @@ FILTER_CORNERS = {
 }
 
 
-_MISFITS = (
+_OF_RESIDUALS = (
     "misfit_of_this_window", "misfit_of_the_window_before", "misfit_of_two_windows_before",
 )  # fmt: skip
 
@@ -107,7 +107,7 @@ class FilterCoverage:
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
         self.found: Counter[str] = Counter(dict.fromkeys(FILTER_CORNERS, 0))
-        self._misfits = (0, 0, 0)  # of the last matches, the newest first
+        self._residuals = (0, 0, 0)  # of the last matches, the newest first
         self._paused = self._restarted = False
         self._last = -1
 
@@ -202,16 +202,18 @@ class FilterCoverage:
         found["beyond_the_smallest_step"] += step == -len(design.back) - 1
 
     def _see_trust(self, match: MatchResult) -> None:
-        """Count the corners of the trust in a match, and keep its misfit."""
+        """Count the corners of the trust in a match, and keep its residual."""
         found, model = self.found, self.machine.place_filter
-        misfits = self._misfits = (model.misfit, *self._misfits[:2])
-        worst = max(misfits)
+        residuals = self._residuals = (model.residual, *self._residuals[:2])
+        worst = max(residuals)
         if match.second_sum is not None:
             found["margin_limited"] += match.second_sum - match.sum > MARGIN_TOP
-        found["misfit_limited"] += misfits[0] == MISFIT_TOP and model.support > 0
+        found["misfit_limited"] += residuals[0] == RESIDUAL_TOP and model.support > 0
         found["trust_of_nothing"] += model.support < worst << TRUST_BITS
-        for name, misfit in zip(_MISFITS, misfits, strict=True):
-            found[name] += match.trust != 0 and misfits.count(worst) == 1 and misfit == worst > 0
+        for name, residual in zip(_OF_RESIDUALS, residuals, strict=True):
+            found[name] += (
+                match.trust != 0 and residuals.count(worst) == 1 and residual == worst > 0
+            )
 
     def _see_means(self, window: WindowResult) -> None:
         descriptor, found = self.machine.descriptor, self.found

@@ -456,14 +456,14 @@ def large_cases() -> list[Case]:
     return [
         by_count,
         *evidence,
-        _wide_misfit(many_pixels),
+        _wide_residual(many_pixels),
         _shown("held", held, [3 + i % 7 for i in range(42)], lambda k: [k * 7 % 97]),
         _shown("zone", zone, [9, 9, 9], lambda k: [9 if k > 32_795 else 30 + k % 50]),
         _shown("wide", wide, [1, 1], lambda k: [k] * wide.slots),
     ]
 
 
-def _wide_misfit(design: Design) -> Case:
+def _wide_residual(design: Design) -> Case:
     """Show a place, and then another, against which there was so much that the first still matches.
 
     The evidence against the first is 0x10000, before its limit.
@@ -485,7 +485,7 @@ def _wide_misfit(design: Design) -> Case:
     )
     places = [[*codes, *rest, 255] for codes in [far] * (design.places - 1) + [near]]
     memories = Memories(design, stream.pixels, places, activity=17_000 << ACTIVITY_BITS)
-    return Case("wide_misfit", memories, tuple(stream.events))
+    return Case("wide_residual", memories, tuple(stream.events))
 
 
 def _shown(

@@ -14,7 +14,6 @@ from edge_vpr.descriptors.counting import (
     count_events,
     count_frame,
     count_until,
-    select_events,
 )
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import Sensor, make_events
@@ -109,31 +108,6 @@ def test_a_budget_is_found_in_a_later_block():
     assert counts.tolist() == [2]
 
 
-@given(seed=SEEDS, n=st.integers(0, 300), polarity=st.booleans(), contiguous=st.booleans())
-def test_selected_events_are_those_that_count(seed, n, polarity, contiguous):
-    rng = np.random.default_rng(seed)
-    sensor = Sensor(7, 5)
-    table, pixels = random_table(rng, sensor, 6)
-    events = random_events(rng, n, sensor, 1000)
-    x, y, p = columns(events, contiguous)
-    index, slots = select_events(table, x, y, p if polarity else None)
-    expected = [
-        (i, pixels.index((x, y)) + (6 if polarity and not p else 0))
-        for i, (_, x, y, p) in enumerate(as_tuples(events))
-        if (x, y) in pixels
-    ]
-    assert list(zip(index.tolist(), slots.tolist(), strict=True)) == expected
-
-
-def test_selected_events_are_numbered_through_all_blocks():
-    x = np.arange(3 * _BLOCK, dtype=np.uint16) % 100
-    table = np.full((1, 100), -1, dtype=np.int16)
-    table[0, 7] = 0
-    index, slots = select_events(table, x, np.zeros_like(x))
-    assert np.array_equal(index, np.flatnonzero(x == 7))
-    assert not slots.any()
-
-
 @given(seed=SEEDS, n=st.integers(0, 300), contiguous=st.booleans(), pieces=st.integers(1, 5))
 def test_a_count_image_holds_every_event(seed, n, contiguous, pieces):
     rng = np.random.default_rng(seed)
@@ -158,8 +132,6 @@ def test_an_event_off_the_sensor_is_an_error_and_not_another_pixel(pixel, positi
     table = np.full((5, 7), -1, dtype=np.int16)
     with pytest.raises(EventError, match="lies off the 7x5 sensor"):
         count_events(table, x, y, np.zeros(1, dtype=np.int32))
-    with pytest.raises(EventError, match="lies off the 7x5 sensor"):
-        select_events(table, x, y)
     with pytest.raises(EventError, match="lies off the 7x5 sensor"):
         count_frame(x, y, np.zeros((5, 7), dtype=np.int32))
 

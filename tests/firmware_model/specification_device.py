@@ -68,7 +68,7 @@ class Device:
         self.metrics: Row = []
         self.reciprocal: int | None = None
         self.place: int | None = None
-        self.support, self.misfits = 0, (0, 0)
+        self.support, self.residuals = 0, (0, 0)
 
     def take(self, t: int, x: int, y: int, on: int) -> Iterator[Record]:
         """Section 2."""
@@ -157,9 +157,9 @@ class Device:
         follows = self.place is not None and within_steps(self.design, best - self.place)
         margin = 1023 if second is None else metric[second] - metric[best]
         self.support = support_after(self.support if follows else 0, margin, best == self.place)
-        misfit = min(against[best], 23)
-        trust = max(self.support - 16 * max(misfit, *self.misfits), 0)
-        self.place, self.misfits = best, (misfit, self.misfits[0])
+        residual = min(against[best], 23)
+        trust = max(self.support - 16 * max(residual, *self.residuals), 0)
+        self.place, self.residuals = best, (residual, self.residuals[0])
         accepted = trust >= self.design["trust"] and self.accepted(metric, best, second)
         return [*self.told(metric, best, second, ties), int(accepted), trust]
 
@@ -368,18 +368,18 @@ class Drive:
                 last += 1
             margins = sum(16 * margin for _, _, margin in found[first : last + 1])
             near = range(max(w - 4, 0), min(w + 4, n - 1) + 1)
-            misfit = max(self.evidence[v][found[v][0]] for v in near)
-            told.append((best, metric, max(margins // 9 - 16 * misfit, 0)))
+            residual = max(self.evidence[v][found[v][0]] for v in near)
+            told.append((best, metric, max(margins // 9 - 16 * residual, 0)))
         return told
 
     def delayed(self, delay: int) -> list[tuple[int, int, int]]:
         """Place, cost and trust of each window, so many windows late; 0: as section 6."""
-        support, misfits, told, before = 0, (0, 0), [], None
+        support, residuals, told, before = 0, (0, 0), [], None
         found = self.matches(lambda w: min(w + delay, len(self.metrics) - 1))
         for w, (best, metric, margin) in enumerate(found):
             follows = before is not None and self.follows(w, before, best)
             support = support_after(support if follows else 0, margin, best == before)
-            misfit = min(self.evidence[w][best], 23)
-            told.append((best, metric, max(support - 16 * max(misfit, *misfits), 0)))
-            before, misfits = best, (misfit, misfits[0])
+            residual = min(self.evidence[w][best], 23)
+            told.append((best, metric, max(support - 16 * max(residual, *residuals), 0)))
+            before, residuals = best, (residual, residuals[0])
         return told

@@ -574,16 +574,16 @@ FILTER_MUTATIONS = {
         "follows ? s->support : 0U",
         "follows ? s->support : s->support",
     ),
-    "misfits of three windows": (
+    "residuals of three windows": (
         "filter.h",
-        "s->misfit_before = s->misfit;",
-        "s->misfit_before = 0U;",
+        "s->residual_before = s->residual;",
+        "s->residual_before = 0U;",
     ),
     "margins without a limit": ("filter.h", "lesser(margin, MARGIN_TOP)", "margin"),
     "a pause does not fit": (
         "filter.h",
-        "s->paused ? 0U : misfit_of",
-        "s->paused ? 1U : misfit_of",
+        "s->paused ? 0U : residual_of",
+        "s->paused ? 1U : residual_of",
     ),
     "trust follows too far": ("filter.h", "<= (d->back + last)", "<= (d->back + last + 1U)"),
     "logarithms of whole octaves": (

@@ -10,19 +10,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import config
-from streams import random_events, with_sums
+from streams import as_tuples, random_events, with_sums
 from test_filter_run import map_of as filtered_map
 from test_filter_run import with_ways
-from test_localiser import CODED, PIXELS, SENSOR, feed, map_of
+from test_localiser import CODED, PIXEL_MAP, PIXELS, SENSOR, feed, map_of
 
 from edge_vpr.compiling import KernelState
 from edge_vpr.confidence import Acceptance, Confidence, net_trust
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import EVENT_DTYPE, make_events
 from edge_vpr.matching.matches import margin_to_second, ratio_to_second
-from edge_vpr.online.kernels import write_codes
+from edge_vpr.online.kernels import selected_in_order, write_codes
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.matcher import follow_chunk
+from edge_vpr.online.matcher import follow
 from edge_vpr.online.state import CHUNK_EVENTS, MATCHES_AT_ONCE, MatchSchedule, OwnCodes
 from fixedpoint.own_mean import OwnMeanCode
 
@@ -90,6 +90,21 @@ def test_events_one_by_one_give_the_matches_of_one_chunk(seed, kind, window, cod
     assert whole.size > 0
     assert found.tobytes() == whole.tobytes()
     cut.verify()
+
+
+@given(seed=st.integers(0, 2**32), n=st.integers(0, 300), polarity=st.booleans())
+def test_selected_events_are_those_at_the_pixels_of_the_table(seed, n, polarity):
+    rng = np.random.default_rng(seed)
+    events = random_events(rng, n, SENSOR, 1_000)
+    slots, times = np.empty(n, dtype=np.int32), np.empty(n, dtype=np.int64)
+    off = len(PIXELS) if polarity else 0
+    found = selected_in_order(PIXEL_MAP.table(), events, 0, off, slots, times)
+    expected = [
+        (PIXELS.index((x, y)) + (0 if p else off), t)
+        for t, x, y, p in as_tuples(events)
+        if (x, y) in PIXELS
+    ]
+    assert list(zip(slots[:found].tolist(), times[:found].tolist(), strict=True)) == expected
 
 
 @pytest.mark.parametrize("kind", ["sequence", "filter"])
@@ -200,7 +215,7 @@ def test_the_cache_of_a_kernel_names_no_class_of_its_state():
     Localiser(a_map(np.random.default_rng(8), "filter", "time", {})).update(
         make_events([1], [0], [0])
     )
-    (signature,) = follow_chunk.signatures[:1]
+    (signature,) = follow.signatures[:1]
     assert "BoxedType" in str(signature)
     assert b"edge_vpr.online" not in pickle.dumps(signature)
 

@@ -203,7 +203,8 @@ def test_every_public_name_is_there():
 
 #: kernels that still take more than eight arguments
 LONG = {
-    "kernels.answer", "layout._take", "pixel_model._cross", "place_filter.match_late", "view._paint"
+    "kernels.match_now", "layout._take", "pixel_model._cross", "place_filter.match_late",
+    "view._paint",
 }  # fmt: skip
 
 
@@ -219,6 +220,33 @@ def test_no_kernel_takes_more_than_eight_arguments():
             ):
                 found.add(f"{path.stem}.{node.name}")
     assert found == LONG
+
+
+def test_inner_kernels_are_called_by_kernels_alone():
+    """They have no wrapper for Python, so that such a call would end the process."""
+    trees = [
+        ast.parse(path.read_text(encoding="utf-8"))
+        for room in (*ROOMS, "tests", "tools/bench")
+        for path in (ROOT / room).rglob("*.py")
+    ]
+    functions = [node for tree in trees for node in ast.walk(tree) if _decorated_by_kernel(node)]
+    inner = {each.name for each in functions if "inner=True" in ast.unparse(each.decorator_list[0])}
+    assert len(inner) > 3
+    of_kernels = {call for each in functions for call in _calls(each, inner)}
+    for tree in trees:
+        assert set(_calls(tree, inner)) <= of_kernels
+
+
+def _decorated_by_kernel(node):
+    return isinstance(node, ast.FunctionDef) and any(
+        ast.unparse(each).startswith("kernel") for each in node.decorator_list
+    )
+
+
+def _calls(tree, names):
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in names:
+            yield node
 
 
 def test_the_docstring_of_each_public_class_begins_with_an_example():
