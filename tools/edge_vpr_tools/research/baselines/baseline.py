@@ -60,7 +60,12 @@ class Baseline(Protocol):
 
 
 class VectorBaseline:
-    """Part of a baseline whose descriptions are vectors of numbers, without learned parameters."""
+    """Part of a baseline whose descriptions are vectors of numbers, without learned parameters.
+
+    It draws no random numbers, so the seed that every baseline is made with is not used.
+    """
+
+    def __init__(self, seed: int = 0) -> None: ...
 
     def prepare(self, reference: Images) -> None:
         """Do nothing: no parameters are taken from the reference."""

@@ -81,16 +81,6 @@ def mean_cells(images: Images, rows: int, columns: int) -> npt.NDArray[np.float6
     return np.asarray(sums / ((bottom - top)[:, None] * (right - left)))
 
 
-def all_pixels(seed: int) -> AbsoluteDifferences:
-    """Make the paper's dense baseline; it draws no random numbers."""
-    return AbsoluteDifferences()
-
-
-def patch_normalised(seed: int) -> PatchNormalised:
-    """Make the baseline; it draws no random numbers."""
-    return PatchNormalised()
-
-
 # Descriptions that are compared by the angle between them.
 
 
@@ -126,7 +116,7 @@ class OrientedGradients(CosineBaseline):
 
     title = f"HOG {HOG_SIDE} x {HOG_SIDE}, cosine"
 
-    def __init__(self) -> None:
+    def __init__(self, seed: int = 0) -> None:
         self._hog = load_hog()
 
     def describe(self, images: Images) -> Described:
@@ -139,11 +129,6 @@ class OrientedGradients(CosineBaseline):
             for image in np.log1p(mean_cells(images, HOG_SIDE, HOG_SIDE))
         ]  # fmt: skip
         return np.array(rows, dtype=np.float32)
-
-
-def hog(seed: int) -> OrientedGradients:
-    """Make the baseline; it draws no random numbers."""
-    return OrientedGradients()
 
 
 # Ensembles: the mean distance of several systems with different descriptors or windows.
@@ -262,11 +247,12 @@ def summed(images: Images, windows: int) -> Images:
 
 def windows_ensemble(seed: int) -> Ensemble:
     """Make the ensemble of patch-normalised 1, 2 and 4 windows; it draws no random numbers."""
-    members = [Member(patch_normalised(seed), windows) for windows in (1, 2, 4)]
+    members = [Member(PatchNormalised(), windows) for windows in (1, 2, 4)]
     return Ensemble("ensemble of 1, 2 and 4 windows, patch-normalised", members)
 
 
 def descriptors_ensemble(seed: int) -> Ensemble:
     """Make the ensemble of all pixels, patch-normalised and HOG; it draws no random numbers."""
-    members = [Member(make(seed)) for make in (all_pixels, patch_normalised, hog)]
+    members = [Member(AbsoluteDifferences()), Member(PatchNormalised())]
+    members.append(Member(OrientedGradients()))
     return Ensemble("ensemble of all pixels, patch-normalised and HOG", members)

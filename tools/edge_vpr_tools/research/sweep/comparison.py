@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -16,7 +15,7 @@ from edge_vpr.errors import UsageError, printable
 from edge_vpr.files import read_json, understood
 from edge_vpr_tools.report.style import CYCLE, figure, name_label
 from edge_vpr_tools.research.sweep.plan import sweep_store
-from edge_vpr_tools.research.trials import SWEEP
+from edge_vpr_tools.research.trials import SWEEP, ListedTrial
 
 # Comparison of runs: sweeps, and folders of `edge-vpr match` that were evaluated.
 
@@ -171,40 +170,32 @@ def draw(rows: Sequence[Row], measure: str = "precision_at_100_recall") -> Figur
 
 def _of_sweep(run: Path, name: str) -> list[Row]:
     store = sweep_store(run)
-    found: dict[tuple[str, str], dict[str, list[float]]] = {}
-    failed: dict[tuple[str, str], int] = defaultdict(int)
-    seeds: dict[tuple[str, str], list[int]] = defaultdict(list)
-    settings: dict[tuple[str, str], Mapping[str, Any]] = {}
-    systems: dict[tuple[str, str], str] = {}
+    groups: dict[tuple[str, str], list[ListedTrial]] = {}
     for trial in store.listed():
-        names = trial.variant, trial.drives
-        values = found.setdefault(names, {name: [] for name in MEASURES})
-        kept = store.kept(trial.key)
-        if kept is None:
-            failed[names] += 1
-            continue
-        seeds[names].append(trial.seed)
-        settings[names] = kept.trial.settings
-        systems[names] = kept.trial.system or ""
-        operations = kept.found.operations
-        if operations is None:
-            operations = _operations(kept.found.pixels, kept.found.places, kept.trial.settings)
-        counted = {**asdict(kept.found), "operations_per_match": operations}
-        for measure in MEASURES:
-            values[measure].append(float(counted[measure]))
-    return [
-        Row(
-            run=name,
-            variant=names[0],
-            drives=names[1],
-            values={measure: tuple(listed) for measure, listed in values.items()},
-            failed=failed[names],
-            seeds=tuple(seeds[names]),
-            settings=settings.get(names, {}),
-            system=systems.get(names, ""),
+        groups.setdefault((trial.variant, trial.drives), []).append(trial)
+    rows = []
+    for (variant, drives), listed in groups.items():
+        known = [(one.seed, kept) for one in listed if (kept := store.kept(one.key)) is not None]
+        measured = []
+        for _, (trial, found) in known:
+            operations = found.operations
+            if operations is None:
+                operations = _operations(found.pixels, found.places, trial.settings)
+            measured.append({**asdict(found), "operations_per_match": operations})
+        last = known[-1][1][0] if known else None
+        rows.append(
+            Row(
+                run=name,
+                variant=variant,
+                drives=drives,
+                values={each: tuple(float(one[each]) for one in measured) for each in MEASURES},
+                failed=len(listed) - len(known),
+                seeds=tuple(seed for seed, _ in known),
+                settings={} if last is None else last.settings,
+                system=(last and last.system) or "",
+            )
         )
-        for names, values in found.items()
-    ]
+    return rows
 
 
 def _of_match(run: Path, name: str) -> Row:
