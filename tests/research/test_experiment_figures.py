@@ -13,7 +13,6 @@ from edge_vpr_tools.report.style import dot_plot
 from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.experiments import (
     EXPERIMENTS,
-    brisbane,
     burst_filters,
     calibration,
     event_speed,
@@ -24,7 +23,6 @@ from edge_vpr_tools.research.experiments import (
 from edge_vpr_tools.research.experiments import nulls as nulls_module
 from edge_vpr_tools.research.experiments.experiment import Experiment, open_experiment, rows_of
 from edge_vpr_tools.research.experiments.trial import Variant
-from test_datasets import write_log
 
 from edge_vpr.confidence import DEFAULT_TABLES, LEARNT_DELAYS, SMOOTHED
 from edge_vpr.evaluation.calibration import reliability
@@ -104,7 +102,7 @@ def test_variants_on_simulated_streets_are_drawn_as_the_table_says(monkeypatch):
 def walks(tmp_path_factory):
     """Two walks along the same 30 places of a small sensor, a second at each, a little noisy."""
     data = tmp_path_factory.mktemp("walks")
-    folder = data / speck_walks.FOLDER
+    folder = data / "speck_walks"
     folder.mkdir()
     rng = np.random.default_rng(3)
     places = rng.gamma(0.5, 0.6, (30, 16, 16)).repeat(30, axis=0)
@@ -140,30 +138,6 @@ def test_burst_filters_are_drawn_as_the_table_says(walks, monkeypatch):
             ]
             assert dots(axes)[i] == drawn
     assert dots(same)[0] == [1.0, 1.0] and dots(same)[2][1] < 1
-
-
-def test_the_counts_of_brisbane_are_matched_by_sequences_of_each_length(tmp_path):
-    folder = tmp_path / brisbane.FOLDER
-    folder.mkdir()
-    rng = np.random.default_rng(0)
-    at = np.arange(49)
-    for name in ("sunset1", "sunset2"):
-        np.savez(
-            folder / f"{name}.npz", counts=rng.integers(0, 200, (40, 49), dtype=np.uint8),
-            pixel_x=at, pixel_y=at, window_s=1.0, sensor_width=64, sensor_height=64,
-        )  # fmt: skip
-        write_log(folder / f"{name}.nmea", 40)
-    rows, _ = measured(brisbane, tmp_path)  # one trial: no pixels are drawn
-    lengths = [row for row in rows if row["matching"].startswith("sequences")]
-    assert [row["matching"] for row in lengths] == [f"sequences of {n}" for n in brisbane.LENGTHS]
-    counts = brisbane.open_counts(tmp_path)
-    found = brisbane.evaluate_lengths(counts, max(brisbane.LENGTHS))
-    assert {each.queries for each in found.values()} == {40 - max(brisbane.LENGTHS) + 1}
-    assert [row["P@100R"] for row in lengths] == [
-        each.precision_at_100_recall for each in found.values()
-    ]
-    others = {row["matching"] for row in rows if row not in lengths}
-    assert {brisbane.LIVE, brisbane.RECORDED, nulls_module.CONSTANT_SPEED} < others
 
 
 def test_events_at_each_speed_are_shares_of_those_at_the_lowest(monkeypatch):

@@ -7,15 +7,8 @@ from fractions import Fraction
 import naive
 import numpy as np
 import pytest
-from edge_vpr_tools.research.experiments import (
-    brisbane,
-    calibration,
-    speck_walks,
-    trust,
-)
-from edge_vpr_tools.research.experiments import (
-    drives as drive_pairs,
-)
+from edge_vpr_tools.research.experiments import calibration, trust
+from edge_vpr_tools.research.experiments import drives as drive_pairs
 from edge_vpr_tools.research.experiments.calibration import without_places
 from edge_vpr_tools.research.experiments.trial import Kept, Variant, run_trial
 
@@ -42,6 +35,11 @@ def walks(shared_data):
     ]
 
 
+@pytest.fixture(scope="module")
+def brisbane(shared_data):
+    return next(pair for pair in drive_pairs.pairs(shared_data) if pair.name == "Brisbane, 49 px")
+
+
 def figures_of_the_oracle(distances, truth, length, offset):
     """P@100R, R@99P and Recall@N by the oracle, from its distances and the ground truth."""
     sums = naive.sequence_sums(distances, length)
@@ -66,10 +64,10 @@ def figures_of_the_oracle(distances, truth, length, offset):
 @pytest.mark.slow
 def test_150_varying_pixels_recognise_the_walks_and_the_oracle_agrees(walks, shared_data):
     """P@100R of at least 0.90 over five draws of pixels; each equal to the oracle's."""
-    truth_of = speck_walks.truth_of_walks(shared_data / "speck_walks")
+    truth_of = drive_pairs.truth_of_walks(shared_data / "speck_walks")
     shares = []
     for seed in range(5):
-        settings = speck_walks.SETTINGS.replaced({"seed": seed}, "seed")
+        settings = drive_pairs.WALKS_SETTINGS.replaced({"seed": seed}, "seed")
         trial = run_trial(*walks, truth_of, settings, Variant("paper"))
         shares.append(trial.evaluation.precision_at_100_recall)
         if seed == 0:
@@ -91,9 +89,9 @@ def test_150_varying_pixels_recognise_the_walks_and_the_oracle_agrees(walks, sha
 
 
 @pytest.mark.slow
-def test_the_table_of_the_brisbane_drives_is_the_oracles(shared_data):
+def test_sequences_on_the_brisbane_drives_are_the_oracles(shared_data, brisbane):
     folder = shared_data / "brisbane_sparse49"
-    found = brisbane.evaluate_lengths(brisbane.open_counts(shared_data))
+    drives = brisbane.reference, brisbane.query, brisbane.truth_of, brisbane.settings
     counts = [np.load(folder / f"{name}.npz")["counts"] for name in ("sunset2", "sunset1")]
     centres = [1_000_000 * np.arange(len(c)) + 500_000 for c in counts]
     tracks = [load_nmea(folder / f"{name}.nmea") for name in ("sunset2", "sunset1")]
@@ -101,7 +99,7 @@ def test_the_table_of_the_brisbane_drives_is_the_oracles(shared_data):
     distances = naive.distance_matrix(counts[0].tolist(), counts[1].tolist())
     for length in (1, 20):
         expected = figures_of_the_oracle(distances, truth, length, length // 2)
-        figures = found[length]
+        figures = run_trial(*drives, Variant("", {"sequence_length": length})).evaluation
         assert expected == (
             figures.precision_at_100_recall,
             figures.recall_at_99_precision,
@@ -132,7 +130,9 @@ def test_published_windows_need_the_pixels_of_the_map(shared_data):
     windows = PublishedWindows(folder / "sunset2.npz")
     assert windows.counted.sum() == 49
     assert sum(1 for _ in windows.windows()) == 641
-    reference = ReferenceMap.build(windows, brisbane.SETTINGS.replaced({"tau_us": 5}, "test"))
+    reference = ReferenceMap.build(
+        windows, drive_pairs.BRISBANE_SETTINGS.replaced({"tau_us": 5}, "test")
+    )
     assert reference.settings.tau_us == 1_000_000
     walk = PublishedWindows(shared_data / "speck_walks" / "query.npz", period=Fraction(1, 30))
     with pytest.raises(MapError, match="of a 128x128 sensor"):
@@ -149,10 +149,9 @@ def test_published_windows_need_the_pixels_of_the_map(shared_data):
     [(False, 0.94, 0.99, 0.4), (True, 0.98, 0.97, 0.8)],
 )
 def test_the_shipped_probabilities_hold_on_a_drive_they_were_not_learnt_on(
-    shared_data, smooth, right, precision, recall
+    brisbane, smooth, right, precision, recall
 ):
-    pair = next(pair for pair in drive_pairs.pairs(shared_data) if pair.name == "Brisbane, 49 px")
-    case = trust.case_of(pair, 0)
+    case = trust.case_of(brisbane, 0)
     case = calibration.with_settings(case, smooth=smooth)
     matches = case.match()
     known = case.truth.known[matches.query]

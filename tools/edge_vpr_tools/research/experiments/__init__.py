@@ -9,7 +9,6 @@ from edge_vpr_tools.research.catalogue import STAND_INS, stand_in_text
 EXPERIMENTS = {
     "simulated": "simulated",
     "speck-walks": "speck_walks",
-    "brisbane": "brisbane",
     "codes": "codes_frontier",
     "place-filter": "place_filter",
     "sensitivity": "sensitivity",

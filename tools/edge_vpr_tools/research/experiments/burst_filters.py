@@ -16,9 +16,9 @@ from edge_vpr.online.state import MatchSchedule
 from edge_vpr.pipeline import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
+from edge_vpr_tools.research.experiments.drives import Pair, walks
 from edge_vpr_tools.research.experiments.experiment import Draw, Experiment, Row
 from edge_vpr_tools.research.experiments.plots import dots
-from edge_vpr_tools.research.experiments.speck_walks import walks
 
 #: Flashes per second that are added to the query: from none over a failing lamp to a strobe.
 RATES = (0.0, 0.1, 1.0, 10.0)
@@ -88,16 +88,16 @@ def matched(reference: ReferenceMap, query: EventSource, name: str) -> Matches:
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Match the query under flashes with each filter."""
-    walked, query, truth_of = draw.pair
+    pair: Pair = draw.pair
     settings = PRESETS["default"].replaced({"seed": draw.seed}, "seed")
-    reference = ReferenceMap.build(walked, settings).causal()
+    reference = ReferenceMap.build(pair.reference, settings).causal()
     for rate in RATES:
-        flashed = Flashed(query, rate, draw.seed)
+        flashed = Flashed(pair.query, rate, draw.seed)
         exact = None
         for name in FILTERS:
             matches = matched(reference, flashed, name)
             exact = matches if exact is None else exact
-            truth = truth_of(reference.places.centre_us, matches.time_us)
+            truth = pair.truth_of(reference.places.centre_us, matches.time_us)
             yield {
                 "flashes per second": f"{rate:g}",
                 "burst filter": name,
@@ -107,7 +107,7 @@ def measure(draw: Draw) -> Iterator[Row]:
 
 
 EXPERIMENT = Experiment(
-    drives=walks,
+    drives=lambda data: [walks(data)],
     names=("flashes per second", "burst filter"),
     measure=measure,
     figure=partial(dots, measures=(RIGHT, SAME), row="flashes per second", series="burst filter"),

@@ -29,14 +29,13 @@ from edge_vpr_tools.research.experiments.drives import (
     CountedPair,
     count_pair,
     count_simulated,
+    truths_of_tracks,
 )
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
 from edge_vpr_tools.research.experiments.plots import dots
-from edge_vpr_tools.research.experiments.rivals import (
-    compare_systems,
-)
+from edge_vpr_tools.research.experiments.rivals import compare_systems
 from edge_vpr_tools.research.experiments.simulated import SIMULATED
-from edge_vpr_tools.research.experiments.trial import Times, truth_of_tracks
+from edge_vpr_tools.research.experiments.trial import Times
 from edge_vpr_tools.research.intensity import IntensityFrames, frames_at, open_intensity
 from edge_vpr_tools.research.intensity.frames import simulated_images
 
@@ -114,14 +113,13 @@ def _read_published(pair: PublishedPair) -> FramedPair:
 def _read(
     name: str, reference: FramedDrive, query: FramedDrive, tolerance_m: float | None = None
 ) -> FramedPair:
-    truth_of = truth_of_tracks(
-        reference.track, query.track, tolerance_m or TOLERANCE_M[reference.track.kind]
-    )
+    metres = tolerance_m or TOLERANCE_M[reference.track.kind]
+    truths = truths_of_tracks(reference.track, query.track, metres)
     if reference.recording is None or query.recording is None:
         events = None
         times = [_grid(drive) for drive in (reference, query)]
     else:
-        events = count_pair(name, reference.recording, query.recording, SETTINGS, truth_of)
+        events = count_pair(name, reference.recording, query.recording, SETTINGS, truths)
         times = [events.reference.centre_us, events.query.centre_us]
     first, second = (
         CountedDrive(
@@ -129,7 +127,7 @@ def _read(
         )
         for drive, wanted in zip((reference, query), times, strict=True)
     )
-    return FramedPair(name, events, CountedPair(name, first, second, SETTINGS, truth_of))
+    return FramedPair(name, events, CountedPair(name, first, second, SETTINGS, truths))
 
 
 def _grid(drive: FramedDrive) -> Times:
@@ -176,7 +174,7 @@ def simulated_frames(seed: int, length_m: float = LENGTH_M, sensor: str = "defau
         CountedDrive(simulated_images(drive, counted.centre_us, rng), counted.centre_us)
         for drive, counted in zip(drives, (events.reference, events.query), strict=True)
     )
-    frames = CountedPair(SIMULATED, first, second, events.settings, events.truth_of)
+    frames = CountedPair(SIMULATED, first, second, events.settings, events.truths)
     return FramedPair(SIMULATED, events, frames)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,8 +26,8 @@ from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import SimulatedRecording, simulate_pair
 from edge_vpr.simulation.drive import wheel_odometry
 from edge_vpr_tools.report.tables import TableView
-from edge_vpr_tools.research.experiments import speck_walks
 from edge_vpr_tools.research.experiments.calibration import Case, carried_off, without_places
+from edge_vpr_tools.research.experiments.drives import WALKS, Pair, walks
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
 from edge_vpr_tools.research.experiments.place_filter import STREETS
 from edge_vpr_tools.research.experiments.plots import dots
@@ -88,10 +87,10 @@ def open_street(seed: int) -> Route:
     return Route(reference.keep(), tuple(queries), meter)
 
 
-def open_walks(folder: Path, seed: int) -> Route:
-    """Read the walks; their truth is known to a second, so that both tolerances are 2 s."""
-    reference, query, truth_of = speck_walks.open_pair(folder, seed)
-    return Route(reference, (Query("as recorded", query, (truth_of, truth_of)),))
+def route_of(pair: Pair) -> Route:
+    """Return the walks; their truth is known to a second, so that both tolerances are 2 s."""
+    truths = pair.truth_of, pair.truth_of
+    return Route(pair.reference, (Query("as recorded", pair.query, truths),))
 
 
 def measure(draw: Draw) -> Iterator[Row]:
@@ -171,9 +170,9 @@ def _judged(drive: Case, found: Matches, truths: Sequence[GroundTruth]) -> Row:
 def drives(data: Path | None) -> list[Drives]:
     """Return streets, and the walks of a folder."""
     found = [Drives(f"streets of {LENGTH_M:g} m", open_street, varied=True)]
-    if data is not None and (data / speck_walks.FOLDER).is_dir():
-        folder = data / speck_walks.FOLDER
-        found.append(Drives("Speck walks", partial(open_walks, folder), [folder]))
+    if data is not None and (data / WALKS).is_dir():
+        recorded = walks(data)
+        found.append(replace(recorded, open=lambda seed: route_of(recorded.open(seed))))
     return found
 
 
