@@ -7,13 +7,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from edge_vpr_tools.research.experiments import codes_frontier
-from edge_vpr_tools.research.experiments.codes_frontier import RAW, score
+from edge_vpr_tools.research.experiments.codes_frontier import score
 from edge_vpr_tools.research.experiments.drives import pairs, without_pairs
 from edge_vpr_tools.research.experiments.experiment import Draw
 
 from edge_vpr.errors import UsageError
 from edge_vpr.settings import PRESETS
 
+#: counts of 8 bits
+RAW = ("saturating", 8)
 VARIANTS = {
     RAW: {"counter_code": "linear", "counter_bits": 8},
     ("logarithm", 3): {"counter_code": "log"},

@@ -258,12 +258,17 @@ def test_half_windows_are_judged_on_whole_drives_and_off_the_map(walks, monkeypa
     monkeypatch.setattr(places_per_window, "PIXELS", (10,))
     rows, axes = measured(places_per_window, walks, seeds=1)
     on_street = [row for row in rows if row["drives"].startswith("streets")]
-    # 3 ways to match, 2 maps: whole with and without odometry, cut out, carried off
-    assert len(on_street) == 3 * 2 * 4 and len(rows) - len(on_street) == 3 * 2 * 3
+    # 3 ways to match, 2 maps: whole and two nulls, with and without odometry; cut out, carried off
+    assert len(on_street) == 3 * 2 * (2 * 3 + 2) and len(rows) - len(on_street) == 3 * 2 * 5
     for row in rows:
         assert 0 <= row["accepted and correct"] <= row["accepted at 0.99"] <= row["windows"]
         assert row["bytes of the places"] == row["places"] * 5
-        assert (row["P@100R"] is None) == (row["drive"] != "whole")
+        assert (row["P@100R"] is None) == (row["drive"] in places_per_window.LEFT_MAP)
+    right = [
+        np.mean([row["P@100R (wide)"] for row in rows if row["drive"] == name])
+        for name in ("whole", *places_per_window.NULLS)
+    ]
+    assert right[0] > 2 * max(right[1:])
     shown = {"odometry": "none", "drive": "whole", "matched": "live"}
     whole, half = [row["places"] for row in on_street if shown.items() <= row.items()]
     assert half in (2 * whole - 1, 2 * whole)

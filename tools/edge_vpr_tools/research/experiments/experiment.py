@@ -149,12 +149,24 @@ def rows_of(
     experiment: Experiment, data: Path | None, seeds: int, systems: tuple[str, ...] = ()
 ) -> list[dict[str, Any]]:
     """Measure all drives of an experiment with all seeds, in this process."""
-    rows = []
-    for drives in experiment.drives(data):
-        for seed in range(seeds if drives.drawn else 1):
-            draw = Draw(drives.open(seed), seed, drives.varied or seed == 0, systems)
-            rows += [{DRIVES: drives.name, **row, SEED: seed} for row in experiment.measure(draw)]
-    return _concluded(experiment, rows)
+    return _concluded(
+        experiment,
+        [
+            {DRIVES: drives.name, **row, SEED: seed}
+            for drives in experiment.drives(data)
+            for seed in range(seeds if drives.drawn else 1)
+            for row in _measured(experiment, drives, seed, systems)
+        ],
+    )
+
+
+def _measured(
+    experiment: Experiment, drives: Drives, seed: int, systems: tuple[str, ...]
+) -> Iterator[Row]:
+    """Yield the rows of one pair of drives with one seed."""
+    draw = Draw(drives.open(seed), seed, drives.varied or seed == 0, systems)
+    for row in experiment.measure(draw):
+        yield {**{name: row[name] for name in experiment.names}, **row}
 
 
 def _concluded(experiment: Experiment, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -210,12 +222,7 @@ def run_trial(trial: ExperimentTrial) -> ExperimentResult:
     experiment = open_experiment(trial.experiment)
     data = None if trial.data is None else Path(trial.data)
     (drives,) = (each for each in experiment.drives(data) if each.name == trial.drives)
-    pair = drives.open(trial.seed)
-    draw = Draw(pair, trial.seed, drives.varied or trial.seed == 0, trial.systems)
-    rows = tuple(
-        {**{name: row[name] for name in experiment.names}, **row}
-        for row in experiment.measure(draw)
-    )
+    rows = tuple(_measured(experiment, drives, trial.seed, trial.systems))
     return ExperimentResult(rows=rows, elapsed_s=time.perf_counter() - begin)
 
 

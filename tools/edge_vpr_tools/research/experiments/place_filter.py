@@ -106,6 +106,18 @@ STREETS: Mapping[str, Second] = {
 }
 
 
+def second_drive(query: SimulatedRecording, name: str, offset: int = 0) -> SimulatedRecording:
+    """Simulate the drive of `STREETS` on the street of a query; an offset makes another traffic."""
+    drive, contrast = STREETS[name]
+    camera = replace(
+        query.camera,
+        contrast_on=contrast * query.camera.contrast_on,
+        contrast_off=contrast * query.camera.contrast_off,
+    )
+    seed = query.seed + offset
+    return SimulatedRecording(query.world, camera, drive, seed=seed, device=query.device).keep()
+
+
 FIRST_SEED = 10
 PIXELS = (25, 150)
 _WHEELS = 9  # random stream of the odometers
@@ -158,15 +170,7 @@ def counted_street(seed: int, kinds: Sequence[str] = tuple(STREETS)) -> Iterator
     rng = np.random.default_rng((seed, _WHEELS))
     meter = wheel_odometry(reference.track, rng)
     for name in kinds:
-        drive, contrast = STREETS[name]
-        camera = replace(
-            query.camera,
-            contrast_on=contrast * query.camera.contrast_on,
-            contrast_off=contrast * query.camera.contrast_off,
-        )
-        other = SimulatedRecording(
-            query.world, camera, drive, seed=query.seed, device=query.device
-        ).keep()
+        other = second_drive(query, name)
         wheel = wheel_odometry(other.track, rng)
         for pixels in PIXELS:
             settings = PRESETS["paper"].replaced({"pixels": pixels, "seed": seed}, "street")

@@ -203,17 +203,3 @@ def match_trial(
     )
     truth = inner_windows(truth_of(mapped.places.centre_us, queries.centre_us), longest)
     return Trial(mapped, queries, matches, truth, evaluate(matches, truth), matching_s)
-
-
-@dataclass(frozen=True, eq=False)
-class Summary:
-    """One figure over several trials."""
-
-    values: Sequence[float]
-
-    def __str__(self) -> str:
-        mean = float(np.mean(self.values))
-        if len(self.values) == 1:
-            return f"{mean:.3f}"
-        # standard deviation of the sample of trials, and not of their mean
-        return f"{mean:.3f} ± {float(np.std(self.values, ddof=1)):.3f}"
