@@ -12,7 +12,7 @@ from edge_vpr_tools.research.experiments import drives as drive_pairs
 from edge_vpr_tools.research.experiments.calibration import without_places
 from edge_vpr_tools.research.experiments.trial import Kept, Variant, run_trial
 
-from edge_vpr.confidence import default_confidence
+from edge_vpr.confidence import SMOOTHED, default_confidence
 from edge_vpr.descriptors.windows import PublishedWindows
 from edge_vpr.errors import MapError
 from edge_vpr.evaluation.calibration import reliability
@@ -143,21 +143,45 @@ def test_published_windows_need_the_pixels_of_the_map(shared_data):
         small.match(PublishedWindows(indoor, period=Fraction(1, 2)))
 
 
+#: Calibration errors of whole drives with the first draw of pixels, live and smoothed, and 0.003
+#: more. Brisbane and the indoor drive are limited by being correct more often than promised, on
+#: Brisbane in 0.97 of the windows for a mean probability of 0.91: the tables were learnt from
+#: drives that are off the map in 24 % of their windows, and these never are. The walks are all
+#: but certain when smoothed, and wrong in a twentieth of the windows, where the truth is known to
+#: about a second only.
+ERRORS = {
+    "Brisbane, 49 px": (0.066, 0.066),
+    "Speck walks, 150 px": (0.025, 0.051),
+    "Speck indoor, 150 px": (0.085, 0.119),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ERRORS)
+def test_the_shipped_probabilities_are_as_far_off_as_they_were_on_each_drive(shared_data, name):
+    pair = next(pair for pair in drive_pairs.pairs(shared_data) if pair.name == name)
+    case = trust.case_of(pair, 0)
+    for how, most in zip(("0", SMOOTHED), ERRORS[name], strict=True):
+        changed = calibration.with_settings(case, **calibration.MATCHINGS[how])
+        matches = changed.match()
+        known = case.truth.known[matches.query]
+        correct = case.truth.correct[matches.place, matches.query][known]
+        given = matches.probability[known]
+        assert reliability(given, correct).expected_calibration_error < most, how
+        if not name.startswith("Speck walks"):
+            assert given.mean() < correct.mean(), how
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("smooth", "right", "precision", "recall"),
     [(False, 0.94, 0.99, 0.4), (True, 0.98, 0.97, 0.8)],
 )
-def test_the_shipped_probabilities_hold_on_a_drive_they_were_not_learnt_on(
+def test_matches_are_accepted_where_a_drive_leaves_the_map_only_if_they_are_sure(
     brisbane, smooth, right, precision, recall
 ):
-    case = trust.case_of(brisbane, 0)
-    case = calibration.with_settings(case, smooth=smooth)
-    matches = case.match()
-    known = case.truth.known[matches.query]
-    correct = case.truth.correct[matches.place, matches.query][known]
-    error = reliability(matches.probability[known], correct).expected_calibration_error
-    assert error < 0.07 and correct.mean() > right
+    case = calibration.with_settings(trust.case_of(brisbane, 0), smooth=smooth)
+    assert calibration.sample(case).correct.mean() > right
     # a car that stands at a light off the map saw the same at the end of the route
     cut = calibration.sample(without_places(case, 220, 330))
     found = judge_rejection(*cut, cut.trust >= default_confidence(smooth).least_trust(0.99))
