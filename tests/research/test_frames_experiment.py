@@ -31,7 +31,7 @@ SETTINGS = PRESETS["paper"].replaced({"sequence_length": 2}, "test")
 
 
 def read_pairs(folder):
-    return [read() for _, _, read in frame_drives.framed_pairs(folder)]
+    return [drives.open(0) for drives in frame_drives.framed_pairs(folder)]
 
 
 def images_of_places(places=14, seed=0, side=96):

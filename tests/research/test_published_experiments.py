@@ -12,7 +12,7 @@ from edge_vpr_tools.cli import main
 from edge_vpr_tools.research import catalogue, datasets
 from edge_vpr_tools.research.experiments import (
     calibration,
-    codes_frontier,
+    codes,
     fixed_number,
     mount_shift,
     rivals,
@@ -166,9 +166,9 @@ def test_the_camera_of_published_traverses_is_moved(downloads, small):
 
 
 def test_codes_and_probabilities_are_judged_on_published_traverses(downloads, small, monkeypatch):
-    monkeypatch.setattr(codes_frontier, "BITS", (3, 8))
-    monkeypatch.setattr(codes_frontier, "FULL_SCALES", (63,))
-    rows = rows_of(codes_frontier.EXPERIMENT, downloads, 1)
+    monkeypatch.setattr(codes, "BITS", (3, 8))
+    monkeypatch.setattr(codes, "FULL_SCALES", (63,))
+    rows = rows_of(codes.EXPERIMENT, downloads, 1)
     assert {row["drives"] for row in rows} == {f"{PAIR}, 25 px"}
     rows = rows_of(trust.EXPERIMENT, downloads, 1)
     named = {(row["map"], row["matching"]) for row in rows if row["drives"] == f"{PAIR}, 25 px"}

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple
 
 from matplotlib.figure import Figure
@@ -23,7 +24,7 @@ import fixedpoint
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr_tools import research
 from edge_vpr_tools.report.tables import SEED, TableView, table_of
-from edge_vpr_tools.research.experiments import EXPERIMENTS, SOURCES
+from edge_vpr_tools.research.experiments import SOURCES
 from edge_vpr_tools.research.trials import (
     SCHEMA,
     NamedTrial,
@@ -122,10 +123,14 @@ class Experiment:
     reads_data: bool = True
 
 
+def module_of(name: str) -> ModuleType:
+    """Import the module of an experiment by its name on the command line."""
+    return import_module(f"{__package__}.{name.replace('-', '_')}")
+
+
 def open_experiment(name: str) -> Experiment:
-    """Import an experiment by its name on the command line."""
-    module = import_module(f"{__package__}.{EXPERIMENTS[name]}")
-    found: Experiment = module.EXPERIMENT
+    """Return an experiment by its name on the command line."""
+    found: Experiment = module_of(name).EXPERIMENT
     return found
 
 

@@ -5,9 +5,8 @@ Frames are taken at the centres of the windows of events, so that both show the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -81,28 +80,25 @@ class FramedDrive:
     track: Track
 
 
-def framed_pairs(
-    data: Path,
-) -> Iterator[tuple[str, Sequence[Path], Callable[[], FramedPair]]]:
-    """Yield the pairs of drives that have frames: their names, files, and a function that reads.
+def framed_pairs(data: Path) -> list[Drives]:
+    """Return the pairs of drives in a folder that have frames.
 
     Raises
     ------
     GroundTruthError
         If the GPS log of a published traverse is missing.
     """
-    folder = data / FRAMES
+    folder, found = data / FRAMES, []
     if folder.is_dir():
-        yield (
-            "own frames",
-            [folder],
-            lambda: _read(
-                "own frames", _own_drive(folder, "reference"), _own_drive(folder, "query")
-            ),
-        )
+        found.append(Drives("own frames", lambda seed: _read_own(folder), [folder]))
     for pair in published_pairs(data, ("bag",)):
         files = (pair.reference.path, pair.query.path)
-        yield pair.name, files, partial(_read_published, pair)
+        found.append(Drives(pair.name, lambda seed, pair=pair: _read_published(pair), files))  # type: ignore[misc]
+    return found
+
+
+def _read_own(folder: Path) -> FramedPair:
+    return _read("own frames", *(_own_drive(folder, side) for side in ("reference", "query")))
 
 
 def _read_published(pair: PublishedPair) -> FramedPair:
@@ -216,10 +212,8 @@ def measure(draw: Draw) -> Iterator[Row]:
 
 def drives(data: Path | None) -> list[Drives]:
     """Return streets, and the drives of a folder that have frames."""
-    found = [Drives(SIMULATED, simulated_frames, varied=True)]
-    for name, files, opened in framed_pairs(data) if data is not None else ():
-        found.append(Drives(name, lambda seed, opened=opened: opened(), files))  # type: ignore[misc]
-    return found
+    streets = Drives(SIMULATED, lambda seed: simulated_frames(seed), varied=True)
+    return [streets, *(framed_pairs(data) if data is not None else ())]
 
 
 def figure(rows: Rows) -> Figure:
