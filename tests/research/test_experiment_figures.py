@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.report.figures import reliability_diagram
 from edge_vpr_tools.report.style import dot_plot
+from edge_vpr_tools.report.tables import SEED
 from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.experiments import (
     EXPERIMENTS,
@@ -21,7 +24,12 @@ from edge_vpr_tools.research.experiments import (
     speck_walks,
 )
 from edge_vpr_tools.research.experiments import nulls as nulls_module
-from edge_vpr_tools.research.experiments.experiment import Experiment, open_experiment, rows_of
+from edge_vpr_tools.research.experiments.experiment import (
+    DRIVES,
+    Experiment,
+    open_experiment,
+    rows_of,
+)
 from edge_vpr_tools.research.experiments.trial import Variant
 
 from edge_vpr.confidence import DEFAULT_TABLES, LEARNT_DELAYS, SMOOTHED
@@ -59,6 +67,17 @@ def mean_of(rows, measure, **names):
 def test_every_experiment_is_a_declaration(name):
     found = open_experiment(name)
     assert isinstance(found, Experiment) and found.names
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_a_file_of_results_is_as_its_experiment_writes_it(name):
+    """A row for each seed: means that were written by hand, or by an earlier form, have none."""
+    file = Path(__file__).parents[2] / "docs/results" / f"{name}.csv"
+    with file.open(newline="") as lines:
+        table = csv.DictReader(lines)
+        named = [DRIVES, *open_experiment(name).names, SEED]
+        assert list(table.fieldnames or ())[: len(named)] == named
+        assert all(row[SEED].isdigit() for row in table)
 
 
 def test_a_dot_is_the_mean_and_its_bar_the_spread():

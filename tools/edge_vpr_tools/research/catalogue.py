@@ -130,13 +130,7 @@ def nsavp_download(name: str) -> Download:
 
 
 def brisbane_download(title: str, recording: str) -> Download:
-    """Return the files of a drive of Brisbane-Event-VPR in parquet.
-
-    Parameters
-    ----------
-    recording : str
-        Stem of the recording's file names.
-    """
+    """Return the files of a drive of Brisbane-Event-VPR in parquet, by the stem of their names."""
     day = recording.removeprefix("dvs_vpr_")
     size, about, sha256 = _BRISBANE_PARQUET[day]
     return Download(
@@ -241,13 +235,7 @@ def stand_in_text(folder: str) -> str:
 def damaged_files(
     folder: Path, downloads: Iterable[Download], *, hashed: bool = False
 ) -> Iterator[str]:
-    """Yield a sentence on each file that is there and is not the published one.
-
-    Parameters
-    ----------
-    hashed : bool
-        See `PublishedFile.problem`.
-    """
+    """Yield a sentence on each file that is there and is not the published one; see `problem`."""
     for download in downloads:
         for file in download.files:
             problem = file.problem(folder, hashed=hashed)

@@ -171,11 +171,6 @@ def processes(workers: int) -> Iterator[Workers]:
 def cluster(scheduler: str) -> Iterator[Workers]:
     """Provide the workers of a Dask cluster, which continue to run after the block.
 
-    Parameters
-    ----------
-    scheduler : str
-        Address of the scheduler, for example ``tcp://10.0.0.1:8786``.
-
     Raises
     ------
     UsageError
@@ -358,13 +353,6 @@ class Store(Generic[TrialT, ResultT]):
 
     A result is written whole or not at all, as soon as it is known. After an interruption, the
     folder has all finished results.
-
-    Parameters
-    ----------
-    folder : Path
-        Created if it does not exist.
-    trial, result : type
-        Records of a trial and of its result.
     """
 
     def __init__(self, folder: Path, trial: type[TrialT], result: type[ResultT]) -> None:

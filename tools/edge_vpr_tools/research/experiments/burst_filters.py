@@ -36,13 +36,7 @@ RIGHT, SAME = "P@100R", "places as with the exact filter"
 
 
 class Flashed:
-    """Recording with added flashes at random times, which affect all pixels alike.
-
-    Parameters
-    ----------
-    rate : float
-        Flashes per second.
-    """
+    """Recording with added flashes at random times, which affect all pixels alike."""
 
     def __init__(self, recording: EventSource, rate: float, seed: int) -> None:
         self.sensor: Sensor = recording.sensor
@@ -67,13 +61,7 @@ class Flashed:
 
 
 def matched(reference: ReferenceMap, query: EventSource, name: str) -> Matches:
-    """Match a query window by window, after the filter of this name.
-
-    Parameters
-    ----------
-    name : str
-        Name of one of `FILTERS`.
-    """
+    """Match a query window by window, after the filter of this name."""
     kind = FILTERS[name]
     bursts = None if kind is None else kind(query.sensor)
     localiser = Localiser(reference, every=MatchSchedule.window(reference.settings))
@@ -89,10 +77,11 @@ def matched(reference: ReferenceMap, query: EventSource, name: str) -> Matches:
 def measure(draw: Draw) -> Iterator[Row]:
     """Match the query under flashes with each filter."""
     pair: Pair = draw.pair
+    walked, query = pair.events
     settings = PRESETS["default"].replaced({"seed": draw.seed}, "seed")
-    reference = ReferenceMap.build(pair.reference, settings).causal()
+    reference = ReferenceMap.build(walked, settings).causal()
     for rate in RATES:
-        flashed = Flashed(pair.query, rate, draw.seed)
+        flashed = Flashed(query, rate, draw.seed)
         exact = None
         for name in FILTERS:
             matches = matched(reference, flashed, name)

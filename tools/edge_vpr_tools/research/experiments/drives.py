@@ -105,6 +105,13 @@ class Pair:
         return not isinstance(self.query, WindowSource)
 
     @property
+    def events(self) -> tuple[EventSource, EventSource]:
+        """Reference and query, if their events were recorded."""
+        assert not isinstance(self.reference, WindowSource)
+        assert not isinstance(self.query, WindowSource)
+        return self.reference, self.query
+
+    @property
     def has_images(self) -> bool:
         """Whether every pixel of the query was counted, or can be."""
         return not isinstance(self.query, WindowSource) or bool(self.query.counted.all())
@@ -261,13 +268,13 @@ _INDOOR_PERIOD = Fraction(1)
 
 
 def _indoor(folder: Path) -> Iterator[Pair]:
-    drives = (
+    first, second = (
         PublishedWindows(folder / f"{name}.npz", period=_INDOOR_PERIOD)
         for name in ("reference", "query")
     )
     settings = PAPER.replaced({"sequence_length": 15}, "indoor")
     truths = {f"{_INDOOR_TOLERANCE} frames of 1 s": _truth_indoor}
-    yield from _with_numbers(Pair("Speck indoor", *drives, settings, truths, files=(folder,)))
+    yield from _with_numbers(Pair("Speck indoor", first, second, settings, truths, files=(folder,)))
 
 
 def _truth_indoor(places_us: Times, queries_us: Times) -> GroundTruth:
@@ -285,12 +292,14 @@ WALKS_SETTINGS = PAPER.replaced({"sequence_length": 10}, "speck walks")
 
 
 def _walks(folder: Path) -> Iterator[Pair]:
-    drives = (
+    first, second = (
         Kept(open_recording(folder / f"{name}.npz", frame_period=_FRAME_PERIOD))
         for name in ("reference", "query")
     )
     truths = {f"{_WALKS_TOLERANCE:g} frames, about 2 s": truth_of_walks(folder)}
-    yield from _with_numbers(Pair("Speck walks", *drives, WALKS_SETTINGS, truths, files=(folder,)))
+    yield from _with_numbers(
+        Pair("Speck walks", first, second, WALKS_SETTINGS, truths, files=(folder,))
+    )
 
 
 def truth_of_walks(folder: Path) -> TruthOf:
@@ -323,10 +332,10 @@ def _brisbane(folder: Path) -> Iterator[Pair]:
     The route's start and end lie beside each other, so that the first queries may rightly match the
     last places.
     """
-    drives = (PublishedWindows(folder / f"{name}.npz") for name in _BRISBANE_DRIVES)
+    first, second = (PublishedWindows(folder / f"{name}.npz") for name in _BRISBANE_DRIVES)
     tracks = Tracks(*(load_nmea(folder / f"{name}.nmea") for name in _BRISBANE_DRIVES))
     every = Pair(
-        "Brisbane", *drives, BRISBANE_SETTINGS, truths_of_tracks(*tracks, *_BRISBANE_M),
+        "Brisbane", first, second, BRISBANE_SETTINGS, truths_of_tracks(*tracks, *_BRISBANE_M),
         drawn=False, tracks=tracks, files=(folder,),
     )  # fmt: skip
     some = BRISBANE_SETTINGS.replaced({"pixels": 25, "strategy": "variance"}, "Brisbane")
@@ -451,7 +460,7 @@ def simulated_pair(seed: int, length_m: float = LENGTH_M, sensor: str = "default
 
 
 def count_simulated(
-    reference: SimulatedRecording, query: SimulatedRecording, window: str = "count"
+    reference: SimulatedRecording, query: SimulatedRecording, *, window: str = "count"
 ) -> CountedPair:
     """Count two simulated drives of one street, by default in windows of a number of events."""
     settings = PAPER.replaced({"window": window}, "pairs")
@@ -554,7 +563,7 @@ def contests(data: Path | None) -> list[Drives]:
 
 
 def _street_contest(window: str, seed: int) -> CountedPair:
-    return count_simulated(*_kept_street(FIRST_SEED + seed), window)
+    return count_simulated(*_kept_street(FIRST_SEED + seed), window=window)
 
 
 @lru_cache(maxsize=1)
@@ -566,10 +575,10 @@ def _kept_street(seed: int) -> tuple[SimulatedRecording, SimulatedRecording]:
 
 def _brisbane_contest(folder: Path, logs: Path, names: tuple[str, str], seed: int) -> CountedPair:
     tracks = [load_nmea(logs / f"{name}.nmea") for name in names]
-    drives = [_published_counts(folder / f"{name}.npz") for name in names]
+    first, second = (_published_counts(folder / f"{name}.npz") for name in names)
     weights = tuple(sorted(folder.glob("*.pth")))
     truths = truths_of_tracks(tracks[0], tracks[1], *_BRISBANE_M)
-    return CountedPair("Brisbane", *drives, BRISBANE_SETTINGS, truths, False, weights)
+    return CountedPair("Brisbane", first, second, BRISBANE_SETTINGS, truths, False, weights)
 
 
 def _published_counts(path: Path) -> CountedDrive:

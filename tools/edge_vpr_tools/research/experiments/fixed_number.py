@@ -68,12 +68,12 @@ def street(seed: int) -> list[tuple[str, Pair]]:
 def measure(draw: Draw) -> Iterator[Row]:
     """Match in every way, and measure the drives."""
     queries = draw.pair if isinstance(draw.pair, list) else [("as recorded", draw.pair)]
-    reference = extent(queries[0][1].reference)
+    reference = extent(queries[0][1].events[0])
     for name, pair in queries:
         settings = pair.settings.replaced({"seed": draw.seed}, "seed")
-        query = extent(pair.query)
+        query = extent(pair.events[1])
         for variant in VARIANTS:
-            trial = run_trial(pair.reference, pair.query, pair.truth_of, settings, variant)
+            trial = run_trial(*pair.events, pair.truth_of, settings, variant)
             yield {
                 "query": name,
                 "variant": variant.name,

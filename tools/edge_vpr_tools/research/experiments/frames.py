@@ -64,15 +64,7 @@ class FramedPair(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FramedDrive:
-    """Drive with frames.
-
-    Attributes
-    ----------
-    start_us : int
-        Time 0 of the drive on the clock of the frames.
-    recording : EventSource or None
-        Events of the drive.
-    """
+    """Drive with frames, on whose clock `start_us` is its time 0; events, if any were recorded."""
 
     frames: IntensityFrames
     start_us: int
@@ -177,17 +169,7 @@ def simulated_frames(seed: int, length_m: float = LENGTH_M, sensor: str = "defau
 def systems(
     seed: int, drawn_only: bool, baselines: Sequence[str] = ()
 ) -> Iterator[tuple[str, Baseline]]:
-    """Yield each choice of pixels with its name.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the draw of pixels.
-    drawn_only : bool
-        Skip the systems that draw nothing.
-    baselines : sequence of str
-        Additional baselines; see `edge_vpr_tools.research.baselines.open_baseline`.
-    """
+    """Yield each choice of pixels with its name."""
     if not drawn_only:
         for name, baseline in DENSE.items():
             yield name, open_baseline(baseline)

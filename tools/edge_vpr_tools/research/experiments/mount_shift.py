@@ -43,17 +43,7 @@ _CODED = {"counter_code": "log"}
 
 @dataclass(frozen=True)
 class Way:
-    """Way to match a shifted drive.
-
-    Parameters
-    ----------
-    changes : dict
-        Settings that differ from the pair's.
-    registered : bool
-        Register the query with the map.
-    all_pixels : bool
-        Use every pixel instead of a selection.
-    """
+    """Way to match a shifted drive."""
 
     name: str
     changes: dict[str, Any]

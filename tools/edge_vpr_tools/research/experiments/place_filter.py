@@ -73,13 +73,7 @@ LONGEST = 10
 
 
 class Second(NamedTuple):
-    """A second drive along the street.
-
-    Attributes
-    ----------
-    contrast : float
-        Thresholds of the camera, as a multiple of those in the reference drive.
-    """
+    """A second drive along the street, and the contrast thresholds of its camera as a multiple."""
 
     drive: Drive
     contrast: float = 1.0
@@ -125,17 +119,7 @@ _WHEELS = 9  # random stream of the odometers
 
 @dataclass(frozen=True, eq=False)
 class Counted:
-    """One draw of pixels on one pair of drives, before any code is applied.
-
-    Attributes
-    ----------
-    reference : ReferenceMap
-        Map with counts.
-    queries : Descriptors
-        Counts of the query.
-    odometry : Odometry or None
-        Odometry of the query.
-    """
+    """One draw of pixels on one pair of drives: a map of counts, and counts of the query."""
 
     name: str
     settings: Settings

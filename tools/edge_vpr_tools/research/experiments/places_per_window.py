@@ -89,8 +89,8 @@ def open_street(seed: int) -> Route:
 
 def route_of(pair: Pair) -> Route:
     """Return the walks; their truth is known to a second, so that both tolerances are 2 s."""
-    truths = pair.truth_of, pair.truth_of
-    return Route(pair.reference, (Query("as recorded", pair.query, truths),))
+    reference, query = pair.events
+    return Route(reference, (Query("as recorded", query, (pair.truth_of, pair.truth_of)),))
 
 
 def measure(draw: Draw) -> Iterator[Row]:

@@ -80,13 +80,7 @@ class Decoder(NamedTuple):
 
 
 def decoders(length: int) -> dict[str, Decoder]:
-    """Return the ways to match, by name.
-
-    Parameters
-    ----------
-    length : int
-        Windows of a sequence for these drives.
-    """
+    """Return the ways to match, by name."""
     found = {}
     for windows in sorted({length, *LENGTHS}):
         sequences = PRESETS["paper"].replaced({"sequence_length": windows}, "rivals")

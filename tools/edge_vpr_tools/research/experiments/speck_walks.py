@@ -40,8 +40,7 @@ def measure(draw: Draw) -> Iterator[Row]:
         if draw.is_new or not (variant.all_pixels or variant.changes.get("strategy") == "top")
     ]
     settings = pair.settings.replaced({"seed": draw.seed}, "seed")
-    drives = pair.reference, pair.query, pair.truth_of
-    yield from rows_of_variants(*drives, settings, variants, DEFAULT)
+    yield from rows_of_variants(*pair.events, pair.truth_of, settings, variants, DEFAULT)
 
 
 EXPERIMENT = Experiment(

@@ -45,7 +45,7 @@ def measure(draw: Draw) -> Iterator[Row]:
     settings = PRESETS["paper"].replaced({"seed": draw.seed}, "seed")
     for window_s in WINDOWS_S:
         tried = variant(window_s, SPANS_S[0])
-        mapped, queries = map_and_describe(pair.reference, pair.query, settings, tried)
+        mapped, queries = map_and_describe(*pair.events, settings, tried)
         for span_s in SPANS_S:
             longer = variant(window_s, span_s)
             changed = mapped.settings.replaced(longer.changes, longer.name)

@@ -180,11 +180,6 @@ class Aedat3Frames:
     Pixels have 16 bits, of which the upper 8 are kept. Frames that are marked as invalid are left
     out.
 
-    Parameters
-    ----------
-    topic : str, optional
-        Name or number of the camera, if there are several.
-
     Attributes
     ----------
     start_us : int
@@ -261,11 +256,6 @@ _TIME, _FORMAT, _WIDTH, _HEIGHT, _PIXELS = 0, 5, 6, 7, 10
 
 class Aedat4Frames:
     """Frames of one stream.
-
-    Parameters
-    ----------
-    topic : str, optional
-        Name or number of the stream, if there are several.
 
     Attributes
     ----------

@@ -39,11 +39,6 @@ class ImageFolder:
     seconds; the names, if each is a number of seconds with a point (``1587452593.35.png``); the
     index of each image times the period in ``metadata.json`` or of the caller.
 
-    Parameters
-    ----------
-    period : Fraction, optional
-        Time from one image to the next in seconds.
-
     Attributes
     ----------
     start_us : int

@@ -135,15 +135,7 @@ def spreadsheet_of(rows: Iterable[Row]) -> tuple[list[str], list[list[str | floa
 
 
 def draw(rows: Sequence[Row], measure: str = "precision_at_100_recall") -> Figure:
-    """Draw a measure of each row: a dot for each seed, and the mean.
-
-    Parameters
-    ----------
-    rows : sequence of Row
-        If there are more than `MOST_DRAWN`, only the best are drawn.
-    measure : str
-        One of `MEASURES`.
-    """
+    """Draw a measure of the best rows: a dot for each seed, and the mean."""
     known = [row for row in rows if row.values[measure]]
     shown = sorted(known, key=lambda row: -row.mean(measure))[:MOST_DRAWN]
     pairs = list(dict.fromkeys(row.drives for row in shown))
@@ -175,10 +167,10 @@ def _of_sweep(run: Path, name: str) -> list[Row]:
     for (variant, drives), listed in groups.items():
         known = [(one.seed, kept) for one in listed if (kept := store.kept(one.key)) is not None]
         measured = []
-        for _, (trial, found) in known:
+        for _, (kept_trial, found) in known:
             operations = found.operations
             if operations is None:
-                operations = _operations(found.pixels, found.places, trial.settings)
+                operations = _operations(found.pixels, found.places, kept_trial.settings)
             measured.append({**asdict(found), "operations_per_match": operations})
         last = known[-1][1][0] if known else None
         rows.append(
@@ -324,13 +316,7 @@ def tidy(rows: Sequence[Row]) -> tuple[list[str], list[list[str | float | None]]
 
 
 def averages(rows: Sequence[Row], measure: str) -> list[Average]:
-    """Return the mean of each variant over its drives, and its difference from the first.
-
-    Parameters
-    ----------
-    measure : str
-        One of `MEASURES`, of the difference.
-    """
+    """Return the mean of each variant over its drives, and its difference from the first."""
     names = differing_settings(rows)
     groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
