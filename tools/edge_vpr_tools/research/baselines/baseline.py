@@ -147,11 +147,6 @@ def fastest(work: Callable[[], T]) -> tuple[T, float]:
 
     What a first call compiles, and other programs on the computer, can only make it slower. Work of
     more than a second is done twice.
-
-    Parameters
-    ----------
-    work : callable
-        Returns the same each time.
     """
     shortest = math.inf
     for repetition in range(_REPETITIONS):

@@ -55,17 +55,7 @@ class PatchNormalised(AbsoluteDifferences):
 
 
 def mean_cells(images: Images, rows: int, columns: int) -> npt.NDArray[np.float64]:
-    """Return the mean of the pixels in each cell of a grid; smaller images repeat pixels.
-
-    Parameters
-    ----------
-    images : ndarray of int, shape (n, height, width)
-        Counts of events at each pixel.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, rows, columns)
-    """
+    """Return the mean of the pixels in each cell of a grid; smaller images repeat pixels."""
     _, height, width = images.shape
     total = np.zeros((len(images), height + 1, width + 1))
     total[:, 1:, 1:] = images.cumsum(axis=1, dtype=np.int64).cumsum(axis=2)

@@ -226,15 +226,7 @@ def downloads(data: Path | None) -> list[Download]:
 
 
 def without_pairs(data: Path | None, folders: Collection[str] = tuple(SOURCES)) -> str:
-    """Return a sentence on why there is no pair of drives, and where drives come from.
-
-    Parameters
-    ----------
-    data : path, optional
-        Folder that the user gave.
-    folders : collection of str
-        The `SOURCES` that would do.
-    """
+    """Return a sentence on why there is no pair of drives, and where drives come from."""
     where = "no folder was given with --data" if data is None else f"{data} holds no pair"
     lone = [] if data is None else [
         f"{title} {traverses[0][0].name}"

@@ -185,17 +185,7 @@ def _concluded(experiment: Experiment, rows: list[dict[str, Any]]) -> list[dict[
 
 @dataclass(frozen=True, kw_only=True)
 class ExperimentTrial:
-    """Everything that determines the rows of one pair of drives and one seed.
-
-    Attributes
-    ----------
-    data : str or None
-        Folder of recorded drives.
-    inputs : str
-        Hash of the code, and of the names, sizes and times of change of the files.
-    version : str
-        Version of edge-vpr.
-    """
+    """Everything that determines the rows of one pair of drives and one seed."""
 
     experiment: str
     drives: str
@@ -323,17 +313,6 @@ def run_experiments(
     progress: Progress = lambda done, of, failed: None,
 ) -> tuple[TrialsRun, list[Measured]]:
     """Compute the trials of experiments that are not stored, and return all their rows.
-
-    Parameters
-    ----------
-    data : path, optional
-        Folder of recorded drives.
-    systems : tuple of str
-        Baselines in addition.
-    store : Store
-        Must be opened.
-    progress : callable
-        See `Progress`.
 
     Raises
     ------

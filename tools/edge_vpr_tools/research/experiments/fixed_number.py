@@ -67,7 +67,8 @@ def street(seed: int) -> list[tuple[str, Pair]]:
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Match in every way, and measure the drives."""
-    queries = draw.pair if isinstance(draw.pair, list) else [("as recorded", draw.pair)]
+    recorded = isinstance(draw.pair, Pair)
+    queries: list[tuple[str, Pair]] = [("as recorded", draw.pair)] if recorded else draw.pair
     reference = extent(queries[0][1].events[0])
     for name, pair in queries:
         settings = pair.settings.replaced({"seed": draw.seed}, "seed")

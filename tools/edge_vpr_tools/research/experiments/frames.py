@@ -90,7 +90,7 @@ def framed_pairs(data: Path) -> list[Drives]:
 
 
 def _read_own(folder: Path) -> FramedPair:
-    return _read("own frames", *(_own_drive(folder, side) for side in ("reference", "query")))
+    return _read("own frames", _own_drive(folder, "reference"), _own_drive(folder, "query"))
 
 
 def _read_published(pair: PublishedPair) -> FramedPair:

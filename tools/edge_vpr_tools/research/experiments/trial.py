@@ -74,17 +74,7 @@ class Kept:
 
 @dataclass(frozen=True)
 class Variant:
-    """Variant of the method.
-
-    Parameters
-    ----------
-    name : str
-        Name in tables and figures.
-    changes : mapping
-        Settings that differ from the experiment's.
-    all_pixels : bool
-        Use every pixel instead of a selection.
-    """
+    """Variant of the method."""
 
     name: str
     changes: Mapping[str, Any] = field(default_factory=dict)

@@ -97,11 +97,6 @@ class Row:
 def rows_of(runs: Sequence[Path]) -> list[Row]:
     """Read the rows of runs.
 
-    Parameters
-    ----------
-    runs : sequence of Path
-        Folders of `edge-vpr sweep`, or of `edge-vpr match` after `edge-vpr evaluate`.
-
     Raises
     ------
     UsageError
