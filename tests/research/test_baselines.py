@@ -56,7 +56,7 @@ def test_a_baseline_of_another_package_is_found(tmp_path, monkeypatch):
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(
-        "[edge_vpr.baselines]\nmine = edge_vpr_tools.research.baselines.dense:all_pixels\n"
+        "[edge_vpr.baselines]\nmine = edge_vpr_tools.research.baselines.dense:AbsoluteDifferences\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     assert baseline_names()[-1] == "mine"

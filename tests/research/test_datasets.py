@@ -251,11 +251,14 @@ def datasets():
     return datasets
 
 
-def write_parquet(path: Path, t: np.ndarray) -> None:
-    """Write one event a time, as the authors do: absolute microseconds."""
+def write_parquet(path: Path, t: np.ndarray, pixel: np.ndarray | None = None) -> None:
+    """Write one event a time, as the authors do: absolute microseconds.
+
+    Event n is at column n and row n of the sensor, or those of pixel n.
+    """
     pa = pytest.importorskip("pyarrow", reason="pyarrow is not installed (extra parquet)")
     parquet = pytest.importorskip("pyarrow.parquet")
-    n = np.arange(len(t))
+    n = np.arange(len(t)) if pixel is None else pixel
     table = {"t": t, "x": n % 346, "y": n % 260, "p": n % 2}
     parquet.write_table(pa.table({k: v.astype(np.uint64) for k, v in table.items()}), path)
 

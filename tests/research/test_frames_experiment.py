@@ -31,7 +31,7 @@ SETTINGS = PRESETS["paper"].replaced({"sequence_length": 2}, "test")
 
 
 def read_pairs(folder):
-    return [read() for _, _, read in frame_drives.framed_pairs(folder)]
+    return [drives.open(0) for drives in frame_drives.framed_pairs(folder)]
 
 
 def images_of_places(places=14, seed=0, side=96):
@@ -76,7 +76,7 @@ def small_pair():
     images = images_of_places()
     times = np.arange(len(images), dtype=np.int64) * SECOND + SECOND // 2
     drive = counted_pairs.CountedDrive(images, times)
-    pair = counted_pairs.CountedPair("streets", drive, drive, SETTINGS, truth_of)
+    pair = counted_pairs.CountedPair("streets", drive, drive, SETTINGS, {"1 s": truth_of})
     return frame_drives.FramedPair("streets", pair, pair)
 
 
@@ -188,9 +188,9 @@ def test_published_pairs_are_those_whose_files_are_there(kind, tmp_path):
         events = np.concatenate(list(drive.recording))
         # the log spans 9 s, from its own beginning on
         assert events["t"].tolist() == list(range(0, 9 * SECOND, 100_000))
-    (counted,) = counted_pairs.recorded_pairs(tmp_path)
+    counted = counted_pairs.counted(counted_pairs.whole_pairs(tmp_path)[0])
     assert counted.name == pair.name and len(counted.query.images) >= 8
-    truth = counted.truth_of(counted.reference.centre_us, counted.query.centre_us)
+    truth = counted.truth()
     expected = from_tracks(
         pair.reference.track, pair.query.track, counted.reference.centre_us,
         counted.query.centre_us, 70,
@@ -202,4 +202,4 @@ def test_a_folder_without_drives_has_streets_only(tmp_path):
     for folder in (tmp_path, None):
         assert [drives.name for drives in frames.drives(folder)] == [STREETS]
         assert [drives.name for drives in counted_pairs.counted_drives(folder)] == [STREETS]
-    assert list(counted_pairs.recorded_pairs(tmp_path)) == []
+    assert counted_pairs.whole_pairs(tmp_path) == []

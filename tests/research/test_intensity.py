@@ -353,7 +353,7 @@ def test_images_of_hdf5_are_those_written_with_their_times(options, tmp_path):
     assert times_and_images(found) == (times, GREY.tolist()) and found.start_us == times[0]
     with h5py.File(tmp_path / "a.h5", "a") as file:
         file["right"], file["right_ts"] = COLOUR[None], [2.0]
-    with pytest.raises(UsageError, match="images in davis/left/image_raw, right: name one"):
+    with pytest.raises(UsageError, match="images on davis/left/image_raw, right: name one"):
         open_intensity(tmp_path / "a.h5")
     right = open_intensity(tmp_path / "a.h5", topic="/right")
     assert times_and_images(right) == ([2_000_000], [LUMA.tolist()])

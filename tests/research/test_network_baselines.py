@@ -16,7 +16,7 @@ from edge_vpr_tools.research.baselines import (
     match_distances,
     open_baseline,
 )
-from edge_vpr_tools.research.baselines.dense import all_pixels, mean_cells, patch_normalised
+from edge_vpr_tools.research.baselines.dense import AbsoluteDifferences, PatchNormalised, mean_cells
 from edge_vpr_tools.research.baselines.networks import (
     Lens,
     LensWeights,
@@ -466,11 +466,11 @@ def test_a_model_without_its_library_names_the_extra(monkeypatch, tmp_path):
 def test_an_ensemble_is_the_mean_of_its_members_scaled_distances():
     rng = np.random.default_rng(4)
     reference, queries = places_of(rng, 6), places_of(rng, 5)
-    ensemble = Ensemble("two", [Member(all_pixels(0), 3), Member(patch_normalised(0))])
+    ensemble = Ensemble("two", [Member(AbsoluteDifferences(), 3), Member(PatchNormalised())])
     ensemble.prepare(reference)
     places, described = ensemble.describe(reference), ensemble.describe(queries)
     wanted = np.zeros((6, 5))
-    for baseline, windows in ((all_pixels(0), 3), (patch_normalised(0), 1)):
+    for baseline, windows in ((AbsoluteDifferences(), 3), (PatchNormalised(), 1)):
         shown = []
         for images in (reference, queries):
             n = len(images)

@@ -7,19 +7,12 @@ from fractions import Fraction
 import naive
 import numpy as np
 import pytest
-from edge_vpr_tools.research.experiments import (
-    brisbane,
-    calibration,
-    speck_walks,
-    trust,
-)
-from edge_vpr_tools.research.experiments import (
-    drives as drive_pairs,
-)
+from edge_vpr_tools.research.experiments import calibration, trust
+from edge_vpr_tools.research.experiments import drives as drive_pairs
 from edge_vpr_tools.research.experiments.calibration import without_places
 from edge_vpr_tools.research.experiments.trial import Kept, Variant, run_trial
 
-from edge_vpr.confidence import default_confidence
+from edge_vpr.confidence import SMOOTHED, default_confidence
 from edge_vpr.descriptors.windows import PublishedWindows
 from edge_vpr.errors import MapError
 from edge_vpr.evaluation.calibration import reliability
@@ -40,6 +33,11 @@ def walks(shared_data):
         Kept(open_recording(folder / f"{name}.npz", frame_period=Fraction(1, 30)))
         for name in ("reference", "query")
     ]
+
+
+@pytest.fixture(scope="module")
+def brisbane(shared_data):
+    return next(pair for pair in drive_pairs.pairs(shared_data) if pair.name == "Brisbane, 49 px")
 
 
 def figures_of_the_oracle(distances, truth, length, offset):
@@ -66,10 +64,10 @@ def figures_of_the_oracle(distances, truth, length, offset):
 @pytest.mark.slow
 def test_150_varying_pixels_recognise_the_walks_and_the_oracle_agrees(walks, shared_data):
     """P@100R of at least 0.90 over five draws of pixels; each equal to the oracle's."""
-    truth_of = speck_walks.truth_of_walks(shared_data / "speck_walks")
+    truth_of = drive_pairs.truth_of_walks(shared_data / "speck_walks")
     shares = []
     for seed in range(5):
-        settings = speck_walks.SETTINGS.replaced({"seed": seed}, "seed")
+        settings = drive_pairs.WALKS_SETTINGS.replaced({"seed": seed}, "seed")
         trial = run_trial(*walks, truth_of, settings, Variant("paper"))
         shares.append(trial.evaluation.precision_at_100_recall)
         if seed == 0:
@@ -91,9 +89,9 @@ def test_150_varying_pixels_recognise_the_walks_and_the_oracle_agrees(walks, sha
 
 
 @pytest.mark.slow
-def test_the_table_of_the_brisbane_drives_is_the_oracles(shared_data):
+def test_sequences_on_the_brisbane_drives_are_the_oracles(shared_data, brisbane):
     folder = shared_data / "brisbane_sparse49"
-    found = brisbane.evaluate_lengths(brisbane.open_counts(shared_data))
+    drives = brisbane.reference, brisbane.query, brisbane.truth_of, brisbane.settings
     counts = [np.load(folder / f"{name}.npz")["counts"] for name in ("sunset2", "sunset1")]
     centres = [1_000_000 * np.arange(len(c)) + 500_000 for c in counts]
     tracks = [load_nmea(folder / f"{name}.nmea") for name in ("sunset2", "sunset1")]
@@ -101,7 +99,7 @@ def test_the_table_of_the_brisbane_drives_is_the_oracles(shared_data):
     distances = naive.distance_matrix(counts[0].tolist(), counts[1].tolist())
     for length in (1, 20):
         expected = figures_of_the_oracle(distances, truth, length, length // 2)
-        figures = found[length]
+        figures = run_trial(*drives, Variant("", {"sequence_length": length})).evaluation
         assert expected == (
             figures.precision_at_100_recall,
             figures.recall_at_99_precision,
@@ -132,7 +130,9 @@ def test_published_windows_need_the_pixels_of_the_map(shared_data):
     windows = PublishedWindows(folder / "sunset2.npz")
     assert windows.counted.sum() == 49
     assert sum(1 for _ in windows.windows()) == 641
-    reference = ReferenceMap.build(windows, brisbane.SETTINGS.replaced({"tau_us": 5}, "test"))
+    reference = ReferenceMap.build(
+        windows, drive_pairs.BRISBANE_SETTINGS.replaced({"tau_us": 5}, "test")
+    )
     assert reference.settings.tau_us == 1_000_000
     walk = PublishedWindows(shared_data / "speck_walks" / "query.npz", period=Fraction(1, 30))
     with pytest.raises(MapError, match="of a 128x128 sensor"):
@@ -143,22 +143,45 @@ def test_published_windows_need_the_pixels_of_the_map(shared_data):
         small.match(PublishedWindows(indoor, period=Fraction(1, 2)))
 
 
+#: Calibration errors of whole drives with the first draw of pixels, live and smoothed, and 0.003
+#: more. Brisbane and the indoor drive are limited by being correct more often than promised, on
+#: Brisbane in 0.97 of the windows for a mean probability of 0.91: the tables were learnt from
+#: drives that are off the map in 24 % of their windows, and these never are. The walks are all
+#: but certain when smoothed, and wrong in a twentieth of the windows, where the truth is known to
+#: about a second only.
+ERRORS = {
+    "Brisbane, 49 px": (0.066, 0.066),
+    "Speck walks, 150 px": (0.025, 0.051),
+    "Speck indoor, 150 px": (0.085, 0.119),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ERRORS)
+def test_the_shipped_probabilities_are_as_far_off_as_they_were_on_each_drive(shared_data, name):
+    pair = next(pair for pair in drive_pairs.pairs(shared_data) if pair.name == name)
+    case = trust.case_of(pair, 0)
+    for how, most in zip(("0", SMOOTHED), ERRORS[name], strict=True):
+        changed = calibration.with_settings(case, **calibration.MATCHINGS[how])
+        matches = changed.match()
+        known = case.truth.known[matches.query]
+        correct = case.truth.correct[matches.place, matches.query][known]
+        given = matches.probability[known]
+        assert reliability(given, correct).expected_calibration_error < most, how
+        if not name.startswith("Speck walks"):
+            assert given.mean() < correct.mean(), how
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("smooth", "right", "precision", "recall"),
     [(False, 0.94, 0.99, 0.4), (True, 0.98, 0.97, 0.8)],
 )
-def test_the_shipped_probabilities_hold_on_a_drive_they_were_not_learnt_on(
-    shared_data, smooth, right, precision, recall
+def test_matches_are_accepted_where_a_drive_leaves_the_map_only_if_they_are_sure(
+    brisbane, smooth, right, precision, recall
 ):
-    pair = next(pair for pair in drive_pairs.pairs(shared_data) if pair.name == "Brisbane, 49 px")
-    case = trust.case_of(pair, 0)
-    case = calibration.with_settings(case, smooth=smooth)
-    matches = case.match()
-    known = case.truth.known[matches.query]
-    correct = case.truth.correct[matches.place, matches.query][known]
-    error = reliability(matches.probability[known], correct).expected_calibration_error
-    assert error < 0.07 and correct.mean() > right
+    case = calibration.with_settings(trust.case_of(brisbane, 0), smooth=smooth)
+    assert calibration.sample(case).correct.mean() > right
     # a car that stands at a light off the map saw the same at the end of the route
     cut = calibration.sample(without_places(case, 220, 330))
     found = judge_rejection(*cut, cut.trust >= default_confidence(smooth).least_trust(0.99))

@@ -25,7 +25,7 @@ from edge_vpr_tools.research.experiments import (
 from edge_vpr_tools.research.experiments import (
     drives as counted_pairs,
 )
-from edge_vpr_tools.research.experiments.drives import Contest, CountedDrive, Pair
+from edge_vpr_tools.research.experiments.drives import CountedDrive, CountedPair, Pair
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, rows_of
 from edge_vpr_tools.research.experiments.mount_shift import ShiftedWindows, shifted
 from test_network_baselines import conv_model
@@ -48,6 +48,9 @@ def truth_of(places_us, queries_us):
     return from_alignment(ends, queries_us / TAU, places_us / TAU, 1.0, "s")
 
 
+TRUTHS = {"1 s": truth_of}
+
+
 def drives(windows=20):
     """The same drive twice, the second with a tenth of its events gone."""
     rng = np.random.default_rng(0)
@@ -60,7 +63,8 @@ def contest(laid_out=True, **changes):
     images = drives(40)
     centre_us = np.arange(40) * TAU + TAU // 2
     counted = [CountedDrive(each[:, ::2, ::2], centre_us) for each in images]
-    return Contest(*counted, {"1 s": truth_of}, 5, laid_out, **changes)
+    settings = SETTINGS.replaced({"sequence_length": 5}, "test")
+    return CountedPair("drives", *counted, settings, TRUTHS, laid_out, **changes)
 
 
 def rows_of_contest(pair, seed=0, systems=()):
@@ -225,7 +229,7 @@ def test_a_curve_of_trials_is_the_mean_of_their_precision():
 def test_a_system_that_does_not_fit_a_sensor_is_left_out():
     """The released code draws 100 pixels, each 7 pixels apart."""
     images = [ShiftedWindows(drive[:, :32, :32], TAU) for drive in drives()]
-    pair = counted_pairs.count_pair("drives", *images, SETTINGS, truth_of)
+    pair = counted_pairs.count_pair("drives", *images, SETTINGS, TRUTHS)
     names = ("seed-code", "all-pixels")
     systems = [(name, open_baseline(name)) for name in names]
     (row,) = rivals.compare_systems(pair, systems)
@@ -242,7 +246,7 @@ def test_an_image_is_shifted_and_what_leaves_is_lost():
 
 def test_the_mount_shift_is_undone(monkeypatch):
     reference, query = (ShiftedWindows(images, TAU) for images in drives())
-    pair = Pair("drives", reference, query, SETTINGS, truth_of)
+    pair = Pair("drives", reference, query, SETTINGS, TRUTHS)
     monkeypatch.setattr(mount_shift, "SHIFTS", (0, 4))
     rows = list(mount_shift.measure(Draw(pair, 0, True)))
     right = {(row["way"], row["shift"]): row["P@100R"] for row in rows}
@@ -258,7 +262,7 @@ def test_the_mount_shift_is_undone(monkeypatch):
 def counted(windows=40):
     """A drive at few pixels, and the same drive with a tenth of its events gone."""
     images = drives(windows)
-    pair = Pair("walk, 25 px", *(ShiftedWindows(each, TAU) for each in images), SETTINGS, truth_of)
+    pair = Pair("walk, 25 px", *(ShiftedWindows(each, TAU) for each in images), SETTINGS, TRUTHS)
     few = replace(pair, settings=SETTINGS.replaced({"pixels": 25}, "test"))
     return few, place_filter.counted_pair(few, 0)
 
@@ -344,7 +348,7 @@ def test_what_shows_nothing_of_the_route_is_what_it_says():
 
 def test_the_number_of_pixels_is_varied_and_what_does_not_fit_is_left_out(monkeypatch):
     pair = counted_pairs.count_pair(
-        "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, truth_of
+        "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, TRUTHS
     )
     monkeypatch.setattr(pixel_number, "NUMBERS", (5, 150))
     rows = list(pixel_number.measure(Draw(pair, 0, True)))
@@ -359,7 +363,7 @@ def test_the_number_of_pixels_is_varied_and_what_does_not_fit_is_left_out(monkey
 
 def test_few_pixels_are_compared_with_all(monkeypatch):
     pair = counted_pairs.count_pair(
-        "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, truth_of
+        "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, TRUTHS
     )
     monkeypatch.setattr(agreement, "NUMBERS", (25, 150))
     rows = list(agreement.measure(Draw(pair, 0, True)))

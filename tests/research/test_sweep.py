@@ -19,9 +19,8 @@ from edge_vpr_tools.commands import compare as compare_arguments
 from edge_vpr_tools.research import trials
 from edge_vpr_tools.research.baselines import match_distances, open_baseline
 from edge_vpr_tools.research.experiments.drives import count_pair
-from edge_vpr_tools.research.sweep import aggregation, comparison
-from edge_vpr_tools.research.sweep.aggregation import write_comparison
-from edge_vpr_tools.research.sweep.comparison import draw, rows_of
+from edge_vpr_tools.research.sweep import comparison
+from edge_vpr_tools.research.sweep.comparison import draw, rows_of, write_comparison
 from edge_vpr_tools.research.sweep.plan import (
     content_hash,
     read_plan,
@@ -161,7 +160,7 @@ def test_a_plan_runs_rivals_beside_variants(plan_file, tmp_path):
     assert by_filter.precision_at_100_recall != by_sequence.precision_at_100_recall
     rows = {row.variant: row for row in rows_of([tmp_path / "run"])}
     assert rows["again"].system == "all-pixels"
-    head, lines = aggregation.tidy(list(rows.values()))
+    head, lines = comparison.tidy(list(rows.values()))
     assert {line[head.index("system")] for line in lines} == set(plan.systems.values())
 
 
@@ -590,14 +589,14 @@ def rows_over_drives():
 def test_each_drive_counts_alike_in_a_mean_and_differences_are_of_pairs():
     """The drives differ more than the variants, so that only pairs show the difference."""
     measure = "precision_at_100_recall"
-    first, second = aggregation.averages(rows_over_drives(), measure)
+    first, second = comparison.averages(rows_over_drives(), measure)
     assert (first.drives, first.settings, first.difference) == (3, {"pixels": "25"}, None)
     assert first.means[measure] == pytest.approx((0.505 + 0.705 + 0.9) / 3)
     assert second.difference is not None
     assert second.difference.mean == pytest.approx(0.1)
     assert second.difference.low == pytest.approx(0.1)
     assert second.difference.high == pytest.approx(0.1)
-    alone = aggregation.averages(rows_over_drives()[2:4], measure)[1]
+    alone = comparison.averages(rows_over_drives()[2:4], measure)[1]
     assert alone.difference is None  # no drive in common
 
 
@@ -605,27 +604,27 @@ def test_the_interval_of_a_bootstrap_holds_the_mean_of_most_samples():
     rng = np.random.default_rng(1)
     held = 0
     for _ in range(60):
-        found = aggregation.bootstrap(list(rng.normal(0.3, 1.0, (25, 1))))
+        found = comparison.bootstrap(list(rng.normal(0.3, 1.0, (25, 1))))
         held += found.low <= 0.3 <= found.high
     assert 50 <= held < 60
-    assert np.isnan(aggregation.bootstrap([np.array([0.5])]).low)
+    assert np.isnan(comparison.bootstrap([np.array([0.5])]).low)
 
 
 def test_latex_has_a_column_for_each_setting_that_differs_and_escapes_names():
     rows = rows_over_drives()
-    lines = aggregation.latex(aggregation.averages(rows, "recall_at_1"), "recall_at_1").split("\n")
+    lines = comparison.latex(comparison.averages(rows, "recall_at_1"), "recall_at_1").split("\n")
     assert lines[2].startswith(r"pixels & drives & P@100R & R@99P & AP & Recall@1")
     assert lines[4].startswith("25 & 3 & $0.703$ &") and lines[4].endswith(r"-- \\")
     assert lines[5].endswith(r"& $+0.100$ [$+0.100$, $+0.100$] \\")
     assert all(line.count("&") == lines[2].count("&") for line in lines[4:6])
     same = [replace(row, settings={}, variant="50 %_$x") for row in rows[:3]]
-    assert r"50 \%\_\$x & 3" in aggregation.latex(
-        aggregation.averages(same, "recall_at_1"), "recall_at_1"
+    assert r"50 \%\_\$x & 3" in comparison.latex(
+        comparison.averages(same, "recall_at_1"), "recall_at_1"
     )
 
 
 def test_a_curve_over_a_setting_shows_the_means_over_drives():
-    (axes,) = aggregation.draw_over(rows_over_drives(), "recall_at_1", "pixels").axes
+    (axes,) = comparison.draw_over(rows_over_drives(), "recall_at_1", "pixels").axes
     (line,) = axes.get_lines()
     assert line.get_xdata().tolist() == [25, 150]
     assert line.get_ydata() == pytest.approx([0.70333, 0.80333], abs=1e-4)
@@ -634,7 +633,7 @@ def test_a_curve_over_a_setting_shows_the_means_over_drives():
 def test_no_title_of_a_comparison_is_cut():
     rows = [replace(row, variant="a long name of a variant " * 4) for row in rows_over_drives()]
     for drawing in (draw(rows, "operations_per_match"),
-                    aggregation.draw_over(rows, "operations_per_match", "pixels")):  # fmt: skip
+                    comparison.draw_over(rows, "operations_per_match", "pixels")):  # fmt: skip
         drawing.draw_without_rendering()
         (axes,) = drawing.axes
         title = axes.title.get_window_extent()

@@ -260,7 +260,6 @@ def test_an_experiment_without_its_data(capsys, tmp_path):
 #: what an experiment says of a folder without drives
 WITHOUT = {
     **dict.fromkeys(("speck-walks", "burst-filters"), SOURCES["speck_walks"]),
-    "brisbane": SOURCES["brisbane_sparse49"],
     **dict.fromkeys(("codes", "mount-shift", "trust", "place-filter"), "records/10494919"),
 }
 

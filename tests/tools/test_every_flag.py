@@ -20,7 +20,7 @@ from edge_vpr_tools.cli import GENERAL_FLAGS, VERBS, find_verb
 from edge_vpr_tools.estimate import accuracy
 from edge_vpr_tools.profile import profiling
 from edge_vpr_tools.profile.speed import Against, SparseAgainstAll, Timing
-from edge_vpr_tools.research.experiments import codes_frontier
+from edge_vpr_tools.research.experiments import codes
 from edge_vpr_tools.research.experiments.experiment import Drives
 from streams import random_events
 
@@ -298,9 +298,9 @@ def small_loads(monkeypatch):
     monkeypatch.setattr(accuracy, "PIXELS", (5,))
     monkeypatch.setattr("firmware_model.vectors.standard_suites", lambda *unused: {})
     pairs = [Drives(name, lambda seed, name=name: _Pair(name)) for name in "ab"]
-    declared = replace(codes_frontier.EXPERIMENT, drives=lambda data: pairs)
-    monkeypatch.setattr(codes_frontier, "EXPERIMENT", declared)
-    monkeypatch.setattr(codes_frontier, "score", scores)
+    declared = replace(codes.EXPERIMENT, drives=lambda data: pairs)
+    monkeypatch.setattr(codes, "EXPERIMENT", declared)
+    monkeypatch.setattr(codes, "score", scores)
     monkeypatch.setattr("edge_vpr_tools.report.traverse.write_report", lambda *unused, **more: None)
     street = partial(simulate_pair, length_m=60.0)
     monkeypatch.setattr("edge_vpr.simulation.simulate_pair", street)

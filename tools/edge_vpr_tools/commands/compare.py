@@ -54,8 +54,7 @@ def run(args: argparse.Namespace) -> None:
     """Print the table, and write it with the figure if asked."""
     from edge_vpr import results
     from edge_vpr_tools.report.formats import read_formats
-    from edge_vpr_tools.research.sweep.aggregation import write_comparison
-    from edge_vpr_tools.research.sweep.comparison import markdown, rows_of
+    from edge_vpr_tools.research.sweep.comparison import markdown, rows_of, write_comparison
 
     runs, formats = [Path(run) for run in args.runs], read_formats(args.figures)
     output = None if args.output is None else Path(args.output)

@@ -215,14 +215,12 @@ def _learn(names: list[str], args: argparse.Namespace) -> None:
 
 def _write_report(path: Path, folder: Path, pages: Mapping[str, str], seeds: int) -> None:
     """Write tables and figures of experiments to one page."""
-    from importlib import import_module
-
     from edge_vpr_tools.report.experiment_page import ExperimentPage
+    from edge_vpr_tools.research.experiments.experiment import module_of
 
     page = ExperimentPage(seeds)
     for name, tables in pages.items():
-        module = import_module(f"edge_vpr_tools.research.experiments.{EXPERIMENTS[name]}")
-        title = (module.__doc__ or "").strip().split("\n")[0]
+        title = (module_of(name).__doc__ or "").strip().split("\n")[0]
         page.add(name, title, tables, folder / f"{name}.svg")
     page.write(path)
 

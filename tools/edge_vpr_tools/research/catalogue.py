@@ -90,6 +90,11 @@ class Download:
         )
 
 
+def _rounded(*files: tuple[str, str]) -> tuple[PublishedFile, ...]:
+    """Return files by their names, and their sizes as a page rounds them."""
+    return tuple(PublishedFile(name, about=about) for name, about in files)
+
+
 BRISBANE_PAGE = "https://huggingface.co/datasets/TobiasRobotics/brisbane-event-vpr"
 BRISBANE_BAGS_PAGE = "https://zenodo.org/records/4302805"
 QCR_PAGE = "https://zenodo.org/records/10494919"
@@ -125,13 +130,7 @@ def nsavp_download(name: str) -> Download:
 
 
 def brisbane_download(title: str, recording: str) -> Download:
-    """Return the files of a drive of Brisbane-Event-VPR in parquet.
-
-    Parameters
-    ----------
-    recording : str
-        Stem of the recording's file names.
-    """
+    """Return the files of a drive of Brisbane-Event-VPR in parquet, by the stem of their names."""
     day = recording.removeprefix("dvs_vpr_")
     size, about, sha256 = _BRISBANE_PARQUET[day]
     return Download(
@@ -152,36 +151,31 @@ STAND_INS = {
     "brisbane_sparse49": Download(
         "event counts at 49 pixels of Brisbane-Event-VPR, sunset 1 and 2",
         BRISBANE_BAGS_PAGE,
-        (
-            PublishedFile("sunset1.npz", about="30 kB"),
-            PublishedFile("sunset2.npz", about="29 kB"),
-            PublishedFile("sunset1.nmea", about="408 kB"),
-            PublishedFile("sunset2.nmea", about="356 kB"),
+        _rounded(
+            ("sunset1.npz", "30 kB"),
+            ("sunset2.npz", "29 kB"),
+            ("sunset1.nmea", "408 kB"),
+            ("sunset2.nmea", "356 kB"),
         ),
     ),
     "brisbane_lens49": Download(
         "the same drives at 49 other pixels, and weights of LENS trained with them (A. D. Hines, "
         "M. Milford and T. Fischer, 2025)",
         "https://github.com/AdamDHines/LENS",
-        (PublishedFile("sunset1.npz", about="27 kB"), PublishedFile("sunset2.npz", about="26 kB")),
+        _rounded(("sunset1.npz", "27 kB"), ("sunset2.npz", "26 kB")),
     ),
     "speck_indoor": Download(
         "two walks with a Speck, 80 x 80, one frame a second (A. D. Hines, M. Milford and T. "
         "Fischer)",
         "https://github.com/AdamDHines/LENS",
-        (
-            PublishedFile("reference.npz", about="871 kB"),
-            PublishedFile("query.npz", about="901 kB"),
-        ),
+        _rounded(("reference.npz", "871 kB"), ("query.npz", "901 kB")),
     ),
     "speck_walks": Download(
         "two walks with a Speck, 128 x 128, in short frames (A. D. Hines, M. Milford and T. "
         "Fischer)",
         "https://github.com/AdamDHines/LENS",
-        (
-            PublishedFile("reference.npz", about="5.7 MB"),
-            PublishedFile("query.npz", about="5.9 MB"),
-            PublishedFile("ground_truth.csv", about="1 kB"),
+        _rounded(
+            ("reference.npz", "5.7 MB"), ("query.npz", "5.9 MB"), ("ground_truth.csv", "1 kB")
         ),
     ),
 }
@@ -191,12 +185,14 @@ NOT_OPENED = (
     Download(
         "QCR-Fast-and-Slow",
         FAST_SLOW_PAGE,
-        (
-            PublishedFile("main_experiments/default_params.tar.gz", about="29.2 GB"),
-            PublishedFile("main_experiments/Fast_Slow.tar.gz", about="12.7 GB"),
-            PublishedFile("main_experiments/PxBw.tar.gz", about="15.7 GB"),
-            PublishedFile("main_experiments/PxTh.tar.gz", about="9.44 GB"),
-            PublishedFile("main_experiments/RfPr.tar.gz", about="17.2 GB"),
+        _rounded(
+            *(
+                (f"main_experiments/{name}.tar.gz", f"{size} GB")
+                for name, size in (
+                    ("default_params", "29.2"), ("Fast_Slow", "12.7"), ("PxBw", "15.7"),
+                    ("PxTh", "9.44"), ("RfPr", "17.2"),
+                )
+            )
         ),
         "each archive has events of a DAVIS346 (N/aedats/*_{h,m,l}_{ref,qry}.aedat, AEDAT 2.0) and "
         "poses (N/bags/*.bag, the transforms map to odom to base_footprint of /tf). How the clock "
@@ -207,19 +203,19 @@ NOT_OPENED = (
     Download(
         "NYC-Event-VPR",
         NYC_PAGE,
-        (
-            PublishedFile("sensor_data_2023-04-20_15-53-26/data_2023-04-20_15-53-29.zip",
-                          about="26.5 GB"),
-            PublishedFile("sensor_data_2023-04-20_15-53-26/GPS_data_2023-04-20_15-53-27.csv",
-                          about="297 kB"),
-            PublishedFile("sensor_data_2023-04-20_17-10-01/data_2023-04-20_17-10-04.zip",
-                          about="36.9 GB"),
-            PublishedFile("sensor_data_2023-04-20_17-10-01/GPS_data_2023-04-20_17-10-02.csv",
-                          about="335 kB"),
-            PublishedFile("sensor_data_2023-02-14_18-20-40/data_2023-02-14_18-20-44.zip",
-                          about="15.3 GB"),
-            PublishedFile("sensor_data_2023-02-14_18-20-40/GPS_data_2023-02-14_18-20-42.csv",
-                          about="374 kB"),
+        _rounded(
+            *(
+                (f"sensor_data_2023-{day}/{name}", size)
+                for day, *files in (
+                    ("04-20_15-53-26", ("data_2023-04-20_15-53-29.zip", "26.5 GB"),
+                     ("GPS_data_2023-04-20_15-53-27.csv", "297 kB")),
+                    ("04-20_17-10-01", ("data_2023-04-20_17-10-04.zip", "36.9 GB"),
+                     ("GPS_data_2023-04-20_17-10-02.csv", "335 kB")),
+                    ("02-14_18-20-40", ("data_2023-02-14_18-20-44.zip", "15.3 GB"),
+                     ("GPS_data_2023-02-14_18-20-42.csv", "374 kB")),
+                )
+                for name, size in files
+            )
         ),
         "15 drives through New York with events (1280 x 720, several RAW files in EVT3 in each "
         "archive) and positions once a second (columns Timestamp, Latitude, Longitude, HeadMotion; "
@@ -239,13 +235,7 @@ def stand_in_text(folder: str) -> str:
 def damaged_files(
     folder: Path, downloads: Iterable[Download], *, hashed: bool = False
 ) -> Iterator[str]:
-    """Yield a sentence on each file that is there and is not the published one.
-
-    Parameters
-    ----------
-    hashed : bool
-        See `PublishedFile.problem`.
-    """
+    """Yield a sentence on each file that is there and is not the published one; see `problem`."""
     for download in downloads:
         for file in download.files:
             problem = file.problem(folder, hashed=hashed)

@@ -403,11 +403,6 @@ def found_traverses(
 ) -> dict[str, list[tuple[Traverse, Path]]]:
     """Return the traverses whose recordings are in a folder, in order, by their data set.
 
-    Parameters
-    ----------
-    files : tuple of {"parquet", "bag", "hdf5"}
-        Kinds of files to use, in order of preference.
-
     Returns
     -------
     dict of str to list of (traverse, path)
@@ -432,12 +427,7 @@ def find_file(traverse: Traverse, folder: Path, files: tuple[Files, ...]) -> Pat
 
 
 def open_drive(traverse: Traverse, path: Path) -> PublishedDrive:
-    """Open the recording of a traverse, cut to its track.
-
-    Parameters
-    ----------
-    path : Path
-        Path of its recording; its GPS log or poses must lie in the same folder.
+    """Open the recording of a traverse, cut to the track that lies in the same folder.
 
     Raises
     ------

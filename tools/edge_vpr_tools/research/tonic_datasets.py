@@ -101,13 +101,11 @@ class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has
             )
         self.traverses = tuple(traverses)
         self._chosen: list[Traverse] = [known[name] for name in traverses]
+        #: by name, where they are not those that the traverse has by itself
+        self._tracks: dict[str, Track] = {}
 
     def _path(self, traverse: Traverse) -> Path:
         return self._folder / traverse.file_name(self._files)
-
-    def _track(self, index: int, recording_start_us: int) -> tuple[Track, int]:
-        """Return the track, and its time 0 in microseconds after the recording's start."""
-        raise NotImplementedError
 
     def __len__(self) -> int:
         return len(self._chosen)
@@ -144,15 +142,13 @@ class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has
         GroundTruthError
             If the track cannot be read.
         """
-        path = self._path(self._chosen[index])
-        recording = open_recording(
-            path,
-            sensor=SENSOR,
-            on_fault=self._on_fault,
-            time_unit="us" if self._files == "parquet" else None,
-        )
-        track, zero_us = self._track(index, recording.start_us)
-        target = Target(self._chosen[index].name, track)
+        traverse = self._chosen[index]
+        path = self._path(traverse)
+        unit = traverse.time_units.get(path.suffix[1:])
+        recording = open_recording(path, sensor=SENSOR, on_fault=self._on_fault, time_unit=unit)
+        track, beginning_us = traverse.origin(self._folder, recording.start_us)
+        zero_us = beginning_us - recording.start_us
+        target = Target(traverse.name, self._tracks.get(traverse.name, track))
         return _between(recording, zero_us, int(track.time_us[-1]), path), target
 
 
@@ -207,10 +203,6 @@ class BrisbaneEventVPR(_Traverses[BrisbaneTraverse]):
     _known = BRISBANE_TRAVERSES
     _pages: ClassVar[Mapping[Files, str]] = {"parquet": BRISBANE_PAGE, "bag": BRISBANE_BAGS_PAGE}
 
-    def _track(self, index: int, recording_start_us: int) -> tuple[Track, int]:
-        track, beginning_us = self._chosen[index].track(self._folder)
-        return track, beginning_us - recording_start_us
-
 
 class QCREventVPR(_Traverses[QCRTraverse]):
     """QCR-Event-VPR: seven traverses of a 160 m indoor route at three speeds, with landmarks.
@@ -220,18 +212,10 @@ class QCREventVPR(_Traverses[QCRTraverse]):
 
     Parameters
     ----------
-    folder : str or Path
-        Holds recordings under their published names (`edge_vpr_tools.research.datasets`).
-    traverses : sequence of str, optional
-        Names from normal1 to normal4, fast1, fast2, slow1; by default all in the folder.
-    files : {"parquet", "bag"}
-        Parquet files are without noise; bags are as recorded.
-    on_fault : {"error", "drop"}
-        How to handle faulty events; see `edge_vpr.open_recording`.
     landmarks : {"common", "released-code"}
         Positions of the landmarks; see `edge_vpr_tools.research.datasets.QCRTraverse.track`.
-    transform, target_transform, transforms : callable, optional
-        As for every tonic dataset.
+    folder, traverses, files, on_fault, transform, target_transform, transforms
+        As `BrisbaneEventVPR` takes them; the names are normal1 to normal4, fast1, fast2 and slow1.
 
     Raises
     ------
@@ -244,23 +228,6 @@ class QCREventVPR(_Traverses[QCRTraverse]):
     _known = QCR_TRAVERSES
     _pages: ClassVar[Mapping[Files, str]] = {"parquet": QCR_PAGE, "bag": QCR_PAGE}
 
-    def __init__(
-        self,
-        folder: str | Path,
-        traverses: Sequence[str] | None = None,
-        *,
-        files: Files = "parquet",
-        on_fault: str = "error",
-        landmarks: Landmarks = "common",
-        transform: Transform | None = None,
-        target_transform: Transform | None = None,
-        transforms: Callable[[Any, Any], tuple[Any, Any]] | None = None,
-    ) -> None:
-        super().__init__(
-            folder, traverses, files=files, on_fault=on_fault, transform=transform,
-            target_transform=target_transform, transforms=transforms,
-        )  # fmt: skip
-        self._tracks = [traverse.track(landmarks) for traverse in self._chosen]
-
-    def _track(self, index: int, recording_start_us: int) -> tuple[Track, int]:
-        return self._tracks[index], round(self._chosen[index].start_s * 1e6)
+    def __init__(self, *given: Any, landmarks: Landmarks = "common", **options: Any) -> None:
+        super().__init__(*given, **options)
+        self._tracks = {each.name: each.track(landmarks) for each in self._chosen}

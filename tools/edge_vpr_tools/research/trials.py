@@ -171,11 +171,6 @@ def processes(workers: int) -> Iterator[Workers]:
 def cluster(scheduler: str) -> Iterator[Workers]:
     """Provide the workers of a Dask cluster, which continue to run after the block.
 
-    Parameters
-    ----------
-    scheduler : str
-        Address of the scheduler, for example ``tcp://10.0.0.1:8786``.
-
     Raises
     ------
     UsageError
@@ -313,35 +308,7 @@ class AnyResult(Protocol):
 
 TrialT = TypeVar("TrialT", bound=AnyTrial)
 ResultT = TypeVar("ResultT", bound=AnyResult)
-
-
-@dataclass(frozen=True, kw_only=True)
-class KeptResult(Generic[TrialT, ResultT]):
-    """Stored result, with its trial."""
-
-    key: str
-    trial: TrialT
-    found: ResultT
-    schema: int = SCHEMA
-
-
-@dataclass(frozen=True, kw_only=True)
-class KeptFailure(Generic[TrialT]):
-    """Stored failure of a trial.
-
-    Attributes
-    ----------
-    error : str
-        One-line message.
-    where : str
-        Traceback; empty if the worker died.
-    """
-
-    key: str
-    trial: TrialT
-    error: str
-    where: str = ""
-    schema: int = SCHEMA
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -363,25 +330,13 @@ class SweepRecord:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _KeptFailure:
-    """File of a failure, whose trial is not checked yet."""
+class _Stored:
+    """File of a result or of a failure, whose trial and result are not checked yet."""
 
     key: str
     trial: Any
-    error: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class _KeptResult:
-    """File of a result, whose trial and result are not checked yet."""
-
-    key: str
-    trial: Any
-    found: Any
-
-
-KeptT = TypeVar("KeptT", _KeptFailure, _KeptResult)
-Value = TypeVar("Value")
+    found: Any = None
+    error: str = ""
 
 
 @contextmanager
@@ -398,13 +353,6 @@ class Store(Generic[TrialT, ResultT]):
 
     A result is written whole or not at all, as soon as it is known. After an interruption, the
     folder has all finished results.
-
-    Parameters
-    ----------
-    folder : Path
-        Created if it does not exist.
-    trial, result : type
-        Records of a trial and of its result.
     """
 
     def __init__(self, folder: Path, trial: type[TrialT], result: type[ResultT]) -> None:
@@ -464,22 +412,24 @@ class Store(Generic[TrialT, ResultT]):
         with _named(path, remedy):
             return from_json(SweepRecord, read_json(path, "a sweep's file", remedy)).trials
 
-    def keep_result(self, result: KeptResult[TrialT, ResultT]) -> None:
+    def keep_result(self, key: str, trial: TrialT, found: ResultT) -> None:
         """Write a result, and delete an earlier failure under its key."""
-        write_json(self._path(_RESULTS, result.key), result)
-        self._path(_FAILURES, result.key).unlink(missing_ok=True)
+        whole = {"key": key, "trial": trial, "found": found, "schema": SCHEMA}
+        write_json(self._path(_RESULTS, key), whole)
+        self._path(_FAILURES, key).unlink(missing_ok=True)
 
-    def keep_failure(self, failure: KeptFailure[TrialT]) -> None:
-        """Write a failure."""
-        write_json(self._path(_FAILURES, failure.key), failure)
+    def keep_failure(self, key: str, trial: TrialT, error: str, where: str) -> None:
+        """Write the one-line error of a trial, and its traceback; empty if the worker died."""
+        whole = {"key": key, "trial": trial, "error": error, "where": where, "schema": SCHEMA}
+        write_json(self._path(_FAILURES, key), whole)
 
     def result(self, key: str) -> ResultT | None:
         """Return the result under a key; None if there is none. See `kept`."""
         kept = self.kept(key)
-        return None if kept is None else kept.found
+        return None if kept is None else kept[1]
 
-    def kept(self, key: str) -> KeptResult[TrialT, ResultT] | None:
-        """Return the result under a key, with its trial; None if there is none.
+    def kept(self, key: str) -> tuple[TrialT, ResultT] | None:
+        """Return the trial and the result under a key; None if there is none.
 
         Raises
         ------
@@ -487,36 +437,26 @@ class Store(Generic[TrialT, ResultT]):
             If its file is damaged, or of another trial.
         """
         return self._read(
-            _RESULTS, key, _KeptResult,
-            lambda kept, trial: KeptResult(
-                key=key, trial=trial, found=from_json(self._result, kept.found, "found")
-            ),
+            _RESULTS, key,
+            lambda one, trial: (trial, from_json(self._result, one.found, "found")),
         )  # fmt: skip
 
     def failure(self, key: str) -> str | None:
-        """Return the error under a key; None if there is none.
-
-        Raises
-        ------
-        UsageError
-            If its file is damaged, or of another trial.
-        """
-        return self._read(_FAILURES, key, _KeptFailure, lambda kept, trial: kept.error)
+        """Return the error under a key; None if there is none. Raises as `kept`."""
+        return self._read(_FAILURES, key, lambda one, trial: one.error)
 
     def _path(self, kind: str, key: str) -> Path:
         if not key.isalnum():  # read from a file: it must not lead to another folder
             raise UsageError(f"{self.folder}: {key!r} is no key of a result: run the sweep again")
         return self.folder / kind / f"{key}.json"
 
-    def _read(
-        self, kind: str, key: str, record: type[KeptT], value: Callable[[KeptT, TrialT], Value]
-    ) -> Value | None:
+    def _read(self, kind: str, key: str, value: Callable[[_Stored, TrialT], Value]) -> Value | None:
         """Read the file of a key, which may have been copied or changed; None if there is none."""
         path = self._path(kind, key)
         if not path.is_file():
             return None
         with _named(path, _REMEDY):
-            kept = from_json(record, read_json(path, "a sweep's file", _REMEDY))
+            kept = from_json(_Stored, read_json(path, "a sweep's file", _REMEDY))
             trial = from_json(self._trial, kept.trial, "trial")
             # another version makes another key of the same trial
             of_trial = key if trial.version != edge_vpr.__version__ else trial.key
@@ -614,12 +554,10 @@ def compute(
         key, trial = outcome.key, missing[outcome.key]
         if outcome.result is not None:
             busy_s += outcome.result.elapsed_s
-            store.keep_result(KeptResult(key=key, trial=trial, found=outcome.result))
+            store.keep_result(key, trial, outcome.result)
         else:
             failed += 1
-            store.keep_failure(
-                KeptFailure(key=key, trial=trial, error=outcome.error, where=outcome.where)
-            )
+            store.keep_failure(key, trial, outcome.error, outcome.where)
         progress(done, len(missing), failed)
     elapsed_s = time.perf_counter() - begin
     return TrialsRun(

@@ -60,7 +60,12 @@ class Baseline(Protocol):
 
 
 class VectorBaseline:
-    """Part of a baseline whose descriptions are vectors of numbers, without learned parameters."""
+    """Part of a baseline whose descriptions are vectors of numbers, without learned parameters.
+
+    It draws no random numbers, so the seed that every baseline is made with is not used.
+    """
+
+    def __init__(self, seed: int = 0) -> None: ...
 
     def prepare(self, reference: Images) -> None:
         """Do nothing: no parameters are taken from the reference."""
@@ -142,11 +147,6 @@ def fastest(work: Callable[[], T]) -> tuple[T, float]:
 
     What a first call compiles, and other programs on the computer, can only make it slower. Work of
     more than a second is done twice.
-
-    Parameters
-    ----------
-    work : callable
-        Returns the same each time.
     """
     shortest = math.inf
     for repetition in range(_REPETITIONS):

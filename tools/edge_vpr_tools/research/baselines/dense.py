@@ -55,17 +55,7 @@ class PatchNormalised(AbsoluteDifferences):
 
 
 def mean_cells(images: Images, rows: int, columns: int) -> npt.NDArray[np.float64]:
-    """Return the mean of the pixels in each cell of a grid; smaller images repeat pixels.
-
-    Parameters
-    ----------
-    images : ndarray of int, shape (n, height, width)
-        Counts of events at each pixel.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, rows, columns)
-    """
+    """Return the mean of the pixels in each cell of a grid; smaller images repeat pixels."""
     _, height, width = images.shape
     total = np.zeros((len(images), height + 1, width + 1))
     total[:, 1:, 1:] = images.cumsum(axis=1, dtype=np.int64).cumsum(axis=2)
@@ -79,16 +69,6 @@ def mean_cells(images: Images, rows: int, columns: int) -> npt.NDArray[np.float6
         - total[:, bottom[:, None], left] + total[:, top[:, None], left]
     )  # fmt: skip
     return np.asarray(sums / ((bottom - top)[:, None] * (right - left)))
-
-
-def all_pixels(seed: int) -> AbsoluteDifferences:
-    """Make the paper's dense baseline; it draws no random numbers."""
-    return AbsoluteDifferences()
-
-
-def patch_normalised(seed: int) -> PatchNormalised:
-    """Make the baseline; it draws no random numbers."""
-    return PatchNormalised()
 
 
 # Descriptions that are compared by the angle between them.
@@ -126,7 +106,7 @@ class OrientedGradients(CosineBaseline):
 
     title = f"HOG {HOG_SIDE} x {HOG_SIDE}, cosine"
 
-    def __init__(self) -> None:
+    def __init__(self, seed: int = 0) -> None:
         self._hog = load_hog()
 
     def describe(self, images: Images) -> Described:
@@ -139,11 +119,6 @@ class OrientedGradients(CosineBaseline):
             for image in np.log1p(mean_cells(images, HOG_SIDE, HOG_SIDE))
         ]  # fmt: skip
         return np.array(rows, dtype=np.float32)
-
-
-def hog(seed: int) -> OrientedGradients:
-    """Make the baseline; it draws no random numbers."""
-    return OrientedGradients()
 
 
 # Ensembles: the mean distance of several systems with different descriptors or windows.
@@ -262,11 +237,12 @@ def summed(images: Images, windows: int) -> Images:
 
 def windows_ensemble(seed: int) -> Ensemble:
     """Make the ensemble of patch-normalised 1, 2 and 4 windows; it draws no random numbers."""
-    members = [Member(patch_normalised(seed), windows) for windows in (1, 2, 4)]
+    members = [Member(PatchNormalised(), windows) for windows in (1, 2, 4)]
     return Ensemble("ensemble of 1, 2 and 4 windows, patch-normalised", members)
 
 
 def descriptors_ensemble(seed: int) -> Ensemble:
     """Make the ensemble of all pixels, patch-normalised and HOG; it draws no random numbers."""
-    members = [Member(make(seed)) for make in (all_pixels, patch_normalised, hog)]
+    members = [Member(AbsoluteDifferences()), Member(PatchNormalised())]
+    members.append(Member(OrientedGradients()))
     return Ensemble("ensemble of all pixels, patch-normalised and HOG", members)

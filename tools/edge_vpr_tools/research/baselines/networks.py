@@ -320,11 +320,6 @@ class LensWeights(NamedTuple):
 def load_lens(path: str | Path) -> LensWeights:
     """Read the weights that LENS saved after its training.
 
-    Parameters
-    ----------
-    path : str or Path
-        For example ``NAME_LENS_IN100_FN200_DB80.pth``.
-
     Raises
     ------
     WeightsError

@@ -186,13 +186,3 @@ class ActiveOverlap(ActivePixels):
         """Return the largest overlap of each query less that with each place, shape (K, Q)."""
         overlap = self._overlap(places, queries)
         return (overlap.max(axis=0) - overlap).astype(np.float64)
-
-
-def active_overlap(seed: int) -> ActiveOverlap:
-    """Make the baseline; it draws no random numbers."""
-    return ActiveOverlap()
-
-
-def active_pixels(seed: int) -> ActivePixels:
-    """Make the baseline; it draws no random numbers."""
-    return ActivePixels()

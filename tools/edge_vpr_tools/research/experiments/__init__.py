@@ -5,29 +5,13 @@ Each is a module of this package that declares an `experiment.Experiment` as ``E
 
 from edge_vpr_tools.research.catalogue import STAND_INS, stand_in_text
 
-#: module of each experiment by its name on the command line
-EXPERIMENTS = {
-    "simulated": "simulated",
-    "speck-walks": "speck_walks",
-    "brisbane": "brisbane",
-    "codes": "codes_frontier",
-    "place-filter": "place_filter",
-    "sensitivity": "sensitivity",
-    "calibration": "calibration",
-    "trust": "trust",
-    "mount-shift": "mount_shift",
-    "rivals": "rivals",
-    "frames": "frames",
-    "pixel-number": "pixel_number",
-    "agreement": "agreement",
-    "event-speed": "event_speed",
-    "burst-filters": "burst_filters",
-    "window-length": "window_length",
-    "fixed-number": "fixed_number",
-    "joules": "joules",
-    "several-drives": "several_drives",
-    "places-per-window": "places_per_window",
-}
+#: names on the command line; the module of each has underscores in place of hyphens
+EXPERIMENTS = (
+    "simulated", "speck-walks", "codes", "place-filter", "sensitivity", "calibration", "trust",
+    "mount-shift", "rivals", "frames", "pixel-number", "agreement", "event-speed",
+    "burst-filters", "window-length", "fixed-number", "joules", "several-drives",
+    "places-per-window",
+)  # fmt: skip
 
 #: experiments that simulate all of their drives, with those that do the same on recorded drives
 STREETS_ONLY = {

@@ -16,9 +16,9 @@ from edge_vpr.online.state import MatchSchedule
 from edge_vpr.pipeline import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
+from edge_vpr_tools.research.experiments.drives import Pair, walks
 from edge_vpr_tools.research.experiments.experiment import Draw, Experiment, Row
 from edge_vpr_tools.research.experiments.plots import dots
-from edge_vpr_tools.research.experiments.speck_walks import walks
 
 #: Flashes per second that are added to the query: from none over a failing lamp to a strobe.
 RATES = (0.0, 0.1, 1.0, 10.0)
@@ -36,13 +36,7 @@ RIGHT, SAME = "P@100R", "places as with the exact filter"
 
 
 class Flashed:
-    """Recording with added flashes at random times, which affect all pixels alike.
-
-    Parameters
-    ----------
-    rate : float
-        Flashes per second.
-    """
+    """Recording with added flashes at random times, which affect all pixels alike."""
 
     def __init__(self, recording: EventSource, rate: float, seed: int) -> None:
         self.sensor: Sensor = recording.sensor
@@ -67,13 +61,7 @@ class Flashed:
 
 
 def matched(reference: ReferenceMap, query: EventSource, name: str) -> Matches:
-    """Match a query window by window, after the filter of this name.
-
-    Parameters
-    ----------
-    name : str
-        Name of one of `FILTERS`.
-    """
+    """Match a query window by window, after the filter of this name."""
     kind = FILTERS[name]
     bursts = None if kind is None else kind(query.sensor)
     localiser = Localiser(reference, every=MatchSchedule.window(reference.settings))
@@ -88,7 +76,8 @@ def matched(reference: ReferenceMap, query: EventSource, name: str) -> Matches:
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Match the query under flashes with each filter."""
-    walked, query, truth_of = draw.pair
+    pair: Pair = draw.pair
+    walked, query = pair.events
     settings = PRESETS["default"].replaced({"seed": draw.seed}, "seed")
     reference = ReferenceMap.build(walked, settings).causal()
     for rate in RATES:
@@ -97,7 +86,7 @@ def measure(draw: Draw) -> Iterator[Row]:
         for name in FILTERS:
             matches = matched(reference, flashed, name)
             exact = matches if exact is None else exact
-            truth = truth_of(reference.places.centre_us, matches.time_us)
+            truth = pair.truth_of(reference.places.centre_us, matches.time_us)
             yield {
                 "flashes per second": f"{rate:g}",
                 "burst filter": name,
@@ -107,7 +96,7 @@ def measure(draw: Draw) -> Iterator[Row]:
 
 
 EXPERIMENT = Experiment(
-    drives=walks,
+    drives=lambda data: [walks(data)],
     names=("flashes per second", "burst filter"),
     measure=measure,
     figure=partial(dots, measures=(RIGHT, SAME), row="flashes per second", series="burst filter"),

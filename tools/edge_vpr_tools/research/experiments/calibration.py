@@ -50,13 +50,7 @@ from edge_vpr_tools.research.experiments.plots import dots
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Map, counts of a query, and their truth.
-
-    Parameters
-    ----------
-    counted : Descriptors
-        Counts of the query at the map's pixels.
-    """
+    """Map, counts of a query at the map's pixels, and their truth."""
 
     reference: ReferenceMap
     counted: Descriptors
@@ -159,18 +153,9 @@ def open_street(seed: int) -> Street:
 def driven(
     street: Street, elsewhere: SimulatedRecording | None
 ) -> Iterator[tuple[Case, Descriptors | None]]:
-    """Map a street and describe its drives, with each number of pixels and kind of window.
+    """Map a street and count its drives, with each number of pixels and kind of window.
 
-    Parameters
-    ----------
-    elsewhere : SimulatedRecording, optional
-        A drive of another street.
-
-    Yields
-    ------
-    case : Case
-    elsewhere : Descriptors or None
-        Counts of the other drive at the same pixels.
+    With each drive come the counts of a drive of another street at the same pixels.
     """
     for pixels in PIXELS:
         for window in WINDOWS:
@@ -286,17 +271,7 @@ def joined(found: Sequence[Sample]) -> Sample:
 
 
 def learn(seeds: int, folder: Path, on_start: Callable[[str], None]) -> None:
-    """Learn the tables on simulated streets, and write them in the package's format, atomically.
-
-    Parameters
-    ----------
-    seeds : int
-        Number of streets.
-    folder : path
-        Folder of the file.
-    on_start : callable
-        Called with the name of each street before it begins.
-    """
+    """Learn the tables on simulated streets, and write them in the package's format, atomically."""
     rng = np.random.default_rng(_CUTS)
     found: dict[str, list[Sample]] = {name: [] for name in MATCHINGS}
     before: SimulatedRecording | None = None
@@ -383,13 +358,7 @@ def judge(
 
 
 def judged(table: Confidence, found: Sequence[Sample]) -> dict[str, float | int | None]:
-    """Return what a table says of some drives, and what is true.
-
-    Parameters
-    ----------
-    found : sequence of Sample
-        Each of one drive, in the order of time.
-    """
+    """Return what a table says of some drives, each in the order of time, and what is true."""
     pooled = joined(found)
     given = table.probability_of(pooled.trust)
     least = table.least_trust(PRECISION)
@@ -414,13 +383,6 @@ def judged(table: Confidence, found: Sequence[Sample]) -> dict[str, float | int 
 def windows_past_the_edge(found: Sequence[Sample], least: int) -> list[int]:
     """Return how long matches are still accepted after a drive has left the map.
 
-    Parameters
-    ----------
-    found : sequence of Sample
-        Each of one drive, in the order of time.
-    least : int
-        Least trust of an accepted match.
-
     Returns
     -------
     list of int
@@ -437,13 +399,7 @@ def windows_past_the_edge(found: Sequence[Sample], least: int) -> list[int]:
 
 
 def first_sure(table: Confidence, cases: Sequence[Case]) -> dict[str, float | int | None]:
-    """Start at many windows, and measure the time to the first match of each probability.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        Drives with the running mean.
-    """
+    """Start at many windows, and measure the time to the first match of each probability."""
     waits: dict[float, list[tuple[float, bool]]] = {0.95: [], 0.99: []}
     starts = 0
     for case in cases:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,40 +17,40 @@ from edge_vpr.descriptors.counting import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime, PublishedWindows, Window
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.ground_truth import GroundTruth, from_alignment
+from edge_vpr.evaluation.ground_truth import GroundTruth, from_alignment, load_alignment
 from edge_vpr.evaluation.tracks import Track, load_nmea
 from edge_vpr.pipeline import EventSource, WindowSource, cleaned
+from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulation import SimulatedRecording, simulate_pair
 from edge_vpr_tools.research.catalogue import NOT_OPENED, STAND_INS, Download
-from edge_vpr_tools.research.datasets import (
-    DATA_SETS,
-    PublishedPair,
-    found_traverses,
-    published_pairs,
-)
-from edge_vpr_tools.research.experiments import SOURCES, brisbane, speck_walks
-from edge_vpr_tools.research.experiments.experiment import Drives
+from edge_vpr_tools.research.datasets import DATA_SETS, found_traverses, published_pairs
+from edge_vpr_tools.research.experiments import SOURCES
+from edge_vpr_tools.research.experiments.experiment import Drives, recorded_folder
 from edge_vpr_tools.research.experiments.simulated import (
     FIRST_SEED,
     SIMULATED,
     TOLERANCE_M,
     truth_of_pair,
 )
-from edge_vpr_tools.research.experiments.trial import Times, TruthOf, truth_of_tracks
-
-# Pairs of recorded drives that lie in a folder: the stand-ins, and the published traverses.
-
+from edge_vpr_tools.research.experiments.trial import Kept, Times, TruthOf, truth_of_tracks
 
 PAPER = PRESETS["paper"]
 #: numbers of pixels with which each pair of drives is matched
 NUMBERS = (25, PAPER.pixels)
-_INDOOR = "speck_indoor"
+INDOOR, WALKS, BRISBANE, LENS = (
+    "speck_indoor",
+    "speck_walks",
+    "brisbane_sparse49",
+    "brisbane_lens49",
+)
+#: truth by tolerance, the one that pairs are judged by first
+Truths = Mapping[str, TruthOf]
 
-# No ground truth was published for speck_indoor. Matches of all pixels with long sequences show the
-# query 8 frames ahead, from query frame 20 on (data set's README).
-_INDOOR_LAG, _INDOOR_FROM, _INDOOR_TOLERANCE = 8, 20, 3
-_INDOOR_PERIOD = Fraction(1)
+
+def truths_of_tracks(reference: Track, query: Track, *metres: float) -> Truths:
+    """Return the truth of two tracks for each tolerance."""
+    return {f"{each:g} m": truth_of_tracks(reference, query, each) for each in metres}
 
 
 class Tracks(NamedTuple):
@@ -68,8 +68,8 @@ class Pair:
     ----------
     drives : str
         Name of the drives.
-    truth_of : callable
-        Makes the ground truth from the times of places and queries.
+    truths : mapping of str to callable
+        Each makes the ground truth from the times of places and queries.
     drawn : bool
         Whether pixels are drawn, so that several draws differ.
     tracks : Tracks, optional
@@ -82,10 +82,15 @@ class Pair:
     reference: EventSource | WindowSource
     query: EventSource | WindowSource
     settings: Settings
-    truth_of: TruthOf
+    truths: Truths
     drawn: bool = True
     tracks: Tracks | None = None
     files: tuple[Path, ...] = ()
+
+    @property
+    def truth_of(self) -> TruthOf:
+        """Truth by the first tolerance."""
+        return next(iter(self.truths.values()))
 
     @property
     def name(self) -> str:
@@ -95,9 +100,24 @@ class Pair:
         return f"{self.drives}, {self.settings.pixels}{of_all} px"
 
     @property
+    def has_events(self) -> bool:
+        """Whether the events were recorded, and not only their counts."""
+        return not isinstance(self.query, WindowSource)
+
+    @property
+    def events(self) -> tuple[EventSource, EventSource]:
+        """Reference and query, if their events were recorded."""
+        assert not isinstance(self.reference, WindowSource)
+        assert not isinstance(self.query, WindowSource)
+        return self.reference, self.query
+
+    @property
     def has_images(self) -> bool:
         """Whether every pixel of the query was counted, or can be."""
         return not isinstance(self.query, WindowSource) or bool(self.query.counted.all())
+
+
+# Pairs of recorded drives that lie in a folder: the stand-ins, and the published traverses.
 
 
 def pairs(data: Path | None, *, needed: bool = True) -> Iterator[Pair]:
@@ -106,8 +126,8 @@ def pairs(data: Path | None, *, needed: bool = True) -> Iterator[Pair]:
     Parameters
     ----------
     data : path, optional
-        Folder that holds ``speck_indoor``, ``speck_walks``, ``brisbane_sparse49``, published
-        traverses (`edge_vpr_tools.research.datasets`), or some of them.
+        Folder that holds the stand-ins, published traverses
+        (`edge_vpr_tools.research.datasets`), or some of them.
     needed : bool
         Whether at least one pair must be there.
 
@@ -124,42 +144,38 @@ def pairs(data: Path | None, *, needed: bool = True) -> Iterator[Pair]:
         check_data(data)
     if data is None:
         return
-    for folder, open_pairs in _STAND_INS.items():
+    for folder, open_pair in _STAND_INS.items():
         if (data / folder).is_dir():
-            for stand_in in open_pairs(data / folder):
-                yield replace(stand_in, files=(data / folder,))
-    for pair in published_pairs(data):
-        tracks = Tracks(pair.reference.track, pair.query.track)
-        truth_of = truth_of_tracks(*tracks, pair.tolerance_m)
-        drives = pair.reference.recording, pair.query.recording
-        files = pair.reference.path, pair.query.path
-        for pixels in NUMBERS:
-            settings = PAPER.replaced({"pixels": pixels}, "published traverses")
-            yield Pair(pair.name, *drives, settings, truth_of, tracks=tracks, files=files)
+            yield from open_pair(data / folder)
+    for found in published_pairs(data):
+        tracks = Tracks(found.reference.track, found.query.track)
+        metres = _BRISBANE_M if found.tolerance_m == _BRISBANE_M[0] else (found.tolerance_m,)
+        yield from _with_numbers(
+            Pair(
+                found.name, found.reference.recording, found.query.recording, PAPER,
+                truths_of_tracks(*tracks, *metres), tracks=tracks,
+                files=(found.reference.path, found.query.path),
+            )
+        )  # fmt: skip
 
 
-class EventPair(NamedTuple):
-    """Two drives whose events were recorded, matched by the settings of the paper."""
-
-    name: str
-    reference: EventSource
-    query: EventSource
-    settings: Settings
-    truth_of: TruthOf
-    tracks: Tracks | None
-    files: tuple[Path, ...] = ()
+def _with_numbers(pair: Pair) -> Iterator[Pair]:
+    for pixels in NUMBERS:
+        yield replace(pair, settings=pair.settings.replaced({"pixels": pixels}, pair.drives))
 
 
-def event_pairs(data: Path | None) -> Iterator[EventPair]:
-    """Open the pairs of `pairs` whose events were recorded, each once; perhaps none."""
-    for pair in _pairs(data) if data is not None else ():
-        if isinstance(pair.reference, WindowSource) or isinstance(pair.query, WindowSource):
-            continue
-        if pair.settings.pixels == PAPER.pixels:  # else the same drives with other pixels
-            yield EventPair(
-                pair.drives, pair.reference, pair.query, pair.settings, pair.truth_of, pair.tracks,
-                pair.files,
-            )  # fmt: skip
+@lru_cache(maxsize=1)
+def _pairs(data: Path) -> tuple[Pair, ...]:
+    """Open the pairs of a folder once, for as many draws of pixels as there are."""
+    return tuple(pairs(data, needed=False))
+
+
+def whole_pairs(data: Path | None) -> list[Pair]:
+    """Return the pairs of a folder of which all pixels were recorded, each once; perhaps none."""
+    return [
+        pair for pair in (_pairs(data) if data is not None else ())
+        if pair.has_images and pair.settings.pixels == PAPER.pixels
+    ]  # fmt: skip
 
 
 def check_data(data: Path | None) -> None:
@@ -210,15 +226,7 @@ def downloads(data: Path | None) -> list[Download]:
 
 
 def without_pairs(data: Path | None, folders: Collection[str] = tuple(SOURCES)) -> str:
-    """Return a sentence on why there is no pair of drives, and where drives come from.
-
-    Parameters
-    ----------
-    data : path, optional
-        Folder that the user gave.
-    folders : collection of str
-        The `SOURCES` that would do.
-    """
+    """Return a sentence on why there is no pair of drives, and where drives come from."""
     where = "no folder was given with --data" if data is None else f"{data} holds no pair"
     lone = [] if data is None else [
         f"{title} {traverses[0][0].name}"
@@ -242,37 +250,23 @@ def _published_text() -> str:
     return ", ".join(f"{title} (such as {files})" for title, files in found.items())
 
 
+# The stand-ins: short frames and counts that were made of published drives.
+
+
+# No ground truth was published for speck_indoor. Matches of all pixels with long sequences show the
+# query 8 frames ahead, from query frame 20 on (data set's README).
+_INDOOR_LAG, _INDOOR_FROM, _INDOOR_TOLERANCE = 8, 20, 3
+_INDOOR_PERIOD = Fraction(1)
+
+
 def _indoor(folder: Path) -> Iterator[Pair]:
-    reference, query = (
+    first, second = (
         PublishedWindows(folder / f"{name}.npz", period=_INDOOR_PERIOD)
         for name in ("reference", "query")
     )
-    for pixels in NUMBERS:
-        settings = PAPER.replaced({"pixels": pixels, "sequence_length": 15}, "indoor")
-        yield Pair("Speck indoor", reference, query, settings, _truth_indoor)
-
-
-def _walks(folder: Path) -> Iterator[Pair]:
-    reference, query = speck_walks.open_walks(folder)
-    truth_of = speck_walks.truth_of_walks(folder)
-    for pixels in NUMBERS:
-        settings = speck_walks.SETTINGS.replaced({"pixels": pixels}, "walks")
-        yield Pair("Speck walks", reference, query, settings, truth_of)
-
-
-def _brisbane(folder: Path) -> Iterator[Pair]:
-    names = ("sunset2", "sunset1")
-    reference, query = (PublishedWindows(folder / f"{name}.npz") for name in names)
-    tracks = Tracks(*(load_nmea(folder / f"{name}.nmea") for name in names))
-    truth_of = truth_of_tracks(*tracks, brisbane.TOLERANCE_M)
-    drawn = brisbane.SETTINGS.replaced({"pixels": 25, "strategy": "variance"}, "Brisbane")
-    yield Pair("Brisbane", reference, query, drawn, truth_of, tracks=tracks)
-    yield Pair(
-        "Brisbane", reference, query, brisbane.SETTINGS, truth_of, drawn=False, tracks=tracks
-    )
-
-
-_STAND_INS = {_INDOOR: _indoor, speck_walks.FOLDER: _walks, brisbane.FOLDER: _brisbane}
+    settings = PAPER.replaced({"sequence_length": 15}, "indoor")
+    truths = {f"{_INDOOR_TOLERANCE} frames of 1 s": _truth_indoor}
+    yield from _with_numbers(Pair("Speck indoor", first, second, settings, truths, files=(folder,)))
 
 
 def _truth_indoor(places_us: Times, queries_us: Times) -> GroundTruth:
@@ -281,6 +275,67 @@ def _truth_indoor(places_us: Times, queries_us: Times) -> GroundTruth:
     first, last = float(_INDOOR_FROM), float(queries.max())
     alignment = np.array([[first, first - _INDOOR_LAG], [last, last - _INDOOR_LAG]])
     return from_alignment(alignment, queries, places, _INDOOR_TOLERANCE, "frames")
+
+
+#: of the walks, not published with the data; windows have 30 frames whatever the period is
+_FRAME_PERIOD = Fraction(1, 30)
+_WALKS_TOLERANCE = 60.0
+WALKS_SETTINGS = PAPER.replaced({"sequence_length": 10}, "speck walks")
+
+
+def _walks(folder: Path) -> Iterator[Pair]:
+    first, second = (
+        Kept(open_recording(folder / f"{name}.npz", frame_period=_FRAME_PERIOD))
+        for name in ("reference", "query")
+    )
+    truths = {f"{_WALKS_TOLERANCE:g} frames, about 2 s": truth_of_walks(folder)}
+    yield from _with_numbers(
+        Pair("Speck walks", first, second, WALKS_SETTINGS, truths, files=(folder,))
+    )
+
+
+def truth_of_walks(folder: Path) -> TruthOf:
+    """Return the published alignment of the two walks as ground truth."""
+    alignment = load_alignment(folder / "ground_truth.csv")
+    period_us = float(_FRAME_PERIOD * 1_000_000)
+
+    def truth_of(places_us: Times, queries_us: Times) -> GroundTruth:
+        return from_alignment(
+            alignment.pairs,
+            alignment.coordinate(queries_us, period_us),
+            alignment.coordinate(places_us, period_us),
+            _WALKS_TOLERANCE,
+            "frames",
+        )
+
+    return truth_of
+
+
+#: largest distances of a correct match on the streets of Brisbane, as in the literature
+_BRISBANE_M = (70.0, 25.0)
+_BRISBANE_DRIVES = ("sunset2", "sunset1")
+BRISBANE_SETTINGS = PAPER.replaced({"pixels": 49, "strategy": "top"}, "Brisbane")
+
+
+def _brisbane(folder: Path) -> Iterator[Pair]:
+    """Open counts at 49 published locations: a car, two drives of one route at sunset.
+
+    Each value of this data sums a 3 x 3 patch in 8 bits and has wrapped past 255 in busy seconds.
+    The route's start and end lie beside each other, so that the first queries may rightly match the
+    last places.
+    """
+    first, second = (PublishedWindows(folder / f"{name}.npz") for name in _BRISBANE_DRIVES)
+    tracks = Tracks(*(load_nmea(folder / f"{name}.nmea") for name in _BRISBANE_DRIVES))
+    every = Pair(
+        "Brisbane", first, second, BRISBANE_SETTINGS, truths_of_tracks(*tracks, *_BRISBANE_M),
+        drawn=False, tracks=tracks, files=(folder,),
+    )  # fmt: skip
+    some = BRISBANE_SETTINGS.replaced({"pixels": 25, "strategy": "variance"}, "Brisbane")
+    yield replace(every, settings=some, drawn=True)
+    yield every
+
+
+_STAND_INS = {INDOOR: _indoor, WALKS: _walks, BRISBANE: _brisbane}
 
 
 # Pairs of drives whose windows are counted at every pixel, as every system to compare gets them.
@@ -316,13 +371,36 @@ class CountedDrive:
 
 @dataclass(frozen=True, eq=False)
 class CountedPair:
-    """Two drives as windows, and how they are matched."""
+    """Two drives as windows, and how they are matched.
+
+    Attributes
+    ----------
+    truths : mapping of str to callable
+        See `Pair`.
+    laid_out : bool
+        Whether all pixels were counted, so that images can be made of them.
+    weights : tuple of path
+        Of LENS, trained with the reference.
+    """
 
     name: str
     reference: CountedDrive
     query: CountedDrive
     settings: Settings
-    truth_of: TruthOf
+    truths: Truths
+    laid_out: bool = True
+    weights: tuple[Path, ...] = ()
+
+    def truth(self) -> GroundTruth:
+        """Return the truth of all windows by the first tolerance."""
+        truth_of = next(iter(self.truths.values()))
+        return truth_of(self.reference.centre_us, self.query.centre_us)
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels."""
+        _, height, width = self.reference.images.shape
+        return int(height * width)
 
 
 def count_drive(drive: EventSource | WindowSource, window: Window) -> CountedDrive:
@@ -347,7 +425,7 @@ def count_pair(
     reference: EventSource | WindowSource,
     query: EventSource | WindowSource,
     settings: Settings,
-    truth_of: TruthOf,
+    truths: Truths,
 ) -> CountedPair:
     """Count both drives without hot pixels, by number of events if the settings ask for it."""
     window: Window = FixedTime(settings.tau_us)
@@ -359,7 +437,13 @@ def count_pair(
     hot = find_hot_pixels(first.images.sum(axis=0, dtype=np.int64))
     for drive in (first, second):
         drive.images[:, hot] = 0
-    return CountedPair(name, first, second, settings, truth_of)
+    return CountedPair(name, first, second, settings, truths)
+
+
+@lru_cache(maxsize=1)
+def counted(pair: Pair) -> CountedPair:
+    """Count a pair, for as many draws of pixels as there are."""
+    return count_pair(pair.drives, pair.reference, pair.query, pair.settings, pair.truths)
 
 
 def simulated_pair(seed: int, length_m: float = LENGTH_M, sensor: str = "default") -> CountedPair:
@@ -367,26 +451,25 @@ def simulated_pair(seed: int, length_m: float = LENGTH_M, sensor: str = "default
     return count_simulated(*(d.keep() for d in simulate_pair(seed, sensor, length_m=length_m)))
 
 
-def count_simulated(reference: SimulatedRecording, query: SimulatedRecording) -> CountedPair:
-    """Count two simulated drives of one street, in windows of a number of events."""
-    settings = PRESETS["paper"].replaced({"window": "count"}, "pairs")
-    return count_pair(SIMULATED, reference, query, settings, truth_of_pair(reference, query))
-
-
-def recorded_pairs(data: Path) -> Iterator[CountedPair]:
-    """Yield the recorded pairs with counts at every pixel, each pair once.
-
-    Parameters
-    ----------
-    data : Path
-        Folder of the drives; see `drive_pairs.pairs`. Absent data are skipped.
-    """
-    for pair in _pairs(data):
-        if pair.has_images and pair.settings.pixels == PAPER.pixels:  # each pair of drives once
-            yield count_pair(pair.drives, pair.reference, pair.query, pair.settings, pair.truth_of)
+def count_simulated(
+    reference: SimulatedRecording, query: SimulatedRecording, *, window: str = "count"
+) -> CountedPair:
+    """Count two simulated drives of one street, by default in windows of a number of events."""
+    settings = PAPER.replaced({"window": window}, "pairs")
+    truths = {f"{TOLERANCE_M:g} m": truth_of_pair(reference, query)}
+    return count_pair(SIMULATED, reference, query, settings, truths)
 
 
 # Drives as experiments declare them.
+
+
+def _declared(
+    found: Collection[Pair], opened: Callable[[Pair], Any], named: Callable[[Pair], str]
+) -> list[Drives]:
+    return [
+        Drives(named(pair), lambda seed, pair=pair: opened(pair), pair.files, drawn=pair.drawn)  # type: ignore[misc]
+        for pair in found
+    ]
 
 
 def recorded_drives(data: Path | None, *, images: bool = False) -> list[Drives]:
@@ -404,146 +487,75 @@ def recorded_drives(data: Path | None, *, images: bool = False) -> list[Drives]:
     """
     check_data(data)
     assert data is not None
-    return [
-        Drives(pair.name, partial(_opened, data, pair.name), pair.files, drawn=pair.drawn)
-        for pair in _pairs(data)
-        if pair.has_images or not images
-    ]
+    found = [pair for pair in _pairs(data) if pair.has_images or not images]
+    return _declared(found, lambda pair: pair, lambda pair: pair.name)
 
 
 def counted_drives(data: Path | None) -> list[Drives]:
     """Return streets, and the recorded pairs of a folder, as windows of all pixels."""
     streets = Drives(SIMULATED, simulated_pair, varied=True)
-    if data is None:
-        return [streets]
-    recorded = (
-        Drives(pair.drives, partial(_counted_draw, data, pair.drives), pair.files)
-        for pair in _pairs(data)
-        if pair.has_images and pair.settings.pixels == PAPER.pixels
-    )
-    return [streets, *recorded]
+    return [streets, *_declared(whole_pairs(data), counted, lambda pair: pair.drives)]
 
 
 def event_drives(data: Path | None) -> list[Drives]:
     """Return streets, and the pairs of a folder whose events were recorded."""
     streets = Drives(SIMULATED, _event_street, varied=True)
-    recorded = (
-        Drives(pair.name, lambda seed, pair=pair: pair, pair.files)  # type: ignore[misc]
-        for pair in event_pairs(data)
-    )
-    return [streets, *recorded]
+    recorded = [pair for pair in whole_pairs(data) if pair.has_events]
+    return [streets, *_declared(recorded, lambda pair: pair, lambda pair: pair.drives)]
 
 
-@lru_cache(maxsize=1)
-def _pairs(data: Path) -> tuple[Pair, ...]:
-    """Open the pairs of a folder once, for as many draws of pixels as there are."""
-    return tuple(pairs(data, needed=False))
+def _event_street(seed: int) -> Pair:
+    return simulated_events(*(drive.keep() for drive in simulate_pair(seed)))
 
 
-def _opened(data: Path, name: str, seed: int) -> Pair:
-    return next(pair for pair in _pairs(data) if pair.name == name)
+def simulated_events(reference: SimulatedRecording, query: SimulatedRecording) -> Pair:
+    """Return two simulated drives of one street, matched by the settings of the paper."""
+    truths = {f"{TOLERANCE_M:g} m": truth_of_pair(reference, query)}
+    return Pair(SIMULATED, reference, query, PAPER, truths)
 
 
-def _counted_draw(data: Path, name: str, seed: int) -> CountedPair:
-    return _counted(data, name)
+def walks(data: Path | None) -> Drives:
+    """Return the walks in a folder.
 
-
-def _event_street(seed: int) -> EventPair:
-    reference, query = (drive.keep() for drive in simulate_pair(seed))
-    truth_of = truth_of_pair(reference, query)
-    return EventPair(SIMULATED, reference, query, PAPER, truth_of, None)
-
-
-# Pairs of drives for the experiment on rivals: of all pixels, or of those that were published.
-
-
-LENS_FOLDER = "brisbane_lens49"
-#: largest distances of a right match on the streets of Brisbane, as in the literature
-_BRISBANE_M = (70.0, 25.0)
-
-
-@dataclass(frozen=True, eq=False)
-class Contest:
-    """Two counted drives that systems are compared on.
-
-    Attributes
-    ----------
-    truths : mapping of str to callable
-        Truth by tolerance.
-    length : int
-        Windows of a sequence.
-    laid_out : bool
-        Whether all pixels were counted, so that images can be made of them.
-    weights : tuple of path
-        Of LENS, trained with the reference.
+    Raises
+    ------
+    UsageError
+        If they are not there.
     """
-
-    reference: CountedDrive
-    query: CountedDrive
-    truths: Mapping[str, TruthOf]
-    length: int
-    laid_out: bool = True
-    weights: tuple[Path, ...] = ()
-
-    @property
-    def pixels(self) -> int:
-        """Number of pixels."""
-        _, height, width = self.reference.images.shape
-        return int(height * width)
+    folder = recorded_folder(data, WALKS)
+    (pair,) = (pair for pair in whole_pairs(folder.parent) if pair.files == (folder,))
+    return _declared([pair], lambda pair: pair, lambda pair: pair.drives)[0]
 
 
 def contests(data: Path | None) -> list[Drives]:
-    """Return the drives of the experiment on rivals: streets, and recorded ones of a folder."""
+    """Return the drives of the experiment on rivals: streets, and recorded ones of a folder.
+
+    Of Brisbane's drives, some pixels were published.
+    """
     found = [
         Drives(f"{SIMULATED}, windows of {name}", partial(_street_contest, window), varied=True)
         for window, name in (("time", "1 s"), ("count", "N events"))
     ]
     if data is None:
         return found
-    for folder, open_one in (
-        (_INDOOR, _indoor_contest), (speck_walks.FOLDER, _walks_contest)
-    ):  # fmt: skip
-        if (data / folder).is_dir():
-            found.append(Drives(_CONTEST_NAMES[folder], partial(open_one, data), [data / folder]))
-    sparse = data / brisbane.FOLDER
+    found += _declared(whole_pairs(data), counted, lambda pair: pair.drives)
+    sparse, lens = data / BRISBANE, data / LENS
     if sparse.is_dir():
-        for names in (("sunset2", "sunset1"), ("sunset1", "sunset2")):
-            open_sparse = partial(_brisbane_contest, sparse, sparse, names)
-            found.append(
-                Drives(
-                    f"Brisbane, 49 pixels, {names[1]} on {names[0]}",
-                    open_sparse,
-                    [sparse],
-                    drawn=False,
-                )
-            )
-        lens = data / LENS_FOLDER
-        if lens.is_dir():
-            open_lens = partial(_brisbane_contest, lens, sparse, ("sunset2", "sunset1"))
-            found.append(
-                Drives(
-                    "Brisbane, LENS's 49 pixels, sunset1 on sunset2",
-                    open_lens,
-                    [lens, sparse],
-                    drawn=False,
-                )
-            )
-    for pair in published_pairs(data):
-        opened = partial(_published_contest, pair)
-        files = (pair.reference.path, pair.query.path)
-        found.append(Drives(pair.name, opened, files))
+        there, back = _BRISBANE_DRIVES, _BRISBANE_DRIVES[::-1]
+        for title, folder, names in (
+            ("49 pixels", sparse, there), ("49 pixels", sparse, back),
+            ("LENS's 49 pixels", lens, there),
+        ):  # fmt: skip
+            if folder.is_dir():
+                opened = partial(_brisbane_contest, folder, sparse, names)
+                name = f"Brisbane, {title}, {names[1]} on {names[0]}"
+                read = list(dict.fromkeys((folder, sparse)))
+                found.append(Drives(name, opened, read, drawn=False))
     return found
 
 
-_CONTEST_NAMES = {_INDOOR: "Speck indoor", speck_walks.FOLDER: "Speck walks"}
-
-
-def _street_contest(window: str, seed: int) -> Contest:
-    reference, query = _kept_street(FIRST_SEED + seed)
-    settings = PAPER.replaced({"window": window}, "rivals")
-    truth_of = truth_of_pair(reference, query)
-    pair = count_pair(SIMULATED, reference, query, settings, truth_of)
-    return _contest(pair, {f"{TOLERANCE_M:g} m": truth_of})
+def _street_contest(window: str, seed: int) -> CountedPair:
+    return count_simulated(*_kept_street(FIRST_SEED + seed), window=window)
 
 
 @lru_cache(maxsize=1)
@@ -553,35 +565,12 @@ def _kept_street(seed: int) -> tuple[SimulatedRecording, SimulatedRecording]:
     return reference.keep(), query.keep()
 
 
-def _contest(pair: CountedPair, truths: Mapping[str, TruthOf]) -> Contest:
-    return Contest(pair.reference, pair.query, truths, pair.settings.sequence_length)
-
-
-def _indoor_contest(data: Path, seed: int) -> Contest:
-    return _contest(_counted(data, "Speck indoor"), {"3 frames of 1 s": _truth_indoor})
-
-
-def _walks_contest(data: Path, seed: int) -> Contest:
-    truth_of = speck_walks.truth_of_walks(data / speck_walks.FOLDER)
-    return _contest(_counted(data, "Speck walks"), {"60 frames, about 2 s": truth_of})
-
-
-@lru_cache(maxsize=1)
-def _counted(data: Path, name: str) -> CountedPair:
-    """Count a recorded pair, for as many draws of pixels as there are."""
-    return next(pair for pair in recorded_pairs(data) if pair.name == name)
-
-
-def _brisbane_contest(folder: Path, logs: Path, names: tuple[str, str], seed: int) -> Contest:
+def _brisbane_contest(folder: Path, logs: Path, names: tuple[str, str], seed: int) -> CountedPair:
     tracks = [load_nmea(logs / f"{name}.nmea") for name in names]
-    drives = [_published_counts(folder / f"{name}.npz") for name in names]
-    truths = {
-        f"{metres:g} m": truth_of_tracks(tracks[0], tracks[1], metres) for metres in _BRISBANE_M
-    }
-    return Contest(
-        drives[0], drives[1], truths, brisbane.SETTINGS.sequence_length, laid_out=False,
-        weights=tuple(sorted(folder.glob("*.pth"))),
-    )  # fmt: skip
+    first, second = (_published_counts(folder / f"{name}.npz") for name in names)
+    weights = tuple(sorted(folder.glob("*.pth")))
+    truths = truths_of_tracks(tracks[0], tracks[1], *_BRISBANE_M)
+    return CountedPair("Brisbane", first, second, BRISBANE_SETTINGS, truths, False, weights)
 
 
 def _published_counts(path: Path) -> CountedDrive:
@@ -591,12 +580,3 @@ def _published_counts(path: Path) -> CountedDrive:
     second = 1_000_000
     centre_us = np.arange(len(counts), dtype=np.int64) * second + second // 2
     return CountedDrive(counts.astype(np.uint16), centre_us)
-
-
-def _published_contest(pair: PublishedPair, seed: int) -> Contest:
-    tracks = pair.reference.track, pair.query.track
-    tolerances = _BRISBANE_M if pair.tolerance_m in _BRISBANE_M else (pair.tolerance_m,)
-    truths = {f"{metres:g} m": truth_of_tracks(*tracks, metres) for metres in tolerances}
-    drives = pair.reference.recording, pair.query.recording
-    counted = count_pair(pair.name, *drives, PAPER, truths[f"{tolerances[0]:g} m"])
-    return _contest(counted, truths)

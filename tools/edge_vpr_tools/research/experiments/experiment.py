@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple
 
 from matplotlib.figure import Figure
@@ -23,7 +24,7 @@ import fixedpoint
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr_tools import research
 from edge_vpr_tools.report.tables import SEED, TableView, table_of
-from edge_vpr_tools.research.experiments import EXPERIMENTS, SOURCES
+from edge_vpr_tools.research.experiments import SOURCES
 from edge_vpr_tools.research.trials import (
     SCHEMA,
     NamedTrial,
@@ -122,10 +123,14 @@ class Experiment:
     reads_data: bool = True
 
 
+def module_of(name: str) -> ModuleType:
+    """Import the module of an experiment by its name on the command line."""
+    return import_module(f"{__package__}.{name.replace('-', '_')}")
+
+
 def open_experiment(name: str) -> Experiment:
-    """Import an experiment by its name on the command line."""
-    module = import_module(f"{__package__}.{EXPERIMENTS[name]}")
-    found: Experiment = module.EXPERIMENT
+    """Return an experiment by its name on the command line."""
+    found: Experiment = module_of(name).EXPERIMENT
     return found
 
 
@@ -149,12 +154,24 @@ def rows_of(
     experiment: Experiment, data: Path | None, seeds: int, systems: tuple[str, ...] = ()
 ) -> list[dict[str, Any]]:
     """Measure all drives of an experiment with all seeds, in this process."""
-    rows = []
-    for drives in experiment.drives(data):
-        for seed in range(seeds if drives.drawn else 1):
-            draw = Draw(drives.open(seed), seed, drives.varied or seed == 0, systems)
-            rows += [{DRIVES: drives.name, **row, SEED: seed} for row in experiment.measure(draw)]
-    return _concluded(experiment, rows)
+    return _concluded(
+        experiment,
+        [
+            {DRIVES: drives.name, **row, SEED: seed}
+            for drives in experiment.drives(data)
+            for seed in range(seeds if drives.drawn else 1)
+            for row in _measured(experiment, drives, seed, systems)
+        ],
+    )
+
+
+def _measured(
+    experiment: Experiment, drives: Drives, seed: int, systems: tuple[str, ...]
+) -> Iterator[Row]:
+    """Yield the rows of one pair of drives with one seed."""
+    draw = Draw(drives.open(seed), seed, drives.varied or seed == 0, systems)
+    for row in experiment.measure(draw):
+        yield {**{name: row[name] for name in experiment.names}, **row}
 
 
 def _concluded(experiment: Experiment, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -168,17 +185,7 @@ def _concluded(experiment: Experiment, rows: list[dict[str, Any]]) -> list[dict[
 
 @dataclass(frozen=True, kw_only=True)
 class ExperimentTrial:
-    """Everything that determines the rows of one pair of drives and one seed.
-
-    Attributes
-    ----------
-    data : str or None
-        Folder of recorded drives.
-    inputs : str
-        Hash of the code, and of the names, sizes and times of change of the files.
-    version : str
-        Version of edge-vpr.
-    """
+    """Everything that determines the rows of one pair of drives and one seed."""
 
     experiment: str
     drives: str
@@ -210,12 +217,7 @@ def run_trial(trial: ExperimentTrial) -> ExperimentResult:
     experiment = open_experiment(trial.experiment)
     data = None if trial.data is None else Path(trial.data)
     (drives,) = (each for each in experiment.drives(data) if each.name == trial.drives)
-    pair = drives.open(trial.seed)
-    draw = Draw(pair, trial.seed, drives.varied or trial.seed == 0, trial.systems)
-    rows = tuple(
-        {**{name: row[name] for name in experiment.names}, **row}
-        for row in experiment.measure(draw)
-    )
+    rows = tuple(_measured(experiment, drives, trial.seed, trial.systems))
     return ExperimentResult(rows=rows, elapsed_s=time.perf_counter() - begin)
 
 
@@ -311,17 +313,6 @@ def run_experiments(
     progress: Progress = lambda done, of, failed: None,
 ) -> tuple[TrialsRun, list[Measured]]:
     """Compute the trials of experiments that are not stored, and return all their rows.
-
-    Parameters
-    ----------
-    data : path, optional
-        Folder of recorded drives.
-    systems : tuple of str
-        Baselines in addition.
-    store : Store
-        Must be opened.
-    progress : callable
-        See `Progress`.
 
     Raises
     ------

@@ -16,16 +16,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from edge_vpr.pipeline import EventSource
-from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import REFERENCE, simulate_pair
-from edge_vpr_tools.research.experiments.drives import EventPair, event_drives
+from edge_vpr_tools.research.experiments.drives import Pair, event_drives, simulated_events
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
 from edge_vpr_tools.research.experiments.plots import lines
-from edge_vpr_tools.research.experiments.simulated import SIMULATED, truth_of_pair
-from edge_vpr_tools.research.experiments.trial import (
-    Variant,
-    run_trial,
-)
+from edge_vpr_tools.research.experiments.simulated import SIMULATED
+from edge_vpr_tools.research.experiments.trial import Variant, run_trial
 
 LENGTH_M = 450.0
 #: speeds of the query as multiples of the reference's
@@ -55,7 +51,7 @@ def extent(drive: EventSource) -> Extent:
     return Extent(events, last_us - first_us)
 
 
-def street(seed: int) -> list[tuple[str, EventPair]]:
+def street(seed: int) -> list[tuple[str, Pair]]:
     """Simulate a street of this seed, with a query at each speed."""
     still = replace(REFERENCE, speed_range=1.0)
     found = []
@@ -65,21 +61,20 @@ def street(seed: int) -> list[tuple[str, EventPair]]:
         first, query = simulate_pair(seed, length_m=LENGTH_M, reference=still, query=other)
         reference = first.keep() if reference is None else reference
         query.keep()
-        truth_of = truth_of_pair(reference, query)
-        pair = EventPair(SIMULATED, reference, query, PRESETS["paper"], truth_of, None)
-        found.append((f"speed x {speed:g}", pair))
+        found.append((f"speed x {speed:g}", simulated_events(reference, query)))
     return found
 
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Match in every way, and measure the drives."""
-    queries = draw.pair if isinstance(draw.pair, list) else [("as recorded", draw.pair)]
-    reference = extent(queries[0][1].reference)
+    recorded = isinstance(draw.pair, Pair)
+    queries: list[tuple[str, Pair]] = [("as recorded", draw.pair)] if recorded else draw.pair
+    reference = extent(queries[0][1].events[0])
     for name, pair in queries:
         settings = pair.settings.replaced({"seed": draw.seed}, "seed")
-        query = extent(pair.query)
+        query = extent(pair.events[1])
         for variant in VARIANTS:
-            trial = run_trial(pair.reference, pair.query, pair.truth_of, settings, variant)
+            trial = run_trial(*pair.events, pair.truth_of, settings, variant)
             yield {
                 "query": name,
                 "variant": variant.name,

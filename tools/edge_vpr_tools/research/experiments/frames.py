@@ -5,9 +5,8 @@ Frames are taken at the centres of the windows of events, so that both show the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,14 +28,13 @@ from edge_vpr_tools.research.experiments.drives import (
     CountedPair,
     count_pair,
     count_simulated,
+    truths_of_tracks,
 )
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
 from edge_vpr_tools.research.experiments.plots import dots
-from edge_vpr_tools.research.experiments.rivals import (
-    compare_systems,
-)
+from edge_vpr_tools.research.experiments.rivals import compare_systems
 from edge_vpr_tools.research.experiments.simulated import SIMULATED
-from edge_vpr_tools.research.experiments.trial import Times, truth_of_tracks
+from edge_vpr_tools.research.experiments.trial import Times
 from edge_vpr_tools.research.intensity import IntensityFrames, frames_at, open_intensity
 from edge_vpr_tools.research.intensity.frames import simulated_images
 
@@ -66,15 +64,7 @@ class FramedPair(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FramedDrive:
-    """Drive with frames.
-
-    Attributes
-    ----------
-    start_us : int
-        Time 0 of the drive on the clock of the frames.
-    recording : EventSource or None
-        Events of the drive.
-    """
+    """Drive with frames, on whose clock `start_us` is its time 0; events, if any were recorded."""
 
     frames: IntensityFrames
     start_us: int
@@ -82,28 +72,25 @@ class FramedDrive:
     track: Track
 
 
-def framed_pairs(
-    data: Path,
-) -> Iterator[tuple[str, Sequence[Path], Callable[[], FramedPair]]]:
-    """Yield the pairs of drives that have frames: their names, files, and a function that reads.
+def framed_pairs(data: Path) -> list[Drives]:
+    """Return the pairs of drives in a folder that have frames.
 
     Raises
     ------
     GroundTruthError
         If the GPS log of a published traverse is missing.
     """
-    folder = data / FRAMES
+    folder, found = data / FRAMES, []
     if folder.is_dir():
-        yield (
-            "own frames",
-            [folder],
-            lambda: _read(
-                "own frames", _own_drive(folder, "reference"), _own_drive(folder, "query")
-            ),
-        )
+        found.append(Drives("own frames", lambda seed: _read_own(folder), [folder]))
     for pair in published_pairs(data, ("bag",)):
         files = (pair.reference.path, pair.query.path)
-        yield pair.name, files, partial(_read_published, pair)
+        found.append(Drives(pair.name, lambda seed, pair=pair: _read_published(pair), files))  # type: ignore[misc]
+    return found
+
+
+def _read_own(folder: Path) -> FramedPair:
+    return _read("own frames", _own_drive(folder, "reference"), _own_drive(folder, "query"))
 
 
 def _read_published(pair: PublishedPair) -> FramedPair:
@@ -114,14 +101,13 @@ def _read_published(pair: PublishedPair) -> FramedPair:
 def _read(
     name: str, reference: FramedDrive, query: FramedDrive, tolerance_m: float | None = None
 ) -> FramedPair:
-    truth_of = truth_of_tracks(
-        reference.track, query.track, tolerance_m or TOLERANCE_M[reference.track.kind]
-    )
+    metres = tolerance_m or TOLERANCE_M[reference.track.kind]
+    truths = truths_of_tracks(reference.track, query.track, metres)
     if reference.recording is None or query.recording is None:
         events = None
         times = [_grid(drive) for drive in (reference, query)]
     else:
-        events = count_pair(name, reference.recording, query.recording, SETTINGS, truth_of)
+        events = count_pair(name, reference.recording, query.recording, SETTINGS, truths)
         times = [events.reference.centre_us, events.query.centre_us]
     first, second = (
         CountedDrive(
@@ -129,7 +115,7 @@ def _read(
         )
         for drive, wanted in zip((reference, query), times, strict=True)
     )
-    return FramedPair(name, events, CountedPair(name, first, second, SETTINGS, truth_of))
+    return FramedPair(name, events, CountedPair(name, first, second, SETTINGS, truths))
 
 
 def _grid(drive: FramedDrive) -> Times:
@@ -176,24 +162,14 @@ def simulated_frames(seed: int, length_m: float = LENGTH_M, sensor: str = "defau
         CountedDrive(simulated_images(drive, counted.centre_us, rng), counted.centre_us)
         for drive, counted in zip(drives, (events.reference, events.query), strict=True)
     )
-    frames = CountedPair(SIMULATED, first, second, events.settings, events.truth_of)
+    frames = CountedPair(SIMULATED, first, second, events.settings, events.truths)
     return FramedPair(SIMULATED, events, frames)
 
 
 def systems(
     seed: int, drawn_only: bool, baselines: Sequence[str] = ()
 ) -> Iterator[tuple[str, Baseline]]:
-    """Yield each choice of pixels with its name.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the draw of pixels.
-    drawn_only : bool
-        Skip the systems that draw nothing.
-    baselines : sequence of str
-        Additional baselines; see `edge_vpr_tools.research.baselines.open_baseline`.
-    """
+    """Yield each choice of pixels with its name."""
     if not drawn_only:
         for name, baseline in DENSE.items():
             yield name, open_baseline(baseline)
@@ -218,10 +194,8 @@ def measure(draw: Draw) -> Iterator[Row]:
 
 def drives(data: Path | None) -> list[Drives]:
     """Return streets, and the drives of a folder that have frames."""
-    found = [Drives(SIMULATED, simulated_frames, varied=True)]
-    for name, files, opened in framed_pairs(data) if data is not None else ():
-        found.append(Drives(name, lambda seed, opened=opened: opened(), files))  # type: ignore[misc]
-    return found
+    streets = Drives(SIMULATED, lambda seed: simulated_frames(seed), varied=True)
+    return [streets, *(framed_pairs(data) if data is not None else ())]
 
 
 def figure(rows: Rows) -> Figure:

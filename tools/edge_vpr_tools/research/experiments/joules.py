@@ -27,13 +27,7 @@ PIXELS = (150, 25)
 
 
 class Published(NamedTuple):
-    """Power of another system at one match per second, in watts, as its authors measured it.
-
-    Attributes
-    ----------
-    low, central, high : float
-        The ends of their interval, where there is one.
-    """
+    """Power of another system at one match per second, in watts, as its authors measured it."""
 
     system: str
     device: str

@@ -24,13 +24,17 @@ from edge_vpr.pipeline import EventSource, WindowSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.registration import register
 from edge_vpr_tools.research.baselines import map_all_pixels
-from edge_vpr_tools.research.experiments import SOURCES, brisbane
-from edge_vpr_tools.research.experiments.drives import PAPER, Pair, recorded_drives, without_pairs
+from edge_vpr_tools.research.experiments.drives import (
+    INDOOR,
+    PAPER,
+    WALKS,
+    Pair,
+    recorded_drives,
+    without_pairs,
+)
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.plots import lines
-from edge_vpr_tools.research.experiments.trial import (
-    DEFAULT_MATCHING,
-)
+from edge_vpr_tools.research.experiments.trial import DEFAULT_MATCHING
 
 #: shifts to the right and downwards, in pixels
 SHIFTS = (0, 1, 2, 4, 8)
@@ -39,17 +43,7 @@ _CODED = {"counter_code": "log"}
 
 @dataclass(frozen=True)
 class Way:
-    """Way to match a shifted drive.
-
-    Parameters
-    ----------
-    changes : dict
-        Settings that differ from the pair's.
-    registered : bool
-        Register the query with the map.
-    all_pixels : bool
-        Use every pixel instead of a selection.
-    """
+    """Way to match a shifted drive."""
 
     name: str
     changes: dict[str, Any]
@@ -158,8 +152,9 @@ def drives(data: Path | None) -> list[Drives]:
     """
     found = recorded_drives(data, images=True)
     if not found:
-        folders = [folder for folder in SOURCES if not folder.startswith(brisbane.FOLDER[:8])]
-        raise UsageError(f"no drive with counts at every pixel: {without_pairs(data, folders)}")
+        raise UsageError(
+            f"no drive with counts at every pixel: {without_pairs(data, [INDOOR, WALKS])}"
+        )
     return found
 
 

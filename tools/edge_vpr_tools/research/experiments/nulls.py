@@ -27,13 +27,7 @@ CONSTANT_SPEED = "null: constant speed from start to end"
 def null_queries(
     counted: Descriptors, rng: np.random.Generator
 ) -> Iterator[tuple[str, Descriptors]]:
-    """Yield queries that show nothing of the route, by name, with the times of the query.
-
-    Parameters
-    ----------
-    counted : Descriptors
-        Counts of the query at the map's pixels.
-    """
+    """Yield queries that show nothing of the route, by name, with the times of the query."""
     windows = len(counted)
     for name, shown in (
         ("windows shuffled", counted.take(rng.permutation(windows))),

@@ -40,7 +40,7 @@ _ROBOT = {"smooth": False, "query_mean": "running"}
 def measure(draw: Draw) -> Iterator[Row]:
     """Match a pair with every choice and number of pixels, and with all of them."""
     pair: CountedPair = draw.pair
-    truth = pair.truth_of(pair.reference.centre_us, pair.query.centre_us)
+    truth = pair.truth()
     for name, changes in STRATEGIES.items():
         for number in NUMBERS:
             settings = pair.settings.replaced(

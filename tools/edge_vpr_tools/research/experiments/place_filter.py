@@ -73,13 +73,7 @@ LONGEST = 10
 
 
 class Second(NamedTuple):
-    """A second drive along the street.
-
-    Attributes
-    ----------
-    contrast : float
-        Thresholds of the camera, as a multiple of those in the reference drive.
-    """
+    """A second drive along the street, and the contrast thresholds of its camera as a multiple."""
 
     drive: Drive
     contrast: float = 1.0
@@ -106,6 +100,18 @@ STREETS: Mapping[str, Second] = {
 }
 
 
+def second_drive(query: SimulatedRecording, name: str, offset: int = 0) -> SimulatedRecording:
+    """Simulate the drive of `STREETS` on the street of a query; an offset makes another traffic."""
+    drive, contrast = STREETS[name]
+    camera = replace(
+        query.camera,
+        contrast_on=contrast * query.camera.contrast_on,
+        contrast_off=contrast * query.camera.contrast_off,
+    )
+    seed = query.seed + offset
+    return SimulatedRecording(query.world, camera, drive, seed=seed, device=query.device).keep()
+
+
 FIRST_SEED = 10
 PIXELS = (25, 150)
 _WHEELS = 9  # random stream of the odometers
@@ -113,17 +119,7 @@ _WHEELS = 9  # random stream of the odometers
 
 @dataclass(frozen=True, eq=False)
 class Counted:
-    """One draw of pixels on one pair of drives, before any code is applied.
-
-    Attributes
-    ----------
-    reference : ReferenceMap
-        Map with counts.
-    queries : Descriptors
-        Counts of the query.
-    odometry : Odometry or None
-        Odometry of the query.
-    """
+    """One draw of pixels on one pair of drives: a map of counts, and counts of the query."""
 
     name: str
     settings: Settings
@@ -158,15 +154,7 @@ def counted_street(seed: int, kinds: Sequence[str] = tuple(STREETS)) -> Iterator
     rng = np.random.default_rng((seed, _WHEELS))
     meter = wheel_odometry(reference.track, rng)
     for name in kinds:
-        drive, contrast = STREETS[name]
-        camera = replace(
-            query.camera,
-            contrast_on=contrast * query.camera.contrast_on,
-            contrast_off=contrast * query.camera.contrast_off,
-        )
-        other = SimulatedRecording(
-            query.world, camera, drive, seed=query.seed, device=query.device
-        ).keep()
+        other = second_drive(query, name)
         wheel = wheel_odometry(other.track, rng)
         for pixels in PIXELS:
             settings = PRESETS["paper"].replaced({"pixels": pixels, "seed": seed}, "street")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,13 +24,14 @@ from edge_vpr.pipeline import EventSource, count_windows, match_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import PRESETS
-from edge_vpr.simulation import SimulatedRecording, simulate_pair
+from edge_vpr.simulation import simulate_pair
 from edge_vpr.simulation.drive import wheel_odometry
 from edge_vpr_tools.report.tables import TableView
-from edge_vpr_tools.research.experiments import speck_walks
 from edge_vpr_tools.research.experiments.calibration import Case, carried_off, without_places
+from edge_vpr_tools.research.experiments.drives import WALKS, Pair, walks
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
-from edge_vpr_tools.research.experiments.place_filter import STREETS
+from edge_vpr_tools.research.experiments.nulls import null_queries
+from edge_vpr_tools.research.experiments.place_filter import second_drive
 from edge_vpr_tools.research.experiments.plots import dots
 from edge_vpr_tools.research.experiments.trial import TruthOf, truth_of_tracks
 
@@ -78,9 +79,7 @@ def open_street(seed: int) -> Route:
     meter = wheel_odometry(reference.track, rng)
     queries = []
     for light, name in LIGHTS.items():
-        driven = SimulatedRecording(
-            query.world, query.camera, STREETS[name].drive, seed=query.seed, device=query.device
-        ).keep()
+        driven = second_drive(query, name)
         near, wide = (
             truth_of_tracks(reference.track, driven.track, metres) for metres in TOLERANCES_M
         )
@@ -88,10 +87,10 @@ def open_street(seed: int) -> Route:
     return Route(reference.keep(), tuple(queries), meter)
 
 
-def open_walks(folder: Path, seed: int) -> Route:
-    """Read the walks; their truth is known to a second, so that both tolerances are 2 s."""
-    reference, query, truth_of = speck_walks.open_pair(folder, seed)
-    return Route(reference, (Query("as recorded", query, (truth_of, truth_of)),))
+def route_of(pair: Pair) -> Route:
+    """Return the walks; their truth is known to a second, so that both tolerances are 2 s."""
+    reference, query = pair.events
+    return Route(reference, (Query("as recorded", query, (pair.truth_of, pair.truth_of)),))
 
 
 def measure(draw: Draw) -> Iterator[Row]:
@@ -105,28 +104,29 @@ def measure(draw: Draw) -> Iterator[Row]:
         )
         for query in route.queries:
             counted = count_windows(query.recording, whole.pixel_map, settings)
+            nulls = dict(null_queries(counted, np.random.default_rng(draw.seed)))
+            shown = {WHOLE: counted, **{name: nulls[name] for name in NULLS}}
             for number, mapped in ((1, whole), (2, half)):
                 truths = [
                     truth_of(mapped.places.centre_us, counted.centre_us)
                     for truth_of in query.truths
                 ]
                 row = {"pixels": pixels, "query": query.name, _NUMBER: number}
-                for matched, changes in MATCHED.items():
-                    named = {**row, "matched": matched}
+                for (matched, changes), (name, seen) in product(MATCHED.items(), shown.items()):
+                    named = {**row, "matched": matched, "odometry": "none"}
                     asked = mapped.settings.replaced(changes, matched)
-                    drive = Case(mapped.matched_with(asked), counted, truths[-1])
-                    judged = _judged(drive, drive.match(), truths)
-                    yield {**named, "odometry": "none", "drive": WHOLE, **judged}
-                    for name, left in (("a quarter cut out", _cut), ("carried off", _carried)):
+                    drive = Case(mapped.matched_with(asked), seen, truths[-1])
+                    yield {**named, "drive": name, **_judged(drive, drive.match(), truths)}
+                    for part_name, left in LEFT_MAP.items() if name == WHOLE else ():
                         part = left(drive, number)
                         judged = _judged(part, part.match(), [part.truth])
-                        yield {**named, "odometry": "none", "drive": name, **judged}
+                        yield {**named, "drive": part_name, **judged}
                     if query.odometry is not None and route.odometry is not None:
                         way = route.odometry.along(mapped.places.centre_us)
                         metred = replace(drive.reference, odometer_mm=way)
-                        found = match_query(metred, metred.coded(counted), query.odometry)
+                        found = match_query(metred, metred.coded(seen), query.odometry)
                         judged = _judged(drive, found, truths)
-                        yield {**named, "odometry": "wheels", "drive": WHOLE, **judged}
+                        yield {**named, "odometry": "wheels", "drive": name, **judged}
 
 
 def _cut(drive: Case, number: int) -> Case:
@@ -138,6 +138,12 @@ def _cut(drive: Case, number: int) -> Case:
 def _carried(drive: Case, number: int) -> Case:
     windows = len(drive.counted)
     return carried_off(drive, windows // 3, 2 * windows // 3)
+
+
+#: parts of drives that leave the map, by name
+LEFT_MAP = {"a quarter cut out": _cut, "carried off": _carried}
+#: queries that show nothing of the route: what is found in them, the filter and the odometry assume
+NULLS = ("null: windows shuffled", "null: query reversed")
 
 
 def _judged(drive: Case, found: Matches, truths: Sequence[GroundTruth]) -> Row:
@@ -171,9 +177,9 @@ def _judged(drive: Case, found: Matches, truths: Sequence[GroundTruth]) -> Row:
 def drives(data: Path | None) -> list[Drives]:
     """Return streets, and the walks of a folder."""
     found = [Drives(f"streets of {LENGTH_M:g} m", open_street, varied=True)]
-    if data is not None and (data / speck_walks.FOLDER).is_dir():
-        folder = data / speck_walks.FOLDER
-        found.append(Drives("Speck walks", partial(open_walks, folder), [folder]))
+    if data is not None and (data / WALKS).is_dir():
+        recorded = walks(data)
+        found.append(replace(recorded, open=lambda seed: route_of(recorded.open(seed))))
     return found
 
 

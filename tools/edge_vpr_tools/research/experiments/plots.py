@@ -30,17 +30,7 @@ _COLUMNS = 4
 
 
 def dots(rows: Rows, measures: Sequence[str], row: str, series: str | None = None) -> Figure:
-    """Draw a panel for each measure and pair of drives: means of trials as dots, spreads as bars.
-
-    Parameters
-    ----------
-    measures : sequence of str
-        Columns of the panels.
-    row : str
-        Column that names the lines of a panel.
-    series : str, optional
-        Column that has a colour for each of its values.
-    """
+    """Draw a panel per measure and pair of drives: means of trials as dots, a colour per series."""
     drives = list(_by(rows, "drives"))
     labels = list(dict.fromkeys(str(each[row]) for each in rows))
 
@@ -111,17 +101,7 @@ def lines(
 
 
 def costs(rows: Rows, x: str, y: str, label: str, series: str) -> Figure:
-    """Draw a measure against a cost: a panel each pair of drives, a mark each system.
-
-    Parameters
-    ----------
-    x, y : str
-        Columns of the cost and of the measure.
-    label : str
-        Column that has a colour for each of its values.
-    series : str
-        Column that has a marker for each of its values.
-    """
+    """Draw a measure against a cost: a panel each pair of drives, a mark each system."""
     names = list(dict.fromkeys(row[label] for row in rows))
     colours: dict[str, dict[str, Any]] = {
         # those that have the colour of another are hollow
@@ -162,25 +142,7 @@ def _grid(
     below: float,
     columns: int = _COLUMNS,
 ) -> Iterator[tuple[Figure, list[tuple[Axes, Rows]]]]:
-    """Lay out a panel for each value of a column, in lines from left to right.
-
-    Parameters
-    ----------
-    y : str
-        Label of the vertical axis, which all panels share.
-    size : (float, float)
-        Width and height of a panel in inches.
-    below : float
-        Height of what is below all panels, in inches.
-    columns : int
-        Most panels beside each other.
-
-    Yields
-    ------
-    drawing : Figure
-    grid : list of (Axes, rows)
-        Each panel, with its rows. The title is the value; each of its lines is shortened.
-    """
+    """Lay out a panel for each value of a column, and yield each with its rows; sizes in inches."""
     found = list(_by(rows, column))
     columns = min(len(found), columns)
     across = -(-len(found) // columns)

@@ -39,7 +39,7 @@ from edge_vpr_tools.research.baselines import (
 )
 from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
-from edge_vpr_tools.research.experiments.drives import Contest, CountedDrive, CountedPair, contests
+from edge_vpr_tools.research.experiments.drives import CountedDrive, CountedPair, contests
 from edge_vpr_tools.research.experiments.experiment import CHOSEN_ON, Draw, Experiment, Row, Rows
 from edge_vpr_tools.research.experiments.nulls import (
     BY_AUTHORS,
@@ -80,13 +80,7 @@ class Decoder(NamedTuple):
 
 
 def decoders(length: int) -> dict[str, Decoder]:
-    """Return the ways to match, by name.
-
-    Parameters
-    ----------
-    length : int
-        Windows of a sequence for these drives.
-    """
+    """Return the ways to match, by name."""
     found = {}
     for windows in sorted({length, *LENGTHS}):
         sequences = PRESETS["paper"].replaced({"sequence_length": windows}, "rivals")
@@ -137,7 +131,7 @@ class System:
 OURS = "edge-vpr (default)"
 
 
-def ours(pair: Contest, seed: int) -> tuple[ReferenceMap, Descriptors]:
+def ours(pair: CountedPair, seed: int) -> tuple[ReferenceMap, Descriptors]:
     """Map the reference at the default's pixels, and count the query there."""
     pixels = min(_DEFAULT.pixels, pair.pixels)
     every = {"strategy": "top"} if pixels == pair.pixels else {}
@@ -164,7 +158,7 @@ def windows_at(drive: CountedDrive, pixel_map: PixelMap) -> Descriptors:
     return Descriptors(narrow(counts), centre, centre + 1, events)
 
 
-def our_systems(pair: Contest, seed: int) -> Iterator[System]:
+def our_systems(pair: CountedPair, seed: int) -> Iterator[System]:
     """Yield the default, and the default on queries that show nothing of the route."""
     mapped, counted = ours(pair, seed)
 
@@ -197,7 +191,9 @@ def our_systems(pair: Contest, seed: int) -> Iterator[System]:
         yield system(name, shown, filters)
 
 
-def rivals_of(pair: Contest, seed: int, is_new: bool, systems: Sequence[str]) -> Iterator[System]:
+def rivals_of(
+    pair: CountedPair, seed: int, is_new: bool, systems: Sequence[str]
+) -> Iterator[System]:
     """Yield the rivals that can be used on these drives, and that this seed makes a difference to.
 
     Parameters
@@ -241,7 +237,7 @@ _ANYWHERE = ("all-pixels", "all-pixels@1,2,4", "active-pixels", "active-overlap"
 
 
 def _baselines(
-    pair: Contest, seed: int, is_new: bool, systems: Sequence[str]
+    pair: CountedPair, seed: int, is_new: bool, systems: Sequence[str]
 ) -> Iterator[tuple[str, Baseline]]:
     names = [*baseline_names(), *systems] if pair.laid_out else list(_ANYWHERE)
     for name in names:
@@ -275,8 +271,8 @@ _NOT_MEASURED: dict[str, Any] = dict.fromkeys(
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Match a pair of drives by every system in every way, and judge the matches."""
-    pair: Contest = draw.pair
-    ways = decoders(pair.length)
+    pair: CountedPair = draw.pair
+    ways = decoders(pair.settings.sequence_length)
     truths = {
         tolerance: truth_of(pair.reference.centre_us, pair.query.centre_us)
         for tolerance, truth_of in pair.truths.items()
@@ -396,7 +392,7 @@ def compare_systems(
         Row of a system. Those that do not fit are left out: pixels with large surrounds do not fit
         every sensor.
     """
-    truth = pair.truth_of(pair.reference.centre_us, pair.query.centre_us)
+    truth = pair.truth()
     for name, system in systems:
         try:
             found = compare(system, pair.reference.images, pair.query.images)

@@ -100,18 +100,7 @@ def transitions_of(counted: Counted, constants: Constants) -> Transitions:
 def match_with(
     counted: Counted, constants: Constants, delays: Sequence[int]
 ) -> dict[int, npt.NDArray[np.int64]]:
-    """Match window by window as the default does on a robot, with other constants.
-
-    Parameters
-    ----------
-    delays : sequence of int
-        Windows to wait for.
-
-    Returns
-    -------
-    dict of int to ndarray of int64, shape (n,)
-        Place of each window, by delay.
-    """
+    """Match window by window as on a robot; return the place of each window, by delay."""
     coded = counted.coded(VARIANTS[ROBOT])
     queries = coded.coded(counted.queries)
     distances = ReferenceIndex(coded.places.counts).rows(queries.counts)
@@ -212,13 +201,7 @@ def measure(draw: Draw) -> Iterator[Row]:
 
 
 def left_out(rows: Rows) -> list[Row]:
-    """Judge on each pair the setting that is best on the others, live, beside the default.
-
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Of `measure`, with all drives.
-    """
+    """Judge on each pair the setting that is best on the others, live, beside the default."""
     live = [row for row in rows if row["matching"] == "live"]
     found: dict[Setting, dict[str, list[float]]] = {}
     for row in live:

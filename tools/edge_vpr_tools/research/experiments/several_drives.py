@@ -21,7 +21,7 @@ from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import SimulatedRecording, simulate_pair
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
-from edge_vpr_tools.research.experiments.place_filter import STREETS
+from edge_vpr_tools.research.experiments.place_filter import second_drive
 from edge_vpr_tools.research.experiments.plots import dots
 
 LENGTH_M, TOLERANCE_M = 450.0, 10.0
@@ -52,19 +52,14 @@ def open_street(seed: int) -> Street:
     """Simulate the drives of one street."""
     reference, query = simulate_pair(FIRST_SEED + seed, "default", length_m=LENGTH_M)
 
-    def driven(offset: int) -> dict[str, SimulatedRecording]:
-        return {
-            light: SimulatedRecording(
-                query.world,
-                query.camera,
-                STREETS[name].drive,
-                seed=query.seed + offset + i,
-                device=query.device,
-            ).keep()
+    learnt, judges = (
+        {
+            light: second_drive(query, name, offset + i)
             for i, (light, name) in enumerate(LIGHTS.items())
         }
-
-    return Street(reference.keep(), driven(1_000), driven(2_000))
+        for offset in (1_000, 2_000)
+    )
+    return Street(reference.keep(), learnt, judges)
 
 
 def measure(draw: Draw) -> Iterator[Row]:

@@ -148,15 +148,7 @@ def run_variants(
     seed: int,
     on_start: Callable[[str], None],
 ) -> dict[str, Trial]:
-    """Run every variant on one pair, as the demo does.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the draw of pixels.
-    on_start : callable
-        Called with the name of each variant before it begins.
-    """
+    """Run every variant on one pair, as the demo does."""
     settings = SETTINGS.replaced({"seed": seed}, "seed")
     truth_of = truth_of_pair(reference, query)
     trials = {}

@@ -74,17 +74,7 @@ class Kept:
 
 @dataclass(frozen=True)
 class Variant:
-    """Variant of the method.
-
-    Parameters
-    ----------
-    name : str
-        Name in tables and figures.
-    changes : mapping
-        Settings that differ from the experiment's.
-    all_pixels : bool
-        Use every pixel instead of a selection.
-    """
+    """Variant of the method."""
 
     name: str
     changes: Mapping[str, Any] = field(default_factory=dict)
@@ -203,17 +193,3 @@ def match_trial(
     )
     truth = inner_windows(truth_of(mapped.places.centre_us, queries.centre_us), longest)
     return Trial(mapped, queries, matches, truth, evaluate(matches, truth), matching_s)
-
-
-@dataclass(frozen=True, eq=False)
-class Summary:
-    """One figure over several trials."""
-
-    values: Sequence[float]
-
-    def __str__(self) -> str:
-        mean = float(np.mean(self.values))
-        if len(self.values) == 1:
-            return f"{mean:.3f}"
-        # standard deviation of the sample of trials, and not of their mean
-        return f"{mean:.3f} ± {float(np.std(self.values, ddof=1)):.3f}"

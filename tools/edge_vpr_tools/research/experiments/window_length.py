@@ -9,14 +9,10 @@ from matplotlib.figure import Figure
 
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.report.tables import TableView
-from edge_vpr_tools.research.experiments.drives import EventPair, event_drives
+from edge_vpr_tools.research.experiments.drives import Pair, event_drives
 from edge_vpr_tools.research.experiments.experiment import Draw, Experiment, Row, Rows
 from edge_vpr_tools.research.experiments.plots import lines
-from edge_vpr_tools.research.experiments.trial import (
-    Variant,
-    map_and_describe,
-    match_trial,
-)
+from edge_vpr_tools.research.experiments.trial import Variant, map_and_describe, match_trial
 
 #: duration of one window in seconds
 WINDOWS_S = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -45,11 +41,11 @@ def measure(draw: Draw) -> Iterator[Row]:
     Both drives are counted once for each length of a window, since the length of sequences matters
     only to the matching.
     """
-    pair: EventPair = draw.pair
+    pair: Pair = draw.pair
     settings = PRESETS["paper"].replaced({"seed": draw.seed}, "seed")
     for window_s in WINDOWS_S:
         tried = variant(window_s, SPANS_S[0])
-        mapped, queries = map_and_describe(pair.reference, pair.query, settings, tried)
+        mapped, queries = map_and_describe(*pair.events, settings, tried)
         for span_s in SPANS_S:
             longer = variant(window_s, span_s)
             changed = mapped.settings.replaced(longer.changes, longer.name)

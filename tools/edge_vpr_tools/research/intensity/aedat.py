@@ -180,11 +180,6 @@ class Aedat3Frames:
     Pixels have 16 bits, of which the upper 8 are kept. Frames that are marked as invalid are left
     out.
 
-    Parameters
-    ----------
-    topic : str, optional
-        Name or number of the camera, if there are several.
-
     Attributes
     ----------
     start_us : int
@@ -227,19 +222,27 @@ def _aedat3_frame(packet: Packet, first: int, head: np.void) -> IntensityFrame:
     width, height = int(head["width"]), int(head["height"])
     if channels not in _AEDAT3_CHANNELS:
         raise ValueError(f"{channels} channels are neither grey, RGB nor RGBA")
-    if not (0 < width <= LONGEST_SIDE and 0 < height <= LONGEST_SIDE):
-        raise ValueError(f"a frame of {width}x{height} pixels")
-    samples = width * height * channels
+    samples = _samples(width, height, channels)
     if _HEAD.itemsize + 2 * samples > packet.event_bytes:
         raise ValueError(
             f"{packet.event_bytes - _HEAD.itemsize:,} bytes for {width}x{height} pixels of "
             f"{2 * channels} bytes"
         )
     pixels = np.frombuffer(packet.data, "<u2", samples, first + _HEAD.itemsize) >> 8
-    shape = (height, width) if channels == 1 else (height, width, channels)
-    image = to_grey(pixels.astype(np.uint8).reshape(shape), blue_first=False)
+    image = _grey(pixels.astype(np.uint8), width, height, blue_first=False)
     begin, end = int(head["exposure_start"]), int(head["exposure_end"])
     return IntensityFrame(packet.origin_us + begin + (end - begin) // 2, image)
+
+
+def _samples(width: int, height: int, channels: int) -> int:
+    if not (0 < width <= LONGEST_SIDE and 0 < height <= LONGEST_SIDE):
+        raise ValueError(f"a frame of {width}x{height} pixels")
+    return width * height * channels
+
+
+def _grey(pixels: npt.NDArray[np.uint8], width: int, height: int, *, blue_first: bool) -> Image:
+    shape = (height, width) if pixels.size == width * height else (height, width, -1)
+    return to_grey(pixels.reshape(shape), blue_first)
 
 
 # Frames of AEDAT 4: the intensity images that a DAVIS takes along with its events.
@@ -253,11 +256,6 @@ _TIME, _FORMAT, _WIDTH, _HEIGHT, _PIXELS = 0, 5, 6, 7, 10
 
 class Aedat4Frames:
     """Frames of one stream.
-
-    Parameters
-    ----------
-    topic : str, optional
-        Name or number of the stream, if there are several.
 
     Attributes
     ----------
@@ -298,14 +296,12 @@ def _aedat4_frame(data: bytes) -> IntensityFrame | None:
         return None
     if layout not in _AEDAT4_CHANNELS:
         raise ValueError(f"pixel format {layout} is not grey, BGR or BGRA of 8 bits")
-    if not (0 < width <= LONGEST_SIDE and 0 < height <= LONGEST_SIDE):
-        raise ValueError(f"a frame of {width}x{height} pixels")
+    samples = _samples(width, height, _AEDAT4_CHANNELS[layout])
     vector = at + struct.unpack_from("<I", data, at)[0]
     (length,) = struct.unpack_from("<I", data, vector)
-    channels = _AEDAT4_CHANNELS[layout]
-    if length != width * height * channels:
+    if length != samples:
+        channels = _AEDAT4_CHANNELS[layout]
         raise ValueError(f"{length:,} bytes for {width}x{height} pixels of {channels} bytes")
     pixels = np.frombuffer(data, np.uint8, length, vector + 4)
-    shape = (height, width) if channels == 1 else (height, width, channels)
-    image: Image = to_grey(pixels.reshape(shape), blue_first=True)
+    image = _grey(pixels, width, height, blue_first=True)
     return IntensityFrame(number(_TIME, "q"), image)

@@ -160,19 +160,7 @@ MEAN_GREY, NOISE_GREY = 90.0, 2.0
 
 
 def exposed(light: npt.NDArray[np.floating], rng: np.random.Generator) -> npt.NDArray[np.uint8]:
-    """Return an image whose mean is `MEAN_GREY` before clipping.
-
-    Parameters
-    ----------
-    light : ndarray of float, shape (height, width)
-        Linear, 0 or more, in any unit.
-    rng : Generator
-        Source of the noise.
-
-    Returns
-    -------
-    ndarray of uint8, shape (height, width)
-    """
+    """Return an image whose mean is `MEAN_GREY` before clipping."""
     gain = MEAN_GREY / max(float(light.mean()), 1e-9)
     grey = light * gain + rng.normal(0.0, NOISE_GREY, light.shape)
     return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
@@ -191,10 +179,6 @@ def simulated_images(
         Ascending, within the drive.
     rng : Generator
         Source of the noise.
-
-    Returns
-    -------
-    ndarray of uint8, shape (n, height, width)
 
     Raises
     ------

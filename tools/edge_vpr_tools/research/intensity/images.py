@@ -39,11 +39,6 @@ class ImageFolder:
     seconds; the names, if each is a number of seconds with a point (``1587452593.35.png``); the
     index of each image times the period in ``metadata.json`` or of the caller.
 
-    Parameters
-    ----------
-    period : Fraction, optional
-        Time from one image to the next in seconds.
-
     Attributes
     ----------
     start_us : int
@@ -146,6 +141,23 @@ def _eight_bits(values: npt.NDArray[Any], path: Path) -> npt.NDArray[np.uint8]:
     return np.rint(values * (255.0 / full)).astype(np.uint8)
 
 
+def _chosen(names: list[str], wanted: str | None, path: Path, kind: str) -> str:
+    """Return the wanted one of the data sets or topics with images, or the only one."""
+    names = list(dict.fromkeys(names))
+    listed = ", ".join(names) or "none"
+    if wanted is not None:
+        if wanted not in names:
+            raise RecordingError(
+                f"{path} has no images on {wanted}; images are on: {listed}: name one"
+            )
+        return wanted
+    if not names:
+        raise RecordingError(f"{path} has no {kind}: record the images too")
+    if len(names) > 1:
+        raise UsageError(f"{path} has images on {listed}: name one")
+    return names[0]
+
+
 # Images of HDF5 files: a data set ``NAME`` and one ``NAME_ts`` of their times, as in MVSEC.
 
 
@@ -175,7 +187,8 @@ class Hdf5Images:
     def __init__(self, path: Path, topic: str | None = None) -> None:
         self._path = path
         with open_hdf5(path) as file:
-            self._name = _choose_image_set(_image_sets(file), topic, path)
+            sets = f"images of 8 bits with times beside them (NAME and NAME{_TIMES})"
+            self._name = _chosen(_image_sets(file), topic and topic.strip("/"), path, sets)
             times = file[self._name + _TIMES]
             seconds = checked_dataset(path, times).read(slice(0, times.shape[0]))
         seconds = np.asarray(seconds, dtype=np.float64)
@@ -213,21 +226,6 @@ def _image_sets(file: Any) -> list[str]:
 
     file.visititems(visit)  # does not follow links
     return found
-
-
-def _choose_image_set(names: list[str], wanted: str | None, path: Path) -> str:
-    listed = ", ".join(names) or "none"
-    if wanted is not None:
-        names = [name for name in names if name == wanted.strip("/")]
-    if not names:
-        raise RecordingError(
-            f"{path} has no images of 8 bits with times beside them (NAME and NAME{_TIMES})"
-            + (f" called {wanted}" if wanted else "")
-            + f"; such are: {listed}: write them so, or name one"
-        )
-    if len(names) > 1:
-        raise UsageError(f"{path} has images in {listed}: name one data set")
-    return names[0]
 
 
 # Images of ROS 1 and ROS 2 bags: ``sensor_msgs/Image``, as the drivers of a DAVIS write them.
@@ -281,7 +279,8 @@ class BagImages:
     def __init__(self, path: Path, ros: int, topic: str | None = None) -> None:
         self._bag = Bag(path, ros)
         with self._bag.errors(), self._bag.open() as reader:
-            self._topic = _choose_topic(reader.connections, topic, path)
+            topics = [c.topic for c in reader.connections if c.msgtype == _TYPE]
+            self._topic = _chosen(topics, topic, path, "topic of sensor_msgs/Image")
             self.has_events = any(str(c.msgtype).endswith(_EVENTS) for c in reader.connections)
         self.start_us = start_of(self, path)
 
@@ -298,22 +297,6 @@ class BagImages:
                     ) from error
                 if frame.time_us >= _FIRST_STAMP_US:
                     yield frame
-
-
-def _choose_topic(connections: Any, wanted: str | None, path: Path) -> str:
-    names = list(dict.fromkeys(c.topic for c in connections if c.msgtype == _TYPE))
-    listed = ", ".join(names) or "none"
-    if wanted is not None:
-        if wanted not in names:
-            raise RecordingError(
-                f"{path} has no images on {wanted}; topics of images are: {listed}: name one"
-            )
-        return wanted
-    if not names:
-        raise RecordingError(f"{path} has no topic of sensor_msgs/Image: record the images too")
-    if len(names) > 1:
-        raise UsageError(f"{path} has images on {listed}: name one topic")
-    return str(names[0])
 
 
 def _image(data: bytes, ros: int) -> IntensityFrame:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from fractions import Fraction
-from importlib import import_module
 from pathlib import Path
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.recordings.recording import foreign_errors
 from edge_vpr.recordings.registry import check_file_or_folder, sniff
+from edge_vpr_tools.research.intensity import aedat, images
 from edge_vpr_tools.research.intensity.frames import IntensityFrame, IntensityFrames
 
 
@@ -50,26 +50,20 @@ def open_intensity(
     """
     path = Path(path)
     check_file_or_folder(path)
+    readers: dict[str, Callable[[], IntensityFrames]] = {
+        "aedat2": lambda: aedat.Aedat2Frames(path),
+        "aedat3": lambda: aedat.Aedat3Frames(path, topic),
+        "aedat4": lambda: aedat.Aedat4Frames(path, topic),
+        "rosbag1": lambda: images.BagImages(path, 1, topic),
+        "rosbag2": lambda: images.BagImages(path, 2, topic),
+        "hdf5": lambda: images.Hdf5Images(path, topic),
+    }
+    if path.is_dir():
+        readers["frames"] = lambda: images.ImageFolder(path, frame_period)
     with foreign_errors(path):
         name = sniff(path)
-        if name == "aedat4":
-            module = import_module("edge_vpr_tools.research.intensity.aedat")
-            return Guarded(path, module.Aedat4Frames(path, topic))
-        if name == "aedat3":
-            module = import_module("edge_vpr_tools.research.intensity.aedat")
-            return Guarded(path, module.Aedat3Frames(path, topic))
-        if name == "aedat2":
-            module = import_module("edge_vpr_tools.research.intensity.aedat")
-            return Guarded(path, module.Aedat2Frames(path))
-        if name in ("rosbag1", "rosbag2"):
-            module = import_module("edge_vpr_tools.research.intensity.images")
-            return Guarded(path, module.BagImages(path, 1 if name == "rosbag1" else 2, topic))
-        if name == "hdf5":
-            module = import_module("edge_vpr_tools.research.intensity.images")
-            return Guarded(path, module.Hdf5Images(path, topic))
-        if name == "frames" and path.is_dir():
-            module = import_module("edge_vpr_tools.research.intensity.images")
-            return Guarded(path, module.ImageFolder(path, frame_period))
+        if name in readers:
+            return Guarded(path, readers[name]())
     raise RecordingError(
         f"{path} is {name}, which holds no images that are read: name an AEDAT file, a ROS bag, "
         "HDF5, or a folder of PNG or .npy"

@@ -1,25 +1,29 @@
-"""Comparison of runs: sweeps, and folders of `edge-vpr match` that were evaluated."""
+"""Comparison of runs: sweeps, and folders of `edge-vpr match` that were evaluated.
+
+Rows are variants on pairs of drives. Over drives, variants have means, paired bootstrap intervals,
+curves over a setting, and a table in LaTeX.
+"""
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from edge_vpr import results
-from edge_vpr.errors import UsageError, printable
-from edge_vpr.files import read_json, understood
-from edge_vpr_tools.report.style import CYCLE, figure, name_label
+from edge_vpr.errors import UsageError, did_you_mean, printable
+from edge_vpr.files import read_json, replacing, understood
+from edge_vpr.results import RUN, run_record, write_json
+from edge_vpr.settings import SETTING_FIELDS
+from edge_vpr_tools.report.style import CYCLE, figure, legend_below, look, name_label, save
 from edge_vpr_tools.research.sweep.plan import sweep_store
-from edge_vpr_tools.research.trials import SWEEP
-
-# Comparison of runs: sweeps, and folders of `edge-vpr match` that were evaluated.
-
+from edge_vpr_tools.research.trials import SWEEP, ListedTrial
+from edge_vpr_tools.spreadsheets import write_spreadsheet
 
 #: figures of merit by their name in a file, with the heading of their column
 MEASURES = {
@@ -74,6 +78,11 @@ class Row:
         """Name of the row in a figure."""
         return ", ".join(part for part in (self.run, self.variant, self.drives) if part)
 
+    @property
+    def number(self) -> int:
+        """Number of results."""
+        return len(next(iter(self.values.values())))
+
     def mean(self, measure: str) -> float:
         """Return the mean over seeds; NaN without a result."""
         values = self.values[measure]
@@ -87,11 +96,6 @@ class Row:
 
 def rows_of(runs: Sequence[Path]) -> list[Row]:
     """Read the rows of runs.
-
-    Parameters
-    ----------
-    runs : sequence of Path
-        Folders of `edge-vpr sweep`, or of `edge-vpr match` after `edge-vpr evaluate`.
 
     Raises
     ------
@@ -111,17 +115,6 @@ def rows_of(runs: Sequence[Path]) -> list[Row]:
     return found
 
 
-def table_of(rows: Iterable[Row]) -> tuple[list[str], list[list[str]]]:
-    """Return heading and cells of a table: means, and their spread if there are several seeds."""
-    head = ["run", "variant", "drives", "seeds", *MEASURES.values()]
-    lines = []
-    for row in rows:
-        seeds = len(next(iter(row.values.values())))
-        counted = f"{seeds}" + (f" ({row.failed} failed)" if row.failed else "")
-        lines.append([row.run, row.variant, row.drives, counted, *_cells(row)])
-    return head, lines
-
-
 def spreadsheet_of(rows: Iterable[Row]) -> tuple[list[str], list[list[str | float | None]]]:
     """Return heading and cells of a spreadsheet, with mean and spread in separate columns."""
     head = ["run", "variant", "drives", "seeds", "failed"]
@@ -129,24 +122,15 @@ def spreadsheet_of(rows: Iterable[Row]) -> tuple[list[str], list[list[str | floa
     lines: list[list[str | float | None]] = []
     for row in rows:
         numbers = [value for name in MEASURES for value in (row.mean(name), row.spread(name))]
-        seeds = len(next(iter(row.values.values())))
         lines.append(
-            [row.run, row.variant, row.drives, seeds, row.failed,
+            [row.run, row.variant, row.drives, row.number, row.failed,
              *(None if np.isnan(value) else value for value in numbers)]
         )  # fmt: skip
     return head, lines
 
 
 def draw(rows: Sequence[Row], measure: str = "precision_at_100_recall") -> Figure:
-    """Draw a measure of each row: a dot for each seed, and the mean.
-
-    Parameters
-    ----------
-    rows : sequence of Row
-        If there are more than `MOST_DRAWN`, only the best are drawn.
-    measure : str
-        One of `MEASURES`.
-    """
+    """Draw a measure of the best rows: a dot for each seed, and the mean."""
     known = [row for row in rows if row.values[measure]]
     shown = sorted(known, key=lambda row: -row.mean(measure))[:MOST_DRAWN]
     pairs = list(dict.fromkeys(row.drives for row in shown))
@@ -171,40 +155,32 @@ def draw(rows: Sequence[Row], measure: str = "precision_at_100_recall") -> Figur
 
 def _of_sweep(run: Path, name: str) -> list[Row]:
     store = sweep_store(run)
-    found: dict[tuple[str, str], dict[str, list[float]]] = {}
-    failed: dict[tuple[str, str], int] = defaultdict(int)
-    seeds: dict[tuple[str, str], list[int]] = defaultdict(list)
-    settings: dict[tuple[str, str], Mapping[str, Any]] = {}
-    systems: dict[tuple[str, str], str] = {}
+    groups: dict[tuple[str, str], list[ListedTrial]] = {}
     for trial in store.listed():
-        names = trial.variant, trial.drives
-        values = found.setdefault(names, {name: [] for name in MEASURES})
-        kept = store.kept(trial.key)
-        if kept is None:
-            failed[names] += 1
-            continue
-        seeds[names].append(trial.seed)
-        settings[names] = kept.trial.settings
-        systems[names] = kept.trial.system or ""
-        operations = kept.found.operations
-        if operations is None:
-            operations = _operations(kept.found.pixels, kept.found.places, kept.trial.settings)
-        counted = {**asdict(kept.found), "operations_per_match": operations}
-        for measure in MEASURES:
-            values[measure].append(float(counted[measure]))
-    return [
-        Row(
-            run=name,
-            variant=names[0],
-            drives=names[1],
-            values={measure: tuple(listed) for measure, listed in values.items()},
-            failed=failed[names],
-            seeds=tuple(seeds[names]),
-            settings=settings.get(names, {}),
-            system=systems.get(names, ""),
+        groups.setdefault((trial.variant, trial.drives), []).append(trial)
+    rows = []
+    for (variant, drives), listed in groups.items():
+        known = [(one.seed, kept) for one in listed if (kept := store.kept(one.key)) is not None]
+        measured = []
+        for _, (kept_trial, found) in known:
+            operations = found.operations
+            if operations is None:
+                operations = _operations(found.pixels, found.places, kept_trial.settings)
+            measured.append({**asdict(found), "operations_per_match": operations})
+        last = known[-1][1][0] if known else None
+        rows.append(
+            Row(
+                run=name,
+                variant=variant,
+                drives=drives,
+                values={each: tuple(float(one[each]) for one in measured) for each in MEASURES},
+                failed=len(listed) - len(known),
+                seeds=tuple(seed for seed, _ in known),
+                settings={} if last is None else last.settings,
+                system=(last and last.system) or "",
+            )
         )
-        for names, values in found.items()
-    ]
+    return rows
 
 
 def _of_match(run: Path, name: str) -> Row:
@@ -256,9 +232,330 @@ def _cells(row: Row) -> list[str]:
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """Return the table as Markdown."""
-    head, lines = table_of(rows)
+    """Return a table as Markdown: means, and their spread if there are several seeds."""
+    head = ["run", "variant", "drives", "seeds", *MEASURES.values()]
+    lines = []
+    for row in rows:
+        counted = f"{row.number}" + (f" ({row.failed} failed)" if row.failed else "")
+        lines.append([row.run, row.variant, row.drives, counted, *_cells(row)])
     # names come from files: a bar would end a cell, and an escape sequence would reach the terminal
     cells = [[printable(cell, 200).replace("|", "\\|") for cell in line] for line in [head, *lines]]
     cells.insert(1, ["---"] * len(head))
     return "".join(f"| {' | '.join(line)} |\n" for line in cells)
+
+
+# Over drives: means, differences from the first variant, and their intervals.
+
+
+#: resamples of a bootstrap, and the share of them that its interval holds
+RESAMPLES, SHARE = 10_000, 0.95
+
+Floats = npt.NDArray[np.float64]
+
+
+class Interval(NamedTuple):
+    """A mean, with the bootstrap interval of 95 %; the bounds are NaN of a single value."""
+
+    mean: float
+    low: float
+    high: float
+
+
+class Average(NamedTuple):
+    """One variant over all its drives.
+
+    Attributes
+    ----------
+    settings : mapping of str to str
+        Words of the settings that differ between the variants, by their key.
+    drives : int
+        Number of pairs of drives with a result.
+    means : mapping of str to float
+        Means over drives of `MEASURES`; NaN without a result. Each drive counts alike.
+    difference : Interval or None
+        Mean of the measure less that of the first variant, over the drives and seeds that both
+        have; None of the first itself, and without any such.
+    """
+
+    run: str
+    variant: str
+    settings: Mapping[str, str]
+    drives: int
+    means: Mapping[str, float]
+    difference: Interval | None = None
+
+
+def differing_settings(rows: Sequence[Row]) -> list[str]:
+    """Return the names of the settings that are not the same in all rows, in their order."""
+    known = [row.settings for row in rows if row.settings]
+    return [
+        name for name in SETTING_FIELDS
+        if len({_word(settings, name) for settings in known}) > 1
+    ]  # fmt: skip
+
+
+def tidy(rows: Sequence[Row]) -> tuple[list[str], list[list[str | float | None]]]:
+    """Return heading and cells of a tidy table: a line for each result, a column a setting."""
+    head = ["run", "variant", "system", "drives", "seed"]
+    head += [field.key for name, field in SETTING_FIELDS.items() if name != "seed"]
+    head += list(MEASURES)
+    lines: list[list[str | float | None]] = []
+    for row in rows:
+        words = [_word(row.settings, name) for name in SETTING_FIELDS if name != "seed"]
+        for i, seed in enumerate(row.seeds):
+            values = [row.values[name] for name in MEASURES]
+            measured = [of[i] if i < len(of) else None for of in values]
+            named = [row.run, row.variant, row.system, row.drives]
+            lines.append([*named, seed, *words, *measured])
+    return head, lines
+
+
+def averages(rows: Sequence[Row], measure: str) -> list[Average]:
+    """Return the mean of each variant over its drives, and its difference from the first."""
+    names = differing_settings(rows)
+    groups: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row.run, row.variant), []).append(row)
+    first = next(iter(groups.values()), [])
+    found = []
+    for (run, variant), group in groups.items():
+        known = [row for row in group if any(row.values.values())]
+        settings = next((row.settings for row in group if row.settings), {})
+        found.append(
+            Average(
+                run=run,
+                variant=variant,
+                settings={SETTING_FIELDS[name].key: _word(settings, name) for name in names},
+                drives=len(known),
+                means={
+                    name: _mean([np.array(row.values[name]) for row in group]) for name in MEASURES
+                },
+                difference=None if group is first else _difference(group, first, measure),
+            )
+        )
+    return found
+
+
+def _difference(rows: Sequence[Row], first: Sequence[Row], measure: str) -> Interval | None:
+    of_first = {row.drives: row for row in first}
+    differences = []
+    for row in rows:
+        other = of_first.get(row.drives)
+        if other is None:
+            continue
+        here, there = (
+            dict(zip(each.seeds, each.values[measure], strict=False)) for each in (row, other)
+        )
+        shared = [here[seed] - there[seed] for seed in here if seed in there]
+        if shared:
+            differences.append(np.array(shared))
+    return bootstrap(differences) if differences else None
+
+
+def bootstrap(groups: Sequence[Floats]) -> Interval:
+    """Return the mean of the means of groups, with its bootstrap interval.
+
+    Parameters
+    ----------
+    groups : sequence of ndarray of float64
+        Values of each pair of drives, one a seed. Drives are drawn with replacement, and seeds
+        within each. A single drive stays: the interval is then over its seeds alone.
+
+    Examples
+    --------
+    >>> found = bootstrap([np.array([0.1, 0.2]), np.array([0.4, 0.5])])
+    >>> round(found.mean, 3), round(found.low, 3), round(found.high, 3)
+    (0.3, 0.125, 0.475)
+    """
+    mean = _mean(groups)
+    if sum(group.size for group in groups) < 2:
+        return Interval(mean=mean, low=float("nan"), high=float("nan"))
+    rng = np.random.default_rng(0)
+    total = np.zeros(RESAMPLES)
+    for _ in groups:
+        drawn = rng.integers(len(groups), size=RESAMPLES)
+        for i, group in enumerate(groups):
+            times = np.flatnonzero(drawn == i)
+            total[times] += group[rng.integers(group.size, size=(times.size, group.size))].mean(1)
+    low, high = np.quantile(total / len(groups), [(1 - SHARE) / 2, (1 + SHARE) / 2])
+    return Interval(mean=mean, low=float(low), high=float(high))
+
+
+def _mean(groups: Sequence[Floats]) -> float:
+    means = [float(group.mean()) for group in groups if group.size]
+    return float(np.mean(means)) if means else float("nan")
+
+
+def _word(settings: Mapping[str, object], name: str) -> str:
+    return SETTING_FIELDS[name].word(settings[name]) if name in settings else ""
+
+
+# Tables: CSV of the averages, and LaTeX.
+
+
+def averages_table(
+    found: Sequence[Average], measure: str
+) -> tuple[list[str], list[list[str | float | None]]]:
+    """Return heading and cells of the averages, for a spreadsheet."""
+    keys = list(found[0].settings) if found else []
+    head = ["run", "variant", *keys, "drive_pairs", *MEASURES]
+    head += [f"{measure}_difference", "difference_low", "difference_high"]
+    lines: list[list[str | float | None]] = []
+    for one in found:
+        apart = one.difference
+        numbers = [*one.means.values()]
+        numbers += [np.nan] * 3 if apart is None else [apart.mean, apart.low, apart.high]
+        cells = [None if np.isnan(value) else value for value in numbers]
+        lines.append([one.run, one.variant, *one.settings.values(), one.drives, *cells])
+    return head, lines
+
+
+_LATEX = str.maketrans(
+    {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    | {sign: f"\\{sign}" for sign in "&%$#_{}"}
+)
+
+
+def latex(found: Sequence[Average], measure: str) -> str:
+    """Return a table of the averages for the package booktabs.
+
+    A column for each setting that differs, or for the names of runs and variants if none does; one
+    for each measure that is known; and the difference from the first row with its interval.
+    """
+    keys = list(found[0].settings) if found else []
+    measures = [name for name in MEASURES if any(not np.isnan(one.means[name]) for one in found)]
+    named = len({one.run for one in found}) > 1
+    head = ["run"] * named + (keys or ["variant"]) + ["drives"]
+    head += [*(MEASURES[name] for name in measures), f"difference of {MEASURES[measure]}"]
+    lines = []
+    for one in found:
+        names = [one.run] * named + (list(one.settings.values()) if keys else [one.variant])
+        cells = [printable(name, 200).translate(_LATEX) for name in [*names, f"{one.drives}"]]
+        cells += ["--" if np.isnan(one.means[name]) else _number(one.means[name], name)
+                  for name in measures]  # fmt: skip
+        cells.append("--" if one.difference is None else _interval(one.difference, measure))
+        lines.append(" & ".join(cells) + r" \\")
+    form = "l" * (named + max(1, len(keys))) + "r" * (2 + len(measures))
+    heading = " & ".join(text.translate(_LATEX) for text in head) + r" \\"
+    body = [r"\toprule", heading, r"\midrule", *lines, r"\bottomrule"]
+    return "\n".join([rf"\begin{{tabular}}{{{form}}}", *body, r"\end{tabular}"]) + "\n"
+
+
+def _number(value: float, measure: str, sign: str = "") -> str:
+    return f"${value:{sign}.{digits_of(measure)}f}$"
+
+
+def _interval(found: Interval, measure: str) -> str:
+    shown = _number(found.mean, measure, "+")
+    if np.isnan(found.low):
+        return shown
+    return f"{shown} [{_number(found.low, measure, '+')}, {_number(found.high, measure, '+')}]"
+
+
+# The figure of a measure over a setting.
+
+
+def draw_over(rows: Sequence[Row], measure: str, over: str) -> Figure:
+    """Draw a measure over a setting: the mean over drives, and its bootstrap interval.
+
+    Parameters
+    ----------
+    measure : str
+        One of `MEASURES`.
+    over : str
+        Key or name of a setting that differs between the rows. There is a line for each
+        combination of the others that differ.
+
+    Raises
+    ------
+    UsageError
+        If it is no such setting.
+    """
+    names = differing_settings(rows)
+    keys = {SETTING_FIELDS[name].key: name for name in names}
+    name = keys.get(over, over)
+    if name not in names:
+        raise UsageError(
+            f"the runs do not differ in {over}{did_you_mean(over, keys)}: they differ in "
+            f"{', '.join(keys) or 'no setting'}"
+        )
+    others = [other for other in names if other != name]
+    known = [row for row in rows if row.settings and row.values[measure]]
+    values = [row.settings[name] for row in known]
+    numeric = all(isinstance(value, int | float) for value in values)
+    words = list(dict.fromkeys(_word(row.settings, name) for row in known))
+    at = (
+        [float(value) for value in values]
+        if numeric
+        else [float(words.index(_word(row.settings, name))) for row in known]
+    )
+    lines: dict[str, dict[float, list[Floats]]] = {}
+    for row, x in zip(known, at, strict=True):
+        fixed = [f"{SETTING_FIELDS[each].key} {_word(row.settings, each)}" for each in others]
+        line = lines.setdefault(", ".join([row.run, *fixed]), {})
+        line.setdefault(x, []).append(np.array(row.values[measure]))
+    with figure(7.5, 4.5 + 0.25 * len(lines)) as (drawing, axes):
+        for i, (label, line) in enumerate(lines.items()):
+            points = sorted(line)
+            found = [bootstrap(line[x]) for x in points]
+            style = look(i)
+            axes.plot(
+                points, [one.mean for one in found], **style, marker="o", label=name_label(label)
+            )
+            axes.fill_between(
+                points, [one.low for one in found], [one.high for one in found],
+                color=style["color"], alpha=0.15, linewidth=0,
+            )  # fmt: skip
+        if not numeric:
+            axes.set_xticks(range(len(words)), [name_label(word) for word in words])
+        axes.set_title("Mean over drives, and its bootstrap interval of 95 %", fontsize=10)
+        axes.set(xlabel=SETTING_FIELDS[name].key, ylabel=MEASURES[measure])
+        legend_below(drawing, [axes], 1, fontsize=9)
+    return drawing
+
+
+# Files of a comparison, for papers and programs.
+
+
+NAME = "compare"
+
+
+def write_comparison(
+    folder: Path,
+    rows: Sequence[Row],
+    formats: Sequence[str],
+    measure: str,
+    over: str | None = None,
+) -> None:
+    """Write ``compare.csv``, ``.json``, ``.md``, ``.tex``, and the figure in each format.
+
+    ``compare_tidy.csv`` has a line for each result with all its settings; ``compare_means.csv`` and
+    the table in LaTeX have a line for each variant, with means over drives.
+
+    Parameters
+    ----------
+    formats : sequence of str
+        Names from `report.formats.FORMATS`.
+    measure : str
+        Measure of the figure and of the differences, one of `MEASURES`.
+    over : str, optional
+        Setting over which the figure shows the measure; see `draw_over`.
+
+    Raises
+    ------
+    UsageError
+        If the rows do not differ in this setting.
+    """
+    drawing = draw(rows, measure) if over is None else draw_over(rows, measure, over)
+    means = averages(rows, measure)
+    head, lines = spreadsheet_of(rows)
+    write_spreadsheet(folder / f"{NAME}.csv", head, lines)
+    write_spreadsheet(folder / f"{NAME}_tidy.csv", *tidy(rows))
+    write_spreadsheet(folder / f"{NAME}_means.csv", *averages_table(means, measure))
+    with replacing(folder / f"{NAME}.tex") as temporary:
+        temporary.write_text(latex(means, measure), encoding="utf-8")
+    with replacing(folder / f"{NAME}.md") as temporary:
+        temporary.write_text(markdown(rows), encoding="utf-8")
+    write_json(folder / f"{NAME}.json", {"schema": 1, "measures": MEASURES, "rows": list(rows)})
+    write_json(folder / RUN, run_record({}, []))
+    save(drawing, *(folder / f"{NAME}.{kind}" for kind in formats))

@@ -19,7 +19,7 @@ import numpy.typing as npt
 import edge_vpr
 from edge_vpr.errors import UsageError, did_you_mean
 from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr.events import Sensor
 from edge_vpr.files import read_toml
 from edge_vpr.recordings import Recording, open_recording, parse_period
@@ -232,36 +232,49 @@ def run_trial(trial: Trial) -> TrialResult:
                 f"{file} is not on this worker: name a path that all workers of a cluster share"
             )
     settings = Settings.from_dict(trial.settings, "the trial")
-    if trial.system is not None:
-        return _run_system(drives, settings, trial.system, begin)
-    mapped = map_recording(drives.open(0), settings)
-    matched = mapped.reference.match(drives.open(1))
-    matches, reference, metrics = matched.matches, mapped.reference, matched.metrics
-    assert isinstance(metrics, MatchMetrics)
-    found = evaluate(matches, drives.truth(reference.places.centre_us, matched.query_time_us))
+    if trial.system is None:
+        found, costs = _run_method(drives, settings)
+    else:
+        found, costs = _run_system(drives, settings, trial.system)
     return TrialResult(
         precision_at_100_recall=found.precision_at_100_recall,
         recall_at_99_precision=found.recall_at_99_precision,
         average_precision=found.curve.average_precision,
         recall_at_1=found.recall_at[1],
         queries=found.queries,
-        places=len(reference),
-        pixels=len(reference.pixel_map),
-        bytes_per_place=reference.bytes_per_place,
-        packed_bytes_per_place=reference.packed_bytes_per_place,
-        events=metrics.events,
-        mapping_s=mapped.seconds,
-        counting_s=metrics.counting_s,
-        microseconds_per_match=1e6 * metrics.matching_s / len(matches),
+        **costs,
         elapsed_s=time.perf_counter() - begin,
-        operations=reference.places.counts.size,
     )
 
 
-def _run_system(drives: PairOfDrives, settings: Settings, system: str, begin: float) -> TrialResult:
+def _run_method(drives: PairOfDrives, settings: Settings) -> tuple[Evaluation, dict[str, Any]]:
+    """Map and match two drives; return their evaluation, and the costs of a `TrialResult`."""
+    mapped = map_recording(drives.open(0), settings)
+    matched = mapped.reference.match(drives.open(1))
+    matches, reference, metrics = matched.matches, mapped.reference, matched.metrics
+    assert isinstance(metrics, MatchMetrics)
+    truth = drives.truth(reference.places.centre_us, matched.query_time_us)
+    return evaluate(matches, truth), {
+        "places": len(reference),
+        "pixels": len(reference.pixel_map),
+        "bytes_per_place": reference.bytes_per_place,
+        "packed_bytes_per_place": reference.packed_bytes_per_place,
+        "events": metrics.events,
+        "mapping_s": mapped.seconds,
+        "counting_s": metrics.counting_s,
+        "microseconds_per_match": 1e6 * metrics.matching_s / len(matches),
+        "operations": reference.places.counts.size,
+    }
+
+
+def _run_system(
+    drives: PairOfDrives, settings: Settings, system: str
+) -> tuple[Evaluation, dict[str, Any]]:
     """Count two drives at all pixels, compare them by a baseline, and match its distances."""
+    begin = time.perf_counter()
     baseline = open_baseline(system, settings.seed)
-    counted = count_pair(system, drives.open(0), drives.open(1), settings, drives.truth)
+    truths = {system: drives.truth}
+    counted = count_pair(system, drives.open(0), drives.open(1), settings, truths)
     places, queries = counted.reference, counted.query
     counting_s = time.perf_counter() - begin
     compared = compare(baseline, places.images, queries.images)
@@ -272,25 +285,18 @@ def _run_system(drives: PairOfDrives, settings: Settings, system: str, begin: fl
     else:
         matches = match_distances(compared.distances, queries.centre_us, settings)
     matching_s = time.perf_counter() - start
-    found = evaluate(matches, drives.truth(places.centre_us, queries.centre_us))
-    return TrialResult(
-        precision_at_100_recall=found.precision_at_100_recall,
-        recall_at_99_precision=found.recall_at_99_precision,
-        average_precision=found.curve.average_precision,
-        recall_at_1=found.recall_at[1],
-        queries=found.queries,
-        places=len(places.images),
-        pixels=places.images[0].size,
-        bytes_per_place=compared.bytes_per_place,
-        packed_bytes_per_place=compared.bytes_per_place,
-        events=int(queries.activity.sum()),
+    return evaluate(matches, counted.truth()), {
+        "places": len(places.images),
+        "pixels": places.images[0].size,
+        "bytes_per_place": compared.bytes_per_place,
+        "packed_bytes_per_place": compared.bytes_per_place,
+        "events": int(queries.activity.sum()),
         # both drives are counted in one step
-        mapping_s=counting_s / 2,
-        counting_s=counting_s / 2,
-        microseconds_per_match=compared.query_us + 1e6 * matching_s / len(matches),
-        elapsed_s=time.perf_counter() - begin,
-        operations=compared.operations,
-    )
+        "mapping_s": counting_s / 2,
+        "counting_s": counting_s / 2,
+        "microseconds_per_match": compared.query_us + 1e6 * matching_s / len(matches),
+        "operations": compared.operations,
+    }
 
 
 #: file that a system names, up to its windows or the next member of an ensemble

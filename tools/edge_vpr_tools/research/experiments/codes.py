@@ -30,25 +30,10 @@ CODES: Mapping[str, Mapping[str, Any]] = {
     "square root, per pixel": {"counter_code": "sqrt", "counter_scaling": "per-pixel"},
     "logarithm, per pixel": {"counter_code": "log", "counter_scaling": "per-pixel"},
 }
-#: reference code for the comparison: counts of 8 bits
-RAW = ("saturating", 8)
 
 
-def score(
-    pair: Pair, seed: int, variants: Mapping[tuple[str, int], Mapping[str, Any]]
-) -> dict[tuple[str, int], float]:
-    """Match a pair with every code.
-
-    Parameters
-    ----------
-    seed : int
-        Of the draw of pixels.
-
-    Returns
-    -------
-    dict of (name, number) to float
-        P@100R.
-    """
+def score(pair: Pair, seed: int, variants: Mapping[Any, Mapping[str, Any]]) -> dict[Any, float]:
+    """Match a pair with every code at one draw of pixels, and return P@100R by its name."""
     settings = pair.settings.replaced({"seed": seed}, "seed")
     mapped = ReferenceMap.build(pair.reference, settings)
     queries = describe(pair.query, mapped.pixel_map, settings)
@@ -62,19 +47,14 @@ def score(
     return found
 
 
-def by_width() -> dict[tuple[str, int], Mapping[str, Any]]:
-    """Return every code with every number of bits."""
+def variants() -> dict[tuple[str, int, str | int], Mapping[str, Any]]:
+    """Return every code with every number of bits, and codes of 3 bits with every full scale."""
     return {
-        (name, bits): {**code, "counter_bits": bits}
+        (name, bits, "learnt"): {**code, "counter_bits": bits}
         for name, code in CODES.items()
         for bits in BITS
-    }
-
-
-def by_scale() -> dict[tuple[str, int], Mapping[str, Any]]:
-    """Return codes of 3 bits with every full scale."""
-    return {
-        (name, scale): {**CODES[name], "counter_bits": 3, "counter_full_scale": scale}
+    } | {
+        (name, 3, scale): {**CODES[name], "counter_bits": 3, "counter_full_scale": scale}
         for name in ("square root", "logarithm")
         for scale in FULL_SCALES
     }
@@ -83,12 +63,9 @@ def by_scale() -> dict[tuple[str, int], Mapping[str, Any]]:
 def measure(draw: Draw) -> Iterator[Row]:
     """Match a pair with every code."""
     pixels = draw.pair.settings.pixels
-    for (code, bits), right in score(draw.pair, draw.seed, by_width()).items():
-        row = {"code": code, "bits": bits, "full scale": "learnt"}
+    for (code, bits, scale), right in score(draw.pair, draw.seed, variants()).items():
+        row = {"code": code, "bits": bits, "full scale": scale}
         yield {**row, "P@100R": right, "bytes per place": packed_bytes(pixels, bits)}
-    for (code, scale), right in score(draw.pair, draw.seed, by_scale()).items():
-        row = {"code": code, "bits": 3, "full scale": scale}
-        yield {**row, "P@100R": right, "bytes per place": packed_bytes(pixels, 3)}
 
 
 def figure(rows: Rows) -> Figure:

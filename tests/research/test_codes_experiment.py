@@ -6,14 +6,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from edge_vpr_tools.research.experiments import codes_frontier
-from edge_vpr_tools.research.experiments.codes_frontier import RAW, score
+from edge_vpr_tools.research.experiments import codes
+from edge_vpr_tools.research.experiments.codes import score
 from edge_vpr_tools.research.experiments.drives import pairs, without_pairs
 from edge_vpr_tools.research.experiments.experiment import Draw
 
 from edge_vpr.errors import UsageError
 from edge_vpr.settings import PRESETS
 
+#: counts of 8 bits
+RAW = ("saturating", 8)
 VARIANTS = {
     RAW: {"counter_code": "linear", "counter_bits": 8},
     ("logarithm", 3): {"counter_code": "log"},
@@ -63,14 +65,14 @@ def test_all_codes_of_a_pair_see_the_same_counts(shared_data):
 def test_every_code_is_a_row_and_those_with_a_learnt_scale_are_drawn(monkeypatch):
     values = iter(np.linspace(0.2, 0.9, 1000))
     monkeypatch.setattr(
-        codes_frontier, "score", lambda pair, seed, variants: {v: next(values) for v in variants}
+        codes, "score", lambda pair, seed, variants: {v: next(values) for v in variants}
     )
     pair = SimpleNamespace(settings=PRESETS["tiny"])
-    rows = [{"drives": "pair", **row} for row in codes_frontier.measure(Draw(pair, 0, True))]
-    bits, scales = len(codes_frontier.BITS), len(codes_frontier.FULL_SCALES)
-    assert len(rows) == len(codes_frontier.CODES) * bits + 2 * scales
-    (axes,) = codes_frontier.figure(rows).axes
-    assert [bars.get_label() for bars in axes.containers] == list(codes_frontier.CODES)
+    rows = [{"drives": "pair", **row} for row in codes.measure(Draw(pair, 0, True))]
+    bits, scales = len(codes.BITS), len(codes.FULL_SCALES)
+    assert len(rows) == len(codes.CODES) * bits + 2 * scales
+    (axes,) = codes.figure(rows).axes
+    assert [bars.get_label() for bars in axes.containers] == list(codes.CODES)
     drawn = axes.containers[0].lines[0].get_ydata().tolist()
     assert drawn == [row["P@100R"] for row in rows[:bits]]
     assert [row["bytes per place"] for row in rows[:bits]] == [4, 7, 10, 13, 19, 25]
