@@ -279,7 +279,8 @@ def test_the_filter_with_the_default_constants_is_the_default():
     for delay, places in found.items():
         assert np.array_equal(places, drive.matched({**robot, "delay": delay}).place), delay
     for constant in sensitivity.VARIED:
-        other = sensitivity.match_with(drive, sensitivity.Constants(**{constant: 0.25}), (0,))
+        times = 1 / 64 if constant == "doubted" else 0.25
+        other = sensitivity.match_with(drive, sensitivity.Constants(**{constant: times}), (0,))
         changed = not np.array_equal(other[0], found[0])
         assert changed or constant == "cap", constant
     restart = sensitivity.match_with(drive, sensitivity.Constants(restart=0.5), (0,))[0]

@@ -89,8 +89,10 @@ def legend_below(drawing: Figure, shown: Iterable[Axes], columns: int, **options
 
 def log_ticks(axes: Axes, values: Sequence[float], base: int = 10) -> None:
     """Make the horizontal axis logarithmic, with a tick at each of these values and at no other."""
+    # small values as fractions, whose labels are shorter
+    labels = [f"1/{1 / v:g}" if v < 0.1 and 1 / v % 1 == 0 else f"{v:g}" for v in values]
     axes.set_xscale("log", base=base)
-    axes.set_xticks(values, [f"{value:g}" for value in values])
+    axes.set_xticks(values, labels)
     axes.minorticks_off()
 
 

@@ -1,14 +1,16 @@
 """How much each constant of the place filter matters, and how well it does where it chose nothing.
 
-Each constant is varied alone, as a multiple of the default. The last rows leave one pair out: of
-all settings of the table, the one that is best on the other pairs of drives, the streets as one
-pair, is judged on the pair that is left out, which chose nothing.
+Each constant is varied alone, as a multiple of the default. A rule that the filter does not have is
+varied too: a limit on the evidence while the running misfit is high. Beside each setting stands
+what it finds in a query whose pixels were shuffled: that it assumes. The last rows leave one pair
+out: of all settings of the table, the one that is best on the other pairs of drives, the streets as
+one pair, is judged on the pair that is left out, which chose nothing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,18 +24,23 @@ from edge_vpr.descriptors.windows import (
     mean_activity_after,
     place_activity,
 )
-from edge_vpr.matching.distances import ReferenceIndex
+from edge_vpr.matching.distances import ReferenceIndex, typical_distances
 from edge_vpr.matching.place_filter import (
     EVIDENCE_TOP,
+    LASTING_BITS,
     METRIC_TOP,
+    USUAL_FIT,
     TransitionCosts,
     Transitions,
     WindowRows,
     evidence_of,
+    lasting_misfit_after,
     least_and_second,
     predict,
     reciprocal_of_spread,
+    shown_misfit,
     weight_of,
+    window_misfit,
     write_match,
 )
 from edge_vpr.matching.smoother import FixedLag
@@ -48,7 +55,7 @@ from edge_vpr_tools.research.experiments.experiment import (
     Row,
     Rows,
 )
-from edge_vpr_tools.research.experiments.nulls import BY_US
+from edge_vpr_tools.research.experiments.nulls import BY_US, null_queries
 from edge_vpr_tools.research.experiments.place_filter import (
     ROBOT,
     VARIANTS,
@@ -57,9 +64,14 @@ from edge_vpr_tools.research.experiments.place_filter import (
     counted_street,
 )
 from edge_vpr_tools.research.experiments.plots import lines
-from fixedpoint.activity import WEIGHT_BITS
+from fixedpoint.activity import PARTS, WEIGHT_BITS
 
 # A filter with other constants than those that are compiled.
+
+
+#: the running misfit from which on evidence is limited, and the least activity of the windows that
+#: it is the mean of, and in which evidence is limited: a robot that stands repeats its misfit
+DOUBT_FROM, DOUBT_ACTIVITY = 16, -PARTS
 
 
 @dataclass(frozen=True)
@@ -76,12 +88,15 @@ class Constants:
         Of the largest evidence; at most 1, since evidence has 8 bits.
     steps : float
         Of the costs of steps.
+    doubted : float
+        Of the largest evidence while the running misfit is `DOUBT_FROM` or more; at most 1.
     """
 
     restart: float = 1.0
     weight: float = 1.0
     cap: float = 1.0
     steps: float = 1.0
+    doubted: float = 1.0
 
 
 def transitions_of(counted: Counted, constants: Constants) -> Transitions:
@@ -106,7 +121,8 @@ def match_with(
     distances = ReferenceIndex(coded.places.counts).rows(queries.counts)
     transitions = transitions_of(counted, constants)
     exclusion = coded.settings.exclusion_places
-    cap = round(constants.cap * EVIDENCE_TOP)
+    cap, doubted = (round(of * EVIDENCE_TOP) for of in (constants.cap, constants.doubted))
+    typical, misfit = typical_distances(coded.places.counts), USUAL_FIT << LASTING_BITS
     mean, scale = activity_of_drive(coded.places.activity), 0
     rows = WindowRows.empty(*distances.shape)
     rows.factor[:] = 0  # the misfit of late matches, which nobody reads
@@ -123,11 +139,19 @@ def match_with(
         if not pause and scale == 0:
             scale = reciprocal_of_spread(distances[i])
         evidence_of(distances[i], scale, 1 << WEIGHT_BITS, unweighted)
-        evidence = (np.minimum(unweighted, cap) * weight).astype(np.int64) >> WEIGHT_BITS
+        moves = activity >= DOUBT_ACTIVITY
+        doubts = moves and shown_misfit(misfit) >= DOUBT_FROM
+        limited = np.minimum(unweighted, min(cap, doubted) if doubts else cap)
+        evidence = (limited * weight).astype(np.int64) >> WEIGHT_BITS
         rows.evidence[i] = np.minimum(evidence, EVIDENCE_TOP)
         metric = np.minimum(prediction + rows.evidence[i], METRIC_TOP).astype(np.int32)
         rows.metrics[i] = metric
         write_match(metric, *least_and_second(metric, exclusion), rows.columns[i])
+        if moves and not pause:
+            whole, place = weight_of(activity), int(rows.columns[i, 0])
+            against = ((unweighted.astype(np.int64) * whole) >> WEIGHT_BITS).astype(np.uint8)
+            of_window = window_misfit(against, place, typical, scale * whole)
+            misfit = lasting_misfit_after(misfit, of_window, scale * whole)
         if not pause:
             scale = reciprocal_of_spread(distances[i])
         mean = mean_activity_after(mean, events)
@@ -154,6 +178,7 @@ VARIED: Mapping[str, tuple[float, ...]] = {
     "weight": (0.25, 0.5, 1.0, 2.0, 4.0),
     "cap": (0.0625, 0.125, 0.25, 0.5, 1.0),
     "steps": (0.25, 0.5, 1.0, 2.0, 4.0),
+    "doubted": (1 / 64, 1 / 32, 1 / 16, 1.0),
 }
 #: how the constants are shown
 SHOWN = {
@@ -161,6 +186,7 @@ SHOWN = {
     "weight": "weight of evidence",
     "cap": "largest evidence",
     "steps": "costs of steps",
+    "doubted": "largest evidence at high misfit",
 }
 DELAYS = {"live": 0, "4 windows late": 4}
 CONSTANT, TIMES = "constant", "times the default"
@@ -172,6 +198,8 @@ FIRST_SEED = 70
 VARIED_ALONE = f"{BY_US}, but for this constant"
 BY_OTHERS = "the other drives of this table"
 THE_DEFAULT, OF_DEFAULT = "none: the default", "P@100R of the default"
+#: query that shows nothing of the route, and the column of what is correct of it
+NULL = "null: pixels shuffled once"
 #: a constant and a multiple of it
 Setting = tuple[str, float]
 
@@ -180,24 +208,34 @@ def measure(draw: Draw) -> Iterator[Row]:
     """Vary each constant alone, on a recorded pair or on each drive of a street."""
     counted = [counted_pair(draw.pair, draw.seed)] if isinstance(draw.pair, Pair) else draw.pair
     for each in counted:
-        default = match_with(each, Constants(), list(DELAYS.values()))
+        shown = dict(null_queries(each.queries, np.random.default_rng(draw.seed)))
+        null = replace(each, queries=shown[NULL])
+        default = _correct(each, Constants()), _correct(null, Constants())
         for constant, multiples in VARIED.items():
             for times in multiples:
-                found = (
-                    default
-                    if times == 1
-                    else match_with(each, Constants(**{constant: times}), list(DELAYS.values()))
+                varied = Constants(**{constant: times})
+                right, chance = (
+                    default if times == 1 else (_correct(each, varied), _correct(null, varied))
                 )
-                for name, delay in DELAYS.items():
-                    right = each.truth.correct[found[delay], np.arange(len(found[delay]))]
+                for name in DELAYS:
                     yield {
                         DRIVES: each.name,
                         CONSTANT: SHOWN[constant],
                         TIMES: times,
                         "matching": name,
                         CHOSEN_ON: BY_US if times == 1 else VARIED_ALONE,
-                        "P@100R": float(right[each.truth.known].mean()),
+                        "P@100R": right[name],
+                        NULL: chance[name],
                     }
+
+
+def _correct(counted: Counted, constants: Constants) -> dict[str, float]:
+    """Return the share of correct matches by the name of the delay."""
+    found, truth = match_with(counted, constants, list(DELAYS.values())), counted.truth
+    return {
+        name: float(truth.correct[found[delay], np.arange(len(found[delay]))][truth.known].mean())
+        for name, delay in DELAYS.items()
+    }
 
 
 def left_out(rows: Rows) -> list[Row]:
@@ -264,5 +302,5 @@ EXPERIMENT = Experiment(
     measure=measure,
     figure=figure,
     conclude=left_out,
-    view=TableView({"matching": "live"}, (CONSTANT, TIMES, "P@100R")),
+    view=TableView({"matching": "live"}, (CONSTANT, TIMES, "P@100R", NULL)),
 )
