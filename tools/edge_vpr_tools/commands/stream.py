@@ -214,8 +214,8 @@ def run(args: argparse.Namespace) -> None:
     """
     from edge_vpr.live.session import LiveSession
     from edge_vpr.reference_map import ReferenceMap
+    from edge_vpr_tools.live_view import show_session
     from edge_vpr_tools.progress import warn_if_much
-    from edge_vpr_tools.runs.live import LiveOutput, show_session
 
     check_arguments(args)
     reference = None
@@ -230,11 +230,10 @@ def run(args: argparse.Namespace) -> None:
         record=args.record, learn=args.output, settings=_learnt_with(args, reference),
         overwrite=args.overwrite, on_overload=args.on_overload, max_lag=args.max_lag,
     )  # fmt: skip
-    output = LiveOutput(
-        as_json=args.json, log=args.log, rerun=args.rerun, serve=args.serve, mqtt=args.mqtt,
-        line_s=duration_us(args.status_every) / 1e6 if args.status_every else None,
+    show_session(
+        session, as_json=args.json, log=args.log, rerun=args.rerun, serve=args.serve,
+        mqtt=args.mqtt, line_s=duration_us(args.status_every) / 1e6 if args.status_every else None,
     )  # fmt: skip
-    show_session(session, output)
     if session.learnt is not None:
         warn_if_much(session.removed, args.port, "keep them with --bursts keep")
         if not args.json:
