@@ -379,7 +379,7 @@ class UdpHostLink(SocketLink):
     """A bound UDP socket, which receives from one sender at a time and cannot send.
 
     The first sender is received until it is silent for `GIVES_WAY_S`. Mixed bytes of two senders
-    could not be decoded, so that bytes of others are ignored meanwhile, and counted in `strangers`.
+    could not be decoded, so that bytes of others are ignored meanwhile.
     """
 
     two_way = False
@@ -393,7 +393,6 @@ class UdpHostLink(SocketLink):
         self._sender: object = None
         self._heard_s = 0.0
         self._anew = False
-        self.strangers = 0
 
     def read(self, timeout: float) -> bytes:
         """See `Link.read`; an empty datagram is no end."""
@@ -420,7 +419,6 @@ class UdpHostLink(SocketLink):
             self._anew = self._sender is not None
             self._sender, self.remark = sender, ""
             return True
-        self.strangers += 1
         # of many, only the first is reported
         self.remark = self.remark or (
             f"{sender[0]}:{sender[1]} sends to {self.address} as well and is left out: give each "

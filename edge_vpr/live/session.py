@@ -997,16 +997,13 @@ class _EventWriter:
         )
         self._thread.start()
 
-    def write(self, events: Events) -> None:
-        """Append events; waits for a disk that is slower than the camera."""
-        self._put(events)
-
     def close(self) -> None:
         """Complete the file."""
-        self._put(None)
+        self.write(None)
         self._thread.join()
 
-    def _put(self, events: Events | None) -> None:
+    def write(self, events: Events | None) -> None:
+        """Append events (None ends the file); waits for a disk that is slower than the camera."""
         while self._thread.is_alive():
             with contextlib.suppress(queue.Full):
                 self._waiting.put(events, timeout=0.1)
