@@ -298,18 +298,11 @@ SWAPPED_BY = 0.05
 
 
 class Overlap(NamedTuple):
-    """Overlap of two tracks.
+    """Overlap of two tracks."""
 
-    Attributes
-    ----------
-    share : float
-        Of the query's track, by its length, how much lies within the tolerance of the reference's.
-    nearest_m : float
-        Least distance between the two.
-    """
-
+    #: Of the query's track, by its length, how much lies within the tolerance of the reference's.
     share: float
-    nearest_m: float
+    nearest_m: float  #: Least distance between the two.
 
 
 def overlap(reference: Track, query: Track, tolerance_m: float) -> Overlap:

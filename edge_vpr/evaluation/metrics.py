@@ -334,8 +334,6 @@ def evaluate(
     score : {"distance", "ratio", "margin", "trust"}, optional
         What the threshold of the precision-recall curve is on. By default what the settings say,
         else the trust of the place filter, and the ratio of sequences.
-    recall_denominator, thresholds
-        See `precision_recall`.
 
     Raises
     ------

@@ -62,12 +62,7 @@ class Link(ABC):
 
     @abstractmethod
     def read(self, timeout: float) -> bytes:
-        """Return the bytes that have arrived, after at most `timeout` seconds; may be empty.
-
-        Raises
-        ------
-        LinkClosed, LinkError
-        """
+        """Return the bytes that have arrived, after at most `timeout` seconds; may be empty."""
 
     @abstractmethod
     def write(self, data: bytes, timeout: float) -> int:
@@ -570,8 +565,6 @@ def open_device_link(address: str, *, baud: int = 115_200, flow_control: bool = 
     address : str
         ``virtual`` for a pseudo-terminal, ``tcp://[HOST]:PORT`` to listen (port 0: any free one;
         loopback unless a host is named), ``udp://HOST:PORT`` to send to, or a serial port.
-    baud, flow_control
-        See `open_link`.
     """
     if address == "virtual":
         return VirtualLink()
@@ -612,22 +605,12 @@ _FIRST_RETRY_S, _LAST_RETRY_S = 0.25, 5.0
 
 
 class Chunk(NamedTuple):
-    """Bytes that arrived together.
-
-    Attributes
-    ----------
-    at_s : float
-        When, on the host's monotonic clock.
-    lost : int
-        Bytes dropped right before these, because the reader was late.
-    reopened : bool
-        Whether the link was lost and opened again before these.
-    """
+    """Bytes that arrived together."""
 
     data: bytes
-    at_s: float
-    lost: int = 0
-    reopened: bool = False
+    at_s: float  #: When, on the host's monotonic clock.
+    lost: int = 0  #: Bytes dropped right before these, because the reader was late.
+    reopened: bool = False  #: Whether the link was lost and opened again before these.
 
 
 class LinkReader:

@@ -188,11 +188,6 @@ class LiveLocaliser:
     def read_odometer(self, distance_m: float) -> int:
         """Take a reading of the robot's odometer, at the time that the stream has reached.
 
-        Parameters
-        ----------
-        distance_m : float
-            See `Localiser.read_odometer`.
-
         Returns
         -------
         int
@@ -506,8 +501,6 @@ class LiveSession:
         Yield a heartbeat (see `LiveMatch`) whenever no match came for this time, such as ``500ms``.
     odometry : str, optional
         Where the robot sends its odometer, see `open_link`.
-    burst_filter : {"exact", "causal"}
-        See `LiveLocaliser`.
     record : path or sequence of paths
         Files of the bytes (``.bin``) or of the events (``.npz``, ``.raw``, ...).
     learn : path, optional

@@ -177,21 +177,11 @@ class PacketFile:
 
 
 class Packet(NamedTuple):
-    """Events of one packet.
+    """Events of one packet."""
 
-    Attributes
-    ----------
-    at : int
-        Byte of the file at which the packet begins.
-    origin_us : int
-        Is added to the 31-bit times of the events.
-    event_bytes : int
-        Bytes of one event.
-    """
-
-    at: int
-    origin_us: int
-    event_bytes: int
+    at: int  #: Byte of the file at which the packet begins.
+    origin_us: int  #: Is added to the 31-bit times of the events.
+    event_bytes: int  #: Bytes of one event.
     data: bytes
 
 
@@ -351,19 +341,11 @@ _LONGEST_AEDAT4_HEADER = 1 << 22
 
 
 class Stream(NamedTuple):
-    """One stream of a file.
+    """One stream of a file."""
 
-    Attributes
-    ----------
-    kind : str
-        Four letters: ``EVTS`` for events, ``FRME`` for frames.
-    sensor : Sensor or None
-        None if the file does not state it.
-    """
-
-    kind: str
+    kind: str  #: Four letters: ``EVTS`` for events, ``FRME`` for frames.
     name: str
-    sensor: Sensor | None
+    sensor: Sensor | None  #: None if the file does not state it.
 
 
 class Aedat4File(PacketFile):

@@ -322,27 +322,16 @@ _URL = re.compile(
 
 
 class Broker(NamedTuple):
-    """Address of a broker, and topic of the messages.
-
-    Attributes
-    ----------
-    topic : str
-        Of matches; other rows go to ``TOPIC/KIND``, and ``TOPIC/status`` is retained.
-    tls : bool
-        Encrypt the connection, and check the certificate of the broker.
-    authority : str or None
-        File with the certificate that the broker's is checked with; None: those of the system.
-    qos : int
-        0, or 1: messages are sent again until the broker has acknowledged them.
-    """
+    """Address of a broker, and topic of the messages."""
 
     host: str
     port: int
-    topic: str
+    topic: str  #: Of matches; other rows go to ``TOPIC/KIND``, and ``TOPIC/status`` is retained.
     user: str | None = None
-    tls: bool = False
+    tls: bool = False  #: Encrypt the connection, and check the certificate of the broker.
+    #: File with the certificate that the broker's is checked with; None: those of the system.
     authority: str | None = None
-    qos: int = 0
+    qos: int = 0  #: 0, or 1: messages are sent again until the broker has acknowledged them.
 
 
 def parse_url(url: str) -> Broker:
@@ -501,11 +490,6 @@ def _guarded(client: Any) -> Any:
 @contextmanager
 def open_mqtt(url: str) -> Iterator[MqttPublisher]:
     """Connect to a broker; if it cannot be reached, try again during the run.
-
-    Parameters
-    ----------
-    url : str
-        See `parse_url`.
 
     Raises
     ------

@@ -95,13 +95,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def load_of(args: argparse.Namespace) -> Load:
-    """Open the map and the recording that the flags name, or simulate a street.
-
-    Raises
-    ------
-    EdgeVprError
-        If map, recording or ground truth cannot be used.
-    """
+    """Open the map and the recording that the flags name, or simulate a street."""
     from edge_vpr.pipeline import check_sensor, cleaned, describe_query
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.inputs import open_from

@@ -124,13 +124,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def check_arguments(args: argparse.Namespace) -> None:
-    """Check the arguments before the camera is opened or a file is written.
-
-    Raises
-    ------
-    UsageError
-        If arguments contradict each other, or a file could not be written as asked.
-    """
+    """Check the arguments before the camera is opened or a file is written."""
     from edge_vpr_tools.publish import parse_address, parse_url
 
     if args.learn == (args.output is None):
@@ -205,13 +199,7 @@ def _learnt_with(args: argparse.Namespace, reference: ReferenceMap | None) -> Se
 
 
 def run(args: argparse.Namespace) -> None:
-    """Follow the stream to its end, or until Ctrl-C or SIGTERM.
-
-    Raises
-    ------
-    EdgeVprError
-        If an argument is wrong, the link cannot be opened, or a file cannot be written.
-    """
+    """Follow the stream to its end, or until Ctrl-C or SIGTERM."""
     from edge_vpr.live.session import LiveSession
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.live_view import show_session

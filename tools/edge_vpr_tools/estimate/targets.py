@@ -49,20 +49,13 @@ class Spread:
 
 @dataclass(frozen=True)
 class Constant:
-    """A cited constant.
-
-    Attributes
-    ----------
-    year : int or "unknown"
-        Of the measurement.
-    node, source, uncertainty : str
-        What was measured, who says so, and what low and high stand for.
-    """
+    """A cited constant."""
 
     name: str
     unit: str
     value: Spread
-    year: int | str
+    year: int | str  #: Of the measurement.
+    #: node, source, uncertainty: what was measured, who says so, and what low and high stand for.
     node: str
     source: str
     uncertainty: str

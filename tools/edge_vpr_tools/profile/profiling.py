@@ -250,8 +250,6 @@ class _Table:
     ----------
     columns : dict of str to _Column
         By quantity.
-    voltage : float or None
-        See `read_csv`.
     """
 
     def __init__(
@@ -527,33 +525,18 @@ def _follows(watts: Floats, pattern: Floats, window: npt.NDArray[np.intp], sampl
 class Request:
     """What to measure with a load.
 
-    Attributes
-    ----------
-    every : str
-        Schedule of matches; see `MatchSchedule.parse`.
-    packet : int
-        Number of events in a call.
-    mission_rate : float
-        Matches per second of the mission.
-    designs : bool
-        Whether to compare other designs, if the truth is known.
-    meter : bool
-        Whether to alternate idle and load for an external meter.
-    root : path
-        Root of the file system; replaced in tests.
-
     Raises
     ------
     UsageError
         If the rate is not positive.
     """
 
-    every: str = "window"
-    packet: int = 512
-    mission_rate: float = 1.0
-    designs: bool = True
-    meter: bool = False
-    root: Path = ROOT
+    every: str = "window"  #: Schedule of matches; see `MatchSchedule.parse`.
+    packet: int = 512  #: Number of events in a call.
+    mission_rate: float = 1.0  #: Matches per second of the mission.
+    designs: bool = True  #: Whether to compare other designs, if the truth is known.
+    meter: bool = False  #: Whether to alternate idle and load for an external meter.
+    root: Path = ROOT  #: Root of the file system; replaced in tests.
 
     def __post_init__(self) -> None:
         if not self.mission_rate > 0:

@@ -21,22 +21,14 @@ from edge_vpr_tools.profile.sensors.sensor import (
 
 @dataclass(frozen=True)
 class Chip:
-    """Data of a power monitor from its data sheet.
+    """Data of a power monitor from its data sheet."""
 
-    Parameters
-    ----------
-    current_gain, voltage_gain : float
-        Largest relative errors at 25 degrees Celsius.
-    source : str
-        Source of the two errors; errors that it does not state are labelled as assumed.
-    power_step : float
-        Step of the power register in watts, times the shunt in micro-ohms; 0 if not known. The
-        scaling is that of Linux, drivers/hwmon/ina2xx.c.
-    """
-
+    #: current_gain, voltage_gain: largest relative errors at 25 degrees Celsius.
     current_gain: float
     voltage_gain: float
-    source: str
+    source: str  #: Source of the two errors; errors that it does not state are labelled as assumed.
+    #: Step of the power register in watts, times the shunt in micro-ohms; 0 if not known. The
+    #: scaling is that of Linux, drivers/hwmon/ina2xx.c.
     power_step: float = 0.0
 
     @property
