@@ -54,23 +54,12 @@ _NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
 
 
 class LiveResult(NamedTuple):
-    """Events and matches of one chunk of bytes.
+    """Events and matches of one chunk of bytes."""
 
-    Attributes
-    ----------
-    events : ndarray of EVENT_DTYPE, shape (n,)
-        As decoded.
-    matches : ndarray of MATCH_DTYPE, shape (m,)
-        In the order of their windows.
-    incomplete : bool
-        Whether events are known to be missing from the windows of these matches.
-    reached_us : int
-        Time up to which the stream is known; with a delay, matches are of earlier windows.
-    """
-
-    events: Events
-    matches: npt.NDArray[np.void]
-    incomplete: bool
+    events: Events  #: Shape (n,): as decoded.
+    matches: npt.NDArray[np.void]  #: Shape (m,): in the order of their windows.
+    incomplete: bool  #: Whether events are known to be missing from the windows of these matches.
+    #: Time up to which the stream is known; with a delay, matches are of earlier windows.
     reached_us: int = 0
 
 
@@ -413,44 +402,24 @@ class Message(NamedTuple):
 
 
 class LiveStep(NamedTuple):
-    """What one piece of bytes gave, for views that show more than matches.
+    """What one piece of bytes gave, for views that show more than matches."""
 
-    Attributes
-    ----------
-    result : LiveResult or None
-        Events and matches; None if nothing came.
-    at_s : float
-        When the bytes came, on the clock of `time.monotonic`.
-    host_us : int
-        The same in microseconds since 1970.
-    odometry : tuple of (int, float)
-        Readings of the odometer since the step before: time in microseconds of the camera's clock,
-        and metres.
-    """
-
-    result: LiveResult | None
-    at_s: float
-    host_us: int
+    result: LiveResult | None  #: Events and matches; None if nothing came.
+    at_s: float  #: When the bytes came, on the clock of `time.monotonic`.
+    host_us: int  #: The same in microseconds since 1970.
+    #: Readings of the odometer since the step before: time in microseconds of the camera's clock,
+    #: and metres.
     odometry: tuple[tuple[int, float], ...] = ()
 
 
 class LiveStatus(NamedTuple):
-    """State of a session now.
-
-    Attributes
-    ----------
-    filled : float
-        Share of the first sequence that is complete; there are matches from 1 on.
-    lost_link : str
-        Why the link is closed; empty while it is open.
-    dead_s : float
-        Seconds for which the link was lost, in all so far.
-    """
+    """State of a session now."""
 
     health: Health
+    #: Share of the first sequence that is complete; there are matches from 1 on.
     filled: float = 0.0
-    lost_link: str = ""
-    dead_s: float = 0.0
+    lost_link: str = ""  #: Why the link is closed; empty while it is open.
+    dead_s: float = 0.0  #: Seconds for which the link was lost, in all so far.
 
 
 class LiveSession:

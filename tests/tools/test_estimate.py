@@ -17,20 +17,10 @@ from designs import random_stream, wrapped
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands import estimate as estimate_arguments
 from edge_vpr_tools.commands.estimate import design_and_mission
-from edge_vpr_tools.estimate import (
-    accuracy,
-    emulation,
-    targets,
-)
-from edge_vpr_tools.estimate import (
-    model as counts,
-)
-from edge_vpr_tools.estimate import (
-    search as candidates,
-)
-from edge_vpr_tools.estimate import (
-    search as pareto,
-)
+from edge_vpr_tools.estimate import accuracy, emulation, targets
+from edge_vpr_tools.estimate import model as counts
+from edge_vpr_tools.estimate import search as candidates
+from edge_vpr_tools.estimate import search as pareto
 from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_of
 from edge_vpr_tools.estimate.of_map import design_of
 from edge_vpr_tools.estimate.search import FIRMWARE_LIMITS, Budget, broken_by, fit, memory_bytes

@@ -481,9 +481,7 @@ CHECKS: Mapping[str, Callable[[], Iterable[Finding]]] = {
 }
 
 
-def examine(
-    checks: Mapping[str, Callable[[], Iterable[Finding]]] | None = None,
-) -> list[Finding]:
+def examine(checks: Mapping[str, Callable[[], Iterable[Finding]]] | None = None) -> list[Finding]:
     """Run every check on this machine; one that fails is a finding, and the others go on.
 
     Parameters

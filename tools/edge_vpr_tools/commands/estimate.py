@@ -267,12 +267,7 @@ def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
     """
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.estimate.model import Mission
-    from edge_vpr_tools.estimate.of_map import (
-        FIXED_COSTS,
-        costs_on_device,
-        design_of,
-        event_rates,
-    )
+    from edge_vpr_tools.estimate.of_map import FIXED_COSTS, costs_on_device, design_of, event_rates
     from firmware_model.model.design import Design
 
     if args.map is not None and args.design is not None:

@@ -53,7 +53,7 @@ class _Run:
 
     name: str
     reference: ReferenceMap
-    #: start_us, end_us: shape (n,); Of the query windows, in order.
+    #: start_us, end_us, shape (n,): of the query windows, in order.
     start_us: npt.NDArray[np.int64]
     end_us: npt.NDArray[np.int64]
     correct: npt.NDArray[np.bool_]  #: Shape (n,): whether each match is correct.

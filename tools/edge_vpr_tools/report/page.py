@@ -210,8 +210,7 @@ def add_run(page: Page, record: Mapping[str, Any]) -> None:
     machine = record.get("machine", {})
     where = [("system", machine.get("system")), ("processor", machine.get("processor"))]
     page.table(
-        ("software and machine", ""),
-        [(name, str(one)) for name, one in (*versions, *where) if one],
+        ("software and machine", ""), [(name, str(one)) for name, one in (*versions, *where) if one]
     )
     inputs = record.get("inputs", ())
     if inputs:
