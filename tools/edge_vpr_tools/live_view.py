@@ -59,19 +59,13 @@ class Notice(NamedTuple):
 
 
 class Panel:
-    """Shows named texts, the position as a bar, and notices.
-
-    Attributes
-    ----------
-    lost : bool
-        Whether the terminal has gone.
-    """
+    """Shows named texts, the position as a bar, and notices."""
 
     def __init__(self, live: Live) -> None:
         self._live = live
         self._notices: deque[Notice] = deque(maxlen=_KEPT)
         self._standing: set[str] = set()
-        self.lost = False
+        self.lost = False  #: Whether the terminal has gone.
 
     def notice(self, kind: str, text: str, *, over: bool) -> None:
         """Add a notice, shown as a warning until a notice of its kind says that it is over."""
@@ -272,13 +266,6 @@ class View:
         Get every row.
     line_s : float, optional
         Interval of status lines where there is neither a panel nor JSON.
-
-    Attributes
-    ----------
-    unread : bool
-        Whether nobody reads our output any more, as after `head`.
-    unwritten : str
-        Which file was given up and why, if one was.
     """
 
     def __init__(
@@ -295,8 +282,8 @@ class View:
         self._places = len(reference or ())
         self._quiet = is_quiet() or as_json
         self._goal = "match" if self._places else "event"
-        self.unread = False
-        self.unwritten = ""
+        self.unread = False  #: Whether nobody reads our output any more, as after `head`.
+        self.unwritten = ""  #: Which file was given up and why, if one was.
         self._begin = self._shown = self._logged = self._heard = time.monotonic()
         self._line_s, self._printed = line_s, self._begin
         self._state: tuple[bool, ...] = ()

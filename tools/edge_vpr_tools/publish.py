@@ -156,11 +156,6 @@ class LineServer:
     address : str
         ``[HOST:]PORT``; port 0 is any that is free. Loopback unless a host is named.
 
-    Attributes
-    ----------
-    address : str
-        Where readers connect to, as ``tcp://HOST:PORT``.
-
     Raises
     ------
     UsageError
@@ -183,6 +178,7 @@ class LineServer:
             ) from error
         self._server.setblocking(False)
         host, port = self._server.getsockname()[:2]
+        #: Where readers connect to, as ``tcp://HOST:PORT``.
         self.address = f"tcp://{bracketed(host)}:{port}"
         self._notices = RareNotices()
         self._notices.add(f"matches are at {self.address}", True)

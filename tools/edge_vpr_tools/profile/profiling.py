@@ -186,16 +186,11 @@ class _Samples:
     ----------
     path : path
         For messages.
-
-    Attributes
-    ----------
-    read : int
-        Samples so far.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self.read = 0
+        self.read = 0  #: Samples so far.
         self._last_s = -math.inf
         # rows: time and watts
         self._parts: list[Floats] = []
