@@ -20,6 +20,7 @@ from edge_vpr_tools.flags import (
 )
 
 if TYPE_CHECKING:
+    from edge_vpr.descriptors.windows import PublishedWindows
     from edge_vpr.matching.matches import Matches
     from edge_vpr.recordings import Recording
     from edge_vpr.reference_map import MatchResult, ReferenceMap
@@ -117,6 +118,7 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError("--every says when to match online: add --online, or leave it out")
     odometry = None if args.odometry is None else load_odometry(args.odometry)
     detail_settings(settings.to_dict())
+    recording: Recording | PublishedWindows
     if args.online:
         recording, found = _match_online(args, asked, odometry)
     else:
@@ -156,7 +158,7 @@ def run(args: argparse.Namespace) -> None:
         )
         _export_tracks(args.export, found.reference, matches)
         return
-    assert queries is not None
+    assert queries is not None and metrics is not None
     summary(
         f"{output}: {len(matches)} queries matched against {len(reference)} places, "
         f"{reference.bytes_text}{removed}{faults}"
