@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple, TextIO
@@ -516,36 +516,18 @@ def _follows(watts: Floats, pattern: Floats, window: npt.NDArray[np.intp], sampl
 # Measure a profile: load, conditions, speed and, with a sensor, energy.
 
 
-@dataclass(frozen=True, kw_only=True)
-class Request:
-    """What to measure with a load.
-
-    Raises
-    ------
-    UsageError
-        If the rate is not positive.
-    """
-
-    every: str = "window"  #: Schedule of matches; see `MatchSchedule.parse`.
-    packet: int = 512  #: Number of events in a call.
-    mission_rate: float = 1.0  #: Matches per second of the mission.
-    designs: bool = True  #: Whether to compare other designs, if the truth is known.
-    meter: bool = False  #: Whether to alternate idle and load for an external meter.
-    root: Path = ROOT  #: Root of the file system; replaced in tests.
-
-    def __post_init__(self) -> None:
-        if not self.mission_rate > 0:
-            raise UsageError(
-                f"a mission of {self.mission_rate:g} matches per second: expected a positive rate"
-            )
-
-
 def profile(
     load: Load,
-    request: Request,
     plan: Plan,
     sensor: Sensor | None = None,
     missing: Sequence[Missing] = (),
+    *,
+    every: str = "window",
+    packet: int = 512,
+    mission_rate: float = 1.0,
+    designs: bool = True,
+    meter: bool = False,
+    root: Path = ROOT,
 ) -> Profile:
     """Measure a load on this machine.
 
@@ -555,6 +537,18 @@ def profile(
         Sensor of power or energy; it is not closed.
     missing : sequence of Missing
         Reasons why there is no sensor.
+    every : str
+        Schedule of matches; see `MatchSchedule.parse`.
+    packet : int
+        Number of events in a call.
+    mission_rate : float
+        Matches per second of the mission.
+    designs : bool
+        Whether to compare other designs, if the truth is known.
+    meter : bool
+        Whether to alternate idle and load for an external meter.
+    root : path
+        Root of the file system; replaced in tests.
 
     Raises
     ------
@@ -562,34 +556,34 @@ def profile(
         If the load gives no match within a window.
     """
     reference = load.reference
-    every = MatchSchedule.parse(request.every, reference.settings)
-    workload = Workload(reference, load.events, every, request.packet)
-    designs = load.truth_of is not None and request.designs
+    schedule = MatchSchedule.parse(every, reference.settings)
+    workload = Workload(reference, load.events, schedule, packet)
+    designs = load.truth_of is not None and designs
     if sensor is not None:
         _say_how_long(plan.for_period(sensor.about.period_s), designs)
-    before = Conditions.now(request.root)
+    before = Conditions.now(root)
     note(f"speed: {_duration(plan.window_s)}")
     throughput = measure_throughput(workload, plan.window_s)
     # read at once, because a governor lowers the clock of an idle processor
-    loaded = Conditions.now(request.root)
+    loaded = Conditions.now(root)
     because = tuple(str(one) for one in missing)
     energy: Outcome = NotMeasured(because)
     if sensor is not None:
         try:
-            energy = measure(sensor, plan, workload.run, request.mission_rate)
+            energy = measure(sensor, plan, workload.run, mission_rate)
         except SensorError as error:
             energy = NotMeasured((f"{sensor.about.name}: {error}",))
             sensor = None
-    elif request.meter:
+    elif meter:
         energy = NotMeasured(because, tuple(take_turns(plan, workload.run)))
     compared = []
     if designs:
         assert load.truth_of is not None
         compared = compare(
             load.designs, load.query, load.events, load.truth_of, sensor, plan,
-            request.mission_rate, (reference, energy),
+            mission_rate, (reference, energy),
         )  # fmt: skip
-    after = Conditions.now(request.root)
+    after = Conditions.now(root)
     note("few pixels against all: some 10 s")
     # measured last, since all pixels take memory that the method does not need
     everything = np.concatenate(load.events)
@@ -613,8 +607,8 @@ def profile(
         designs=tuple(compared),
         conditions=Moments(before, loaded, after, void),
         sparse_against_all=sparse,
-        load=LoadRecord(load.name, request.every, request.packet),
-        provenance=Provenance.of(request.root, loaded, energy, run),
+        load=LoadRecord(load.name, every, packet),
+        provenance=Provenance.of(root, loaded, energy, run),
         run=run,
     )  # fmt: skip
 
