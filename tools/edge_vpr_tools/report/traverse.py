@@ -279,7 +279,7 @@ def _trust_figures(found: Evaluation) -> list[tuple[str, str, str]]:
     # fmt: off
     rejection, reliability = found.rejection, found.reliability
     named: list[tuple[str, float | int | None, str]] = [
-        ("calibration error", reliability and reliability.expected_calibration_error,
+        ("calibration error", reliability.expected_calibration_error if reliability else None,
          "expected: mean gap between probabilities and shares of correct matches"),
     ]
     if rejection.off_map:
