@@ -58,23 +58,18 @@ def net_trust(trust: npt.NDArray[np.int64], misfit: npt.NDArray[np.int64]) -> np
 class Confidence(EqualByValue):
     """A step function from the trust in a match to the probability that it is correct.
 
-    Attributes
-    ----------
-    trust : ndarray of int64, shape (m,)
-        Least `net_trust` of each step, increasing. What is below the first step belongs to it too.
-    probability : ndarray of float64, shape (m,)
-        Of each step, never 0 nor 1, not decreasing.
-    matches : ndarray of int64, shape (m,)
-        How many matches each step was learnt from, at least 1.
-
     Raises
     ------
     MapError
         If an array is of another dtype or shape, or holds what cannot be.
     """
 
+    #: Shape (m,): least `net_trust` of each step, increasing. What is below the first step belongs
+    #: to it too.
     trust: npt.NDArray[np.int64]
+    #: Shape (m,): of each step, never 0 nor 1, not decreasing.
     probability: npt.NDArray[np.float64]
+    #: Shape (m,): how many matches each step was learnt from, at least 1.
     matches: npt.NDArray[np.int64]
 
     def __post_init__(self) -> None:
@@ -169,20 +164,15 @@ class Confidence(EqualByValue):
 class Acceptance:
     """Assigns probabilities to matches, and marks those below the required precision as lost.
 
-    Parameters
-    ----------
-    confidence : Confidence, optional
-        None where nothing is known of the probability, as of sequences without a calibration.
-    precision : float, optional
-        Wanted share of correct ones among the accepted matches; None accepts all.
-
     Raises
     ------
     UsageError
         If the precision cannot be promised.
     """
 
+    #: None where nothing is known of the probability, as of sequences without a calibration.
     confidence: Confidence | None
+    #: Wanted share of correct ones among the accepted matches; None accepts all.
     precision: float | None = None
 
     def __post_init__(self) -> None:

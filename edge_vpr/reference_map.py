@@ -396,21 +396,14 @@ class ReferenceMap(MapRecord):
 
 @dataclass(frozen=True, kw_only=True)
 class MountShift:
-    """Shift of a query's image, as in `metrics.json`.
+    """Shift of a query's image, as in `metrics.json`."""
 
-    Attributes
-    ----------
-    dx, dy : int
-        By which the map's pixels were moved, to the right and downwards.
-    windows : int
-        Windows of the query that it was estimated from.
-    likeness, likeness_unmoved : float
-        Mean correlation of sequences with the most similar places, shifted and not.
-    """
-
+    #: dx, dy: by which the map's pixels were moved, to the right and downwards.
     dx: int
     dy: int
-    windows: int
+    windows: int  #: Windows of the query that it was estimated from.
+    #: likeness, likeness_unmoved: mean correlation of sequences with the most similar places,
+    #: shifted and not.
     likeness: float
     likeness_unmoved: float
 

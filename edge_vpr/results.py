@@ -330,20 +330,12 @@ class Machine:
 
 @dataclass(frozen=True)
 class InputFile:
-    """A file that was read, with its hash.
-
-    Attributes
-    ----------
-    sha256 : str
-        Of what `sha256_of` says: ``file``, or its first bytes.
-    sha256_of : str
-        ``file``, or the number of its first bytes that were hashed.
-    """
+    """A file that was read, with its hash."""
 
     path: str
     bytes: int
-    sha256: str
-    sha256_of: str
+    sha256: str  #: Of what `sha256_of` says: ``file``, or its first bytes.
+    sha256_of: str  #: ``file``, or the number of its first bytes that were hashed.
 
 
 @dataclass(frozen=True)
@@ -358,30 +350,18 @@ class RemovedEvents:
 
 @dataclass(frozen=True)
 class RunRecord:
-    """The record of a run, stored as `run.json`.
-
-    Attributes
-    ----------
-    finished_utc : str
-        ISO 8601.
-    settings : mapping
-        Plain values by name.
-    versions : mapping of str to str
-        Of Python and the libraries that compute.
-    removed : RemovedEvents or None
-        None where the run cleaned no recording.
-    warnings : tuple of str or None
-        Printed before the record was written; None if there were none.
-    """
+    """The record of a run, stored as `run.json`."""
 
     schema: int
     command: tuple[str, ...]
-    finished_utc: str
-    settings: Mapping[str, Any]
-    versions: dict[str, str]
+    finished_utc: str  #: ISO 8601.
+    settings: Mapping[str, Any]  #: Plain values by name.
+    versions: dict[str, str]  #: Of Python and the libraries that compute.
     machine: Machine
     inputs: tuple[InputFile, ...]
+    #: None where the run cleaned no recording.
     removed: RemovedEvents | None = field(default=None, metadata=LEFT_OUT)
+    #: Printed before the record was written; None if there were none.
     warnings: tuple[str, ...] | None = field(default=None, metadata=LEFT_OUT)
 
 

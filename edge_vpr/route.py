@@ -30,20 +30,13 @@ ALONG = ("along_m", "along_from_m", "along_to_m")
 
 
 class Located(NamedTuple):
-    """Positions of n matches.
+    """Positions of n matches."""
 
-    Attributes
-    ----------
-    position : ndarray of float64, shape (n, d)
-        Of the matched place; NaN where the track did not cover it.
-    along_m : ndarray of float64, shape (n,)
-        The same as metres driven along the route; NaN as above.
-    from_m, to_m : ndarray of float64, shape (n,)
-        Interval along the route; NaN if no place in it has a position.
-    """
-
+    #: Shape (n, d): of the matched place; NaN where the track did not cover it.
     position: npt.NDArray[np.float64]
+    #: Shape (n,): the same as metres driven along the route; NaN as above.
     along_m: npt.NDArray[np.float64]
+    #: from_m, to_m, shape (n,): interval along the route; NaN if no place in it has a position.
     from_m: npt.NDArray[np.float64]
     to_m: npt.NDArray[np.float64]
 
@@ -52,26 +45,19 @@ class Located(NamedTuple):
 class Route(EqualByValue):
     """Positions of the K places of a map.
 
-    Attributes
-    ----------
-    position : ndarray of float64, shape (K, d)
-        Latitude and longitude in degrees (`kind` "geographic", d = 2), or metres (d = 1, 2 or 3);
-        rows of NaN where the position is not known.
-    along_m : ndarray of float64, shape (K,)
-        Metres that the reference had driven there since the first known place; NaN where the
-        position is not known.
-    kind : {"metric", "geographic"}
-        What the positions are.
-
     Raises
     ------
     MapError
         If an array is of another dtype or shape, or holds what cannot be.
     """
 
+    #: Shape (K, d): latitude and longitude in degrees (`kind` "geographic", d = 2), or metres (d =
+    #: 1, 2 or 3); rows of NaN where the position is not known.
     position: npt.NDArray[np.float64]
+    #: Shape (K,): metres that the reference had driven there since the first known place; NaN where
+    #: the position is not known.
     along_m: npt.NDArray[np.float64]
-    kind: RouteKind = "metric"
+    kind: RouteKind = "metric"  #: {"metric", "geographic"}: what the positions are.
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(RouteKind):

@@ -23,18 +23,10 @@ from edge_vpr.settings import Settings
 
 
 class WarmUpStep(NamedTuple):
-    """Part of a warm-up.
+    """Part of a warm-up."""
 
-    Attributes
-    ----------
-    name : str
-        What its kernels do, for a line on the terminal.
-    call : callable
-        Calls them.
-    """
-
-    name: str
-    call: Callable[[], object]
+    name: str  #: What its kernels do, for a line on the terminal.
+    call: Callable[[], object]  #: Calls them.
 
 
 def warm_up(steps: Sequence[WarmUpStep], show: Callable[[str], object] = lambda text: None) -> None:

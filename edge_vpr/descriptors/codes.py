@@ -70,18 +70,10 @@ _LARGEST = (1 << 16) - 1
 
 @dataclass(frozen=True, eq=False)
 class PluginCode:
-    """Descriptors by the function of another package, in place of a table for each counter.
+    """Descriptors by the function of another package, in place of a table for each counter."""
 
-    Parameters
-    ----------
-    name : str
-        Without ``plugin:``.
-    pixel_map : PixelMap
-        J pixels, in the order of the counts.
-    """
-
-    name: str
-    pixel_map: PixelMap
+    name: str  #: Without ``plugin:``.
+    pixel_map: PixelMap  #: J pixels, in the order of the counts.
 
     def encode(self, counts: npt.NDArray[np.integer]) -> npt.NDArray[np.integer]:
         """Return the descriptors of windows, shape (n, D), with values from 0 to 65,535.

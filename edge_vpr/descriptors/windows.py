@@ -89,20 +89,12 @@ Window = FixedTime | FixedCount
 
 
 class WindowCounts(NamedTuple):
-    """One finished window.
+    """One finished window."""
 
-    Attributes
-    ----------
-    counts : ndarray of int64, shape (J,) or with polarity (2 J,)
-        Of each slot.
-    events : int
-        At any pixel.
-    """
-
-    counts: npt.NDArray[np.int64]
+    counts: npt.NDArray[np.int64]  #: Shape (J,): of each slot.
     start_us: int
     end_us: int
-    events: int
+    events: int  #: At any pixel.
 
 
 # Descriptors: the event counts of windows, or their codes, with times.

@@ -116,21 +116,12 @@ def _laplace(block: tuple[int, int, int]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Reliability:
-    """How often matches of each probability are correct.
+    """How often matches of each probability are correct."""
 
-    Attributes
-    ----------
-    probability : ndarray of float64, shape (m,)
-        Mean probability of each bin that holds matches.
-    right : ndarray of float64, shape (m,)
-        Share of correct matches in it.
-    matches : ndarray of int64, shape (m,)
-        Number of matches in it.
-    """
-
+    #: Shape (m,): mean probability of each bin that holds matches.
     probability: npt.NDArray[np.float64]
-    right: npt.NDArray[np.float64]
-    matches: npt.NDArray[np.int64]
+    right: npt.NDArray[np.float64]  #: Shape (m,): share of correct matches in it.
+    matches: npt.NDArray[np.int64]  #: Shape (m,): number of matches in it.
 
     @property
     def expected_calibration_error(self) -> float:

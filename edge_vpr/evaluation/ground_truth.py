@@ -36,27 +36,14 @@ MOST_CELLS = 1 << 26
 
 @dataclass(frozen=True, eq=False)
 class TruePositions:
-    """Positions of the places, and the true position of each query.
+    """Positions of the places, and the true position of each query."""
 
-    Attributes
-    ----------
-    place : ndarray of float64, shape (K, d)
-        NaN where it is not known.
-    query : ndarray of float64, shape (Q, d)
-        In the same coordinates; NaN where it is not known.
-    kind : {"metric", "geographic"}
-        Latitude and longitude in degrees, or coordinates in `unit`.
-    unit : str
-        Of distances between positions: metres ("m"), or the unit of an alignment.
-    tolerance : float
-        Largest error of a correct match, in this unit.
-    """
-
-    place: Floats
-    query: Floats
+    place: Floats  #: Shape (K, d): NaN where it is not known.
+    query: Floats  #: Shape (Q, d): in the same coordinates; NaN where it is not known.
+    #: {"metric", "geographic"}: latitude and longitude in degrees, or coordinates in `unit`.
     kind: Kind
-    unit: str
-    tolerance: float
+    unit: str  #: Of distances between positions: metres ("m"), or the unit of an alignment.
+    tolerance: float  #: Largest error of a correct match, in this unit.
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,16 +53,10 @@ class TrueCells(EqualByValue):
     >>> cells = TrueCells((3, 2), np.array([1, 5]))
     >>> np.asarray(cells).astype(int).tolist(), cells[[0, 2], [0, 1]].tolist()
     ([[0, 0], [1, 0], [0, 1]], [False, True])
-
-    Attributes
-    ----------
-    shape : (int, int)
-        K and Q.
-    flat : ndarray of int64, shape (n,)
-        ``query * K + place`` of each true cell, strictly increasing.
     """
 
-    shape: tuple[int, int]
+    shape: tuple[int, int]  #: K and Q.
+    #: Shape (n,): ``query * K + place`` of each true cell, strictly increasing.
     flat: npt.NDArray[np.int64]
     dtype = np.dtype(np.bool_)
     ndim = 2
@@ -298,18 +279,11 @@ SWAPPED_BY = 0.05
 
 
 class Overlap(NamedTuple):
-    """Overlap of two tracks.
+    """Overlap of two tracks."""
 
-    Attributes
-    ----------
-    share : float
-        Of the query's track, by its length, how much lies within the tolerance of the reference's.
-    nearest_m : float
-        Least distance between the two.
-    """
-
+    #: Of the query's track, by its length, how much lies within the tolerance of the reference's.
     share: float
-    nearest_m: float
+    nearest_m: float  #: Least distance between the two.
 
 
 def overlap(reference: Track, query: Track, tolerance_m: float) -> Overlap:
@@ -500,18 +474,12 @@ def _form(track: Track) -> str:
 
 
 class Alignment(NamedTuple):
-    """Pairs of moments at which two recordings show the same place.
+    """Pairs of moments at which two recordings show the same place."""
 
-    Attributes
-    ----------
-    pairs : ndarray of float64, shape (n, 2)
-        Coordinate in the query, coordinate in the reference; the first strictly increasing.
-    unit : {"frame", "s"}
-        Of both coordinates.
-    """
-
+    #: Shape (n, 2): coordinate in the query, coordinate in the reference; the first strictly
+    #: increasing.
     pairs: Floats
-    unit: Literal["frame", "s"]
+    unit: Literal["frame", "s"]  #: Of both coordinates.
 
     def coordinate(self, times_us: npt.ArrayLike, frame_period_us: float | None = None) -> Floats:
         """Convert times in microseconds to coordinates of this alignment.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
 
@@ -20,34 +19,24 @@ from edge_vpr.settings import Score
 
 @dataclass(frozen=True)
 class Rejection:
-    """Result of rejecting matches by a threshold on the trust, for queries on and off the map.
+    """Result of rejecting matches by a threshold on the trust, for queries on and off the map."""
 
-    Attributes
-    ----------
-    on_map, off_map : int
-        Queries that have a correct place in the map, and those that have none.
-    right_on_map : float or None
-        Share of the queries on the map whose match is correct; None if there is none.
-    found_at_99_precision : float or None
-        Most queries on the map that can be matched correctly, as a share of them, with 99 % of the
-        accepted matches correct, those of queries off the map included. The threshold is the best
-        one in hindsight.
-    off_map_auroc : float or None
-        Probability that a query off the map has less trust than one on the map, ties by half;
-        None unless there are both.
-    accepted : int or None
-        Matches not marked lost; None where no precision was wanted.
-    precision, recall : float or None
-        Of the accepted matches: the share that is correct, and the correct ones as a share of the
-        queries on the map. None where nothing is accepted, or no query is on the map.
-    """
-
+    #: on_map, off_map: queries that have a correct place in the map, and those that have none.
     on_map: int
     off_map: int
+    #: Share of the queries on the map whose match is correct; None if there is none.
     right_on_map: float | None
+    #: Most queries on the map that can be matched correctly, as a share of them, with 99 % of the
+    #: accepted matches correct, those of queries off the map included. The threshold is the best
+    #: one in hindsight.
     found_at_99_precision: float | None
+    #: Probability that a query off the map has less trust than one on the map, ties by half; None
+    #: unless there are both.
     off_map_auroc: float | None
-    accepted: int | None = None
+    accepted: int | None = None  #: Matches not marked lost; None where no precision was wanted.
+    #: precision, recall: of the accepted matches: the share that is correct, and the correct ones
+    #: as a share of the queries on the map. None where nothing is accepted, or no query is on the
+    #: map.
     precision: float | None = None
     recall: float | None = None
 
@@ -131,18 +120,12 @@ RECALL_AT = (1, 5, 10, 25)
 
 @dataclass(frozen=True, eq=False)
 class PrecisionRecall:
-    """Precision and recall at each threshold, from the strictest to accepting every match.
+    """Precision and recall at each threshold, from the strictest to accepting every match."""
 
-    Attributes
-    ----------
-    threshold : ndarray of float64, shape (m,)
-        A match is accepted if its score is at most this.
-    tp, fp, fn : ndarray of int64, shape (m,)
-        Correct matches accepted, wrong matches accepted, and queries missed by the denominator's
-        definition.
-    """
-
+    #: Shape (m,): a match is accepted if its score is at most this.
     threshold: npt.NDArray[np.float64]
+    #: tp, fp, fn, shape (m,): correct matches accepted, wrong matches accepted, and queries missed
+    #: by the denominator's definition.
     tp: npt.NDArray[np.int64]
     fp: npt.NDArray[np.int64]
     fn: npt.NDArray[np.int64]
@@ -335,8 +318,6 @@ def evaluate(
     score : {"distance", "ratio", "margin", "trust"}, optional
         What the threshold of the precision-recall curve is on. By default what the settings say,
         else the trust of the place filter, and the ratio of sequences.
-    recall_denominator, thresholds
-        See `precision_recall`.
 
     Raises
     ------
@@ -406,32 +387,3 @@ def _falling(matches: Matches, score: Score) -> npt.NDArray[np.float64]:
     """Return the score of each match, with the sign changed if higher is surer."""
     values = np.asarray(getattr(matches, score), dtype=np.float64)
     return -values if score in _RISING else values
-
-
-# Curves of precision and recall of several trials, joined into one.
-
-
-def mean_precision(
-    curves: Sequence[PrecisionRecall], recall: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
-    """Return the mean over trials of the precision at each recall.
-
-    Parameters
-    ----------
-    curves : sequence of PrecisionRecall
-        One of each trial.
-    recall : ndarray of float64, shape (n,)
-        From 0 to 1.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        Precision at the strictest threshold that reaches the recall; a trial that never reaches it
-        counts with 0.
-    """
-    rows = []
-    for curve in curves:
-        # recall never falls from one threshold to the next
-        first = np.searchsorted(curve.recall, recall)
-        rows.append(np.append(curve.precision, 0.0)[first])
-    return np.asarray(np.mean(rows, axis=0))

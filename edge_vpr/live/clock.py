@@ -64,21 +64,11 @@ class _Kept(NamedTuple):
 
 @dataclass(frozen=True)
 class Clock:
-    """Description of a device's clock.
+    """Description of a device's clock."""
 
-    Parameters
-    ----------
-    bits : int
-        It wraps after ``2**bits`` ticks; 0: it never does.
-    tick_us : int
-        Microseconds a tick.
-    confirm : int
-        Events that confirm an odd step; 1 where a checksum vouches for each.
-    """
-
-    bits: int = 0
-    tick_us: int = 1
-    confirm: int = CONFIRM
+    bits: int = 0  #: It wraps after ``2**bits`` ticks; 0: it never does.
+    tick_us: int = 1  #: Microseconds a tick.
+    confirm: int = CONFIRM  #: Events that confirm an odd step; 1 where a checksum vouches for each.
 
 
 class TimestampFilter:

@@ -20,100 +20,55 @@ class Health:
 
     and a third one between the device and the host, as far as the protocol allows (`accounting`):
     ``made by the device = decoded + lost + device_dropped``.
-
-    Attributes
-    ----------
-    accounting : {"exact", "bound", "unknown"}
-        Whether `lost` is the number of events that were sent and never decoded; a bound, such that
-        the number lies between `lost` and `lost_at_most`; or only what showed by chance.
-    bytes : int
-        Received.
-    decoded_bytes : int
-        Part of whole, undamaged events or frames (or of words that say something else).
-    skipped_bytes : int
-        Damaged, or not of this protocol.
-    pending_bytes : int
-        Beginnings whose end has not arrived.
-    frames : int
-        Undamaged frames, where the protocol has frames.
-    repeats : int
-        Undamaged frames that came a second time, and were left out.
-    resyncs : int
-        How often the decoder had to look for the next event or frame.
-    crc_errors : int
-        Frames dropped because a checksum or their length was wrong.
-    sequence_gaps : int
-        How often a sequence number showed that something is missing.
-    decoded : int
-        Events taken out of the bytes.
-    events : int
-        Events delivered.
-    held : int
-        Events whose odd time awaits what comes after them.
-    late, leaps, off_sensor, undated : int
-        Events rejected: a little earlier than one before them; with a time far off, which those
-        after them did not confirm; at a pixel that does not exist; before the first time word.
-    lost : int
-        Events sent and never decoded, as far as known.
-    lost_at_most : int
-        Upper bound of these, where `accounting` is a bound.
-    device_dropped : int
-        Events that the device says it had to drop.
-    device_resets : int
-        Restarts of the device; what it lost between its last frame and the restart is unknown.
-    overruns, overrun_bytes : int
-        How often, and how many bytes, the host dropped because it fell behind.
-    line_errors : int
-        Characters with a wrong frame or parity, or dropped by the serial port or its driver, as
-        far as the system counts them.
-    wraps : int
-        Wraps of the device's clock.
-    clock_resets : int
-        How often the clock started anew, which keeps the order of events but not their distance.
-    clock_jumps : int
-        Steps of the clock over so many ticks that one match was given for all of them.
-    reopened : int
-        How often the link was lost and opened again.
-    stalls : int
-        Silences of more than a second.
-    retries : int
-        How often an answer of the device did not come, so that it was asked anew.
-    lag_us, longest_lag_us : int
-        How much later than the quickest events the newest ones were matched, and the latest ones,
-        by the clocks of camera and host. It includes bytes that waited in the system for a host
-        that was busy.
     """
 
+    #: {"exact", "bound", "unknown"}: whether `lost` is the number of events that were sent and
+    #: never decoded; a bound, such that the number lies between `lost` and `lost_at_most`; or only
+    #: what showed by chance.
     accounting: str = UNKNOWN
-    bytes: int = 0
+    bytes: int = 0  #: Received.
+    #: Part of whole, undamaged events or frames (or of words that say something else).
     decoded_bytes: int = 0
-    skipped_bytes: int = 0
-    pending_bytes: int = 0
-    frames: int = 0
-    repeats: int = 0
-    resyncs: int = 0
-    crc_errors: int = 0
-    sequence_gaps: int = 0
-    decoded: int = 0
-    events: int = 0
-    held: int = 0
+    skipped_bytes: int = 0  #: Damaged, or not of this protocol.
+    pending_bytes: int = 0  #: Beginnings whose end has not arrived.
+    frames: int = 0  #: Undamaged frames, where the protocol has frames.
+    repeats: int = 0  #: Undamaged frames that came a second time, and were left out.
+    resyncs: int = 0  #: How often the decoder had to look for the next event or frame.
+    crc_errors: int = 0  #: Frames dropped because a checksum or their length was wrong.
+    sequence_gaps: int = 0  #: How often a sequence number showed that something is missing.
+    decoded: int = 0  #: Events taken out of the bytes.
+    events: int = 0  #: Events delivered.
+    held: int = 0  #: Events whose odd time awaits what comes after them.
+    #: late, leaps, off_sensor, undated: events rejected: a little earlier than one before them;
+    #: with a time far off, which those after them did not confirm; at a pixel that does not exist;
+    #: before the first time word.
     late: int = 0
     leaps: int = 0
     off_sensor: int = 0
     undated: int = 0
-    lost: int = 0
-    lost_at_most: int = 0
-    device_dropped: int = 0
+    lost: int = 0  #: Events sent and never decoded, as far as known.
+    lost_at_most: int = 0  #: Upper bound of these, where `accounting` is a bound.
+    device_dropped: int = 0  #: Events that the device says it had to drop.
+    #: Restarts of the device; what it lost between its last frame and the restart is unknown.
     device_resets: int = 0
+    #: overruns, overrun_bytes: how often, and how many bytes, the host dropped because it fell
+    #: behind.
     overruns: int = 0
     overrun_bytes: int = 0
+    #: Characters with a wrong frame or parity, or dropped by the serial port or its driver, as far
+    #: as the system counts them.
     line_errors: int = 0
-    wraps: int = 0
+    wraps: int = 0  #: Wraps of the device's clock.
+    #: How often the clock started anew, which keeps the order of events but not their distance.
     clock_resets: int = 0
+    #: Steps of the clock over so many ticks that one match was given for all of them.
     clock_jumps: int = 0
-    reopened: int = 0
-    stalls: int = 0
-    retries: int = 0
+    reopened: int = 0  #: How often the link was lost and opened again.
+    stalls: int = 0  #: Silences of more than a second.
+    retries: int = 0  #: How often an answer of the device did not come, so that it was asked anew.
+    #: lag_us, longest_lag_us: how much later than the quickest events the newest ones were matched,
+    #: and the latest ones, by the clocks of camera and host. It includes bytes that waited in the
+    #: system for a host that was busy.
     lag_us: int = 0
     longest_lag_us: int = 0
 

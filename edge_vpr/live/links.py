@@ -62,12 +62,7 @@ class Link(ABC):
 
     @abstractmethod
     def read(self, timeout: float) -> bytes:
-        """Return the bytes that have arrived, after at most `timeout` seconds; may be empty.
-
-        Raises
-        ------
-        LinkClosed, LinkError
-        """
+        """Return the bytes that have arrived, after at most `timeout` seconds; may be empty."""
 
     @abstractmethod
     def write(self, data: bytes, timeout: float) -> int:
@@ -379,7 +374,7 @@ class UdpHostLink(SocketLink):
     """A bound UDP socket, which receives from one sender at a time and cannot send.
 
     The first sender is received until it is silent for `GIVES_WAY_S`. Mixed bytes of two senders
-    could not be decoded, so that bytes of others are ignored meanwhile, and counted in `strangers`.
+    could not be decoded, so that bytes of others are ignored meanwhile.
     """
 
     two_way = False
@@ -393,7 +388,6 @@ class UdpHostLink(SocketLink):
         self._sender: object = None
         self._heard_s = 0.0
         self._anew = False
-        self.strangers = 0
 
     def read(self, timeout: float) -> bytes:
         """See `Link.read`; an empty datagram is no end."""
@@ -420,7 +414,6 @@ class UdpHostLink(SocketLink):
             self._anew = self._sender is not None
             self._sender, self.remark = sender, ""
             return True
-        self.strangers += 1
         # of many, only the first is reported
         self.remark = self.remark or (
             f"{sender[0]}:{sender[1]} sends to {self.address} as well and is left out: give each "
@@ -572,8 +565,6 @@ def open_device_link(address: str, *, baud: int = 115_200, flow_control: bool = 
     address : str
         ``virtual`` for a pseudo-terminal, ``tcp://[HOST]:PORT`` to listen (port 0: any free one;
         loopback unless a host is named), ``udp://HOST:PORT`` to send to, or a serial port.
-    baud, flow_control
-        See `open_link`.
     """
     if address == "virtual":
         return VirtualLink()
@@ -614,22 +605,12 @@ _FIRST_RETRY_S, _LAST_RETRY_S = 0.25, 5.0
 
 
 class Chunk(NamedTuple):
-    """Bytes that arrived together.
-
-    Attributes
-    ----------
-    at_s : float
-        When, on the host's monotonic clock.
-    lost : int
-        Bytes dropped right before these, because the reader was late.
-    reopened : bool
-        Whether the link was lost and opened again before these.
-    """
+    """Bytes that arrived together."""
 
     data: bytes
-    at_s: float
-    lost: int = 0
-    reopened: bool = False
+    at_s: float  #: When, on the host's monotonic clock.
+    lost: int = 0  #: Bytes dropped right before these, because the reader was late.
+    reopened: bool = False  #: Whether the link was lost and opened again before these.
 
 
 class LinkReader:

@@ -95,8 +95,6 @@ class OdometerReader:
 
     Parameters
     ----------
-    address : str
-        See `open_link`.
     say : callable
         Takes the kind and the text of a message, and `over`.
     retry : bool

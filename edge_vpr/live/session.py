@@ -54,23 +54,12 @@ _NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
 
 
 class LiveResult(NamedTuple):
-    """Events and matches of one chunk of bytes.
+    """Events and matches of one chunk of bytes."""
 
-    Attributes
-    ----------
-    events : ndarray of EVENT_DTYPE, shape (n,)
-        As decoded.
-    matches : ndarray of MATCH_DTYPE, shape (m,)
-        In the order of their windows.
-    incomplete : bool
-        Whether events are known to be missing from the windows of these matches.
-    reached_us : int
-        Time up to which the stream is known; with a delay, matches are of earlier windows.
-    """
-
-    events: Events
-    matches: npt.NDArray[np.void]
-    incomplete: bool
+    events: Events  #: Shape (n,): as decoded.
+    matches: npt.NDArray[np.void]  #: Shape (m,): in the order of their windows.
+    incomplete: bool  #: Whether events are known to be missing from the windows of these matches.
+    #: Time up to which the stream is known; with a delay, matches are of earlier windows.
     reached_us: int = 0
 
 
@@ -187,11 +176,6 @@ class LiveLocaliser:
 
     def read_odometer(self, distance_m: float) -> int:
         """Take a reading of the robot's odometer, at the time that the stream has reached.
-
-        Parameters
-        ----------
-        distance_m : float
-            See `Localiser.read_odometer`.
 
         Returns
         -------
@@ -418,44 +402,24 @@ class Message(NamedTuple):
 
 
 class LiveStep(NamedTuple):
-    """What one piece of bytes gave, for views that show more than matches.
+    """What one piece of bytes gave, for views that show more than matches."""
 
-    Attributes
-    ----------
-    result : LiveResult or None
-        Events and matches; None if nothing came.
-    at_s : float
-        When the bytes came, on the clock of `time.monotonic`.
-    host_us : int
-        The same in microseconds since 1970.
-    odometry : tuple of (int, float)
-        Readings of the odometer since the step before: time in microseconds of the camera's clock,
-        and metres.
-    """
-
-    result: LiveResult | None
-    at_s: float
-    host_us: int
+    result: LiveResult | None  #: Events and matches; None if nothing came.
+    at_s: float  #: When the bytes came, on the clock of `time.monotonic`.
+    host_us: int  #: The same in microseconds since 1970.
+    #: Readings of the odometer since the step before: time in microseconds of the camera's clock,
+    #: and metres.
     odometry: tuple[tuple[int, float], ...] = ()
 
 
 class LiveStatus(NamedTuple):
-    """State of a session now.
-
-    Attributes
-    ----------
-    filled : float
-        Share of the first sequence that is complete; there are matches from 1 on.
-    lost_link : str
-        Why the link is closed; empty while it is open.
-    dead_s : float
-        Seconds for which the link was lost, in all so far.
-    """
+    """State of a session now."""
 
     health: Health
+    #: Share of the first sequence that is complete; there are matches from 1 on.
     filled: float = 0.0
-    lost_link: str = ""
-    dead_s: float = 0.0
+    lost_link: str = ""  #: Why the link is closed; empty while it is open.
+    dead_s: float = 0.0  #: Seconds for which the link was lost, in all so far.
 
 
 class LiveSession:
@@ -506,8 +470,6 @@ class LiveSession:
         Yield a heartbeat (see `LiveMatch`) whenever no match came for this time, such as ``500ms``.
     odometry : str, optional
         Where the robot sends its odometer, see `open_link`.
-    burst_filter : {"exact", "causal"}
-        See `LiveLocaliser`.
     record : path or sequence of paths
         Files of the bytes (``.bin``) or of the events (``.npz``, ``.raw``, ...).
     learn : path, optional
@@ -997,16 +959,13 @@ class _EventWriter:
         )
         self._thread.start()
 
-    def write(self, events: Events) -> None:
-        """Append events; waits for a disk that is slower than the camera."""
-        self._put(events)
-
     def close(self) -> None:
         """Complete the file."""
-        self._put(None)
+        self.write(None)
         self._thread.join()
 
-    def _put(self, events: Events | None) -> None:
+    def write(self, events: Events | None) -> None:
+        """Append events (None ends the file); waits for a disk that is slower than the camera."""
         while self._thread.is_alive():
             with contextlib.suppress(queue.Full):
                 self._waiting.put(events, timeout=0.1)

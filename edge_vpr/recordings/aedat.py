@@ -156,34 +156,42 @@ _HEADER = np.dtype(
 )  # fmt: skip
 
 
-class Packet(NamedTuple):
-    """Events of one packet.
+class PacketFile:
+    """A file of packets.
 
     Attributes
     ----------
-    at : int
-        Byte of the file at which the packet begins.
-    origin_us : int
-        Is added to the 31-bit times of the events.
-    event_bytes : int
-        Bytes of one event.
+    position : float
+        Share of the file that has been read, 0 to 1.
     """
 
-    at: int
-    origin_us: int
-    event_bytes: int
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.position = 0.0
+
+    def damaged(self, at: int, why: object) -> RecordingError:
+        """Return the error for a packet that cannot be read."""
+        return RecordingError(
+            f"{self.path} is damaged in the packet at byte {at:,} ({why}): copy it again"
+        )
+
+
+class Packet(NamedTuple):
+    """Events of one packet."""
+
+    at: int  #: Byte of the file at which the packet begins.
+    origin_us: int  #: Is added to the 31-bit times of the events.
+    event_bytes: int  #: Bytes of one event.
     data: bytes
 
 
-class Aedat3File:
+class Aedat3File(PacketFile):
     """Header and packets of a file.
 
     Attributes
     ----------
     sources : dict of int to str
         Cameras by their numbers.
-    position : float
-        Share of the file that has been read, 0 to 1.
 
     Raises
     ------
@@ -192,9 +200,8 @@ class Aedat3File:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        super().__init__(path)
         self._size = path.stat().st_size
-        self.position = 0.0
         lines = self._read_header()
         self.sources = {
             int(match[1]): match[2].decode("ascii", "replace").strip()
@@ -214,20 +221,7 @@ class Aedat3File:
         return chip_size(self.sources.get(source, ""))
 
     def choose(self, wanted: str | None) -> int:
-        """Return the number of the one camera, or of that which is wanted.
-
-        Parameters
-        ----------
-        wanted : str, optional
-            Name or number of the camera.
-
-        Raises
-        ------
-        RecordingError
-            If there is none.
-        UsageError
-            If there are several.
-        """
+        """Return the number of a camera; see `choose_stream`."""
         return choose_stream(self.path, self.sources, wanted, _CAMERAS)
 
     def packets(self, kind: int, source: int, log: FaultLog) -> Iterator[Packet]:
@@ -270,12 +264,6 @@ class Aedat3File:
                     file.seek(length, 1)
                 at += _HEADER.itemsize + length
                 self.position = at / self._size
-
-    def damaged(self, at: int, why: str) -> RecordingError:
-        """Return the error for a packet that cannot be read."""
-        return RecordingError(
-            f"{self.path} is damaged in the packet at byte {at:,} ({why}): copy it again"
-        )
 
     def _read_header(self) -> list[bytes]:
         """Read the lines of the header, up to the one that ends it."""
@@ -353,30 +341,20 @@ _LONGEST_AEDAT4_HEADER = 1 << 22
 
 
 class Stream(NamedTuple):
-    """One stream of a file.
+    """One stream of a file."""
 
-    Attributes
-    ----------
-    kind : str
-        Four letters: ``EVTS`` for events, ``FRME`` for frames.
-    sensor : Sensor or None
-        None if the file does not state it.
-    """
-
-    kind: str
+    kind: str  #: Four letters: ``EVTS`` for events, ``FRME`` for frames.
     name: str
-    sensor: Sensor | None
+    sensor: Sensor | None  #: None if the file does not state it.
 
 
-class Aedat4File:
+class Aedat4File(PacketFile):
     """Header and packets of a file.
 
     Attributes
     ----------
     streams : dict of int to Stream
         By their numbers.
-    position : float
-        Share of the file that has been read, 0 to 1.
 
     Raises
     ------
@@ -385,7 +363,7 @@ class Aedat4File:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        super().__init__(path)
         with path.open("rb") as file:
             if file.read(len(_AEDAT4_MAGIC)) != _AEDAT4_MAGIC:
                 raise RecordingError(f"{path} is not AEDAT 4.0: check what recorded it")
@@ -408,25 +386,9 @@ class Aedat4File:
         # the table of packets follows the packets; it is absent if the recorder was killed
         self._end = table if self._begin <= table <= file_size else file_size
         self._decompress = _decompressor(compression, path)
-        self.position = 0.0
 
     def choose(self, kind: str, what: str, wanted: str | None) -> int:
-        """Return the number of the one stream of a kind.
-
-        Parameters
-        ----------
-        what : str
-            Content of such streams, for messages: ``"events"``.
-        wanted : str, optional
-            Name or number of the stream to choose.
-
-        Raises
-        ------
-        RecordingError
-            If there is none.
-        UsageError
-            If there are several.
-        """
+        """Return the number of a stream of a kind; messages call its content `what`."""
         names = {number: each.name for number, each in self.streams.items() if each.kind == kind}
         wording = Wording(f"stream of {what}", f"streams of {what}", f"record {what}")
         return choose_stream(self.path, names, wanted, wording)
@@ -447,12 +409,6 @@ class Aedat4File:
                 except (RuntimeError, ValueError) as error:
                     raise self.damaged(at, error) from error
                 yield at, data
-
-    def damaged(self, at: int, error: Exception) -> RecordingError:
-        """Return the error for a packet that cannot be read."""
-        return RecordingError(
-            f"{self.path} is damaged in the packet at byte {at:,} ({error}): copy it again"
-        )
 
     def _compressed(
         self, file: IO[bytes], wanted: int, log: FaultLog

@@ -324,10 +324,6 @@ def checked_dataset(path: Path, dataset: Any) -> CheckedDataset:
     -------
     CheckedDataset
         Reader of the dataset.
-
-    Raises
-    ------
-    RecordingError
     """
     name = f"{path}: {dataset.name}"
     if dataset.external or dataset.is_virtual:

@@ -163,19 +163,12 @@ def read_records(
 
 
 class Wording(NamedTuple):
-    """What messages call the streams.
+    """What messages call the streams."""
 
-    Attributes
-    ----------
-    one, several : str
-        ``"camera"`` and ``"cameras"``, for example.
-    remedy : str
-        What to do if there is none.
-    """
-
+    #: one, several: ``"camera"`` and ``"cameras"``, for example.
     one: str
     several: str
-    remedy: str
+    remedy: str  #: What to do if there is none.
 
 
 def choose_stream(

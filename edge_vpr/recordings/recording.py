@@ -410,11 +410,6 @@ def crop_of(
 ) -> TimeCrop | None:
     """Return the part between two times in seconds; None if no time is given.
 
-    Parameters
-    ----------
-    start, end, offset : float or str, optional
-        See `TimeCrop`.
-
     Raises
     ------
     UsageError

@@ -225,14 +225,7 @@ def open_recording(
                 if chosen is None:
                     raise
         options = ReadOptions(
-            chosen.name,
-            size,
-            period,
-            default_frame_period,
-            chunk_events,
-            topic,
-            time_unit,
-            columns,
+            chosen.name, size, period, default_frame_period, chunk_events, topic, time_unit, columns
         )
         recording = Recording(chosen.function("source")(path, options), on_fault)
     return recording if crop is None else recording.cropped(crop)

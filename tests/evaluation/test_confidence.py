@@ -22,13 +22,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import descriptors, random_events
 
-from edge_vpr.confidence import (
-    LEARNT_DELAYS,
-    Acceptance,
-    Confidence,
-    default_confidence,
-    net_trust,
-)
+from edge_vpr.confidence import LEARNT_DELAYS, Acceptance, Confidence, default_confidence, net_trust
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.evaluation.calibration import isotonic, learn_confidence, reliability

@@ -99,11 +99,7 @@ def test_lost_matches_are_left_out_of_a_track_and_marked_on_a_map(drive, tmp_pat
 @pytest.mark.parametrize(
     ("name", "file", "says"),
     [
-        (
-            "gps",
-            "track.kml",
-            "is no format of tracks: name it for example track.gpx",
-        ),
+        ("gps", "track.kml", "is no format of tracks: name it for example track.gpx"),
         ("flat", "track.gpx", "needs latitudes and longitudes, and the map has metres"),
         ("wheel", "track.geojson", "make it with edge-vpr map --track"),
         ("gps", "drive.npz.tum/track.tum", "is not a folder: make it first"),

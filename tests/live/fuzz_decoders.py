@@ -1,9 +1,7 @@
 """Fuzz every stream decoder: ``python tests/live/fuzz_decoders.py --inputs 100000``.
 
-Each input is drawn from a seed of its own, which a find names. ``--guided`` takes the branches into
-account instead (``pip install atheris``; ``NUMBA_DISABLE_JIT=1``, so that the kernels' branches
-show): ``python tests/live/fuzz_decoders.py --guided -max_total_time=600 CORPUS_FOLDER``. A find is
-kept as a test in `test_stream_protocols.py`.
+Streams are partly what a device sends and partly anything. Each input is drawn from a seed of its
+own, which a find names. A find is kept as a test in `test_stream_protocols.py`.
 """
 
 from __future__ import annotations
@@ -11,23 +9,214 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-sys.path[:0] = [str(Path(__file__).parents[n]) for n in (2, 1, 0)]
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from streams import random_events
+
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.events import Sensor, make_events
+from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.session import LiveLocaliser
+from edge_vpr.online.state import MatchSchedule
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import Settings
+
+#: what the host is told, and a device that may speak it
+PAIRS = (
+    ("evpr", "evpr:frame=64"),
+    ("evpr", "evpr:width=3,frame=100"),
+    ("openmv", "openmv"),
+    ("openmv:ack=on", "openmv"),
+    ("openmv:channel=raw_events", "openmv:channel=raw_events"),
+    ("openmv:channel=4", "openmv:channel=4"),
+    ("openmv:channel=4,format=evt21", "openmv:channel=4,format=evt21"),
+    ("openmv:channel=4,format=evt3", "openmv:channel=4,format=evt3"),
+    ("openmv:channel=4,format=aer", "openmv:channel=4,format=aer"),
+    ("edvs", "edvs:format=E2"),
+    ("edvs", "edvs:format=E4,sync=0"),
+    ("edvs:format=E0,sync=1", "edvs:format=E0"),
+    ("edvs:format=E1,dialect=new,sync=1", "edvs:format=E1"),
+    ("edvs:format=E3,dialect=new,sync=1", "edvs:format=E3"),
+    ("evt2", "evt2"),
+    ("evt21", "evt21"),
+    ("evt3", "evt3"),
+    ("aer", "aer"),
+    ("aer:layout=jaer8", "aer:layout=jaer8"),
+)
+SENSOR = Sensor(128, 128)
+MOST_PENDING = 66_000
+#: one input takes a millisecond or so; an endless loop, or one that grows, takes longer
+MOST_SECONDS = 10.0
+#: one input in so many is matched as well, which takes longer
+MATCHED = 400
+_STEPS_US = (0, 1, 50, 5_000, 900_000, 2_000_000, 70_000_000, 599_000_000)
 
 
-def seeded(inputs: int, first_seed: int, only: list[str]) -> None:
-    """Feed so many inputs to the decoders of each protocol, or of those; say how it went."""
-    from hostile_streams import PAIRS, Seeded, one_input
+class Seeded:
+    """Choices of a generator."""
 
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+
+    def integer(self, low, high):
+        """A whole number, `high` included."""
+        return int(self._rng.integers(low, high + 1))
+
+    def bytes(self, n):
+        """`n` bytes, of all values or of few."""
+        if self._rng.random() < 0.3:
+            return self._rng.choice(np.frombuffer(b"\0\xff\xaa\xd5\x80", np.uint8), n).tobytes()
+        return self._rng.bytes(n)
+
+
+@cache
+def good_streams(device):
+    """What a device sends, of 40 short recordings whose times make steps of all sizes."""
+    rng, found = np.random.default_rng(7), []
+    for _ in range(40):
+        n = int(rng.integers(1, 120))
+        steps = rng.choice(_STEPS_US, n, p=(0.3, 0.3, 0.2, 0.196, 0.001, 0.001, 0.001, 0.001))
+        pixels = rng.integers(0, 128, (2, n))
+        encoder = open_encoder(device, SENSOR)
+        events = make_events(np.cumsum(steps), *pixels, rng.integers(0, 2, n))
+        found.append(encoder.start() + encoder.encode(events))
+    return found
+
+
+@cache
+def a_map():
+    """A small map, on which what comes out of a decoder is matched."""
+    rng = np.random.default_rng(3)
+    flat = rng.choice(SENSOR.pixels, 40, replace=False)
+    times, image = np.arange(21) * 10_000, np.zeros((128, 128), dtype=np.float32)
+    counts = rng.poisson(3, (20, 40)).astype(np.uint8)
+    return ReferenceMap(
+        Settings(pixels=40, tau_us=10_000, sequence_length=3),
+        PixelMap(SENSOR, flat % 128, flat // 128),
+        Descriptors(counts, times[:-1], times[1:], counts.sum(axis=1, dtype=np.int64)),
+        image,
+        image > 0,
+    )
+
+
+@cache
+def rehearsed(host):
+    """Compile everything, so that no input is taken for an endless one."""
+    decoder = open_decoder(host, SENSOR)
+    decoder.warm_up()
+    LiveLocaliser(decoder, a_map(), MatchSchedule(interval_us=500))
+
+
+def damaged(data, choose):
+    """Return bytes with up to six faults."""
+    data = bytearray(data)
+    for _ in range(choose.integer(0, 6)):
+        at, n = choose.integer(0, len(data)), choose.integer(1, 12)
+        what = choose.integer(0, 5)
+        if what == 0 and at < len(data):
+            data[at] ^= 1 << choose.integer(0, 7)
+        elif what == 1:
+            del data[at : at + n]
+        elif what == 2:
+            data[at:at] = choose.bytes(n)
+        elif what == 3:
+            data[at : at + n] = choose.bytes(n)
+        elif what == 4:  # a read that comes twice
+            data[at:at] = data[max(0, at - 40) : at]
+        elif what == 5:
+            del data[at:]
+    return bytes(data)
+
+
+def one_input(pair, choose):
+    """Feed one stream to a decoder; raise AssertionError if a promise is broken."""
+    host, device = pair
+    rehearsed(host)
+    began = time.process_time()
+    matched = choose.integer(1, MATCHED) == 1
+    small = Sensor(choose.integer(1, 128), choose.integer(1, 128))
+    sensor = SENSOR if matched else small
+    decoder = open_decoder(host, sensor)
+    live = None
+    if matched:
+        live = LiveLocaliser(decoder, a_map(), MatchSchedule(interval_us=500))
+    camera = open_encoder(device, SENSOR)
+    now = received = 0
+    for step in range(choose.integer(1, 5)):
+        what = choose.integer(0, 9)
+        if what == 0:
+            lost = choose.integer(0, 1 << 16)
+            now = checked(decoder, decoder.gap(lost), sensor, now)
+            continue
+        if what == 1:
+            data = choose.bytes(choose.integer(0, 600))
+        elif what == 2:  # what another device sends
+            others = PAIRS[choose.integer(0, len(PAIRS) - 1)][1]
+            data = good_streams(others)[choose.integer(0, 39)]
+        elif camera.capacity:
+            data = answers(decoder, camera, choose, float(step))
+        else:
+            data = damaged(good_streams(device)[choose.integer(0, 39)], choose)
+        received += len(data)
+        host_us = choose.integer(0, 1 << 40)
+        if live is None:
+            now = checked(decoder, decoder.feed(data, host_us), sensor, now)
+        else:
+            result = live.feed(data, host_us)
+            now = checked(decoder, result.events, sensor, now)
+            assert result.matches.size < 200_000
+            assert result.matches.size == 0 or result.matches["place"].max() < 20
+    now = checked(decoder, decoder.finish(), sensor, now)
+    assert decoder.health.bytes == received
+    assert time.process_time() - began < MOST_SECONDS
+
+
+def answers(decoder, camera, choose, now_s):
+    """What a camera that has to be asked says to what this host asks, with faults."""
+    if choose.integer(0, 1):
+        camera.encode(random_events(np.random.default_rng(choose.integer(0, 9)), 50, SENSOR, 9_000))
+    said = []
+    for turn in range(choose.integer(1, 8)):
+        asked = decoder.to_send(now_s + turn / 10) or (decoder.setup() if turn == 0 else b"")
+        said.append(camera.respond(damaged(asked, choose) if choose.integer(0, 9) == 0 else asked))
+    return damaged(b"".join(said), choose)
+
+
+def checked(decoder, events, sensor, now):
+    """Books balance, time runs forward, events lie on the sensor, memory is bounded."""
+    health = decoder.health
+    assert health.balanced(), health
+    assert health.pending_bytes <= MOST_PENDING
+    assert health.lost >= 0
+    assert isinstance(decoder.remark, str)
+    assert len(decoder.remark) < 500
+    if events.size == 0:
+        return now
+    assert events["t"][0] >= now
+    assert (events["t"][1:] >= events["t"][:-1]).all()
+    assert events["x"].max() < sensor.width
+    assert events["y"].max() < sensor.height
+    return int(events["t"][-1])
+
+
+def main() -> None:
+    """Feed inputs to the decoders of each protocol, or of those named; say how it went."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--inputs", type=int, default=100_000, help="for each protocol")
+    parser.add_argument("--seed", type=int, default=0, help="of the first input")
+    parser.add_argument("--only", nargs="+", default=[], metavar="P", help="these protocols alone")
+    args = parser.parse_args()
     protocols = [host.partition(":")[0] for host, _ in PAIRS]
     for number, (pair, protocol) in enumerate(zip(PAIRS, protocols, strict=True)):
-        if only and protocol not in only:
+        if args.only and protocol not in args.only:
             continue
-        start, share = time.monotonic(), -(-inputs // protocols.count(protocol))
-        for seed in range(first_seed, first_seed + share):
+        start, share = time.monotonic(), -(-args.inputs // protocols.count(protocol))
+        for seed in range(args.seed, args.seed + share):
             try:
                 one_input(pair, Seeded(np.random.default_rng([number, seed])))
             except Exception:
@@ -35,45 +224,6 @@ def seeded(inputs: int, first_seed: int, only: list[str]) -> None:
                 raise
         took = time.monotonic() - start
         print(f"{pair[0]}, a device of {pair[1]}: {share:,} inputs in {took:.0f} s", flush=True)
-
-
-def guided(words: list[str]) -> None:
-    """Let atheris choose."""
-    import atheris
-
-    with atheris.instrument_imports(include=["edge_vpr.live", "edge_vpr.recordings.prophesee"]):
-        from hostile_streams import PAIRS, one_input
-
-    class Choices:
-        def __init__(self, raw: bytes) -> None:
-            self._data = atheris.FuzzedDataProvider(raw)
-
-        def integer(self, low: int, high: int) -> int:
-            return int(self._data.ConsumeIntInRange(low, high))
-
-        def bytes(self, n: int) -> bytes:
-            return bytes(self._data.ConsumeBytes(n))
-
-    def one(raw: bytes) -> None:
-        choices = Choices(raw)
-        one_input(PAIRS[choices.integer(0, len(PAIRS) - 1)], choices)
-
-    atheris.Setup([sys.argv[0], *words], one)
-    atheris.Fuzz()
-
-
-def main() -> None:
-    """Fuzz as the arguments say."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--inputs", type=int, default=100_000, help="for each protocol")
-    parser.add_argument("--seed", type=int, default=0, help="of the first input")
-    parser.add_argument("--only", nargs="+", default=[], metavar="P", help="these protocols alone")
-    parser.add_argument("--guided", action="store_true", help="by atheris, whose flags may follow")
-    args, rest = parser.parse_known_args()
-    if args.guided:
-        guided(rest)
-    else:
-        seeded(args.inputs, args.seed, args.only)
 
 
 if __name__ == "__main__":

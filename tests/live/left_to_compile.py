@@ -64,8 +64,11 @@ def main():
     """Run a session of each kind of matching, burst filter and protocol."""
     rng = np.random.default_rng(0)
     drive = random_events(rng, 60_000, SENSOR, 3_000_000)
-    for matching in ("sequence", "filter"):
-        settings = Settings(pixels=20, sigma=1.0, tau_us=100_000, matching=matching)
+    for matching, window in (("sequence", "time"), ("filter", "time"), ("filter", "count")):
+        settings = Settings(
+            pixels=20, sigma=1.0, tau_us=100_000, matching=matching, window=window,
+            events_per_pixel=1.0,
+        )  # fmt: skip
         reference = map_traverse(Drive(drive, SENSOR), settings)
         for burst_filter in ("exact", "causal"):
             for protocol in sys.argv[1:]:
@@ -87,7 +90,7 @@ def main():
                     assert all(match.place >= 0 for match in session)
                 late = compiled() - before
                 assert session.health.events > 5_000, (protocol, session.health)
-                assert not late, (matching, burst_filter, protocol, late)
+                assert not late, (matching, window, burst_filter, protocol, late)
 
 
 if __name__ == "__main__":

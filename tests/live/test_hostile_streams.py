@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hostile_streams import PAIRS, SENSOR, Seeded, one_input
+from fuzz_decoders import PAIRS, SENSOR, Seeded, one_input
 
 from edge_vpr.errors import UsageError
 from edge_vpr.live.protocols import PROTOCOLS, open_decoder

@@ -246,45 +246,6 @@ def test_a_heartbeat_comes_when_nothing_else_does(route):
     line.close()
 
 
-def test_a_link_that_dies_and_returns_is_told_and_costs_what_was_sent_meanwhile(route, query):
-    before, meanwhile, after = np.split(query, [15_000, 25_000])
-    encoder, said = open_encoder("evpr", SENSOR), []
-    device = open_device_link("tcp://127.0.0.1:0")
-    session = LiveSession(device.address, protocol="evpr", reference=route, heartbeat="20ms")
-    session.on_message = said.append
-
-    def send(data):
-        while data:
-            data = data[device.write(data, 1.0) :]
-
-    def matches_until(condition):
-        end, found = time.monotonic() + 30, []
-        while not condition():
-            assert time.monotonic() < end
-            found += session.poll()
-            time.sleep(0.001)
-        return found
-
-    with session:
-        device.accepted(5)
-        send(encoder.start() + encoder.encode(before))
-        assert len(matches_until(lambda: session.health.decoded == 15_000)) > 5
-        device.close()
-        encoder.encode(meanwhile)
-        assert all(match.lost for match in matches_until(lambda: said))
-        assert session.status.lost_link
-        device = open_device_link(device.address)
-        matches_until(lambda: len(said) > 1)
-        send(encoder.encode(after))
-        found = matches_until(lambda: session.health.decoded == 30_000)
-    device.close()
-    assert [(each.kind, each.over) for each in said[:2]] == [("link", False), ("link", True)]
-    assert "trying again" in said[0].text
-    health = session.health
-    assert (health.decoded, health.lost, health.reopened) == (30_000, 10_000, 1)
-    assert any(match.incomplete for match in found if match.place >= 0)
-
-
 def wait_until(condition, session, seconds=30):
     """Poll a session until something holds; return its matches."""
     end, found = time.monotonic() + seconds, []
@@ -293,6 +254,49 @@ def wait_until(condition, session, seconds=30):
         found += session.poll()
         time.sleep(0.001)
     return found
+
+
+@pytest.mark.parametrize("kind", ["network", "cable"])
+def test_a_link_that_dies_and_returns_is_told_and_costs_what_was_sent_meanwhile(
+    kind, route, query, tmp_path, any_baud
+):
+    before, meanwhile, after = np.split(query, [15_000, 25_000])
+    encoder, said = open_encoder("evpr", SENSOR), []
+    port = tmp_path / "event-camera"  # a name of its own, as udev gives it
+
+    def plug_in(address="tcp://127.0.0.1:0"):
+        device = open_device_link(address if kind == "network" else "virtual")
+        if kind == "cable":
+            port.symlink_to(device.address)
+        return device
+
+    def send(data):
+        while not device.read(0.1):  # until the host says that it is there
+            pass
+        while data:
+            data = data[device.write(data, 1.0) :]
+
+    device = plug_in()
+    address = device.address if kind == "network" else port
+    with LiveSession(address, protocol="evpr", reference=route, heartbeat="20ms") as session:
+        session.on_message = said.append
+        send(encoder.start() + encoder.encode(before))
+        assert len(wait_until(lambda: session.health.decoded == 15_000, session)) > 5
+        device.close()
+        port.unlink(missing_ok=True)
+        encoder.encode(meanwhile)
+        assert all(match.lost for match in wait_until(lambda: said, session))
+        assert session.status.lost_link
+        device = plug_in(device.address)
+        wait_until(lambda: len(said) > 1, session)
+        send(encoder.encode(after))
+        found = wait_until(lambda: session.health.decoded == 30_000, session)
+    device.close()
+    assert [(each.kind, each.over) for each in said[:2]] == [("link", False), ("link", True)]
+    assert "trying again" in said[0].text
+    health = session.health
+    assert (health.decoded, health.lost, health.reopened) == (30_000, 10_000, 1)
+    assert any(match.incomplete for match in found if match.place >= 0)
 
 
 class Board:

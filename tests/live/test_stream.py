@@ -17,7 +17,6 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 from edge_vpr_tools import live_view
@@ -54,6 +53,17 @@ def drive(tmp_path_factory):
     query = random_events(rng, 40_000, SENSOR, 2_000_000)
     write_recording(folder / "query.npz", query, sensor=SENSOR)
     return folder
+
+
+@pytest.fixture(scope="module")
+def reference(drive):
+    return ReferenceMap.load(drive / "map.npz")
+
+
+@pytest.fixture
+def events(drive):
+    """The events of the query."""
+    return np.concatenate(list(open_recording(drive / "query.npz")))
 
 
 @pytest.fixture(scope="module")
@@ -258,23 +268,7 @@ def test_what_a_bad_line_loses_is_counted_and_the_matches_around_it_are_flagged(
     assert any(row["incomplete"] for row in rows_of(log, "match"))
 
 
-def test_learning_over_the_line_gives_the_map_of_the_recording(drive, tmp_path, capsys):
-    _, address, thread = bridge_thread("virtual", "evpr", drive)
-    flags = ["--pixels", "20", "--sigma", "1", "--tau", "100ms", "-L", "2"]
-    words = ["stream", "--port", address, "--protocol", "evpr", "--sensor", "64x48", "--once"]
-    words += ["--on-overload", "wait", "--learn", "-o", tmp_path / "live.npz", *flags]
-    assert main([str(word) for word in words]) == 0
-    thread.join(timeout=5)
-    words = ["map", drive / "query.npz", "-o", tmp_path / "file.npz", *flags]
-    assert main([str(word) for word in words]) == 0
-    live, file = (ReferenceMap.load(tmp_path / name) for name in ("live.npz", "file.npz"))
-    assert np.array_equal(live.places.counts, file.places.counts)
-    assert np.array_equal(live.pixel_map.x, file.pixel_map.x)
-
-
-def test_an_overload_is_flagged_until_the_windows_are_whole_again(drive):
-    reference = ReferenceMap.load(drive / "map.npz")
-    events = np.concatenate(list(open_recording(drive / "query.npz")))
+def test_an_overload_is_flagged_until_the_windows_are_whole_again(reference, events):
     sent = open_encoder("evpr:frame=256", SENSOR).encode(events)
     live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=10_000))
     third = len(sent) // 3
@@ -292,13 +286,13 @@ def test_an_overload_is_flagged_until_the_windows_are_whole_again(drive):
 
 
 @pytest.mark.parametrize("window", ["time", "count"])
-def test_the_first_matches_after_a_loss_are_flagged_however_much_comes_at_once(window, drive):
-    reference = ReferenceMap.load(drive / "map.npz")
+def test_the_first_matches_after_a_loss_are_flagged_however_much_comes_at_once(
+    window, reference, events
+):
     if window == "count":
         changed = {"window": "count", "events_per_pixel": 2.0}
         settings = reference.settings.replaced(changed, "the test")
         reference = dataclasses.replace(reference, settings=settings)
-    events = np.concatenate(list(open_recording(drive / "query.npz")))
     frames = open_encoder("evpr:frame=256", SENSOR).encode(events).split(b"\0")[:-1]
     third = len(frames) // 3
     before, after = (
@@ -366,9 +360,7 @@ def test_a_host_that_is_held_up_goes_on_with_the_newest_and_says_what_is_gone(dr
     assert matches[-1]["time_s"] > 8.9
 
 
-def test_a_device_that_sees_nothing_says_so_and_is_matched_all_the_same(drive):
-    reference = ReferenceMap.load(drive / "map.npz")
-    events = np.concatenate(list(open_recording(drive / "query.npz")))
+def test_a_device_that_sees_nothing_says_so_and_is_matched_all_the_same(reference, events):
     every = MatchSchedule(interval_us=10_000)
     encoder = open_encoder("evpr", SENSOR)
     live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
@@ -391,8 +383,7 @@ def test_a_device_that_sees_nothing_says_so_and_is_matched_all_the_same(drive):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("bursts", ["removed", "kept"])
-def test_single_events_give_the_matches_of_the_recording(bursts, drive):
-    reference = ReferenceMap.load(drive / "map.npz")
+def test_single_events_give_the_matches_of_the_recording(bursts, drive, reference):
     settings = dataclasses.replace(reference.settings, remove_bursts=bursts == "removed")
     reference = dataclasses.replace(reference, settings=settings)
     events = np.concatenate(list(open_recording(drive / "query.npz")))[:16_000]
@@ -410,9 +401,7 @@ def test_single_events_give_the_matches_of_the_recording(bursts, drive):
     assert found.tobytes() == np.concatenate(expected).tobytes()
 
 
-def test_a_loss_between_two_ticks_flags_the_next_match(drive):
-    reference = ReferenceMap.load(drive / "map.npz")
-    events = np.concatenate(list(open_recording(drive / "query.npz")))
+def test_a_loss_between_two_ticks_flags_the_next_match(reference, events):
     encoder, every = open_encoder("evpr", SENSOR), MatchSchedule(interval_us=50_000)
     live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
     live.feed(encoder.start() + encoder.encode(events[:20_000]), 0)
@@ -432,9 +421,7 @@ def test_a_loss_between_two_ticks_flags_the_next_match(drive):
         assert not incomplete or t < begun + span + 60_000
 
 
-def test_a_causal_burst_filter_gives_a_match_with_the_event_that_it_needs(drive):
-    reference = ReferenceMap.load(drive / "map.npz")
-    events = np.concatenate(list(open_recording(drive / "query.npz")))
+def test_a_causal_burst_filter_gives_a_match_with_the_event_that_it_needs(reference, events):
     encoder, every = open_encoder("evpr", SENSOR), MatchSchedule(interval_us=10_000)
     live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every, causal_bursts=True)
     exact = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
@@ -454,10 +441,8 @@ def test_a_causal_burst_filter_gives_a_match_with_the_event_that_it_needs(drive)
 
 
 @pytest.mark.parametrize("tells", ["event", "pause", "silence"])
-def test_a_jump_of_the_clock_gives_one_match_and_is_counted(tells, drive):
+def test_a_jump_of_the_clock_gives_one_match_and_is_counted(tells, reference, events):
     """One undamaged frame may say anything: 599 s are 1.2 million ticks of 500 us."""
-    reference = ReferenceMap.load(drive / "map.npz")
-    events = np.concatenate(list(open_recording(drive / "query.npz")))
     last, jump_us = int(events["t"][-1]), 599_000_000
     encoder = open_encoder("evpr", SENSOR)
     live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=500))
@@ -490,8 +475,7 @@ def test_a_jump_of_the_clock_gives_one_match_and_is_counted(tells, drive):
     assert step.matches.tobytes() == expected.tobytes()
 
 
-def test_a_piece_that_spans_millions_of_ticks_is_matched_at_all_of_them(drive):
-    reference = ReferenceMap.load(drive / "map.npz")
+def test_a_piece_that_spans_millions_of_ticks_is_matched_at_all_of_them(reference):
     events = make_events([0, 700_000, 1_400_000, 1_410_000], [1, 2, 5, 6], [3, 4, 6, 7])
     every = MatchSchedule(interval_us=1)
     live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
@@ -642,81 +626,6 @@ def sent_all(link, data):
         assert time.monotonic() < end
 
 
-@pytest.mark.slow
-def test_a_line_that_breaks_and_comes_back_costs_what_was_sent_meanwhile(drive, tmp_path, any_baud):
-    events = np.concatenate(list(open_recording(drive / "query.npz")))
-    before, meanwhile, after = np.split(events, [15_000, 25_000])
-
-    def broken(kind):
-        encoder = open_encoder("evpr", SENSOR)
-
-        def plug_in(address="tcp://127.0.0.1:0"):
-            if kind == "network":
-                link = open_device_link(address)
-                return link, link.address
-            link = open_device_link("virtual")
-            port = tmp_path / "event-camera"  # a name of its own, as udev gives it
-            port.symlink_to(link.address)
-            return link, str(port)
-
-        link, address = plug_in()
-        run = Running(
-            "--port", address, "--protocol", "evpr", "--map", drive / "map.npz", "--json",
-            "--every", "10ms",
-        )  # fmt: skip
-        greeted(link)
-        sent_all(link, encoder.start() + encoder.encode(before))
-        run.wait_for(lambda line: '"events": 15000' in line)
-        link.close()
-        if kind == "cable":
-            Path(address).unlink()
-        encoder.encode(meanwhile)
-        told = json.loads(run.wait_for(lambda line: '"kind": "link"' in line))
-        assert "trying again" in told["text"]
-        link, _ = plug_in(address)
-        greeted(link)
-        sent_all(link, encoder.encode(after))
-        run.wait_for(lambda line: '"events": 30000' in line)
-        last = run.stop().splitlines()[-1]
-        link.close()
-        health = json.loads(last)
-        assert health["kind"] == "summary"
-        assert (health["decoded"], health["lost"], health["reopened"]) == (30_000, 10_000, 1)
-        assert health["accounting"] == "exact"
-
-    at_once(broken, "cable", "network")
-
-
-@pytest.mark.slow
-def test_a_process_that_is_starved_says_how_late_its_matches_came(drive, tmp_path, any_baud):
-    """It cannot know when the bytes came, only what the camera's clock says."""
-    events = random_events(np.random.default_rng(4), 60_000, SENSOR, 6_000_000)
-    link = open_device_link("virtual")
-    run = Running(
-        "--port", link.address, "--protocol", "evpr", "--map", drive / "map.npz", "--json",
-        "--every", "50ms", "--max-lag", "60s",
-    )  # fmt: skip
-    bridge = Bridge(link, open_encoder("evpr", SENSOR))
-    parts = [events[i : i + 500] for i in range(0, events.size, 500)]
-    thread = threading.Thread(target=bridge.run, args=(parts,), daemon=True)
-    thread.start()
-    run.wait_for(lambda line: '"kind": "match"' in line)
-    run.process.send_signal(signal.SIGSTOP)
-    time.sleep(1.5)
-    run.process.send_signal(signal.SIGCONT)
-    told = json.loads(run.wait_for(lambda line: '"kind": "lag"' in line))
-    assert "late: this machine is busy" in told["text"]
-    run.wait_for(lambda line: '"kind": "lag"' in line)  # in time again
-    summary = json.loads(run.stop().splitlines()[-1])
-    bridge.stopping.set()
-    thread.join(timeout=10)
-    link.close()
-    # the device, too, waits for room on its line: 4 kB
-    assert 1_000_000 < summary["longest_lag_us"] < 60_000_000
-    assert summary["lag_us"] < summary["longest_lag_us"] / 2
-    assert summary["lag_p99_ms"] < 1_000
-
-
 @pytest.mark.parametrize(
     ("words", "says"),
     [
@@ -828,17 +737,6 @@ def test_events_that_cannot_be_recorded_are_matched_all_the_same(
     assert "No space left" in told.err
 
 
-def test_a_drive_too_short_for_a_sequence_makes_no_map_and_is_kept(sent, tmp_path, capsys):
-    output = tmp_path / "map.npz"
-    words = ["--port", sent, "--sensor", "64x48", "--learn", "-o", output, "--pixels", "20"]
-    short = ["--preset", "paper", "--tau", "100ms", "-L", "100"]
-    assert streamed(*words, "--sigma", "1", *short) == 2
-    err = capsys.readouterr().err
-    assert "a sequence of 100 windows does not fit the" in err
-    assert f"the drive is kept: edge-vpr map {tmp_path / 'map_drive.npz'}" in err
-    assert [path.name for path in tmp_path.iterdir()] == ["map_drive.npz"]
-
-
 def test_a_killed_run_that_learns_is_cleared_at_the_next_one(sent, tmp_path):
     words = ["-", "--protocol", "evpr", "--sensor", "64x48", "--learn", "-o", tmp_path / "map.npz"]
     program = [sys.executable, "-m", "edge_vpr_tools.cli", "stream", "--port", *map(str, words)]
@@ -870,9 +768,10 @@ def test_a_quiet_run_prints_nothing_and_writes_what_it_should(sent, drive, tmp_p
     assert (told.out, told.err) == ("", "")
 
 
-def test_json_rows_have_the_position_of_a_map_with_a_track(sent, drive, tmp_path, capsys):
+def test_json_rows_have_the_position_of_a_map_with_a_track(
+    sent, drive, tmp_path, capsys, reference
+):
     """The same columns and values as the table of matches."""
-    reference = ReferenceMap.load(drive / "map.npz")
     along = np.where(np.arange(len(reference)) % 5 == 3, np.nan, np.arange(len(reference)) * 2.5)
     route = Route(np.stack([along, 7 + along], axis=1), along, "metric")
     located = dataclasses.replace(reference, route=route)
@@ -895,13 +794,11 @@ def test_json_rows_have_the_position_of_a_map_with_a_track(sent, drive, tmp_path
     assert any(row["x_m"] is None for row in found)
 
 
-def test_after_a_loss_the_place_filter_is_flagged_for_one_window_alone(drive):
+def test_after_a_loss_the_place_filter_is_flagged_for_one_window_alone(reference, events):
     """Its matches compare one window, whatever the length of a sequence is."""
-    reference = ReferenceMap.load(drive / "map.npz")
     changed = {"matching": "filter", "sequence_length": 20}
     settings = reference.settings.replaced(changed, "the test")
     reference = dataclasses.replace(reference, settings=settings)
-    events = np.concatenate(list(open_recording(drive / "query.npz")))
     live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
     encoder = open_encoder("evpr:frame=256", SENSOR)
     live.feed(encoder.start() + encoder.encode(events[:5_000]), 0)
@@ -962,57 +859,6 @@ def test_the_bridge_says_how_it_is_read(drive, capsys):
 
 
 @pytest.mark.slow
-def test_nothing_is_left_to_compile_when_the_bytes_come(drive, sent):
-    """In a fresh process, as other tests have compiled everything; for both kinds of window."""
-    if numba.config.DISABLE_JIT:
-        pytest.skip("nothing is compiled")
-    program = """
-import dataclasses, gc, sys
-from pathlib import Path
-from numba.core.dispatcher import Dispatcher
-from edge_vpr.online.state import MatchSchedule
-from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.live.session import LiveLocaliser
-from edge_vpr.events import make_events
-from edge_vpr.live.protocols import open_decoder, open_encoder
-
-def compiled():
-    kernels = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
-    return {(k.py_func.__module__, k.__name__, str(s)) for k in kernels for s in k.signatures}
-
-reference, sent = ReferenceMap.load(sys.argv[1]), Path(sys.argv[2]).read_bytes()
-for window in ("time", "count"):
-    given = {"window": window, "events_per_pixel": 1.0}
-    settings = reference.settings.replaced(given, "a test")
-    decoder = open_decoder("evpr", reference.pixel_map.sensor)
-    decoder.warm_up()
-    reference = dataclasses.replace(reference, settings=settings)
-    live = LiveLocaliser(decoder, reference, MatchSchedule(interval_us=10_000))
-    before, matches = compiled(), 0
-    for at in range(0, len(sent), 20_000):
-        matches += live.feed(sent[at : at + 20_000], 0, lost=int(at == 60_000)).matches.size
-    live.finish()
-    # events that come one by one are arrays of another kind
-    live = LiveLocaliser(
-        open_decoder("evpr", reference.pixel_map.sensor),
-        dataclasses.replace(reference, settings=settings), MatchSchedule(interval_us=10_000),
-    )
-    encoder = open_encoder("evpr", reference.pixel_map.sensor)
-    for i in range(40):
-        n = 1 + i % 3
-        live.feed(encoder.encode(make_events([i * 3_000] * n, [i] * n, [i] * n)), 0)
-    assert compiled() == before, (window, compiled() - before)
-    assert matches > 10 and len(before) > 5, (matches, before)
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", program, drive / "map.npz", sent],
-        env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
-        timeout=60,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.slow
 def test_a_device_over_udp_needs_no_greeting_and_loses_nothing_unsaid(drive, tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
@@ -1044,7 +890,7 @@ def test_a_speed_that_makes_no_sense_is_refused(speed, says, drive, capsys):
     assert says in capsys.readouterr().err
 
 
-def test_the_terminal_shows_where_we_are_and_what_is_wrong(drive, sent, monkeypatch):
+def test_the_terminal_shows_where_we_are_and_what_is_wrong(sent, monkeypatch, reference):
     from edge_vpr_tools.live_view import Panel
     from rich.console import Console
 
@@ -1059,7 +905,6 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(drive, sent, monkeypa
             shown.append(console.export_text())
 
     monkeypatch.setattr(live_view, "_REFRESH_S", 0.0)
-    reference = ReferenceMap.load(drive / "map.npz")
     live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
     view = live_view.View(False, None, reference, Panel(Live()))
     data = sent.read_bytes()
@@ -1079,10 +924,9 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(drive, sent, monkeypa
     assert f"{live.decoder.health.lost:,} lost" in shown[2]
 
 
-def test_a_line_of_status_comes_in_time_and_at_each_change(drive, sent, capsys, monkeypatch):
+def test_a_line_of_status_comes_in_time_and_at_each_change(sent, capsys, monkeypatch, reference):
     """A journal gets a line a minute; that the link or the place is lost waits for none."""
     monkeypatch.setattr(live_view, "_LINE_S", 0.0)
-    reference = ReferenceMap.load(drive / "map.npz")
     live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
     view = live_view.View(False, None, reference, None, line_s=60.0)
     health = live.decoder.health

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import struct
-import subprocess
-import sys
 import time
 import tracemalloc
 import zlib
@@ -245,56 +242,6 @@ def test_an_evpr_device_that_forgets_to_change_its_boot_number_is_followed():
     assert np.array_equal(arrived[-3_000:][["x", "y", "p"]], second[["x", "y", "p"]])
     assert decoder.health.device_resets == 1
     assert decoder.health.lost < 3_000
-
-
-@pytest.mark.slow
-def test_a_warm_decoder_compiles_nothing_more_when_bytes_come():
-    """In a fresh process, as other tests have compiled everything."""
-    if config.DISABLE_JIT:
-        pytest.skip("nothing is compiled")
-    program = """
-import sys
-from numba.core.registry import CPUDispatcher
-from test_stream_protocols import PAIRS, SENSOR, dense, encoded, open_decoder
-from line_faults import corrupt
-import numpy as np
-
-def compiled():
-    kernels = {value for module in list(sys.modules.values()) for value in vars(module).values()
-               if isinstance(value, CPUDispatcher)}
-    return {(kernel.py_func.__module__, kernel.__name__, signature)
-            for kernel in kernels for signature in kernel.signatures}
-
-for device, host, _ in PAIRS:
-    data = encoded(device, dense(2_000))
-    bad = corrupt(np.random.default_rng(0), data, "drop", 1e-3)[0]
-    decoder = open_decoder(host, SENSOR)
-    encoder_kernels = compiled()
-    decoder.warm_up()
-    assert str(decoder.health) == "no faults", decoder.health
-    warm = compiled()
-    decoder.feed(data[:999]), decoder.feed(data[999:]), decoder.gap(3), decoder.feed(bad)
-    decoder.finish()
-    assert compiled() == warm, (host, compiled() - warm)
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.parametrize("host", [*PROTOCOLS, "edvs:format=E0", "edvs:format=E1,sync=1"])
-@given(data=st.binary(max_size=3_000), cuts=st.lists(st.integers(0, 3_000), max_size=6))
-@settings(max_examples=25)
-def test_no_bytes_at_all_break_a_decoder(host, data, cuts):
-    decoder = open_decoder(host, Sensor(100, 90))
-    cuts = sorted(cut for cut in cuts if cut <= len(data))
-    arrived = decoded(decoder, data, cuts)
-    assert decoder.health.bytes == len(data)
-    assert decoder.health.pending_bytes < MAX_PENDING
-    assert (np.diff(arrived["t"]) >= 0).all()
-    assert arrived.size == 0 or (arrived["x"].max() < 100 and arrived["y"].max() < 90)
 
 
 @pytest.mark.parametrize("host", list(PROTOCOLS))

@@ -9,7 +9,7 @@ import json
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.publish import MatchRows
+from edge_vpr_tools.live_view import MatchRows
 from streams import Drive, random_events
 
 import edge_vpr as ev

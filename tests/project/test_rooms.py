@@ -115,7 +115,7 @@ def test_what_a_robot_runs_loads_no_pictures_and_no_tables():
     code = (
         "import sys, edge_vpr\n"
         "from edge_vpr import LiveSession, Localiser, ReferenceMap\n"
-        "import edge_vpr_tools.runs.live, edge_vpr_tools.commands.stream\n"
+        "import edge_vpr_tools.live_view, edge_vpr_tools.commands.stream\n"
         f"print(sorted({unneeded} & set(sys.modules)))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

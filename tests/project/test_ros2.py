@@ -19,7 +19,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from edge_vpr_tools.publish import LineServer, MatchRows
+from edge_vpr_tools.live_view import MatchRows
+from edge_vpr_tools.publish import LineServer
 
 from edge_vpr.live.session import LiveResult
 from edge_vpr.online.state import MATCH_DTYPE

@@ -32,7 +32,6 @@ from test_network_baselines import conv_model
 
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import from_alignment
-from edge_vpr.evaluation.metrics import mean_precision, precision_recall
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.reference_map import ReferenceMap
@@ -212,18 +211,6 @@ def test_a_simulated_street_is_counted_by_events():
     systems = [(name, open_baseline(name)) for name in names]
     found = rivals.compare_systems(replace(pair, settings=settings), systems)
     assert [row["system"] for row in found] == list(names)
-
-
-def test_a_curve_of_trials_is_the_mean_of_their_precision():
-    """One trial is right in all matches, the other's surest of two is wrong; one finds nothing."""
-    right = np.array([True, True])
-    curves = [
-        precision_recall(np.array([0.1, 0.2]), correct, right)
-        for correct in (right, np.array([False, True]), ~right)
-    ]
-    found = mean_precision(curves, np.array([0.0, 0.5, 1.0]))
-    # at recall 0 the strictest threshold: 1, 0 and 0; then 1, 1/2 and never
-    assert found == pytest.approx([1 / 3, 0.5, 0.5])
 
 
 def test_a_system_that_does_not_fit_a_sensor_is_left_out():

@@ -134,16 +134,34 @@ def test_matches_online_say_what_the_localiser_says(drive, tmp_path, every):
         assert place.tolist() == (batch.place + 1 - 2 // 2).tolist()
 
 
-def test_an_unknown_time_to_match(drive, capsys, tmp_path):
-    arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
-    says = "expected event, a number of"
-    refused(capsys, *arguments, "--online", "--every", "day", code=2, says=says)
+MATCH = "match {d}/map.npz {d}/query.npz -o"
+MAP = "map {d}/reference.npz -o {t}/map.npz"
 
 
-def test_a_missing_recording(drive, capsys, tmp_path):
-    arguments = ("map", tmp_path / "none.npz", "-o", tmp_path / "map.npz")
-    refused(capsys, *arguments, code=1, says="none.npz")
-    assert not (tmp_path / "map.npz").exists()
+@pytest.mark.parametrize(
+    ("line", "code", "says"),
+    [
+        (f"{MATCH} {{t}}/results --online --every day", 2, "expected event, a number of"),
+        (f"{MATCH} {{t}}/results -L 99", 2, "sequence length 99 is longer than the"),
+        (f"{MATCH} {{d}}/results", 2, "exists: name another one"),
+        ("match {d}/query.npz {d}/query.npz -o {t}/results", 1, "reference map"),
+        (f"{MATCH} {{t}}/results --every 10ms", 2, "add --online"),
+        (f"{MATCH} {{t}}/results --online --anchor middle", 2, "leave --anchor out"),
+        (f"{MATCH} {{t}}/results --matrix {{t}}/d.txt", 2, "does not end in .npy"),
+        (f"{MAP} --pixels 999 --tau 100ms", 2, "pixels can be drawn and 999 were asked for"),
+        (f"{MAP} --tau 1h", 2, "expected a time such as 1s"),
+        (f"{MAP} --tau 60s", 2, "shorter than one window of 60 s"),
+        (f"{MAP} --strategy best", 2, "choose from variance"),
+        ("map {d}/reference.npz -o {d}/map.npz", 2, "exists: name another"),
+        ("map {t}/none.npz -o {t}/map.npz", 1, "none.npz"),
+        ("evaluate {t}/none --ground-truth x.npy --rows query", 1, "run edge-vpr match first"),
+        ("evaluate {d}/results --ground-truth x.npy", 2, "--rows reference or --rows query"),
+        ("experiment speck-walks --data {t}", 2, "--data"),
+    ],
+)
+def test_wrong_use_is_one_line_and_leaves_nothing(line, code, says, drive, capsys, tmp_path):
+    refused(capsys, *line.format(d=drive, t=tmp_path).split(), code=code, says=says)
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_unreadable_recording_and_an_unknown_format(capsys, tmp_path):
@@ -163,36 +181,6 @@ def test_a_recording_of_another_camera(drive, capsys, tmp_path):
     arguments = ("match", drive / "map.npz", tmp_path / "other.npz", "-o", tmp_path / "results")
     refused(capsys, *arguments, code=1, says="of a 20x12 sensor and the map of a 16x12 one")
     assert not (tmp_path / "results").exists()
-
-
-def test_more_pixels_than_can_be_drawn(drive, capsys, tmp_path):
-    arguments = ("map", drive / "reference.npz", "-o", tmp_path / "map.npz", "--pixels", "999")
-    says = "pixels can be drawn and 999 were asked for"
-    refused(capsys, *arguments, "--tau", "100ms", code=2, says=says)
-
-
-def test_a_window_longer_than_the_recording(drive, capsys, tmp_path):
-    arguments = ("map", drive / "reference.npz", "-o", tmp_path / "map.npz", "--tau", "1h")
-    refused(capsys, *arguments, code=2, says="expected a time such as 1s")
-    arguments = (*arguments[:-1], "60s")
-    refused(capsys, *arguments, code=2, says="shorter than one window of 60 s")
-
-
-def test_a_sequence_longer_than_the_traverse(drive, capsys, tmp_path):
-    arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
-    refused(capsys, *arguments, "-L", "99", code=2, says="sequence length 99 is longer than the")
-
-
-def test_an_unknown_setting_value(drive, capsys, tmp_path):
-    arguments = ("map", drive / "reference.npz", "-o", tmp_path / "map.npz", "--strategy", "best")
-    refused(capsys, *arguments, code=2, says="choose from variance")
-
-
-def test_an_output_that_exists(drive, capsys):
-    arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", drive / "results")
-    refused(capsys, *arguments, code=2, says="exists: name another one")
-    arguments = ("map", drive / "reference.npz", "-o", drive / "map.npz")
-    refused(capsys, *arguments, code=2, says="exists: name another")
 
 
 def test_a_folder_that_is_not_ours_is_never_replaced(drive, capsys, tmp_path):
@@ -218,43 +206,6 @@ def test_a_map_from_a_newer_version(drive, capsys, tmp_path, monkeypatch):
     monkeypatch.undo()
     arguments = ("match", tmp_path / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
     refused(capsys, *arguments, code=1, says="schema version 99 and this edge-vpr reads up to 1")
-
-
-def test_a_file_that_is_no_map(drive, capsys, tmp_path):
-    arguments = ("match", drive / "query.npz", drive / "query.npz", "-o", tmp_path / "results")
-    refused(capsys, *arguments, code=1, says="reference map")
-
-
-def test_gps_without_a_fix(drive, capsys, tmp_path):
-    body = "GPRMC,120000.00,V,,,,,,,210426,,,N"
-    checksum = 0
-    for character in body:
-        checksum ^= ord(character)
-    (tmp_path / "gps.nmea").write_text(f"${body}*{checksum:02X}\n")
-    gps = tmp_path / "gps.nmea"
-    arguments = ("evaluate", drive / "results", "--ground-truth", gps, gps, "--tolerance", "70")
-    refused(capsys, *arguments, code=1, says="fix")
-
-
-@pytest.mark.parametrize(
-    ("matrix", "says"),
-    [(np.zeros((19, 19)), "zero"), (np.eye(18, 19), "shape"), (2 * np.eye(19), "2")],
-)
-def test_a_wrong_ground_truth_matrix(drive, capsys, tmp_path, matrix, says):
-    np.save(tmp_path / "truth.npy", matrix)
-    arguments = ("evaluate", drive / "results", "--ground-truth", tmp_path / "truth.npy")
-    refused(capsys, *arguments, "--rows", "query", code=1, says=says)
-    refused(capsys, *arguments, code=2, says="--rows reference or --rows query")
-
-
-def test_an_evaluation_of_nothing(capsys, tmp_path):
-    arguments = ("evaluate", tmp_path / "none", "--ground-truth", "x.npy", "--rows", "query")
-    refused(capsys, *arguments, code=1, says="run edge-vpr match first")
-
-
-def test_an_experiment_without_its_data(capsys, tmp_path):
-    arguments = ("experiment", "speck-walks", "--data", tmp_path)
-    refused(capsys, *arguments, code=2, says="--data")
 
 
 #: what an experiment says of a folder without drives
@@ -396,12 +347,6 @@ def test_a_file_of_somebody_else_in_a_results_folder_is_never_deleted(drive, cap
     (tmp_path / "results" / "mine").mkdir()
     refused(capsys, *arguments, "--overwrite", code=2, says="also holds 'mine'")
     assert (tmp_path / "results" / "mine").is_dir()
-
-
-def test_flags_that_would_do_nothing_are_refused(drive, capsys, tmp_path):
-    arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
-    refused(capsys, *arguments, "--every", "10ms", code=2, says="add --online")
-    refused(capsys, *arguments, "--online", "--anchor", "middle", code=2, says="leave --anchor out")
 
 
 def test_matches_event_by_event_are_evaluated_by_the_same_command(drive, capsys, tmp_path):

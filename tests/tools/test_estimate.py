@@ -17,26 +17,13 @@ from designs import random_stream, wrapped
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands import estimate as estimate_arguments
 from edge_vpr_tools.commands.estimate import design_and_mission
-from edge_vpr_tools.estimate import (
-    accuracy,
-    emulation,
-    targets,
-)
-from edge_vpr_tools.estimate import (
-    model as counts,
-)
-from edge_vpr_tools.estimate import (
-    search as candidates,
-)
-from edge_vpr_tools.estimate import (
-    search as pareto,
-)
+from edge_vpr_tools.estimate import accuracy, emulation, search, targets
+from edge_vpr_tools.estimate import model as counts
 from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_of
 from edge_vpr_tools.estimate.of_map import design_of
 from edge_vpr_tools.estimate.search import FIRMWARE_LIMITS, Budget, broken_by, fit, memory_bytes
 from edge_vpr_tools.estimate.targets import busy
 from edge_vpr_tools.report.page import quantity
-from naive import sad
 from test_commands import drive  # noqa: F401
 
 from edge_vpr.errors import MapError, UsageError
@@ -263,24 +250,6 @@ def test_counts_are_those_of_a_metered_oracle(seed, monkeypatch):
     words = [codes[i : i + design.lanes] for i in range(0, len(codes), design.lanes)]
     assert ends.traffic["query"].writes == len(words)
     assert ends.traffic["query"].bytes_written >= len(codes) * design.code_bits / 8
-
-
-def test_a_window_touches_each_counter_once():
-    """Read, coded and cleared; the code table is read once for each."""
-    work = counts.window_work(SMALL)
-    assert (work.traffic["counts"].reads, work.traffic["counts"].writes) == (150, 150)
-    assert work.traffic["code"].reads == 150
-    assert "table" not in work.traffic  # a single table need not be told
-    two = replace(SMALL, full_scales=(10, 20))
-    assert counts.window_work(two).traffic["table"].reads == 150
-
-
-def test_absolute_differences_are_the_places_times_the_pixels_of_the_oracle():
-    """As many as `naive.sad` takes over a whole map, by hand: 3 places, 4 pixels."""
-    design = Design(width=8, height=8, pixels=4, places=3, length=1)
-    found = [sad([1, 2, 3, 4], place) for place in ([0, 0, 0, 0], [1, 2, 3, 4], [4, 3, 2, 1])]
-    assert len(found) * 4 == counts.match_work(design).absolute_differences
-    assert counts.match_work(design).additions == 3 * 3
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -696,30 +665,30 @@ def evaluated(folder, drive):  # noqa: F811
         (run / "map.npz").write_bytes((drive / "map.npz").read_bytes())
         told = {"evaluation": {"precision_at_100_recall": right, "queries": 100}}
         (run / "metrics.json").write_text(json.dumps(told))
-    return candidates.evaluated_runs(folder)
+    return search.evaluated_runs(folder)
 
 
 def test_evaluated_runs_are_set_against_their_cost(drive, tmp_path, capsys):  # noqa: F811
     """Accuracy of the run, cost of its design on the mission's route, and what limits it."""
     runs = evaluated(tmp_path, drive)
     m4, budget = targets.find("cortex-m4"), [Budget.parse("64KiB")]
-    asked = candidates.Asked(m4, budget)
-    short = candidates.candidates(runs, asked)
+    asked = search.Asked(m4, budget)
+    short = search.candidates(runs, asked)
     assert [one.accuracy for one in short] == [0.9, 0.2]
     assert not any(one.limited_by for one in short)
-    assert len(pareto.frontier(short, lambda one: one.memory_bytes)) == 1
-    chosen = candidates.recommend(short)
+    assert len(search.frontier(short, lambda one: one.memory_bytes)) == 1
+    chosen = search.recommend(short)
     assert chosen.design is short[0] and chosen.limit == ""
-    long = candidates.candidates(runs, replace(asked, places=10_000))
+    long = search.candidates(runs, replace(asked, places=10_000))
     assert {one.limited_by for one in long} == {"64KiB"}
-    assert candidates.recommend(long) == (None, "64KiB")
+    assert search.recommend(long) == (None, "64KiB")
     # the better one does not fit: its limit is what it costs to be better
     better = [replace(long[0], accuracy=0.99), short[1]]
-    assert candidates.recommend(better) == (short[1], "64KiB")
+    assert search.recommend(better) == (short[1], "64KiB")
     # a smaller one that is less accurate by less than the standard error is as good
     small = replace(short[0], accuracy=0.89, memory_bytes=short[0].memory_bytes - 1)
-    assert candidates.recommend([short[0], small]).design is small
-    assert candidates.recommend([short[0], replace(small, accuracy=0.86)]).design is short[0]
+    assert search.recommend([short[0], small]).design is small
+    assert search.recommend([short[0], replace(small, accuracy=0.86)]).design is short[0]
     rover = ["estimate", "--target", "cortex-m4", "--fit", "64KiB", "--route-km", "1"]
     assert main([*rover, "--pareto", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
@@ -727,18 +696,18 @@ def test_evaluated_runs_are_set_against_their_cost(drive, tmp_path, capsys):  # 
     assert row[4] == "90.0% \u00b1 3.1%" and "each run on its own" in " ".join(shown.split())
     assert (tmp_path / "pareto.png").stat().st_size > 10_000
     with pytest.raises(UsageError, match="no evaluated run"):
-        candidates.evaluated_runs(tmp_path / "good" / "empty")
+        search.evaluated_runs(tmp_path / "good" / "empty")
     (tmp_path / "bad" / "metrics.json").write_text('{"evaluation": {"queries": 3}}')
     with pytest.raises(MapError, match="evaluation lacks precision_at_100_recall"):
-        candidates.evaluated_runs(tmp_path)
+        search.evaluated_runs(tmp_path)
 
 
 @pytest.mark.parametrize("name", ["ice40up5k", "raspberry-pi-5"])
 def test_accuracy_is_drawn_against_energy_and_against_bytes(name, drive, tmp_path):  # noqa: F811
     """Two panels; where energy is unknown, the one of energy says so and draws nothing."""
     target = targets.find(name)
-    found = candidates.candidates(evaluated(tmp_path, drive), candidates.Asked(target))
-    energy, memory = pareto.draw(found, target).axes
+    found = search.candidates(evaluated(tmp_path, drive), search.Asked(target))
+    energy, memory = search.draw(found, target).axes
     assert "modelled" in energy.get_xlabel() or "unknown" in energy.texts[0].get_text()
     assert bool(energy.lines) == (found[0].cost.per_match_j is not None)
     assert "bytes" in memory.get_xlabel() and memory.lines

@@ -20,9 +20,9 @@ import numpy as np
 import pytest
 from edge_vpr_tools import publish as line_server
 from edge_vpr_tools.cli import main
+from edge_vpr_tools.live_view import MatchRows
 from edge_vpr_tools.publish import (
     LineServer,
-    MatchRows,
     MqttPublisher,
     RareNotices,
     open_mqtt,

@@ -135,8 +135,6 @@ def feed(
 
     Parameters
     ----------
-    rate, number, burst_filter
-        See `byte_to_match`.
     pause_us : float
         Sleep before each frame, in which other work uses the caches.
 

@@ -2,8 +2,7 @@
 
 ``python tools/bench/soak.py --minutes 10`` plays a device of 12 Mbaud on a pseudo-terminal, runs
 the command as its own process, and watches it from outside: a match is late by the time from the
-write of the byte that it needed to the line in which it was read. ``--memory`` tells what is
-allocated from what the allocator keeps free, from within.
+write of the byte that it needed to the line in which it was read.
 """
 
 from __future__ import annotations
@@ -35,35 +34,6 @@ from edge_vpr.settings import Settings
 SLICE_US = 1_000
 SENSORS = {"edvs": Sensor(128, 128)}
 PLACES = 1_000
-#: Runs the command, and writes each second what Python and the C library have given out.
-WITHIN = """
-import ctypes, json, sys, threading, time
-from pathlib import Path
-
-class Info(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_size_t) for name in (
-        'arena', 'ordblks', 'smblks', 'hblks', 'hblkhd', 'usmblks', 'fsmblks', 'uordblks',
-        'fordblks', 'keepcost')]
-
-libc = ctypes.CDLL('libc.so.6')
-libc.mallinfo2.restype = Info
-
-def look():
-    info = libc.mallinfo2()
-    resident = int(Path('/proc/self/statm').read_text().split()[1]) * 4096
-    return [sys.getallocatedblocks(), info.uordblks + info.hblkhd, info.fordblks, resident]
-
-def watch(path):
-    with open(path, 'w') as file:
-        while True:
-            file.write(json.dumps(look()) + chr(10))
-            file.flush()
-            time.sleep(1)
-
-threading.Thread(target=watch, args=(sys.argv.pop(1),), daemon=True).start()
-from edge_vpr_tools.cli import main
-sys.exit(main(sys.argv[1:]))
-"""
 _PAGE, _TICK = os.sysconf("SC_PAGE_SIZE"), os.sysconf("SC_CLK_TCK")
 
 
@@ -81,11 +51,9 @@ def slices(rng: np.random.Generator, sensor: Sensor, rate: float) -> Any:
 class Watched:
     """The command as a process, and what is seen of it from outside."""
 
-    def __init__(self, words: list[str], within: Path | None = None) -> None:
-        program = ["-m", "edge_vpr_tools.cli"] if within is None else ["-c", WITHIN, str(within)]
-        self.process = subprocess.Popen(
-            [sys.executable, *program, *words], stdout=subprocess.PIPE, text=True
-        )
+    def __init__(self, words: list[str]) -> None:
+        program = [sys.executable, "-m", "edge_vpr_tools.cli", *words]
+        self.process = subprocess.Popen(program, stdout=subprocess.PIPE, text=True)
         self.matches: list[tuple[int, float]] = []
         self.summary: dict[str, Any] = {}
         self.started = threading.Event()
@@ -119,14 +87,7 @@ class Watched:
         self._reader.join(timeout=10)
 
 
-def soak(
-    protocol: str,
-    minutes: float,
-    baud: int,
-    every: str,
-    burst_filter: str,
-    within: Path | None = None,
-) -> dict[str, Any]:
+def soak(protocol: str, minutes: float, baud: int, every: str, burst_filter: str) -> dict[str, Any]:
     """Run once; return what was seen."""
     rng = np.random.default_rng(0)
     sensor = SENSORS.get(protocol.partition(":")[0], Sensor(346, 260))
@@ -143,7 +104,7 @@ def soak(
         words = ["stream", "--port", link.address, "--baud", str(baud), "--map", str(path)]
         words += ["--protocol", protocol.partition(":")[0], "--json", "--every", every]
         words += ["--burst-filter", burst_filter]
-        watched = Watched(words, within)
+        watched = Watched(words)
         bridge = Bridge(link, encoder)
         bridge.wait_for_host()
         watched.started.wait(60)
@@ -233,9 +194,8 @@ def main() -> None:
     parser.add_argument("--baud", type=int, default=12_000_000)
     parser.add_argument("--every", default="50ms")
     parser.add_argument("--burst-filter", default="exact", choices=("exact", "causal"))
-    parser.add_argument("--memory", type=Path, metavar="FILE", help="what is allocated, by second")
     args = parser.parse_args()
-    seen = soak(args.protocol, args.minutes, args.baud, args.every, args.burst_filter, args.memory)
+    seen = soak(args.protocol, args.minutes, args.baud, args.every, args.burst_filter)
     # the first tenth is the start
     memory = np.array(seen["memory"])[len(seen["memory"]) // 10 :] / 1e6
     half, most, worst = seen["latency_ms"]
@@ -250,22 +210,6 @@ def main() -> None:
         f"of {seen['matches']:,} matches; {share:.0%} of a core; resident {memory[0]:.1f} MB at "
         f"first, {memory[-1]:.1f} MB at the end, {memory.max():.1f} MB at most"
     )
-    if args.memory is not None:
-        rows = np.array([json.loads(line) for line in args.memory.read_text().splitlines()])
-        rows = rows[len(rows) // 10 :]
-        for name, column in zip(
-            (
-                "blocks of Python",
-                "bytes given out by malloc",
-                "bytes that malloc keeps",
-                "resident",
-            ),
-            rows.T,
-            strict=True,
-        ):
-            tenth = max(1, len(column) // 10)
-            first, last = np.median(column[:tenth]), np.median(column[-tenth:])
-            print(f"{name}: {first:,.0f} in the first tenth, {last:,.0f} in the last")
     print(f"the device itself was late by up to {seen['device_late_ms']:.1f} ms")
 
 

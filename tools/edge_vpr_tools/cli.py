@@ -201,12 +201,7 @@ class VerbParser(argparse.ArgumentParser):
         return args
 
     def error(self, message: str) -> NoReturn:
-        """Raise the error that argparse would print.
-
-        Raises
-        ------
-        UsageError
-        """
+        """Raise the error that argparse would print."""
         message = message.removeprefix("argument ")
         raise UsageError(f"{self.verb}: {message} (edge-vpr {self.verb} --help shows all)")
 
@@ -280,12 +275,7 @@ def _one_of(choices: Sequence[str]) -> Callable[[str], str]:
 
 
 def whole_number(text: str) -> int:
-    """Read a whole number.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-    """
+    """Read a whole number."""
     try:
         return int(text)
     except ValueError:
@@ -293,12 +283,7 @@ def whole_number(text: str) -> int:
 
 
 def number(text: str) -> float:
-    """Read a finite number.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-    """
+    """Read a finite number."""
     try:
         value = float(text)
     except ValueError:

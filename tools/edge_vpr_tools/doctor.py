@@ -56,24 +56,14 @@ State = Literal["good", "absent", "wrong"]
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of one check.
+    """Result of one check."""
 
-    Attributes
-    ----------
-    topic : str
-        What was checked.
-    state : {"good", "absent", "wrong"}
-        "absent": an extra or a device is missing; "wrong": something will fail or mislead.
-    text : str
-        What was found.
-    remedy : str
-        What the user can do about it; empty if nothing is needed.
-    """
-
-    topic: str
+    topic: str  #: What was checked.
+    #: {"good", "absent", "wrong"}: "absent": an extra or a device is missing; "wrong": something
+    #: will fail or mislead.
     state: State
-    text: str
-    remedy: str = ""
+    text: str  #: What was found.
+    remedy: str = ""  #: What the user can do about it; empty if nothing is needed.
 
 
 # Check where compiled kernels are stored, and compile them before they are needed.
@@ -115,11 +105,6 @@ def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
     """Compile all kernels of a live run, with every preset and protocol, into Numba's cache.
 
     Kernels of an older source, which are not loaded any more, and damaged ones are removed first.
-
-    Parameters
-    ----------
-    show : callable
-        See `warm_up`.
     """
     try:
         kept = list(_indexes(_cache_folder()))
@@ -496,9 +481,7 @@ CHECKS: Mapping[str, Callable[[], Iterable[Finding]]] = {
 }
 
 
-def examine(
-    checks: Mapping[str, Callable[[], Iterable[Finding]]] | None = None,
-) -> list[Finding]:
+def examine(checks: Mapping[str, Callable[[], Iterable[Finding]]] | None = None) -> list[Finding]:
     """Run every check on this machine; one that fails is a finding, and the others go on.
 
     Parameters

@@ -9,7 +9,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
@@ -22,12 +22,22 @@ from rich.table import Table
 from rich.text import Text
 
 from edge_vpr.confidence import STRANGE, STRANGE_TEXT
-from edge_vpr.errors import MissingExtraError, printable
+from edge_vpr.errors import MissingExtraError, RecordingError, printable
 from edge_vpr.events import Sensor
-from edge_vpr.live.session import SILENT_S, LiveResult, LiveStatus, Message, ends_early
+from edge_vpr.live.session import (
+    SILENT_S,
+    LiveResult,
+    LiveSession,
+    LiveStatus,
+    Message,
+    ends_early,
+    nothing_valid,
+)
+from edge_vpr.pipeline import Removed
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr_tools.console import is_quiet, warning
-from edge_vpr_tools.publish import MatchRows, Publisher
+from edge_vpr_tools.console import error_line, is_quiet, stopped_by_signals, warning
+from edge_vpr_tools.progress import status, warn_if_much
+from edge_vpr_tools.publish import Publisher, open_publishers
 
 # The full-screen view of a live run on a terminal.
 
@@ -49,19 +59,13 @@ class Notice(NamedTuple):
 
 
 class Panel:
-    """Shows named texts, the position as a bar, and notices.
-
-    Attributes
-    ----------
-    lost : bool
-        Whether the terminal has gone.
-    """
+    """Shows named texts, the position as a bar, and notices."""
 
     def __init__(self, live: Live) -> None:
         self._live = live
         self._notices: deque[Notice] = deque(maxlen=_KEPT)
         self._standing: set[str] = set()
-        self.lost = False
+        self.lost = False  #: Whether the terminal has gone.
 
     def notice(self, kind: str, text: str, *, over: bool) -> None:
         """Add a notice, shown as a warning until a notice of its kind says that it is over."""
@@ -144,6 +148,81 @@ def open_panel() -> Iterator[Panel]:
         panel.close()
 
 
+# Conversion of live matches to rows of JSON.
+
+
+class MatchRows:
+    """Makes rows of live matches.
+
+    Parameters
+    ----------
+    reference : ReferenceMap, optional
+        With positions, each row has that of its place, and the length of the route. With a delay,
+        each row has the host time of its own window.
+    """
+
+    def __init__(self, reference: ReferenceMap | None = None) -> None:
+        self._names: tuple[str, ...] = ()
+        self._where: list[list[float | None]] = []
+        self._late = reference is not None and reference.settings.late > 0
+        self._texts: dict[int, str] = {}  # of `_where`, made when a place is first matched
+        if reference is not None and reference.route is not None:
+            route = reference.route
+            columns = route.columns(np.arange(len(reference)), reference.settings.exclusion_places)
+            columns["route_m"] = np.full(len(reference), np.nanmax(route.along_m))
+            self._names = tuple(columns)
+            self._where = [
+                [value if value == value else None for value in place]
+                for place in np.stack(list(columns.values()), axis=1).tolist()
+            ]
+
+    def lines(self, result: LiveResult, host_us: int) -> Iterator[str]:
+        """Yield the row of each match as JSON, without a line feed.
+
+        A reader waits for each row, and `json.dumps` would take three times as long.
+
+        Parameters
+        ----------
+        host_us : int
+            When the bytes came that gave these matches, in microseconds since 1970 by the clock of
+            this machine; `time_s` is the time of the event by the camera's.
+
+        Yields
+        ------
+        str
+            What is not known is null: JSON has no not-a-number.
+        """
+        incomplete = _FLAG[result.incomplete]
+        for values in result.matches.tolist():
+            time_us, place, distance, second, after, ratio, events, start, *judged = values
+            trust, misfit, chance, lost = judged
+            came_us = host_us - (result.reached_us - time_us) * self._late
+            yield (
+                f'{{"kind": "match", "time_s": {time_us / 1e6!r}, "place": {place}, '
+                f'"distance": {distance!r}, "second": {second}, '
+                f'"second_distance": {_number(after)}, "ratio": {_number(ratio)}, '
+                f'"events": {events}, "start_s": {start / 1e6!r}, "trust": {trust}, '
+                f'"misfit": {misfit}, "probability": {_number(chance)}, "lost": {_FLAG[lost]}, '
+                f'"incomplete": {incomplete}, "host_us": {came_us}'
+                f"{self._where_text(place) if self._where else ''}}}"
+            )
+
+    def _where_text(self, place: int) -> str:
+        text = self._texts.get(place)
+        if text is None:
+            where = dict(zip(self._names, self._where[place], strict=True))
+            text = self._texts[place] = f", {json.dumps(where)[1:-1]}"
+        return text
+
+
+#: As JSON has it.
+_FLAG = {True: "true", False: "false"}
+
+
+def _number(value: float) -> str:
+    return repr(value) if value == value else "null"
+
+
 # Output of a live run: a view on a terminal, plain lines in a pipe, JSON for programs.
 
 
@@ -187,13 +266,6 @@ class View:
         Get every row.
     line_s : float, optional
         Interval of status lines where there is neither a panel nor JSON.
-
-    Attributes
-    ----------
-    unread : bool
-        Whether nobody reads our output any more, as after `head`.
-    unwritten : str
-        Which file was given up and why, if one was.
     """
 
     def __init__(
@@ -210,8 +282,8 @@ class View:
         self._places = len(reference or ())
         self._quiet = is_quiet() or as_json
         self._goal = "match" if self._places else "event"
-        self.unread = False
-        self.unwritten = ""
+        self.unread = False  #: Whether nobody reads our output any more, as after `head`.
+        self.unwritten = ""  #: Which file was given up and why, if one was.
         self._begin = self._shown = self._logged = self._heard = time.monotonic()
         self._line_s, self._printed = line_s, self._begin
         self._state: tuple[bool, ...] = ()
@@ -525,3 +597,74 @@ def open_rerun(target: str | None, sensor: Sensor) -> Iterator[RerunView | None]
             recording.save(target)
         yield RerunView(recording, sensor)
         recording.flush()
+
+
+# A live session with everything that shows it: view, log, publishers, the Rerun viewer.
+
+
+def show_session(
+    session: LiveSession,
+    *,
+    as_json: bool = False,
+    log: str | None = None,
+    rerun: str | None = None,
+    serve: str | None = None,
+    mqtt: str | None = None,
+    line_s: float | None = None,
+) -> None:
+    """Open a session, show it to its end, and close everything in any case, the session last.
+
+    Parameters
+    ----------
+    as_json, log, line_s
+        See `View`; `log` is the file's name.
+    rerun, serve, mqtt
+        See `open_rerun` and `open_publishers`.
+
+    Raises
+    ------
+    EdgeVprError
+        If the link cannot be opened or fails, bytes came and none were valid, a file cannot be
+        written, or a drive makes no map.
+    """
+    session.on_message = lambda message: None  # the command itself says that it compiles
+    try:
+        with ExitStack() as stack:
+            viewer = stack.enter_context(open_rerun(rerun, session.sensor))
+            stack.enter_context(stopped_by_signals(session.stopping))
+            publishers = stack.enter_context(open_publishers(serve, mqtt))
+            with status("kernels") as shown:
+                session.warm_up(shown)
+            session.open()
+            # opened last, so that a missing camera does not overwrite the run before
+            view = stack.enter_context(
+                open_view(as_json, log, session.reference, publishers, line_s)
+            )
+            _show(session, view, viewer)
+    finally:
+        session.on_message = lambda message: error_line(message.text)
+        session.close()
+
+
+def _show(session: LiveSession, view: View, rerun: RerunView | None) -> None:
+    session.on_message = view.message
+    try:
+        for step in session.steps():
+            for reading in step.odometry:
+                view.odometry(*reading)
+            if step.result is not None:
+                view.matches(step.result, step.at_s, step.host_us)
+                if rerun is not None:
+                    rerun.show(step.result)
+            view.tick(session.status)
+            if view.unread:
+                session.stop()
+    finally:
+        view.summary(session.status, session.bursts_removed)
+        if session.reference is not None:
+            removed = Removed(session.health.events, session.bursts_removed)
+            warn_if_much(removed, session.address, "make the map with --bursts keep")
+    if text := session.unwritten or view.unwritten:
+        raise RecordingError(text)
+    if text := nothing_valid(session.health):
+        raise RecordingError(f"{session.address}: {text}")

@@ -16,12 +16,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from typing import Any, NamedTuple, Protocol, Self
 from urllib.parse import parse_qsl, unquote
 
-import numpy as np
-
 from edge_vpr.errors import MissingExtraError, UsageError
 from edge_vpr.live.links import LinkError, bracketed
-from edge_vpr.live.session import LiveResult
-from edge_vpr.reference_map import ReferenceMap
 
 # Server that sends rows of JSON, one in each line, to every program that connects.
 
@@ -160,11 +156,6 @@ class LineServer:
     address : str
         ``[HOST:]PORT``; port 0 is any that is free. Loopback unless a host is named.
 
-    Attributes
-    ----------
-    address : str
-        Where readers connect to, as ``tcp://HOST:PORT``.
-
     Raises
     ------
     UsageError
@@ -187,6 +178,7 @@ class LineServer:
             ) from error
         self._server.setblocking(False)
         host, port = self._server.getsockname()[:2]
+        #: Where readers connect to, as ``tcp://HOST:PORT``.
         self.address = f"tcp://{bracketed(host)}:{port}"
         self._notices = RareNotices()
         self._notices.add(f"matches are at {self.address}", True)
@@ -326,27 +318,16 @@ _URL = re.compile(
 
 
 class Broker(NamedTuple):
-    """Address of a broker, and topic of the messages.
-
-    Attributes
-    ----------
-    topic : str
-        Of matches; other rows go to ``TOPIC/KIND``, and ``TOPIC/status`` is retained.
-    tls : bool
-        Encrypt the connection, and check the certificate of the broker.
-    authority : str or None
-        File with the certificate that the broker's is checked with; None: those of the system.
-    qos : int
-        0, or 1: messages are sent again until the broker has acknowledged them.
-    """
+    """Address of a broker, and topic of the messages."""
 
     host: str
     port: int
-    topic: str
+    topic: str  #: Of matches; other rows go to ``TOPIC/KIND``, and ``TOPIC/status`` is retained.
     user: str | None = None
-    tls: bool = False
+    tls: bool = False  #: Encrypt the connection, and check the certificate of the broker.
+    #: File with the certificate that the broker's is checked with; None: those of the system.
     authority: str | None = None
-    qos: int = 0
+    qos: int = 0  #: 0, or 1: messages are sent again until the broker has acknowledged them.
 
 
 def parse_url(url: str) -> Broker:
@@ -506,11 +487,6 @@ def _guarded(client: Any) -> Any:
 def open_mqtt(url: str) -> Iterator[MqttPublisher]:
     """Connect to a broker; if it cannot be reached, try again during the run.
 
-    Parameters
-    ----------
-    url : str
-        See `parse_url`.
-
     Raises
     ------
     UsageError
@@ -599,82 +575,3 @@ def open_publishers(serve: str | None, mqtt: str | None) -> Iterator[tuple[Publi
         if mqtt is not None:
             publishers.append(stack.enter_context(open_mqtt(mqtt)))
         yield tuple(publishers)
-
-
-# Conversion of live matches to rows of JSON.
-
-
-class MatchRows:
-    """Makes rows of live matches.
-
-    Parameters
-    ----------
-    reference : ReferenceMap, optional
-        With positions, each row has that of its place, and the length of the route. With a delay,
-        each row has the host time of its own window.
-    """
-
-    def __init__(self, reference: ReferenceMap | None = None) -> None:
-        self._names: tuple[str, ...] = ()
-        self._where: list[list[float | None]] = []
-        self._late = reference is not None and reference.settings.late > 0
-        self._texts: dict[int, str] = {}  # of `_where`, made when a place is first matched
-        if reference is not None and reference.route is not None:
-            route = reference.route
-            columns = route.columns(np.arange(len(reference)), reference.settings.exclusion_places)
-            columns["route_m"] = np.full(len(reference), np.nanmax(route.along_m))
-            self._names = tuple(columns)
-            self._where = [
-                [_or_none(value) for value in place]
-                for place in np.stack(list(columns.values()), axis=1).tolist()
-            ]
-
-    def lines(self, result: LiveResult, host_us: int) -> Iterator[str]:
-        """Yield the row of each match as JSON, without a line feed.
-
-        A reader waits for each row, and `json.dumps` would take three times as long.
-
-        Parameters
-        ----------
-        host_us : int
-            When the bytes came that gave these matches, in microseconds since 1970 by the clock of
-            this machine; `time_s` is the time of the event by the camera's.
-
-        Yields
-        ------
-        str
-            What is not known is null: JSON has no not-a-number.
-        """
-        incomplete = _FLAG[result.incomplete]
-        for values in result.matches.tolist():
-            time_us, place, distance, second, after, ratio, events, start, *judged = values
-            trust, misfit, chance, lost = judged
-            came_us = host_us - (result.reached_us - time_us) * self._late
-            yield (
-                f'{{"kind": "match", "time_s": {time_us / 1e6!r}, "place": {place}, '
-                f'"distance": {distance!r}, "second": {second}, '
-                f'"second_distance": {_number(after)}, "ratio": {_number(ratio)}, '
-                f'"events": {events}, "start_s": {start / 1e6!r}, "trust": {trust}, '
-                f'"misfit": {misfit}, "probability": {_number(chance)}, "lost": {_FLAG[lost]}, '
-                f'"incomplete": {incomplete}, "host_us": {came_us}'
-                f"{self._where_text(place) if self._where else ''}}}"
-            )
-
-    def _where_text(self, place: int) -> str:
-        text = self._texts.get(place)
-        if text is None:
-            where = dict(zip(self._names, self._where[place], strict=True))
-            text = self._texts[place] = f", {json.dumps(where)[1:-1]}"
-        return text
-
-
-#: As JSON has it.
-_FLAG = {True: "true", False: "false"}
-
-
-def _number(value: float) -> str:
-    return repr(value) if value == value else "null"
-
-
-def _or_none(value: float) -> float | None:
-    return value if value == value else None

@@ -186,24 +186,12 @@ BROUGHT = np.dtype(
 
 
 class FrameRoom(NamedTuple):
-    """Room for the frames of one chunk, and the state that is kept between chunks.
+    """Room for the frames of one chunk, and the state that is kept between chunks."""
 
-    Attributes
-    ----------
-    plain : ndarray of uint8, shape (MAX_STUFFED,)
-        One frame without stuffing.
-    columns : Columns
-        Events of all frames.
-    memory : ndarray of MEMORY, shape (1,)
-        State that is kept between chunks.
-    brought : ndarray of BROUGHT, shape (1,)
-        Counts of what the chunk held.
-    """
-
-    plain: Bytes
-    columns: Columns
-    memory: npt.NDArray[np.void]
-    brought: npt.NDArray[np.void]
+    plain: Bytes  #: Shape (MAX_STUFFED,): one frame without stuffing.
+    columns: Columns  #: Events of all frames.
+    memory: npt.NDArray[np.void]  #: Shape (1,): state that is kept between chunks.
+    brought: npt.NDArray[np.void]  #: Shape (1,): counts of what the chunk held.
 
     @classmethod
     def of(cls, size: int, memory: npt.NDArray[np.void]) -> FrameRoom:
@@ -264,10 +252,6 @@ def follow_frames(bursts, followed, room, clock, data):  # type: ignore[no-untyp
 
     Parameters
     ----------
-    bursts, followed : BoxedState
-        See `follow_kept`.
-    room, clock : BoxedState
-        See `decode_frames`.
     data : bytes
         Frames with up to `CHUNK_EVENTS` events.
 

@@ -31,26 +31,14 @@ SEARCH_WORDS = 32
 
 
 class Reading(NamedTuple):
-    """Quality of the words from one offset; all numbers are as a kernel returns them.
+    """Quality of the words from one offset; all numbers are as a kernel returns them."""
 
-    Attributes
-    ----------
-    good : float
-        Number of valid words.
-    first : float
-        Index of the first valid word; the number of words if there is none.
-    pace : float
-        How fast time runs, which is faster if the reading is shifted; 0 if words do not show it.
-    moves : float
-        Share of words that differ from the previous one.
-    marked : float
-        1 if every word has the marks that words must have, whatever its time; else 0.
-    """
-
-    good: float
-    first: float
+    good: float  #: Number of valid words.
+    first: float  #: Index of the first valid word; the number of words if there is none.
+    #: How fast time runs, which is faster if the reading is shifted; 0 if words do not show it.
     pace: float = 0.0
-    moves: float = 1.0
+    moves: float = 1.0  #: Share of words that differ from the previous one.
+    #: 1 if every word has the marks that words must have, whatever its time; else 0.
     marked: float = 0.0
 
 
@@ -208,34 +196,22 @@ class Field:
 
 @dataclass(frozen=True)
 class Layout:
-    """Position of the fields in a word.
+    """Position of the fields in a word."""
 
-    Parameters
-    ----------
-    size : int
-        Bytes of a word, 2 to 8.
-    big : bool
-        Whether the most significant byte comes first.
-    x, y, p, t : Field
-        Without `p` all events are ON; without `t` the time of an event is that of its arrival.
-    tick_us : int
-        Microseconds of a tick of `t`.
-    sync_mask, sync_value : int
-        Bits that the word of every event has, and their values; other words are not events.
-    off_is_one : bool
-        Whether the polarity bit is set for OFF.
-    """
-
-    size: int
-    big: bool
+    size: int  #: Bytes of a word, 2 to 8.
+    big: bool  #: Whether the most significant byte comes first.
+    #: x, y, p, t: without `p` all events are ON; without `t` the time of an event is that of its
+    #: arrival.
     x: Field
     y: Field
     p: Field = Field()
     t: Field = Field()
-    tick_us: int = 1
+    tick_us: int = 1  #: Microseconds of a tick of `t`.
+    #: sync_mask, sync_value: bits that the word of every event has, and their values; other words
+    #: are not events.
     sync_mask: int = 0
     sync_value: int = 0
-    off_is_one: bool = False
+    off_is_one: bool = False  #: Whether the polarity bit is set for OFF.
 
     @property
     def clock(self) -> Clock:

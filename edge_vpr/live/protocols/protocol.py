@@ -128,11 +128,6 @@ class Decoder:
     ) -> tuple[Events, Step]:
         """Decode the next bytes and match their events, in one compiled call if possible.
 
-        Parameters
-        ----------
-        data, host_us
-            See `feed`.
-
         Returns
         -------
         events : ndarray of EVENT_DTYPE, shape (n,)

@@ -12,12 +12,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from baselines.edge_vpr_matrix import (
-    Drive,
-    EdgeVprFailedError,
-    Request,
-    write_distance_matrix,
-)
+from baselines.edge_vpr_matrix import Drive, EdgeVprFailedError, Request, write_distance_matrix
 from baselines.EventBaselineLab import EventBaseline
 
 CONFIG = Path(__file__).with_name("edge_vpr.yaml")

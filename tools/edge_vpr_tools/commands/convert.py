@@ -27,13 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Read the input and write the output, whole or not at all.
-
-    Raises
-    ------
-    EdgeVprError
-        If the input cannot be read, holds faults, or does not fit the output's format.
-    """
+    """Read the input and write the output, whole or not at all."""
     from edge_vpr.files import check_output
     from edge_vpr.recordings import write_recording
     from edge_vpr_tools.inputs import describe_faults, open_from

@@ -25,13 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Print what was found.
-
-    Raises
-    ------
-    EdgeVprError
-        If something is wrong; what is merely absent is none.
-    """
+    """Print what was found."""
     from edge_vpr.results import json_text
     from edge_vpr_tools.doctor import as_text, compile_kernels, examine
     from edge_vpr_tools.progress import status

@@ -168,13 +168,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def tried_designs(args: argparse.Namespace, designs: Sequence[Design]) -> Tried | None:
-    """Read evaluated runs, or run designs on two drives; None without flags for either.
-
-    Raises
-    ------
-    EdgeVprError
-        If runs or drives cannot be used.
-    """
+    """Read evaluated runs, or run designs on two drives; None without flags for either."""
     from edge_vpr_tools.estimate import accuracy
     from edge_vpr_tools.estimate.estimation import Tried
     from edge_vpr_tools.estimate.search import evaluated_runs
@@ -225,13 +219,7 @@ def _drives(args: argparse.Namespace) -> Drives:
 
 
 def question_of(args: argparse.Namespace) -> Question:
-    """Build the question from the flags; runs designs on drives if the flags ask for it.
-
-    Raises
-    ------
-    EdgeVprError
-        If an argument is wrong, or a file cannot be used.
-    """
+    """Build the question from the flags; runs designs on drives if the flags ask for it."""
     from edge_vpr_tools.estimate.estimation import Question, calibrated
     from edge_vpr_tools.estimate.search import Budget
     from edge_vpr_tools.estimate.targets import find, names
@@ -276,20 +264,10 @@ def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
     """Build the design and the mission from the flags, a file or a map.
 
     The number of places of ``--places`` or ``--route-km`` overrides that of the map or the file.
-
-    Raises
-    ------
-    EdgeVprError, DesignError
-        If a file cannot be read or a value is wrong.
     """
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.estimate.model import Mission
-    from edge_vpr_tools.estimate.of_map import (
-        FIXED_COSTS,
-        costs_on_device,
-        design_of,
-        event_rates,
-    )
+    from edge_vpr_tools.estimate.of_map import FIXED_COSTS, costs_on_device, design_of, event_rates
     from firmware_model.model.design import Design
 
     if args.map is not None and args.design is not None:

@@ -214,14 +214,28 @@ def _learn(names: list[str], args: argparse.Namespace) -> None:
 
 
 def _write_report(path: Path, folder: Path, pages: Mapping[str, str], seeds: int) -> None:
-    """Write tables and figures of experiments to one page."""
-    from edge_vpr_tools.report.experiment_page import ExperimentPage
+    """Write tables and figures of experiments to one page, a section each."""
+    from edge_vpr_tools.report.page import Page
     from edge_vpr_tools.research.experiments.experiment import module_of
 
-    page = ExperimentPage(seeds)
+    page = Page("Experiments")
+    page.text(
+        f"Each experiment was run with {seeds} seed{'s' * (seeds > 1)}; figures after \u00b1 are "
+        "the standard deviation over them. Times are of this machine, as busy as it was."
+    )
     for name, tables in pages.items():
-        title = (module_of(name).__doc__ or "").strip().split("\n")[0]
-        page.add(name, title, tables, folder / f"{name}.svg")
+        page.heading(name)
+        page.text((module_of(name).__doc__ or "").strip().split("\n")[0])
+        for block in tables.split("\n\n"):
+            lines = block.strip().split("\n")
+            if lines[0].startswith("|"):
+                header, _, *rows = (
+                    [cell.strip() for cell in line.split("|")[1:-1]] for line in lines
+                )
+                page.table(header, rows)
+            elif block.strip():
+                page.text(" ".join(lines))
+        page.picture((folder / f"{name}.svg").read_bytes(), f"Figure of experiment {name}.")
     page.write(path)
 
 

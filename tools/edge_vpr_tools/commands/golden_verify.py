@@ -32,13 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Verify vectors, and the results of a device if they are given.
-
-    Raises
-    ------
-    EdgeVprError
-        If a file was changed, or the results differ from the vectors.
-    """
+    """Verify vectors, and the results of a device if they are given."""
     from firmware_model.vectors import check_files, read_results, verify
     from firmware_model.vectors.verify import COMPARED
 

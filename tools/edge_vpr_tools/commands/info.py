@@ -33,41 +33,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class RecordingSummary:
-    """Result of one pass over a recording.
-
-    Attributes
-    ----------
-    events_per_s : float or None
-        None if the recording has no duration.
-    on_share : float
-        Share of ON events.
-    first_us, last_us : int
-        From the start of the recording.
-    start_us : int
-        On the file's clock.
-    """
+    """Result of one pass over a recording."""
 
     path: str
     format: str
     sensor: str
     events: int
     duration_us: int
-    events_per_s: float | None
-    on_share: float
+    events_per_s: float | None  #: None if the recording has no duration.
+    on_share: float  #: Share of ON events.
+    #: first_us, last_us: from the start of the recording.
     first_us: int
     last_us: int
-    start_us: int
+    start_us: int  #: On the file's clock.
     faults: Faults
 
 
 def summarise(recording: Recording) -> RecordingSummary:
-    """Count a recording in one pass.
-
-    Raises
-    ------
-    EdgeVprError
-        If it cannot be read.
-    """
+    """Count a recording in one pass."""
     n = on = last = 0
     first: int | None = None
     for events in recording:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import detail_settings, summary
+from edge_vpr_tools.console import detail_settings, summary, warning
 from edge_vpr_tools.flags import (
     FIGURES_HELP,
     add_match_flags,
@@ -19,7 +20,10 @@ from edge_vpr_tools.flags import (
 )
 
 if TYPE_CHECKING:
-    from edge_vpr.reference_map import ReferenceMap
+    from edge_vpr.descriptors.windows import PublishedWindows
+    from edge_vpr.matching.matches import Matches
+    from edge_vpr.recordings import Recording
+    from edge_vpr.reference_map import MatchResult, ReferenceMap
     from edge_vpr.route import Odometry
 
 
@@ -77,83 +81,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_window_argument(add_reading_arguments(parser))
 
 
-# `edge-vpr match --online`: match a recording event by event, as a device does.
-
-
-def match_online(
-    args: argparse.Namespace, reference: ReferenceMap, odometry: Odometry | None
-) -> None:
-    """Feed the recording to a localiser and write its matches.
-
-    Parameters
-    ----------
-    args : argparse.Namespace
-        Of `edge-vpr match`.
-    reference : ReferenceMap
-        With the settings to use.
-    odometry : Odometry or None
-        Of the query drive.
-
-    Raises
-    ------
-    EdgeVprError
-        If an argument is wrong or the recording cannot be matched.
-    """
-    from edge_vpr import results
-    from edge_vpr.descriptors.cleaning import BurstFilter
-    from edge_vpr.pipeline import describe_query
-    from edge_vpr.reference_map import OnlineMetrics, write_queries
-    from edge_vpr.warm_up import localising_steps
-    from edge_vpr_tools.inputs import describe_faults, open_from
-    from edge_vpr_tools.progress import describe_removed, tracked, warmed_up, warn_if_much
-    from edge_vpr_tools.report.formats import read_formats
-    from edge_vpr_tools.runs.matching import export_tracks, report_shift, warn_if_strange
-
-    if args.frames_as_windows:
-        raise UsageError("--online needs events: leave --frames-as-windows out")
-    if args.anchor is not None:
-        raise UsageError("--online matches belong to the newest window: leave --anchor out")
-    output, settings = Path(args.output), reference.causal().settings
-    every = args.every or ("window" if settings.late else "event")
-    recording = open_from(args, args.recording, default_period=reference.frame_period)
-    bursts = BurstFilter(reference.pixel_map.sensor)
-    odometer = odometry is not None
-    warmed_up(
-        localising_steps(
-            reference.causal(), every, bursts, odometry=odometer, registered=args.register
-        )
-    )
-    found = reference.match(
-        tracked(recording, "localising"), every=every, odometry=odometry, registered=args.register
-    )
-    report_shift(reference, found)
-    faults = describe_faults(recording)
-    matches, metrics = found.matches, found.metrics
-    assert isinstance(metrics, OnlineMetrics)
-    warn_if_much(found.removed, args.recording, "make the map with --bursts keep")
-    warn_if_strange(matches)
-    with results.results_folder(output, args.overwrite) as folder:
-        found.write(folder, list(filter(None, (args.map, args.recording, args.odometry))))
-        if not args.no_figures:
-            from edge_vpr_tools.report.traverse import write_report
-
-            with contextlib.suppress(UsageError):  # of a drive without a whole window
-                windows = describe_query(found.reference, tracked(recording, "counting"))
-                write_queries(folder / results.WINDOWS, windows)
-            write_report(folder, formats=read_formats(args.figures))
-    duration_s = metrics.times_real_time * metrics.localising_s
-    summary(
-        f"{output}: {len(matches):,} matches of {metrics.events:,} events over "
-        f"{duration_s:.1f} s{describe_removed(found.removed, settings)}"
-        f"{faults}"
-    )
-    summary(
-        f"localising took {metrics.localising_s:.2f} s, {metrics.times_real_time:,.0f} times real "
-        "time"
-    )
-    export_tracks(args.export or (), found.reference, matches)
-
-
 def run(args: argparse.Namespace) -> None:
     """Match the recording and write the folder of results."""
     from edge_vpr import results
@@ -161,13 +88,12 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.evaluation.match_tracks import check_track_file
     from edge_vpr.evaluation.tracks import load_odometry
     from edge_vpr.map_record import KIND as MAP_KIND
-    from edge_vpr.pipeline import query_distances
-    from edge_vpr.reference_map import MatchMetrics, ReferenceMap
+    from edge_vpr.pipeline import describe_query, query_distances
+    from edge_vpr.reference_map import OnlineMetrics, ReferenceMap, write_queries
     from edge_vpr.warm_up import matching_steps
     from edge_vpr_tools.inputs import describe_faults, open_source
     from edge_vpr_tools.progress import describe_removed, tracked, warmed_up, warn_if_much
     from edge_vpr_tools.report.formats import read_formats
-    from edge_vpr_tools.runs.matching import export_tracks, report_shift, warn_if_strange
 
     output = Path(args.output)
     inputs = list(filter(None, (args.map, args.recording, args.odometry)))
@@ -192,34 +118,52 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError("--every says when to match online: add --online, or leave it out")
     odometry = None if args.odometry is None else load_odometry(args.odometry)
     detail_settings(settings.to_dict())
+    recording: Recording | PublishedWindows
     if args.online:
-        match_online(args, asked, odometry)
-        return
-    recording = open_source(args, args.recording, reference.frame_period)
-    warmed_up(matching_steps(asked, odometry=odometry is not None, registered=args.register))
-    found = reference.match(
-        tracked(recording, "counting"),
-        odometry=odometry,
-        registered=args.register,
-        **match_flags(args),
-    )
-    report_shift(reference, found)
+        recording, found = _match_online(args, asked, odometry)
+    else:
+        recording = open_source(args, args.recording, reference.frame_period)
+        warmed_up(matching_steps(asked, odometry=odometry is not None, registered=args.register))
+        found = reference.match(
+            tracked(recording, "counting"),
+            odometry=odometry,
+            registered=args.register,
+            **match_flags(args),
+        )
+    _report_shift(reference, found)
+    faults = describe_faults(recording)
     queries, matches, metrics = found.queries, found.matches, found.metrics
-    assert queries is not None and isinstance(metrics, MatchMetrics)
     warn_if_much(found.removed, args.recording, "make the map with --bursts keep")
-    warn_if_strange(matches)
+    _warn_if_strange(matches)
     with results.results_folder(output, args.overwrite) as folder:
         found.write(folder, inputs)
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_report
 
+            if args.online:
+                with contextlib.suppress(UsageError):  # of a drive without a whole window
+                    windows = describe_query(found.reference, tracked(recording, "counting"))
+                    write_queries(folder / results.WINDOWS, windows)
             write_report(folder, formats=formats)
+    removed = describe_removed(found.removed, settings)
+    if isinstance(metrics, OnlineMetrics):
+        duration_s = metrics.times_real_time * metrics.localising_s
+        summary(
+            f"{output}: {len(matches):,} matches of {metrics.events:,} events over "
+            f"{duration_s:.1f} s{removed}{faults}"
+        )
+        summary(
+            f"localising took {metrics.localising_s:.2f} s, {metrics.times_real_time:,.0f} times "
+            "real time"
+        )
+        _export_tracks(args.export, found.reference, matches)
+        return
+    assert queries is not None and metrics is not None
     summary(
         f"{output}: {len(matches)} queries matched against {len(reference)} places, "
-        f"{reference.bytes_text}{describe_removed(found.removed, settings)}"
-        f"{describe_faults(recording)}"
+        f"{reference.bytes_text}{removed}{faults}"
     )
-    export_tracks(args.export or (), found.reference, matches)
+    _export_tracks(args.export, found.reference, matches)
     if matrix is not None:
         asked = found.reference.matched_with(matches.settings)
         distances = query_distances(asked, queries, odometry)
@@ -227,13 +171,40 @@ def run(args: argparse.Namespace) -> None:
         summary(f"{matrix}: distances, {distances.shape[0]} places x {distances.shape[1]} queries")
     summary(
         f"counting {queries.events.sum():,} events took {metrics.counting_s:.2f} s, matching "
-        f"{metrics.matching_s * 1e6 / len(matches):.1f} µs per query"
+        f"{metrics.matching_s * 1e6 / len(matches):.1f} \u00b5s per query"
     )
     if not args.no_figures:
         summary(
             f"see {output / results.REPORT}; next, compare with the truth: "
             f"edge-vpr evaluate {output} --help"
         )
+
+
+def _match_online(
+    args: argparse.Namespace, reference: ReferenceMap, odometry: Odometry | None
+) -> tuple[Recording, MatchResult]:
+    """Feed the recording to a localiser event by event, as a device does."""
+    from edge_vpr.descriptors.cleaning import BurstFilter
+    from edge_vpr.warm_up import localising_steps
+    from edge_vpr_tools.inputs import open_from
+    from edge_vpr_tools.progress import tracked, warmed_up
+
+    if args.frames_as_windows:
+        raise UsageError("--online needs events: leave --frames-as-windows out")
+    if args.anchor is not None:
+        raise UsageError("--online matches belong to the newest window: leave --anchor out")
+    causal = reference.causal()
+    every = args.every or ("window" if causal.settings.late else "event")
+    recording = open_from(args, args.recording, default_period=reference.frame_period)
+    bursts = BurstFilter(reference.pixel_map.sensor)
+    warmed_up(
+        localising_steps(
+            causal, every, bursts, odometry=odometry is not None, registered=args.register
+        )
+    )
+    return recording, reference.match(
+        tracked(recording, "localising"), every=every, odometry=odometry, registered=args.register
+    )
 
 
 def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> None:
@@ -247,3 +218,53 @@ def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> 
     if matrix.suffix != ".npy":
         raise UsageError(f"matrix {matrix} does not end in .npy: name it for example distances.npy")
     results.check_new_file(matrix, inputs, args.overwrite)
+
+
+# Messages on how a query fits its map: the image shifted, or views unlike the map's.
+
+
+#: share of matches that may be unlike the map without a warning
+_MUCH_STRANGE = 0.25
+
+
+def _report_shift(reference: ReferenceMap, found: MatchResult) -> None:
+    """Print by how much the image of a query was shifted, if that was estimated.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+        Before its pixels were moved.
+    """
+    shift = found.shift
+    if shift is None:
+        return
+    if (shift.dx, shift.dy) == (0, 0):
+        summary(f"no shift of the camera is clear from {shift.windows} windows")
+        return
+    pixels = len(reference.pixel_map)
+    warning(
+        f"the camera's image is shifted by ({shift.dx}, {shift.dy}) pixels: the map's pixels are "
+        f"moved, and {pixels - len(found.reference.pixel_map)} of {pixels} are lost; fix the "
+        "mounting, or make a new map"
+    )
+
+
+def _warn_if_strange(matches: Matches) -> None:
+    """Warn if the views of more than a quarter of the matches are unlike those of the map."""
+    from edge_vpr.confidence import STRANGE, STRANGE_TEXT
+
+    share = float((matches.misfit >= STRANGE).mean())
+    if share > _MUCH_STRANGE:
+        warning(
+            f"{STRANGE_TEXT}, by {share:.0%} of the matches: check that the drive and the map are "
+            "of one route, or map the route in this light too"
+        )
+
+
+def _export_tracks(paths: Iterable[str] | None, reference: ReferenceMap, matches: Matches) -> None:
+    """Write the matched positions to files, and report how many points each has."""
+    from edge_vpr.evaluation.match_tracks import save_match_track
+
+    for path in paths or ():
+        points = save_match_track(path, reference, matches)
+        summary(f"{path}: a track of {points:,} of the {len(matches):,} matches")

@@ -27,24 +27,14 @@ _OPENMV = "github.com/openmv/openmv, boards/"
 
 
 class Known(NamedTuple):
-    """Meaning of a USB vendor's and product's numbers.
-
-    Attributes
-    ----------
-    product : int or None
-        None for any product.
-    baud : int or None
-        None if the baud rate has no effect, or is the user's own choice.
-    source : str
-        Document that assigns these numbers; that a camera uses the chip is a guess.
-    """
+    """Meaning of a USB vendor's and product's numbers."""
 
     vendor: int
-    product: int | None
+    product: int | None  #: None for any product.
     what: str
     protocol: str
-    baud: int | None
-    source: str
+    baud: int | None  #: None if the baud rate has no effect, or is the user's own choice.
+    source: str  #: Document that assigns these numbers; that a camera uses the chip is a guess.
 
 
 KNOWN = (
@@ -74,24 +64,12 @@ def guess(vendor: int | None, product: int | None) -> Known | None:
 
 
 class AttachedPort(NamedTuple):
-    """Serial port of this machine.
+    """Serial port of this machine."""
 
-    Attributes
-    ----------
-    port : str
-        Path of the port.
-    description : str
-        The attached device, by its numbers or by its own description.
-    usb : str or None
-        Numbers of vendor and product, for example ``0403:6014``.
-    protocol : str or None
-        Likely protocol.
-    """
-
-    port: str
-    description: str
-    usb: str | None
-    protocol: str | None
+    port: str  #: Path of the port.
+    description: str  #: The attached device, by its numbers or by its own description.
+    usb: str | None  #: Numbers of vendor and product, for example ``0403:6014``.
+    protocol: str | None  #: Likely protocol.
     baud: int | None
 
 

@@ -12,9 +12,6 @@ from edge_vpr_tools.console import check_interrupted, is_quiet, summary, termina
 from edge_vpr_tools.flags import add_reading_arguments
 
 if TYPE_CHECKING:
-    from edge_vpr_tools.profile.measurement import Plan
-    from edge_vpr_tools.profile.profiling import Request
-    from edge_vpr_tools.profile.record import Profile
     from edge_vpr_tools.profile.workload import Load
 
 
@@ -95,13 +92,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def load_of(args: argparse.Namespace) -> Load:
-    """Open the map and the recording that the flags name, or simulate a street.
-
-    Raises
-    ------
-    EdgeVprError
-        If map, recording or ground truth cannot be used.
-    """
+    """Open the map and the recording that the flags name, or simulate a street."""
     from edge_vpr.pipeline import check_sensor, cleaned, describe_query
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.inputs import open_from
@@ -136,8 +127,9 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.results import write_json
     from edge_vpr_tools.profile.files import write_profile
     from edge_vpr_tools.profile.measurement import Plan
-    from edge_vpr_tools.profile.profiling import Request
+    from edge_vpr_tools.profile.profiling import profile
     from edge_vpr_tools.profile.record import PROFILE
+    from edge_vpr_tools.profile.sensors.search import choose_sensor
     from edge_vpr_tools.profile.show import show
 
     if (args.map is None) != (args.recording is None):
@@ -147,20 +139,28 @@ def run(args: argparse.Namespace) -> None:
     if args.meter and args.meter_port is not None:
         raise UsageError("--meter reads a file later and --meter-port a meter now: give only one")
     plan = Plan.checked(args.pairs, args.window_s, args.quick)
-    request = Request(
-        every=args.every,
-        packet=args.packet,
-        mission_rate=args.mission_rate,
-        designs=not args.no_designs,
-        meter=args.meter,
-        root=Path(args.sysroot),
-    )
+    if not args.mission_rate > 0:
+        raise UsageError(
+            f"a mission of {args.mission_rate:g} matches per second: expected a positive rate"
+        )
     output = Path(args.output)
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
     inputs = [args.map, args.recording, *(args.ground_truth or ())]
     results.check_output_folder(output, args.overwrite, inputs)
     with terminated_as_interrupted():
-        found = _profile(args, request, plan)
+        root = Path(args.sysroot)
+        sensor, missing = choose_sensor(
+            root, name=args.sensor_name, meter_port=args.meter_port, shunt_mohm=args.shunt_mohm
+        )
+        try:
+            found = profile(
+                load_of(args), plan, sensor, missing, every=args.every, packet=args.packet,
+                mission_rate=args.mission_rate, designs=not args.no_designs, meter=args.meter,
+                root=root,
+            )  # fmt: skip
+        finally:
+            if sensor is not None:
+                sensor.close()
         check_interrupted()
         with results.results_folder(output, args.overwrite) as folder:
             write_json(folder / results.RUN, found.run)
@@ -168,17 +168,3 @@ def run(args: argparse.Namespace) -> None:
     if not is_quiet():
         show(found)
     summary(f"see {output / (PROFILE if args.no_figures else results.REPORT)}")
-
-
-def _profile(args: argparse.Namespace, request: Request, plan: Plan) -> Profile:
-    from edge_vpr_tools.profile.profiling import profile
-    from edge_vpr_tools.profile.sensors.search import choose_sensor
-
-    sensor, missing = choose_sensor(
-        request.root, name=args.sensor_name, meter_port=args.meter_port, shunt_mohm=args.shunt_mohm
-    )
-    try:
-        return profile(load_of(args), request, plan, sensor, missing)
-    finally:
-        if sensor is not None:
-            sensor.close()

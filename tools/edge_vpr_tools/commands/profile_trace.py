@@ -41,13 +41,7 @@ _MOST_VOLTS = 60.0
 
 
 def run(args: argparse.Namespace) -> None:
-    """Add the energy of a trace to a profile file.
-
-    Raises
-    ------
-    UsageError
-        If the profile took no turns for a meter, or the trace does not hold them.
-    """
+    """Add the energy of a trace to a profile file."""
     from edge_vpr import results
     from edge_vpr_tools.profile.files import write_profile
     from edge_vpr_tools.profile.profiling import with_meter

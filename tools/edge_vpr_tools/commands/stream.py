@@ -124,13 +124,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def check_arguments(args: argparse.Namespace) -> None:
-    """Check the arguments before the camera is opened or a file is written.
-
-    Raises
-    ------
-    UsageError
-        If arguments contradict each other, or a file could not be written as asked.
-    """
+    """Check the arguments before the camera is opened or a file is written."""
     from edge_vpr_tools.publish import parse_address, parse_url
 
     if args.learn == (args.output is None):
@@ -205,17 +199,11 @@ def _learnt_with(args: argparse.Namespace, reference: ReferenceMap | None) -> Se
 
 
 def run(args: argparse.Namespace) -> None:
-    """Follow the stream to its end, or until Ctrl-C or SIGTERM.
-
-    Raises
-    ------
-    EdgeVprError
-        If an argument is wrong, the link cannot be opened, or a file cannot be written.
-    """
+    """Follow the stream to its end, or until Ctrl-C or SIGTERM."""
     from edge_vpr.live.session import LiveSession
     from edge_vpr.reference_map import ReferenceMap
+    from edge_vpr_tools.live_view import show_session
     from edge_vpr_tools.progress import warn_if_much
-    from edge_vpr_tools.runs.live import LiveOutput, show_session
 
     check_arguments(args)
     reference = None
@@ -230,11 +218,10 @@ def run(args: argparse.Namespace) -> None:
         record=args.record, learn=args.output, settings=_learnt_with(args, reference),
         overwrite=args.overwrite, on_overload=args.on_overload, max_lag=args.max_lag,
     )  # fmt: skip
-    output = LiveOutput(
-        as_json=args.json, log=args.log, rerun=args.rerun, serve=args.serve, mqtt=args.mqtt,
-        line_s=duration_us(args.status_every) / 1e6 if args.status_every else None,
+    show_session(
+        session, as_json=args.json, log=args.log, rerun=args.rerun, serve=args.serve,
+        mqtt=args.mqtt, line_s=duration_us(args.status_every) / 1e6 if args.status_every else None,
     )  # fmt: skip
-    show_session(session, output)
     if session.learnt is not None:
         warn_if_much(session.removed, args.port, "keep them with --bursts keep")
         if not args.json:

@@ -31,20 +31,12 @@ DRAWS = 3
 
 @dataclass(frozen=True, eq=False)
 class Drives:
-    """Two drives of one route, with their ground truth.
+    """Two drives of one route, with their ground truth."""
 
-    Attributes
-    ----------
-    name : str
-        For the answer.
-    truth_of : callable
-        Ground truth of places and queries at such times.
-    """
-
-    name: str
+    name: str  #: For the answer.
     reference: EventSource
     query: EventSource
-    truth_of: TruthOf
+    truth_of: TruthOf  #: Ground truth of places and queries at such times.
 
 
 def simulated(seed: int = 0) -> Drives:
@@ -57,21 +49,14 @@ def simulated(seed: int = 0) -> Drives:
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """One design on one draw of pixels, with every match whose truth is known.
-
-    Attributes
-    ----------
-    start_us, end_us : ndarray of int64, shape (n,)
-        Of the query windows, in order.
-    correct : ndarray of bool, shape (n,)
-        Whether each match is correct.
-    """
+    """One design on one draw of pixels, with every match whose truth is known."""
 
     name: str
     reference: ReferenceMap
+    #: start_us, end_us, shape (n,): of the query windows, in order.
     start_us: npt.NDArray[np.int64]
     end_us: npt.NDArray[np.int64]
-    correct: npt.NDArray[np.bool_]
+    correct: npt.NDArray[np.bool_]  #: Shape (n,): whether each match is correct.
 
     def rows_at(self, times_us: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """Return the match whose window each time lies in, -1 where there is none."""

@@ -67,20 +67,12 @@ class Costs(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Two designs in every layer.
-
-    Attributes
-    ----------
-    counts : dict of str to Pair
-        Exact counts, by name.
-    costs : tuple of Costs
-        On each target.
-    """
+    """Two designs in every layer."""
 
     ours: Side
     theirs: Side
-    counts: dict[str, Pair]
-    costs: tuple[Costs, ...]
+    counts: dict[str, Pair]  #: Exact counts, by name.
+    costs: tuple[Costs, ...]  #: On each target.
 
     def to_json(self) -> dict[str, Any]:
         """Return values that JSON can hold: ``[this design, the other]``."""
@@ -96,13 +88,7 @@ class Comparison:
 def compare(
     ours: Side, theirs: Side, targets: Iterable[Target], measured: Constant | None = None
 ) -> Comparison:
-    """Count and model two designs.
-
-    Parameters
-    ----------
-    measured : Constant, optional
-        See `cost`.
-    """
+    """Count and model two designs."""
     a, b = counted(*ours), counted(*theirs)
     return Comparison(
         ours,
@@ -171,41 +157,24 @@ class Other(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Question:
-    """What is asked of an estimate.
-
-    Attributes
-    ----------
-    beside : Design or None
-        One of the same size that matches by sequences, to show beside it.
-    choose_distances : bool
-        See `fit.on_target`.
-    places_per_metre : float
-        Density of the route.
-    budgets : tuple of Budget
-        Held against the design on a single target, and against those of `tried`.
-    measured : Constant or None
-        Energy of a cycle of the user's own board.
-    other : Other or None
-        A design to compare with.
-    tried : Tried or None
-        Evaluated designs, of which the most accurate one that fits is wanted.
-    route_places : int or None
-        Places of the route that `tried` designs are for; None for those of their own maps.
-    events_per_s, matches_per_s : float or None
-        Rates of `tried` designs; None for those of their own drives.
-    """
+    """What is asked of an estimate."""
 
     design: Design
+    #: One of the same size that matches by sequences, to show beside it.
     beside: Design | None = None
-    choose_distances: bool = False
+    choose_distances: bool = False  #: See `fit.on_target`.
     mission: Mission
-    places_per_metre: float = 0.1
+    places_per_metre: float = 0.1  #: Density of the route.
     targets: tuple[Target, ...]
+    #: Held against the design on a single target, and against those of `tried`.
     budgets: tuple[Budget, ...] = ()
-    measured: Constant | None = None
-    other: Other | None = None
+    measured: Constant | None = None  #: Energy of a cycle of the user's own board.
+    other: Other | None = None  #: A design to compare with.
+    #: Evaluated designs, of which the most accurate one that fits is wanted.
     tried: Tried | None = None
+    #: Places of the route that `tried` designs are for; None for those of their own maps.
     route_places: int | None = None
+    #: events_per_s, matches_per_s: rates of `tried` designs; None for those of their own drives.
     events_per_s: float | None = None
     matches_per_s: float | None = None
 
@@ -217,21 +186,11 @@ class Question:
 
 @dataclass(frozen=True)
 class Answers:
-    """The designs that are recommended, by the name of the target.
+    """The designs that are recommended, by the name of the target."""
 
-    Attributes
-    ----------
-    recommended : dict of str to Recommendation
-        Best design of each target, by its name.
-    candidates : dict of str to list of Candidate
-        Best first.
-    unknown : dict of str to str
-        Why a target cannot be held against a budget of power.
-    """
-
-    recommended: dict[str, Recommendation]
-    candidates: dict[str, list[Candidate]]
-    unknown: dict[str, str]
+    recommended: dict[str, Recommendation]  #: Best design of each target, by its name.
+    candidates: dict[str, list[Candidate]]  #: Best first.
+    unknown: dict[str, str]  #: Why a target cannot be held against a budget of power.
 
     def to_json(self) -> dict[str, Any]:
         """Return values that JSON can hold."""
@@ -249,32 +208,18 @@ class Answers:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimation:
-    """What a design needs.
-
-    Attributes
-    ----------
-    design : Design
-        That the counts and sizes are of: with a single target the recommended one, if designs were
-        tried and one fits; else the question's.
-    mission : Mission
-        Of that design.
-    counts : mapping of str to Work
-        Of an event, a window's end and a search.
-    on : dict of str to DesignOnTarget
-        That design, by the name of the target.
-    beside : dict of str to DesignOnTarget
-        The design that matches by sequences.
-    fit : tuple of Fit
-        The largest designs within the budgets of a single target, if none were tried.
-    """
+    """What a design needs."""
 
     question: Question
+    #: That the counts and sizes are of: with a single target the recommended one, if designs were
+    #: tried and one fits; else the question's.
     design: Design
-    mission: Mission
+    mission: Mission  #: Of that design.
     sizes: Sizes
-    counts: Mapping[str, Work]
-    on: dict[str, DesignOnTarget]
-    beside: dict[str, DesignOnTarget]
+    counts: Mapping[str, Work]  #: Of an event, a window's end and a search.
+    on: dict[str, DesignOnTarget]  #: That design, by the name of the target.
+    beside: dict[str, DesignOnTarget]  #: The design that matches by sequences.
+    #: The largest designs within the budgets of a single target, if none were tried.
     fit: tuple[Fit, ...] = ()
     comparison: Comparison | None = None
     answers: Answers | None = None
@@ -397,19 +342,12 @@ _HEADER = ["target", "design", "memory", "power (modelled)"]
 
 
 class Answer(NamedTuple):
-    """What is printed first.
+    """What is printed first."""
 
-    Attributes
-    ----------
-    header, rows
-        Of the table.
-    lines : list of str
-        A sentence, and a line on the targets whose power is unknown.
-    """
-
+    #: header, rows: of the table.
     header: list[str]
     rows: list[list[str]]
-    lines: list[str]
+    lines: list[str]  #: A sentence, and a line on the targets whose power is unknown.
 
 
 def answer(found: Estimation) -> Answer:

@@ -74,23 +74,18 @@ class Traffic:
 
 @dataclass(frozen=True)
 class Work:
-    """What one event, one window's end or one match does.
+    """What one event, one window's end or one match does."""
 
-    Attributes
-    ----------
-    counter_updates, absolute_differences, additions, comparisons, multiplications : int
-        An addition has two operands: the first term of a sum is not added to anything. A comparison
-        is one use of a comparator: best, best on the left and second for every place, though a
-        program may know without looking.
-    traffic : mapping of str to Traffic
-        By memory, named as by `firmware_model.cost.memories`.
-    """
-
+    #: counter_updates, absolute_differences, additions, comparisons, multiplications: an addition
+    #: has two operands: the first term of a sum is not added to anything. A comparison is one use
+    #: of a comparator: best, best on the left and second for every place, though a program may know
+    #: without looking.
     counter_updates: int = 0
     absolute_differences: int = 0
     additions: int = 0
     comparisons: int = 0
     multiplications: int = 0
+    #: By memory, named as by `firmware_model.cost.memories`.
     traffic: Mapping[str, Traffic] = field(default_factory=dict)
 
     @property
@@ -193,21 +188,12 @@ def _filter_traffic(design: Design) -> dict[str, Traffic]:
 
 @dataclass(frozen=True)
 class Sizes:
-    """Memory that a design takes.
+    """Memory that a design takes."""
 
-    Attributes
-    ----------
-    place_bytes : int
-        One descriptor, its codes packed without gaps.
-    packed_bytes : int
-        All memories of the device, without gaps.
-    flash_bytes, ram_bytes : int
-        Image and arrays of the reference firmware in C, which keeps a byte a code; without its
-        code, structures and stack.
-    """
-
-    place_bytes: int
-    packed_bytes: int
+    place_bytes: int  #: One descriptor, its codes packed without gaps.
+    packed_bytes: int  #: All memories of the device, without gaps.
+    #: flash_bytes, ram_bytes: image and arrays of the reference firmware in C, which keeps a byte a
+    #: code; without its code, structures and stack.
     flash_bytes: int
     ram_bytes: int
 
@@ -279,22 +265,12 @@ _ZERO = Spread(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Mission:
-    """Rates of events and matches that a device has to process.
+    """Rates of events and matches that a device has to process."""
 
-    Attributes
-    ----------
-    events_per_s : float
-        Of the whole sensor.
-    selected_share : float
-        Of those, at selected pixels.
-    events_per_call : int
-        How many events the program takes in one call.
-    """
-
-    events_per_s: float
-    selected_share: float
+    events_per_s: float  #: Of the whole sensor.
+    selected_share: float  #: Of those, at selected pixels.
     matches_per_s: float
-    events_per_call: int = 64
+    events_per_call: int = 64  #: How many events the program takes in one call.
 
     def __post_init__(self) -> None:
         if not (self.events_per_s >= 0 and 0 <= self.selected_share <= 1):
@@ -361,46 +337,27 @@ class Cost:
 
     A match takes its share of the events, the end of its window, and the search for its place. The
     energy of a match is that of all three.
-
-    Attributes
-    ----------
-    instructions : dict of str to float, optional
-        Processors only.
-    logic_cells : int, optional
-        Of the core, predicted from measured netlists; FPGAs that there are such of.
-    cycles : dict of str to Spread
-        By the unit of work.
-    seconds : dict of str to Spread
-        By the unit of work.
-    load : Spread
-        Share of the time that it is busy at the mission's rates; it must stay below 1.
-    energy_j : dict of str to Spread, optional
-        Modelled; None if unknown.
-    marginal_w, idle_w, whole_w : Spread, optional
-        Modelled: what the work adds at the mission's rates, what is used without it, and both,
-        which is None if either is unknown.
-    per_match_j, per_match_whole_j : Spread, optional
-        Energy of a match: what the work adds, and all that the device takes; the powers over the
-        matches a second.
-    matches_per_joule : Spread, optional
-        One over the energy of a match: of the work, as in a profile.
-    basis : tuple of Constant
-        What the energy rests on.
     """
 
-    instructions: dict[str, float] | None
+    instructions: dict[str, float] | None  #: Processors only.
+    #: Of the core, predicted from measured netlists; FPGAs that there are such of.
     logic_cells: int | None
-    cycles: dict[str, Spread]
-    seconds: dict[str, Spread]
-    load: Spread
-    energy_j: dict[str, Spread] | None
+    cycles: dict[str, Spread]  #: By the unit of work.
+    seconds: dict[str, Spread]  #: By the unit of work.
+    load: Spread  #: Share of the time that it is busy at the mission's rates; it must stay below 1.
+    energy_j: dict[str, Spread] | None  #: Modelled; None if unknown.
+    #: marginal_w, idle_w, whole_w: modelled: what the work adds at the mission's rates, what is
+    #: used without it, and both, which is None if either is unknown.
     marginal_w: Spread | None
     idle_w: Spread | None
     whole_w: Spread | None
+    #: per_match_j, per_match_whole_j: energy of a match: what the work adds, and all that the
+    #: device takes; the powers over the matches a second.
     per_match_j: Spread | None
     per_match_whole_j: Spread | None
+    #: One over the energy of a match: of the work, as in a profile.
     matches_per_joule: Spread | None
-    basis: tuple[Constant, ...]
+    basis: tuple[Constant, ...]  #: What the energy rests on.
 
 
 def cost(

@@ -82,44 +82,24 @@ class Budget:
 
 @dataclass(frozen=True)
 class Fit:
-    """The largest value of one parameter, the others as given.
+    """The largest value of one parameter, the others as given."""
 
-    Attributes
-    ----------
-    matching : str
-        How the design matches.
-    parameter : {"pixels", "places", "code_bits"}
-        Which one is largest.
-    code_bits : int
-        Bits of a counter code.
-    value : int
-        0 if not even one fits.
-    limited_by : str
-        The budget, or the range of the parameter.
-    """
-
-    matching: str
-    parameter: str
-    code_bits: int
-    value: int
-    limited_by: str
+    matching: str  #: How the design matches.
+    parameter: str  #: {"pixels", "places", "code_bits"}: which one is largest.
+    code_bits: int  #: Bits of a counter code.
+    value: int  #: 0 if not even one fits.
+    limited_by: str  #: The budget, or the range of the parameter.
 
 
 @dataclass(frozen=True)
 class DesignOnTarget:
-    """A design on a target, with what it takes there.
-
-    Attributes
-    ----------
-    limited_by : str
-        What keeps it from fitting; empty if it fits.
-    """
+    """A design on a target, with what it takes there."""
 
     design: Design
     mission: Mission
     cost: Cost
     memory_bytes: int
-    limited_by: str
+    limited_by: str  #: What keeps it from fitting; empty if it fits.
 
 
 def memory_bytes(design: Design, target: Target) -> int:
@@ -153,10 +133,6 @@ def fit(
         Its share of selected events grows with J.
     budgets : sequence of Budget
         All must hold.
-    cycle_energy : Constant, optional
-        See `cost`.
-    choose_distances : bool
-        See `on_target`.
 
     Raises
     ------
@@ -197,8 +173,6 @@ def on_target(
 
     Parameters
     ----------
-    cycle_energy : Constant, optional
-        See `cost`.
     choose_distances : bool
         Keep the distances of the place filter where the memory allows it, which takes less time and
         energy than to compute them twice; else do as the design says.
@@ -323,21 +297,11 @@ def _largest(
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
-    """Accuracy of a map on two drives.
+    """Accuracy of a map on two drives."""
 
-    Attributes
-    ----------
-    name : str
-        Of its folder, or its size.
-    accuracy : float
-        Share of the queries that are correct when every one is matched (P@100R).
-    queries : int
-        That were evaluated.
-    """
-
-    name: str
-    accuracy: float
-    queries: int
+    name: str  #: Of its folder, or its size.
+    accuracy: float  #: Share of the queries that are correct when every one is matched (P@100R).
+    queries: int  #: That were evaluated.
     reference: ReferenceMap
 
 
@@ -359,19 +323,13 @@ class Candidate(DesignOnTarget):
     """One evaluated map, as a device.
 
     Its design has as many places as the mission's route, if that is given.
-
-    Attributes
-    ----------
-    name, accuracy, queries
-        See `Evaluated`.
-    own_places : int
-        Of its map, among which it was that accurate.
     """
 
+    #: name, accuracy, queries: see `Evaluated`.
     name: str
     accuracy: float
     queries: int
-    own_places: int
+    own_places: int  #: Of its map, among which it was that accurate.
 
     @property
     def error(self) -> float:
@@ -384,43 +342,24 @@ class Candidate(DesignOnTarget):
 
 
 class Recommendation(NamedTuple):
-    """The design that is recommended for a target, and what keeps it from being better.
+    """The design that is recommended for a target, and what keeps it from being better."""
 
-    Attributes
-    ----------
-    design : Candidate or None
-        None where no design fits.
-    limit : str
-        The budget or limit that a design breaks which is more accurate by a standard error, or that
-        the smallest one breaks where none fits; empty where there is none.
-    """
-
-    design: Candidate | None
+    design: Candidate | None  #: None where no design fits.
+    #: The budget or limit that a design breaks which is more accurate by a standard error, or that
+    #: the smallest one breaks where none fits; empty where there is none.
     limit: str
 
 
 @dataclass(frozen=True)
 class Asked:
-    """Requirements for a candidate: a target, budgets, and the mission.
-
-    Attributes
-    ----------
-    places : int, optional
-        K of the mission's route, in place of each map's.
-    matches_per_s : float, optional
-        By default one a window.
-    events_per_s : float, optional
-        By default those of the reference drive.
-    cycle_energy : Constant, optional
-        See `cost`.
-    """
+    """Requirements for a candidate: a target, budgets, and the mission."""
 
     target: Target
     budgets: Sequence[Budget] = ()
-    places: int | None = None
-    matches_per_s: float | None = None
-    events_per_s: float | None = None
-    cycle_energy: Constant | None = None
+    places: int | None = None  #: K of the mission's route, in place of each map's.
+    matches_per_s: float | None = None  #: By default one a window.
+    events_per_s: float | None = None  #: By default those of the reference drive.
+    cycle_energy: Constant | None = None  #: See `cost`.
 
     def candidate(self, one: Evaluated) -> Candidate:
         """Take a map as a device with the mission's number of places.

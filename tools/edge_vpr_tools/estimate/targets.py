@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr.files import read_toml, understood
+from edge_vpr.results import RecordError, from_json
 from edge_vpr_tools.estimate.emulation import scaling
 from edge_vpr_tools.report.page import quantity
 from firmware_model.image import kept_bytes
@@ -47,20 +49,13 @@ class Spread:
 
 @dataclass(frozen=True)
 class Constant:
-    """A cited constant.
-
-    Attributes
-    ----------
-    year : int or "unknown"
-        Of the measurement.
-    node, source, uncertainty : str
-        What was measured, who says so, and what low and high stand for.
-    """
+    """A cited constant."""
 
     name: str
     unit: str
     value: Spread
-    year: int | str
+    year: int | str  #: Of the measurement.
+    #: node, source, uncertainty: what was measured, who says so, and what low and high stand for.
     node: str
     source: str
     uncertainty: str
@@ -124,19 +119,19 @@ class Target:
                 raise UsageError(
                     f"{path} has the unknown name {name!r}: choose from {sorted(known)}"
                 )
-        for name in ("name", "kind", "clock_hz"):
-            if name not in values:
-                raise UsageError(f"{path} lacks {name}: name it")
         with understood(path, "a target", "check its values"):
-            _check_types(values)
-        if values["kind"] not in KINDS:
-            raise UsageError(f"{path}: kind = {values['kind']!r}: choose from {', '.join(KINDS)}")
-        if not 0 < values["clock_hz"] <= _FASTEST_HZ:
-            raise UsageError(f"{path}: clock_hz = {values['clock_hz']}: expected a positive number")
-        for name in ("block_shapes", "large_block_shapes"):
-            values[name] = tuple((depth, width) for depth, width in values.get(name, ()))
-        values["cpi"] = tuple(values.get("cpi", ()))
-        target = cls(**values)
+            try:
+                target = from_json(cls, values)
+            except RecordError as error:
+                raise ValueError(str(error)) from error
+        if target.kind not in KINDS:
+            raise UsageError(f"{path}: kind = {target.kind!r}: choose from {', '.join(KINDS)}")
+        if not 0 < target.clock_hz <= _FASTEST_HZ:
+            raise UsageError(f"{path}: clock_hz = {target.clock_hz}: expected a positive number")
+        sides = [*chain(*target.block_shapes, *target.large_block_shapes)]
+        sizes = [target.logic_cells, target.blocks, target.large_blocks]
+        if not (all(sides) and all(0 <= size <= _MOST_BLOCKS for size in sizes + sides)):
+            raise UsageError(f"{path}: blocks and cells are numbers from 0 to {_MOST_BLOCKS}")
         if target.kind == "processor":
             _check_processor(target, path)
         for name in (target.cycle_energy, target.cell_energy, target.idle_power):
@@ -180,37 +175,15 @@ def constants() -> Mapping[str, Constant]:
     }
 
 
-def _check_types(values: dict[str, Any]) -> None:
-    """Raise ValueError where a value is of another type than its name asks for."""
-    for name, value in values.items():
-        if name in ("block_shapes", "large_block_shapes"):
-            fits = len(value) <= _MOST_BLOCKS and all(
-                len(shape) == 2 and all(_is_size(side) and side for side in shape)
-                for shape in value
-            )
-        elif name in ("logic_cells", "blocks", "large_blocks"):
-            fits = _is_size(value)
-        elif name in ("clock_hz", "cpi"):
-            numbers = value if name == "cpi" else [value]
-            fits = isinstance(numbers, list) and all(
-                type(number) in (int, float) and abs(number) <= _FASTEST_HZ for number in numbers
-            )
-        else:
-            fits = isinstance(value, str)
-        if not fits:
-            raise ValueError(f"{name} is not what the files in estimate/targets have")
-
-
-def _is_size(value: object) -> bool:
-    return type(value) is int and 0 <= value <= _MOST_BLOCKS
-
-
 def _check_processor(target: Target, path: str | Path) -> None:
     if target.core not in scaling():
         raise UsageError(
             f"{path}: core = {target.core!r}: the firmware was emulated on {', '.join(scaling())}"
         )
-    if len(target.cpi) != 3 or not 0 < target.cpi[0] <= target.cpi[1] <= target.cpi[2]:
+    if (
+        len(target.cpi) != 3
+        or not 0 < target.cpi[0] <= target.cpi[1] <= target.cpi[2] <= _FASTEST_HZ
+    ):
         raise UsageError(f"{path}: cpi = {list(target.cpi)}: expected low, central and high")
 
 

@@ -15,24 +15,13 @@ _NOW = {0: "under-voltage", 1: "frequency capped", 2: "throttled", 3: "soft temp
 
 @dataclass(frozen=True)
 class Conditions:
-    """Conditions that affect a measurement; None means not known.
-
-    Attributes
-    ----------
-    frequency_hz : float or None
-        Clock of the first core.
-    temperature_c : float or None
-        Temperature of the hottest zone.
-    throttled : int or None
-        Bits as returned by ``vcgencmd get_throttled``.
-    throttle_events : int or None
-        Number of times that cores were throttled since boot, if the processor counts them.
-    """
+    """Conditions that affect a measurement; None means not known."""
 
     governor: str | None
-    frequency_hz: float | None
-    temperature_c: float | None
-    throttled: int | None
+    frequency_hz: float | None  #: Clock of the first core.
+    temperature_c: float | None  #: Temperature of the hottest zone.
+    throttled: int | None  #: Bits as returned by ``vcgencmd get_throttled``.
+    #: Number of times that cores were throttled since boot, if the processor counts them.
     throttle_events: int | None
 
     @classmethod

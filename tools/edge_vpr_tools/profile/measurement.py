@@ -34,21 +34,12 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """Cumulated energy, at increasing times.
+    """Cumulated energy, at increasing times."""
 
-    Attributes
-    ----------
-    time_s : ndarray of float64, shape (n,)
-        Times of the readings.
-    energy_j : ndarray of float64, shape (n,)
-        Energy since the first sample.
-    fresh : ndarray of bool, shape (n,)
-        Whether the reading differs from the previous one. A meter that is read more often than it
-        measures repeats its readings.
-    """
-
-    time_s: Floats
-    energy_j: Floats
+    time_s: Floats  #: Shape (n,): times of the readings.
+    energy_j: Floats  #: Shape (n,): energy since the first sample.
+    #: Shape (n,): whether the reading differs from the previous one. A meter that is read more
+    #: often than it measures repeats its readings.
     fresh: npt.NDArray[np.bool_]
 
     @classmethod
@@ -90,21 +81,14 @@ def _fresh(readings: Floats) -> npt.NDArray[np.bool_]:
 
 @dataclass
 class Sampler:
-    """Reads a sensor at its period, in a thread of its own.
-
-    Attributes
-    ----------
-    cpu_s, commands_s : float
-        Processor time of the thread, and of the commands that ran during sampling; it is part of
-        idle and load alike.
-    error : SensorError, optional
-        Reason why sampling stopped early.
-    """
+    """Reads a sensor at its period, in a thread of its own."""
 
     sensor: Sensor
+    #: cpu_s, commands_s: processor time of the thread, and of the commands that ran during
+    #: sampling; it is part of idle and load alike.
     cpu_s: float = 0.0
     commands_s: float = 0.0
-    error: SensorError | None = None
+    error: SensorError | None = None  #: Reason why sampling stopped early.
     _times: list[float] = field(default_factory=list)
     _values: list[float] = field(default_factory=list)
     _stop: threading.Event = field(default_factory=threading.Event)
@@ -173,20 +157,13 @@ _RESAMPLES = 2_000
 
 @dataclass(frozen=True)
 class Estimate:
-    """Median of paired differences.
-
-    Attributes
-    ----------
-    low, high : float
-        95 % interval by block bootstrap.
-    pairs : int
-        Number of differences.
-    """
+    """Median of paired differences."""
 
     value: float
+    #: low, high: 95 % interval by block bootstrap.
     low: float
     high: float
-    pairs: int
+    pairs: int  #: Number of differences.
 
     @property
     def resolved(self) -> bool:
@@ -380,19 +357,12 @@ class PowerTrace(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Readings:
-    """Readings and their sensor, which are kept even if the figures are void.
-
-    Attributes
-    ----------
-    differences_w : tuple of float
-        Power under load minus power at rest, one value for each pair.
-    windows : tuple of Window
-        Times are in seconds since the first window.
-    """
+    """Readings and their sensor, which are kept even if the figures are void."""
 
     sensor: About
+    #: Power under load minus power at rest, one value for each pair.
     differences_w: tuple[float, ...]
-    windows: tuple[Window, ...]
+    windows: tuple[Window, ...]  #: Times are in seconds since the first window.
     trace: PowerTrace
 
 
@@ -401,36 +371,20 @@ class Energy:
     """Measured energy of a match.
 
     In JSON, the fields of `figures` and `readings` are on the same level as the others.
-
-    Attributes
-    ----------
-    pairs : int
-        Number of pairs of an idle and a load window.
-    window_s : float
-        Median length of a window.
-    native_samples_per_window : int
-        Number of readings that differ from the previous one.
-    saturated_matches_per_s, mission_matches_per_s : float
-        Matches per second at full speed, and in the mission.
-    figures : Figures or None
-        None if the machine was throttled, since figures would then mislead.
-    readings : Readings or None
-        None for a design other than the main load.
-    quick : bool
-        Whether windows were too short for a figure that can be published.
-    cpu_s_per_match, sampler_cpu_share : float or None
-        Processor time of a match, and share of a core that sampling took; not known with an
-        external meter.
     """
 
-    pairs: int
-    window_s: float
-    native_samples_per_window: int
+    pairs: int  #: Number of pairs of an idle and a load window.
+    window_s: float  #: Median length of a window.
+    native_samples_per_window: int  #: Number of readings that differ from the previous one.
+    #: saturated_matches_per_s, mission_matches_per_s: matches per second at full speed, and in the
+    #: mission.
     saturated_matches_per_s: float
     mission_matches_per_s: float
-    figures: Figures | None
-    readings: Readings | None = None
-    quick: bool = False
+    figures: Figures | None  #: None if the machine was throttled, since figures would then mislead.
+    readings: Readings | None = None  #: None for a design other than the main load.
+    quick: bool = False  #: Whether windows were too short for a figure that can be published.
+    #: cpu_s_per_match, sampler_cpu_share: processor time of a match, and share of a core that
+    #: sampling took; not known with an external meter.
     cpu_s_per_match: float | None = field(default=None, metadata=LEFT_OUT)
     sampler_cpu_share: float | None = field(default=None, metadata=LEFT_OUT)
 
@@ -467,15 +421,10 @@ class Energy:
 
 @dataclass(frozen=True)
 class NotMeasured:
-    """The reason why no energy was measured.
-
-    Attributes
-    ----------
-    windows : tuple of Window
-        Windows that were run for an external meter, on the monotonic clock.
-    """
+    """The reason why no energy was measured."""
 
     not_measured_because: tuple[str, ...]
+    #: Windows that were run for an external meter, on the monotonic clock.
     windows: tuple[Window, ...] = ()
 
     @property
@@ -516,20 +465,11 @@ _READINGS_AT_EDGES = 2
 
 @dataclass(frozen=True)
 class Plan:
-    """Number and length of the periods of a measurement.
+    """Number and length of the periods of a measurement."""
 
-    Attributes
-    ----------
-    pairs : int
-        Number of pairs of an idle and a load window.
-    window_s : float
-        Duration of each window in seconds.
-    quick : bool
-        Whether windows are too short for a figure that can be published; figures are then labelled.
-    """
-
-    pairs: int = LEAST_PAIRS
-    window_s: float = LEAST_S
+    pairs: int = LEAST_PAIRS  #: Number of pairs of an idle and a load window.
+    window_s: float = LEAST_S  #: Duration of each window in seconds.
+    #: Whether windows are too short for a figure that can be published; figures are then labelled.
     quick: bool = False
 
     @classmethod

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple, TextIO
@@ -186,16 +186,11 @@ class _Samples:
     ----------
     path : path
         For messages.
-
-    Attributes
-    ----------
-    read : int
-        Samples so far.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self.read = 0
+        self.read = 0  #: Samples so far.
         self._last_s = -math.inf
         # rows: time and watts
         self._parts: list[Floats] = []
@@ -250,8 +245,6 @@ class _Table:
     ----------
     columns : dict of str to _Column
         By quantity.
-    voltage : float or None
-        See `read_csv`.
     """
 
     def __init__(
@@ -523,12 +516,27 @@ def _follows(watts: Floats, pattern: Floats, window: npt.NDArray[np.intp], sampl
 # Measure a profile: load, conditions, speed and, with a sensor, energy.
 
 
-@dataclass(frozen=True, kw_only=True)
-class Request:
-    """What to measure with a load.
+def profile(
+    load: Load,
+    plan: Plan,
+    sensor: Sensor | None = None,
+    missing: Sequence[Missing] = (),
+    *,
+    every: str = "window",
+    packet: int = 512,
+    mission_rate: float = 1.0,
+    designs: bool = True,
+    meter: bool = False,
+    root: Path = ROOT,
+) -> Profile:
+    """Measure a load on this machine.
 
-    Attributes
+    Parameters
     ----------
+    sensor : Sensor, optional
+        Sensor of power or energy; it is not closed.
+    missing : sequence of Missing
+        Reasons why there is no sensor.
     every : str
         Schedule of matches; see `MatchSchedule.parse`.
     packet : int
@@ -545,73 +553,37 @@ class Request:
     Raises
     ------
     UsageError
-        If the rate is not positive.
-    """
-
-    every: str = "window"
-    packet: int = 512
-    mission_rate: float = 1.0
-    designs: bool = True
-    meter: bool = False
-    root: Path = ROOT
-
-    def __post_init__(self) -> None:
-        if not self.mission_rate > 0:
-            raise UsageError(
-                f"a mission of {self.mission_rate:g} matches per second: expected a positive rate"
-            )
-
-
-def profile(
-    load: Load,
-    request: Request,
-    plan: Plan,
-    sensor: Sensor | None = None,
-    missing: Sequence[Missing] = (),
-) -> Profile:
-    """Measure a load on this machine.
-
-    Parameters
-    ----------
-    sensor : Sensor, optional
-        Sensor of power or energy; it is not closed.
-    missing : sequence of Missing
-        Reasons why there is no sensor.
-
-    Raises
-    ------
-    UsageError
         If the load gives no match within a window.
     """
     reference = load.reference
-    every = MatchSchedule.parse(request.every, reference.settings)
-    workload = Workload(reference, load.events, every, request.packet)
-    designs = load.truth_of is not None and request.designs
+    schedule = MatchSchedule.parse(every, reference.settings)
+    workload = Workload(reference, load.events, schedule, packet)
+    designs = load.truth_of is not None and designs
     if sensor is not None:
         _say_how_long(plan.for_period(sensor.about.period_s), designs)
-    before = Conditions.now(request.root)
+    before = Conditions.now(root)
     note(f"speed: {_duration(plan.window_s)}")
     throughput = measure_throughput(workload, plan.window_s)
     # read at once, because a governor lowers the clock of an idle processor
-    loaded = Conditions.now(request.root)
+    loaded = Conditions.now(root)
     because = tuple(str(one) for one in missing)
     energy: Outcome = NotMeasured(because)
     if sensor is not None:
         try:
-            energy = measure(sensor, plan, workload.run, request.mission_rate)
+            energy = measure(sensor, plan, workload.run, mission_rate)
         except SensorError as error:
             energy = NotMeasured((f"{sensor.about.name}: {error}",))
             sensor = None
-    elif request.meter:
+    elif meter:
         energy = NotMeasured(because, tuple(take_turns(plan, workload.run)))
     compared = []
     if designs:
         assert load.truth_of is not None
         compared = compare(
             load.designs, load.query, load.events, load.truth_of, sensor, plan,
-            request.mission_rate, (reference, energy),
+            mission_rate, (reference, energy),
         )  # fmt: skip
-    after = Conditions.now(request.root)
+    after = Conditions.now(root)
     note("few pixels against all: some 10 s")
     # measured last, since all pixels take memory that the method does not need
     everything = np.concatenate(load.events)
@@ -635,8 +607,8 @@ def profile(
         designs=tuple(compared),
         conditions=Moments(before, loaded, after, void),
         sparse_against_all=sparse,
-        load=LoadRecord(load.name, request.every, request.packet),
-        provenance=Provenance.of(request.root, loaded, energy, run),
+        load=LoadRecord(load.name, every, packet),
+        provenance=Provenance.of(root, loaded, energy, run),
         run=run,
     )  # fmt: skip
 

@@ -42,18 +42,12 @@ class LoadRecord:
 
 @dataclass(frozen=True)
 class Moments:
-    """Conditions of the machine before, during and after the load.
-
-    Attributes
-    ----------
-    void_because : str
-        Reason why the figures are void; empty if none is known.
-    """
+    """Conditions of the machine before, during and after the load."""
 
     before: Conditions
     loaded: Conditions
     after: Conditions
-    void_because: str
+    void_because: str  #: Reason why the figures are void; empty if none is known.
 
     def named(self) -> dict[str, Conditions]:
         """Return the three conditions in their order, by name."""
@@ -101,22 +95,14 @@ class Provenance:
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """Load measured on a machine.
-
-    Attributes
-    ----------
-    quick : bool
-        Whether windows were too short for a figure that can be published.
-    designs : tuple of DesignResult
-        Empty if no designs were compared.
-    """
+    """Load measured on a machine."""
 
     schema: int = SCHEMA
-    quick: bool
+    quick: bool  #: Whether windows were too short for a figure that can be published.
     throughput: Throughput
     map: MapSize
     energy: Outcome
-    designs: tuple[DesignResult, ...]
+    designs: tuple[DesignResult, ...]  #: Empty if no designs were compared.
     conditions: Moments
     sparse_against_all: SparseAgainstAll
     load: LoadRecord

@@ -41,22 +41,15 @@ class Timing(NamedTuple):
 
 @dataclass(frozen=True)
 class Against:
-    """Seconds of one unit of work with few pixels and with all, with 95 % intervals.
+    """Seconds of one unit of work with few pixels and with all, with 95 % intervals."""
 
-    Attributes
-    ----------
-    unit : str
-        Unit of work of the seconds.
-    sparse_pixels, all_pixels, places : int
-        J of the two variants, and K; 0 places if none are matched.
-    sparse_s, all_s, times : Timing
-        `times` has the ratios of neighbouring measurements.
-    """
-
-    unit: str
+    unit: str  #: Unit of work of the seconds.
+    #: sparse_pixels, all_pixels, places: J of the two variants, and K; 0 places if none are
+    #: matched.
     sparse_pixels: int
     all_pixels: int
     places: int
+    #: sparse_s, all_s, times: `times` has the ratios of neighbouring measurements.
     sparse_s: Timing
     all_s: Timing
     times: Timing
@@ -64,19 +57,12 @@ class Against:
 
 @dataclass(frozen=True)
 class SparseAgainstAll:
-    """Few pixels against all of them: counting an event, and matching a query.
+    """Few pixels against all of them: counting an event, and matching a query."""
 
-    Attributes
-    ----------
-    counting, matching : Against
-        Measured with the recording.
-    matching_paper : Against
-        Measured at the paper's sizes, with invented counts.
-    """
-
+    #: counting, matching: measured with the recording.
     counting: Against
     matching: Against
-    matching_paper: Against
+    matching_paper: Against  #: Measured at the paper's sizes, with invented counts.
 
     def parts(self) -> dict[str, Against]:
         """Return all three results by name."""

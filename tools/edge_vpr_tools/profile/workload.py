@@ -210,23 +210,14 @@ _STREET_M = 400.0
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Load: a map, the events of a query drive and, if its truth is known, designs to compare.
+    """Load: a map, the events of a query drive and, if its truth is known, designs to compare."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the recording.
-    events : list of ndarray
-        Cleaned events of the query drive.
-    truth_of : callable, optional
-        Makes the ground truth from the times of places and queries; None where it is not known.
-    """
-
-    name: str
+    name: str  #: Name of the recording.
     reference: ReferenceMap
-    events: list[Events]
+    events: list[Events]  #: Cleaned events of the query drive.
     query: EventSource
     designs: Iterable[Compared]
+    #: Makes the ground truth from the times of places and queries; None where it is not known.
     truth_of: TruthOf | None
     inputs: Sequence[str]
 
@@ -254,28 +245,18 @@ Known = tuple[ReferenceMap, Outcome]
 
 @dataclass(frozen=True, kw_only=True)
 class DesignResult:
-    """Accuracy of a design, and the cost of its match.
-
-    Attributes
-    ----------
-    precision_at_100_recall : float
-        Over `queries` matches.
-    cpu_s_per_match : float
-        Processor time in seconds, with its 95 % interval.
-    energy : Energy, NotMeasured or None
-        None if there is no sensor.
-    """
+    """Accuracy of a design, and the cost of its match."""
 
     name: str
     pixels: int
     counter_bits: int
     bytes_per_place: int
     places: int
-    precision_at_100_recall: float
+    precision_at_100_recall: float  #: Over `queries` matches.
     queries: int
-    cpu_s_per_match: float
+    cpu_s_per_match: float  #: Processor time in seconds, with its 95 % interval.
     cpu_s_per_match_interval: Bounds
-    energy: Outcome | None
+    energy: Outcome | None  #: None if there is no sensor.
 
 
 def compare(
@@ -360,33 +341,22 @@ def _energy(sensor: Sensor, plan: Plan, load: Workload, rate: float) -> Outcome:
 
 @dataclass(frozen=True, kw_only=True)
 class Throughput:
-    """Speed at full load.
+    """Speed at full load."""
 
-    Attributes
-    ----------
-    seconds : float
-        Duration of the measurement.
-    latency_p50_s, latency_p99_s : float
-        Latency of the calls that gave a match; `calls_with_a_match` is their number.
-    cpu_s_per_match, cpu_share : float
-        Processor time of a match, and processor time per second.
-    peak_memory_bytes : int
-        Peak memory of the process.
-    events_a_round : int
-        Number of events in the recording.
-    """
-
-    seconds: float
+    seconds: float  #: Duration of the measurement.
     events_per_s: float
     matches_per_s: float
     times_real_time: float
+    #: latency_p50_s, latency_p99_s: latency of the calls that gave a match; `calls_with_a_match` is
+    #: their number.
     latency_p50_s: float
     latency_p99_s: float
     calls_with_a_match: int
+    #: cpu_s_per_match, cpu_share: processor time of a match, and processor time per second.
     cpu_s_per_match: float
     cpu_share: float
-    peak_memory_bytes: int
-    events_a_round: int
+    peak_memory_bytes: int  #: Peak memory of the process.
+    events_a_round: int  #: Number of events in the recording.
 
 
 def measure_throughput(workload: Workload, seconds: float) -> Throughput:

@@ -291,10 +291,7 @@ def selected_pixels(reference: ReferenceMap) -> Figure:
             axes.scatter(x, y, s=30, marker="x", color=RED, label=f"{x.size} hot pixels, left out")
         bar = drawing.colorbar(image, ax=axes, shrink=0.8, location="bottom", aspect=30)
         bar.set_label(f"square root of the {what} of events per window")
-        axes.set(
-            xlabel="column (px)",
-            ylabel="row (px)",
-        )
+        axes.set(xlabel="column (px)", ylabel="row (px)")
         axes.grid(visible=False)
         legend_below(drawing, [axes], 2, fontsize=9)
     return drawing
@@ -353,10 +350,7 @@ def distance_matrix(
         unit = "events" if matches.settings.counter_code == "none" else "codes"
         of = "of one window" if length == 1 else f"mean over sequences of {length} windows"
         bar.set_label(f"distance, {of} ({unit})")
-        axes.set(
-            xlabel="query window",
-            ylabel="reference place",
-        )
+        axes.set(xlabel="query window", ylabel="reference place")
         axes.grid(visible=False)
         if query_scale is not None:
             add_scale(axes, "top", query_scale)
@@ -444,10 +438,7 @@ def event_rate(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
                 time, selected / seconds, color=colour, lw=1.2, ls="--", label=f"{name}, selected"
             )
         axes.set_yscale("log")
-        axes.set(
-            xlabel="time (s)",
-            ylabel="events per second",
-        )
+        axes.set(xlabel="time (s)", ylabel="events per second")
         axes.legend(ncols=2, fontsize=9)
     return drawing
 
@@ -459,10 +450,7 @@ def window_lengths(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
             seconds = (drive.end_us - drive.start_us) / 1e6
             label = f"{name}: median {np.median(seconds):.3g} s, {len(drive)} windows"
             axes.plot(drive.centre_us / 1e6, seconds, color=colour, lw=1.5, label=label)
-        axes.set(
-            xlabel="time (s)",
-            ylabel="length (s)",
-        )
+        axes.set(xlabel="time (s)", ylabel="length (s)")
         axes.set_ylim(bottom=0)
         axes.legend(fontsize=9)
     return drawing

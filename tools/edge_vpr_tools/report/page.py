@@ -9,14 +9,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from string import Template
-from typing import Any, Protocol
+from typing import Any
 
 from edge_vpr import __version__
 from edge_vpr.errors import escaped
 from edge_vpr.files import replacing
-
-# A self-contained HTML page: text, tables and figures in one file that can be sent on.
-
 
 #: pixels of a browser in a point of a figure
 _PIXELS = 96 / 72
@@ -30,89 +27,10 @@ _LONGEST_NUMBER = 28
 _NUMBER = re.compile(r"(-?\d[\d,.]*(e[+-]?\d+)?|-)([ %]|$)")
 
 
-class _Part(Protocol):
-    def html(self) -> str: ...
-
-
-@dataclass(frozen=True)
-class _Text:
-    text: str
-
-    def html(self) -> str:
-        return f"<p>{as_html(self.text)}</p>\n"
-
-
-@dataclass(frozen=True)
-class _Table:
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-    def html(self) -> str:
-        # columns of numbers are aligned on the right
-        columns = zip(*self.rows, strict=True) if self.rows else [()] * len(self.header)
-        numbers = [any(column) and all(map(_is_number, column)) for column in columns]
-        classes = [' class="number"' if number else "" for number in numbers]
-
-        def row(cells: Sequence[str], tag: str, scope: str = "") -> str:
-            marked = zip(cells, classes, strict=True)
-            inner = (f"<{tag}{scope}{kind}>{as_html(text)}</{tag}>\n" for text, kind in marked)
-            return f"<tr>\n{''.join(inner)}</tr>"
-
-        label = ", ".join(map(as_html, self.header))
-        head = row(self.header, "th", ' scope="col"')
-        body = "".join(f"{row(cells, 'td')}\n" for cells in self.rows)
-        return (
-            f'<div class="scroll" role="region" tabindex="0" aria-label="{label}">\n<table>\n'
-            f"<thead>{head}</thead>\n"
-            f"<tbody>\n{body}</tbody>\n</table>\n</div>\n"
-        )
-
-
-@dataclass(frozen=True)
-class _Picture:
-    svg: str
-    caption: str
-    width: int
-
-    def html(self) -> str:
-        return (
-            f'<figure style="max-width: {self.width}px">\n{self.svg}\n'
-            f"<figcaption>{as_html(self.caption)}</figcaption>\n</figure>\n"
-        )
-
-
-@dataclass(frozen=True)
-class _Warning:
-    text: str
-
-    def html(self) -> str:
-        return f'<p class="warning"><strong>Warning:</strong> {as_html(self.text)}</p>\n'
-
-
-@dataclass(frozen=True)
-class _Verdict:
-    text: str
-
-    def html(self) -> str:
-        return f'<p class="verdict">{as_html(self.text)}</p>\n'
-
-
-@dataclass(frozen=True)
-class _Folded:
-    summary: str
-    text: str
-
-    def html(self) -> str:
-        return (
-            f"<details>\n<summary>{as_html(self.summary)}</summary>\n"
-            f"<pre>{as_html(self.text)}</pre>\n</details>\n"
-        )
-
-
 @dataclass
 class _Section:
     title: str = ""
-    parts: list[_Part] = field(default_factory=list)
+    parts: list[str] = field(default_factory=list)
 
     @property
     def anchor(self) -> str:
@@ -121,16 +39,19 @@ class _Section:
     def html(self) -> str:
         begin = f'<section id="{self.anchor}">\n' if self.anchor else "<section>\n"
         title = f"<h2>{as_html(self.title)}</h2>\n" if self.title else ""
-        return f"{begin}{title}{''.join(part.html() for part in self.parts)}</section>\n"
+        return f"{begin}{title}{''.join(self.parts)}</section>\n"
 
 
 class Page:
-    """Gathers the parts of a page and writes it at once, by ``templates/page.html``."""
+    """Gathers the parts of a page as HTML and writes it at once, by ``templates/page.html``."""
 
     def __init__(self, title: str) -> None:
         self._title = title
         self._sections = [_Section()]
         self._pictures = 0
+
+    def _add(self, part: str) -> None:
+        self._sections[-1].parts.append(part)
 
     def heading(self, text: str) -> None:
         """Start a section."""
@@ -138,20 +59,38 @@ class Page:
 
     def text(self, text: str) -> None:
         """Add a paragraph."""
-        self._sections[-1].parts.append(_Text(text))
+        self._add(f"<p>{as_html(text)}</p>\n")
 
     def table(self, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         """Add a table; columns in which every cell is a number are aligned on the right."""
-        self._sections[-1].parts.append(_Table(tuple(header), tuple(map(tuple, rows))))
+        rows = [tuple(cells) for cells in rows]
+        columns = zip(*rows, strict=True) if rows else [()] * len(header)
+        numbers = [any(column) and all(map(_is_number, column)) for column in columns]
+        classes = [' class="number"' if number else "" for number in numbers]
+
+        def row(cells: Sequence[str], tag: str, scope: str = "") -> str:
+            marked = zip(cells, classes, strict=True)
+            inner = (f"<{tag}{scope}{kind}>{as_html(text)}</{tag}>\n" for text, kind in marked)
+            return f"<tr>\n{''.join(inner)}</tr>"
+
+        label = ", ".join(map(as_html, header))
+        head = row(header, "th", ' scope="col"')
+        body = "".join(f"{row(cells, 'td')}\n" for cells in rows)
+        self._add(
+            f'<div class="scroll" role="region" tabindex="0" aria-label="{label}">\n<table>\n'
+            f"<thead>{head}</thead>\n"
+            f"<tbody>\n{body}</tbody>\n</table>\n</div>\n"
+        )
 
     def verdict(self, text: str) -> None:
         """Add the most important sentence, in large letters."""
         # a number and its unit stay in one line
-        self._sections[-1].parts.append(_Verdict(re.sub(r"(?<=\d) (?=(s|%)\b|%)", "\u00a0", text)))
+        text = re.sub(r"(?<=\d) (?=(s|%)\b|%)", "\u00a0", text)
+        self._add(f'<p class="verdict">{as_html(text)}</p>\n')
 
     def warning(self, text: str) -> None:
         """Add a warning, in a box."""
-        self._sections[-1].parts.append(_Warning(text))
+        self._add(f'<p class="warning"><strong>Warning:</strong> {as_html(text)}</p>\n')
 
     def picture(self, svg: bytes, caption: str) -> None:
         """Add an SVG of Matplotlib, which becomes a part of the page and has its colours."""
@@ -160,11 +99,17 @@ class Page:
         drawn = drawn.replace("<svg", f'<svg role="img" aria-label="{as_html(caption)}"', 1)
         size = _VIEW.search(drawn)
         width = round(float(size[1]) * _PIXELS * _ENLARGED) if size else 0
-        self._sections[-1].parts.append(_Picture(drawn, caption, width))
+        self._add(
+            f'<figure style="max-width: {width}px">\n{drawn}\n'
+            f"<figcaption>{as_html(caption)}</figcaption>\n</figure>\n"
+        )
 
     def folded(self, summary: str, text: str) -> None:
         """Add preformatted text, for example JSON, which opens on a click and is not printed."""
-        self._sections[-1].parts.append(_Folded(summary, text))
+        self._add(
+            f"<details>\n<summary>{as_html(summary)}</summary>\n"
+            f"<pre>{as_html(text)}</pre>\n</details>\n"
+        )
 
     def write(self, path: Path) -> None:
         """Write the page, atomically."""
@@ -265,8 +210,7 @@ def add_run(page: Page, record: Mapping[str, Any]) -> None:
     machine = record.get("machine", {})
     where = [("system", machine.get("system")), ("processor", machine.get("processor"))]
     page.table(
-        ("software and machine", ""),
-        [(name, str(one)) for name, one in (*versions, *where) if one],
+        ("software and machine", ""), [(name, str(one)) for name, one in (*versions, *where) if one]
     )
     inputs = record.get("inputs", ())
     if inputs:

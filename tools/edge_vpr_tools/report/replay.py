@@ -47,24 +47,14 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """What a film shows, frame by frame.
-
-    Attributes
-    ----------
-    outcome : Outcome
-        Of n matches, one a frame.
-    queries : Descriptors
-        Window of each frame, n of them.
-    cost : ndarray of float64, shape (K, n)
-        Of each place, NaN where it cannot match; the match is the place of the least.
-    images : ndarray of int64, shape (n, height, width), optional
-        Events of each window at every pixel.
-    """
+    """What a film shows, frame by frame."""
 
     reference: ReferenceMap
-    outcome: Outcome
-    queries: Descriptors
+    outcome: Outcome  #: Of n matches, one a frame.
+    queries: Descriptors  #: Window of each frame, n of them.
+    #: Shape (K, n): of each place, NaN where it cannot match; the match is the place of the least.
     cost: Floats
+    #: Shape (n, height, width): events of each window at every pixel.
     images: npt.NDArray[np.integer] | None = None
 
     def __len__(self) -> int:

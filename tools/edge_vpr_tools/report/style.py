@@ -273,18 +273,11 @@ _TICKS = 7
 
 @dataclass(frozen=True, eq=False)
 class Scale:
-    """A quantity that grows from window to window of a drive.
+    """A quantity that grows from window to window of a drive."""
 
-    Attributes
-    ----------
-    values : ndarray of float64, shape (n,)
-        Of each window, not falling; NaN where it is not known.
-    label : str
-        With the unit.
-    """
-
+    #: Shape (n,): of each window, not falling; NaN where it is not known.
     values: npt.NDArray[np.float64]
-    label: str
+    label: str  #: With the unit.
 
     def ticks(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Return round values, and between which windows each of them was reached.

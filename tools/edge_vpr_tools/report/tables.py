@@ -28,21 +28,13 @@ _MARKER = re.compile(r"^(<!-- table: (\S+?)(?: (.*?))? -->)\n(?:\n(?:\|.*\n)+)?"
 
 @dataclass(frozen=True)
 class TableView:
-    """Part of a table that a page shows.
+    """Part of a table that a page shows."""
 
-    Parameters
-    ----------
-    only : mapping of column to str
-        Rows that have these values; several are separated by `` | ``. A column of one value is
-        left out.
-    columns : sequence of str
-        Columns, in this order; by default all.
-    across : str, optional
-        Column whose values become columns, each with the only other measured column.
-    """
-
+    #: Rows that have these values; several are separated by `` | ``. A column of one value is left
+    #: out.
     only: Mapping[str, str]
-    columns: Sequence[str] = ()
+    columns: Sequence[str] = ()  #: Columns, in this order; by default all.
+    #: Column whose values become columns, each with the only other measured column.
     across: str | None = None
 
     @classmethod

@@ -276,49 +276,34 @@ def _figures_of(found: Evaluation) -> list[tuple[str, str, str]]:
 
 def _trust_figures(found: Evaluation) -> list[tuple[str, str, str]]:
     """Return figures on probabilities, and on queries that are not on the map."""
-    rejection = found.rejection
-    named: list[tuple[str, float | int | None, str]] = []
-    if found.reliability is not None:
-        named.append(
-            (
-                "calibration error",
-                found.reliability.expected_calibration_error,
-                "expected: mean gap between probabilities and shares of correct matches",
-            )
-        )
+    # fmt: off
+    rejection, reliability = found.rejection, found.reliability
+    named: list[tuple[str, float | int | None, str]] = [
+        ("calibration error", reliability.expected_calibration_error if reliability else None,
+         "expected: mean gap between probabilities and shares of correct matches"),
+    ]
     if rejection.off_map:
         named += [
-            (
-                "correct on the map",
-                rejection.right_on_map,
-                "share of correct matches among the queries that are on the map",
-            ),
-            (
-                "found at 99 % precision",
-                rejection.found_at_99_precision,
-                "correct matches above the best threshold, as a share of the queries on the map",
-            ),
-            (
-                "AUROC off the map",
-                rejection.off_map_auroc,
-                "how well trust tells queries off the map from those on it; 0.5 is chance",
-            ),
+            ("correct on the map", rejection.right_on_map,
+             "share of correct matches among the queries that are on the map"),
+            ("found at 99 % precision", rejection.found_at_99_precision,
+             "correct matches above the best threshold, as a share of the queries on the map"),
+            ("AUROC off the map", rejection.off_map_auroc,
+             "how well trust tells queries off the map from those on it; 0.5 is chance"),
         ]
     if rejection.accepted is not None:
         named += [
             ("accepted", rejection.accepted, "matches that are not marked lost"),
             ("precision of the accepted", rejection.precision, "share of correct ones among them"),
-            (
-                "recall of the accepted",
-                rejection.recall,
-                "correct ones among them, as a share of the queries on the map",
-            ),
+            ("recall of the accepted", rejection.recall,
+             "correct ones among them, as a share of the queries on the map"),
         ]
+    # fmt: on
     return [
         (name, f"{value}" if isinstance(value, int) else f"{value:.3f}", text)
         for name, value, text in named
         if value is not None
-    ]  # fmt: skip
+    ]
 
 
 def shown_distances(

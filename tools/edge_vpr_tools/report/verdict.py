@@ -27,21 +27,12 @@ Bools = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Whether each of n matches is accepted and, after an evaluation, correct.
-
-    Attributes
-    ----------
-    precision : float or None
-        At which matches are accepted; None where no probability is known.
-    accepted : ndarray of bool, shape (n,)
-        Whether each match is accepted.
-    truth, found : GroundTruth and Evaluation, or None
-        None before an evaluation.
-    """
+    """Whether each of n matches is accepted and, after an evaluation, correct."""
 
     matches: Matches
-    precision: float | None
-    accepted: Bools
+    precision: float | None  #: At which matches are accepted; None where no probability is known.
+    accepted: Bools  #: Shape (n,): whether each match is accepted.
+    #: truth, found: none before an evaluation.
     truth: GroundTruth | None = None
     found: Evaluation | None = None
 

@@ -73,30 +73,19 @@ def map_recording(
 
 
 class Calibrated(NamedTuple):
-    """A map with a table of probabilities, and their error.
-
-    Attributes
-    ----------
-    confidence : Confidence
-        The table, as the map has it.
-    settings_changed : bool
-        Whether the map took over the settings that the drive was matched with.
-    matches, right, off_map : int
-        That were learnt from, those of them that are correct, and queries off the map.
-    error_before : float or None
-        Expected calibration error of the table used before.
-    error : float
-        Expected calibration error on the drive that it was learnt from.
-    """
+    """A map with a table of probabilities, and their error."""
 
     reference: ReferenceMap
-    confidence: Confidence
+    confidence: Confidence  #: The table, as the map has it.
+    #: Whether the map took over the settings that the drive was matched with.
     settings_changed: bool
+    #: matches, right, off_map: that were learnt from, those of them that are correct, and queries
+    #: off the map.
     matches: int
     right: int
     off_map: int
-    error_before: float | None
-    error: float
+    error_before: float | None  #: Expected calibration error of the table used before.
+    error: float  #: Expected calibration error on the drive that it was learnt from.
 
 
 def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> Calibrated:

@@ -29,27 +29,13 @@ class Message:
 
 @dataclass(frozen=True)
 class Frames:
-    """Names of frames.
+    """Names of frames."""
 
-    Attributes
-    ----------
-    map : str
-        Of positions in metres.
-    route : str
-        Of metres along the route, on its x axis.
-    child : str
-        Of the robot.
-    sensor : str
-        Of the camera, for GPS positions.
-    tf : bool
-        Publish the transform from `map` to `child` as well.
-    """
-
-    map: str = "map"
-    route: str = "route"
-    child: str = "base_link"
-    sensor: str = "camera"
-    tf: bool = False
+    map: str = "map"  #: Of positions in metres.
+    route: str = "route"  #: Of metres along the route, on its x axis.
+    child: str = "base_link"  #: Of the robot.
+    sensor: str = "camera"  #: Of the camera, for GPS positions.
+    tf: bool = False  #: Publish the transform from `map` to `child` as well.
 
 
 #: Topics and their types, which are announced before the first row.

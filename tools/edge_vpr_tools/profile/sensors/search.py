@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.profile.sensors import hwmon, jetson, pmic, powercap
+from edge_vpr_tools.profile.sensors import hwmon, pmic, powercap
 from edge_vpr_tools.profile.sensors.sensor import ROOT, Missing, Sensor
 from edge_vpr_tools.profile.sensors.um_meter import UmMeter
 
@@ -27,7 +27,7 @@ def find_sensors(root: Path = ROOT) -> tuple[list[Sensor], list[Missing]]:
         The best one first: sensors of the whole board precede those of parts of it.
     missing : list of Missing
     """
-    finders: tuple[Finder, ...] = (hwmon.find, jetson.find, pmic.find, powercap.find)
+    finders: tuple[Finder, ...] = (hwmon.find, hwmon.find_iio, pmic.find, powercap.find)
     sensors, missing = [], []
     for finder in finders:
         found, absent = finder(root)

@@ -25,36 +25,16 @@ class SensorError(EdgeVprError):
 
 @dataclass(frozen=True)
 class About:
-    """What a sensor measures, and how well.
+    """What a sensor measures, and how well."""
 
-    Attributes
-    ----------
-    name : str
-        Name by which the user chooses the sensor.
-    kind : {"energy", "power"}
-        Whether it counts joules or returns watts.
-    scope : str
-        Parts of the machine that the reading includes, and those that it does not.
-    period_s : float
-        Time between two native readings; faster sampling gives duplicates.
-    resolution : float
-        Step of a reading, in joules or watts; 0 if it is not known.
-    gain_error : float
-        Largest relative error of the scale, shunt included.
-    detail : str
-        Source of the gain error, and what the user has to confirm.
-    shunt_mohm : float, optional
-        Shunt with which the reading was computed, if it is known.
-    """
-
-    name: str
-    kind: Kind
-    scope: str
-    period_s: float
-    resolution: float = 0.0
-    gain_error: float = 0.0
-    detail: str = ""
-    shunt_mohm: float | None = None
+    name: str  #: Name by which the user chooses the sensor.
+    kind: Kind  #: {"energy", "power"}: whether it counts joules or returns watts.
+    scope: str  #: Parts of the machine that the reading includes, and those that it does not.
+    period_s: float  #: Time between two native readings; faster sampling gives duplicates.
+    resolution: float = 0.0  #: Step of a reading, in joules or watts; 0 if it is not known.
+    gain_error: float = 0.0  #: Largest relative error of the scale, shunt included.
+    detail: str = ""  #: Source of the gain error, and what the user has to confirm.
+    shunt_mohm: float | None = None  #: Shunt with which the reading was computed, if it is known.
 
 
 class Sensor(ABC):

@@ -29,20 +29,14 @@ _GAIN_ERROR = 0.01
 
 @dataclass(frozen=True)
 class Model:
-    """Model of the meters.
-
-    Parameters
-    ----------
-    volts, amperes : float
-        Steps of its numbers.
-    end : bytes
-        Last bytes of a frame; empty if there is a checksum instead. The checksum is not needed,
-        since `decode` compares power with volts times amperes.
-    """
+    """Model of the meters."""
 
     name: str
+    #: volts, amperes: steps of its numbers.
     volts: float
     amperes: float
+    #: Last bytes of a frame; empty if there is a checksum instead. The checksum is not needed,
+    #: since `decode` compares power with volts times amperes.
     end: bytes
 
 
