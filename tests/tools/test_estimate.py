@@ -355,9 +355,9 @@ def test_two_designs_are_compared_in_every_layer(tmp_path, capsys):
         shown = " ".join(capsys.readouterr().out.split())
         found = json.loads(out.read_text())["vs"]
         assert found["counts"]["counters"] == [150, slots]
-        assert found["counts"]["absolute differences, a search"] == [150 * 200, slots * 200]
-        assert found["counts"]["bytes a place"] == [57, -(-slots * 3 // 8)]
-        for name in ("bytes read, a search", "RAM of the firmware in C"):
+        assert found["counts"]["absolute differences per search"] == [150 * 200, slots * 200]
+        assert found["counts"]["bytes per place"] == [57, -(-slots * 3 // 8)]
+        for name in ("bytes read per search", "RAM of the firmware in C"):
             ours, theirs = found["counts"][name]
             assert (theirs > ours) == (slots > 150)
         ours, theirs = found["targets"]["Cortex-M4"]

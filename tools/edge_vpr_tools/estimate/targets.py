@@ -228,7 +228,9 @@ def matching(of: Design) -> str:
     """Return how a design matches."""
     if not of.filters:
         return f"sequences of {of.length}"
-    return f"place filter of {len(of.steps) + len(of.back)} steps"
+    if of.activity_costs:
+        return "place filter"
+    return f"place filter with {len(of.steps) + len(of.back)} costs of steps"
 
 
 def short_text(of: Design) -> str:

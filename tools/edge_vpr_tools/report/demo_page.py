@@ -28,7 +28,7 @@ def rows(trials: dict[str, Trial]) -> list[tuple[str, ...]]:
             f"{trial.evaluation.recall_at_99_precision:.3f}",
             f"{trial.reference.packed_bytes_per_place:,}",
             f"{trial.operations:,}",
-            f"{trial.microseconds_per_match:,.1f} us",
+            f"{trial.microseconds_per_match:,.1f} µs",
         )
         for name, trial in trials.items()
     ]
