@@ -1,4 +1,8 @@
-"""Simulate the core with Icarus Verilog: replay a case of golden vectors, return its records."""
+"""Simulate the core: replay a case of golden vectors, return its records.
+
+By Icarus Verilog; or by Verilator, whose programs take seconds to build and some hundredths of the
+time to run. Verilator knows no undefined values: registers and memories begin with random ones.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,9 @@ from firmware_model.vectors.case import Record
 from firmware_model.vectors.manifest import RTL_FOLDER, load_manifest
 from firmware_model.vectors.verify import read_results
 
-COMPILER, RUNTIME = "iverilog", "vvp"
+COMPILER, RUNTIME, BUILDER = "iverilog", "vvp", "verilator"
+#: suffix of programs that `RUNTIME` runs
+INTERPRETED = ".vvp"
 
 
 class Replay(NamedTuple):
@@ -100,6 +106,51 @@ def compile_bench(
     _run([*command, "-o", str(program), str(package), *map(str, files)])
 
 
+def build_bench(
+    package: Path,
+    folder: Path,
+    sources_folder: Path,
+    more: Sequence[Path] = (),
+    *,
+    slow_blocks: bool = False,
+) -> Path:
+    """Build core and testbench for one design with Verilator; return the program.
+
+    Parameters
+    ----------
+    package : path
+        Generated package of the design.
+    folder : path
+        New folder. Of another one beside it, Verilator's own library is taken.
+    sources_folder : path
+        Folder of the core's sources.
+    more : sequence of path
+        Sources before them.
+    slow_blocks : bool
+        Same as for `compile_bench`.
+
+    Raises
+    ------
+    ToolError
+        If Verilator is not installed, or refuses the sources.
+    """
+    files = [package, *more, *(sources_folder / name for name in sources.SIMULATED)]
+    _run(
+        [
+            BUILDER, "--cc", "--exe", "--main", "--timing", "-Wno-lint", "-Wno-fatal",
+            "--x-assign", "unique", "--x-initial", "unique", "--top-module", "vpr_bench",
+            f"-GSLOW_BLOCKS={int(slow_blocks)}", "--Mdir", str(folder), *map(str, files),
+        ]
+    )  # fmt: skip
+    for built in folder.parent.glob(f"*/{BUILDER}d*.[od]"):
+        shutil.copy2(built, folder)
+    program = folder / "Vvpr_bench"
+    # most of the time goes to the compiler
+    options = ("OPT_FAST=-O1", "OPT_SLOW=-O0", "OPT_GLOBAL=-O1", "VM_PARALLEL_BUILDS=0")
+    _run(["make", "-C", str(folder), "-f", f"{program.name}.mk", program.name, *options])
+    return program
+
+
 def replay(
     program: Path,
     case: Path,
@@ -107,6 +158,7 @@ def replay(
     results: Path,
     conditions: Conditions = UNDISTURBED,
     *,
+    more: Sequence[str] = (),
     seconds: int | None = None,
     trace: Path | None = None,
 ) -> Replay:
@@ -115,7 +167,7 @@ def replay(
     Parameters
     ----------
     program : path
-        Program of `compile_bench` for the design of this case.
+        Program of `compile_bench` or `build_bench` for the design of this case.
     case : path
         Folder of the case.
     name : str
@@ -124,6 +176,8 @@ def replay(
         CSV file to be written.
     conditions : Conditions
         The program decides about `slow_blocks`.
+    more : sequence of str
+        Further words for the program.
     seconds : int, optional
         Processor seconds after which a simulation that has not ended is a fault.
     trace : path, optional
@@ -139,7 +193,9 @@ def replay(
     if trace is not None:
         arguments["trace"] = trace.resolve()
     words = [f"+{key}={value}" for key, value in arguments.items()]
-    said = _run([RUNTIME, "-n", str(program.resolve()), *words], case, seconds)
+    words += more
+    runtime = [RUNTIME, "-n"] if program.suffix == INTERPRETED else []
+    said = _run([*runtime, str(program.resolve()), *words], case, seconds)
     found = re.search(r"at most (\d+) in a row, cycles a match (\d+) to (\d+)", said)
     if found is None:
         raise ToolError(f"the testbench of {name} did not come to its end: {said.strip()}")
@@ -167,7 +223,7 @@ class Programs:
         package = case / f"{PACKAGE}.sv"
         key = package.read_text(encoding="ascii"), slow_blocks
         if key not in self._known:
-            self._known[key] = self._work / f"design_{len(self._known)}.vvp"
+            self._known[key] = self._work / f"design_{len(self._known)}{INTERPRETED}"
             compile_bench(package, self._known[key], self._rtl, slow_blocks=slow_blocks)
         return self._known[key]
 
