@@ -6,12 +6,12 @@ time to run. Verilator knows no undefined values: registers and memories begin w
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shutil
 import signal
 import subprocess
 from collections.abc import Iterator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -142,7 +142,7 @@ def build_bench(
             f"-GSLOW_BLOCKS={int(slow_blocks)}", "--Mdir", str(folder), *map(str, files),
         ]
     )  # fmt: skip
-    for built in folder.parent.glob(f"*/{BUILDER}d*.[od]"):
+    for built in folder.parent.glob("*/verilated*.[od]"):
         shutil.copy2(built, folder)
     program = folder / "Vvpr_bench"
     # most of the time goes to the compiler
@@ -158,11 +158,43 @@ def replay(
     results: Path,
     conditions: Conditions = UNDISTURBED,
     *,
-    more: Sequence[str] = (),
     seconds: int | None = None,
     trace: Path | None = None,
 ) -> Replay:
     """Replay a case of golden vectors.
+
+    Parameters
+    ----------
+    program, case, name, results, conditions, seconds
+        Same as for `run_bench`.
+    trace : path, optional
+        VCD file of the testbench's signals to be written.
+
+    Raises
+    ------
+    ToolError
+        If Icarus Verilog is not installed, or the testbench ends with a fault.
+    """
+    more = [] if trace is None else [f"+trace={trace.resolve()}"]
+    said = run_bench(program, case, name, results, conditions, more, seconds=seconds)
+    found = re.search(r"at most (\d+) in a row, cycles a match (\d+) to (\d+)", said)
+    if found is None:
+        raise ToolError(f"the testbench of {name} did not come to its end: {said.strip()}")
+    in_a_row, least, most = map(int, found.groups())
+    return Replay(read_results(results), least, most, in_a_row)
+
+
+def run_bench(
+    program: Path,
+    case: Path,
+    name: str,
+    results: Path,
+    conditions: Conditions,
+    more: Sequence[str] = (),
+    *,
+    seconds: int | None = None,
+) -> str:
+    """Run a case of golden vectors, and return what the testbench prints.
 
     Parameters
     ----------
@@ -180,27 +212,17 @@ def replay(
         Further words for the program.
     seconds : int, optional
         Processor seconds after which a simulation that has not ended is a fault.
-    trace : path, optional
-        VCD file of the testbench's signals to be written.
 
     Raises
     ------
     ToolError
-        If Icarus Verilog is not installed, or the testbench ends with a fault.
+        Same as for `replay`.
     """
     arguments = {"case": name, "results": results.resolve(), **conditions._asdict()}
     del arguments["slow_blocks"]
-    if trace is not None:
-        arguments["trace"] = trace.resolve()
-    words = [f"+{key}={value}" for key, value in arguments.items()]
-    words += more
+    words = [*(f"+{key}={value}" for key, value in arguments.items()), *more]
     runtime = [RUNTIME, "-n"] if program.suffix == INTERPRETED else []
-    said = _run([*runtime, str(program.resolve()), *words], case, seconds)
-    found = re.search(r"at most (\d+) in a row, cycles a match (\d+) to (\d+)", said)
-    if found is None:
-        raise ToolError(f"the testbench of {name} did not come to its end: {said.strip()}")
-    in_a_row, least, most = map(int, found.groups())
-    return Replay(read_results(results), least, most, in_a_row)
+    return _run([*runtime, str(program.resolve()), *words], case, seconds)
 
 
 class Programs:
@@ -265,30 +287,27 @@ def replay_vectors(
 
 
 def _run(command: Sequence[str], folder: Path | None = None, seconds: int | None = None) -> str:
+    pipe = subprocess.PIPE
     try:
-        # processor time is limited, so that a busy computer does not cause a fault
-        done = subprocess.run(
-            command,
-            capture_output=True,
-            text=True,
-            cwd=folder,
-            check=False,
-            preexec_fn=None if seconds is None else partial(_limit, seconds),
-        )
+        with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, cwd=folder) as program:
+            if seconds is not None:
+                _limit(program.pid, seconds)
+            out, errors = program.communicate()
     except FileNotFoundError as error:
         raise ToolError(
             f"simulating the core needs {command[0]}, which is not installed: install Icarus "
             "Verilog, for example by apt install iverilog"
         ) from error
-    if seconds is not None and done.returncode == -signal.SIGXCPU:
+    if seconds is not None and program.returncode == -signal.SIGXCPU:
         raise ToolError(f"{command[0]} took more than {seconds} s of the processor")
-    if done.returncode:
-        raise ToolError(f"{command[0]}: {(done.stderr + done.stdout).strip()}")
-    return done.stdout
+    if program.returncode:
+        raise ToolError(f"{command[0]}: {(errors + out).strip()}")
+    return out
 
 
-def _limit(seconds: int) -> None:
-    """Limit the processor time of the child process only."""
+def _limit(process: int, seconds: int) -> None:
+    """Limit the processor time of a process, so that a busy computer does not cause a fault."""
     import resource  # not available on Windows
 
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
+    with contextlib.suppress(ProcessLookupError):  # it has ended
+        resource.prlimit(process, resource.RLIMIT_CPU, (seconds, seconds + 1))

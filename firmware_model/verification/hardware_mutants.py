@@ -17,7 +17,9 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from itertools import accumulate
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -31,7 +33,7 @@ from firmware_model.hardware.simulation import Conditions
 from firmware_model.model.design import Design
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import standard_suites, write_suites
-from firmware_model.vectors.verify import verify
+from firmware_model.vectors.verify import read_results, verify
 from firmware_model.verification.mutants import mutants_at
 
 #: mutants of a run of all sources
@@ -39,6 +41,7 @@ DRAWN = 60
 #: Processor seconds of a simulation, after which the mutant counts as found. The longest case takes
 #: four; the testbench itself detects a core that has stopped.
 LIMIT = 30
+RESULTS = "results.csv"
 #: the same of the programs of Verilator, whose longest case takes a tenth
 BUILT_LIMIT = 3
 _SEQUENCES = Design(
@@ -326,7 +329,7 @@ class Bench:
         self.cases: list[Trial] = []
         self._rtl = folder / "rtl"
         sources.copy_sources(self._rtl, sources.SIMULATED)
-        self._work, self._results = folder, folder / "results.csv"
+        self._work = folder
         for number, design in enumerate(DESIGNS):
             suites = standard_suites(design, seed)
             if number:  # the cases of sequences are already present
@@ -384,11 +387,16 @@ class Bench:
             if mutant is not None:
                 shutil.copyfile(sources.FOLDER / mutant.file, self._rtl / mutant.file)
 
-    def find(self, mutants: Sequence[Mutant]) -> Iterator[tuple[Mutant, str]]:
+    def find(self, mutants: Sequence[Mutant], jobs: int = 1) -> Iterator[tuple[Mutant, str]]:
         """Yield mutants, and the case that finds each; those that are not found are left out.
 
         A program of Verilator for each design has all that are left. What changes the elaboration
         is left out too.
+
+        Parameters
+        ----------
+        jobs : int
+            Programs at a time.
 
         Raises
         ------
@@ -400,24 +408,38 @@ class Bench:
         for case in self.cases:
             package = (case.vectors / case.name / f"{PACKAGE}.sv").read_text(encoding="ascii")
             programs.setdefault((package, case.conditions.slow_blocks), []).append(case)
-        for at, cases in enumerate(programs.values()):
-            program, numbers = self._with_all(self._work / f"built_{at}", cases[0], left)
-            for case in cases:
-                if self._differs(program, case, -1):
-                    raise ToolError(f"the core without a mutant differs in {case}")
-                usual = self._results.read_bytes()
-                for number in sorted(numbers & left.keys()):
-                    if self._differs(program, case, number, usual):
-                        yield left.pop(number), str(case)
-            if at:  # the first has the library
-                shutil.rmtree(program.parent)
+        # the others take the library of the first
+        self._with_all(self._work / "first", self.cases[0], {})
+        with ThreadPoolExecutor(jobs) as pool:
+            for found in pool.map(partial(self._found_in, left), *zip(*enumerate(programs.values()))):
+                for number, case in found.items():
+                    yield mutants[number], case
+
+    def _found_in(self, left: dict[int, Mutant], at: int, cases: Sequence[Trial]) -> dict[int, str]:
+        """Run the cases of one design; move what they find from those that are left."""
+        if not left:
+            return {}
+        folder = self._work / f"built_{at}"
+        program, numbers = self._with_all(folder, cases[0], left.copy())
+        found = {}
+        for case in cases:
+            if self._differs(program, case, -1):
+                raise ToolError(f"the core without a mutant differs in {case}")
+            usual = (folder / RESULTS).read_bytes()
+            for number in sorted(numbers):
+                if number in left and self._differs(program, case, number, usual):
+                    if left.pop(number, None) is not None:
+                        found[number] = str(case)
+        shutil.rmtree(folder)
+        return found
 
     def _with_all(
         self, folder: Path, case: Trial, left: Mapping[int, Mutant]
     ) -> tuple[Path, set[int]]:
         """Build the program for the design of a case, with all mutants that can be chosen in it."""
-        rtl, numbers = self._work / "chosen", set()
-        rtl.mkdir(exist_ok=True)
+        numbers: set[int] = set()
+        rtl = folder.with_suffix(".rtl")
+        rtl.mkdir()
         for file in sources.SIMULATED:
             text = (sources.FOLDER / file).read_text(encoding="ascii")
             its_own = {number: mutant for number, mutant in left.items() if mutant.file == file}
@@ -436,14 +458,15 @@ class Bench:
         """Return whether a mutant's records differ from those of the vectors, in any way."""
         # registers begin with random values
         more = [f"+mutant={number}", "+verilator+rand+reset+2", f"+verilator+seed+{self._seed}"]
-        folder = case.vectors / case.name
+        folder, results = case.vectors / case.name, program.parent / RESULTS
         try:
-            done = simulation.replay(
-                program, folder, case.name, self._results, case.conditions,
-                more=more, seconds=BUILT_LIMIT,
-            )  # fmt: skip
-            same = self._results.read_bytes() == usual  # or in another order
-            return not same and bool(verify(case.vectors, done.records).differences)
+            simulation.run_bench(
+                program, folder, case.name, results, case.conditions, more, seconds=BUILT_LIMIT
+            )
+            if results.read_bytes() == usual:
+                return False
+            # the same records may come in another order
+            return bool(verify(case.vectors, read_results(results)).differences)
         except (ToolError, VectorError):
             return True
 
@@ -452,7 +475,7 @@ class Bench:
         try:
             program = programs.of(folder, slow_blocks=case.conditions.slow_blocks)
             done = simulation.replay(
-                program, folder, case.name, self._results, case.conditions, seconds=LIMIT
+                program, folder, case.name, self._work / RESULTS, case.conditions, seconds=LIMIT
             )
             return not verify(case.vectors, done.records).differences
         except (ToolError, VectorError):
