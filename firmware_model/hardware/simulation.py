@@ -112,6 +112,7 @@ def build_bench(
     sources_folder: Path,
     more: Sequence[Path] = (),
     *,
+    library: Path | None = None,
     slow_blocks: bool = False,
 ) -> Path:
     """Build core and testbench for one design with Verilator; return the program.
@@ -121,11 +122,13 @@ def build_bench(
     package : path
         Generated package of the design.
     folder : path
-        New folder. Of another one beside it, Verilator's own library is taken.
+        New folder.
     sources_folder : path
         Folder of the core's sources.
     more : sequence of path
         Sources before them.
+    library : path, optional
+        Folder of another program, from which Verilator's own library is taken.
     slow_blocks : bool
         Same as for `compile_bench`.
 
@@ -142,7 +145,7 @@ def build_bench(
             f"-GSLOW_BLOCKS={int(slow_blocks)}", "--Mdir", str(folder), *map(str, files),
         ]
     )  # fmt: skip
-    for built in folder.parent.glob("*/verilated*.[od]"):
+    for built in library.glob("verilated*.[od]") if library else ():
         shutil.copy2(built, folder)
     program = folder / "Vvpr_bench"
     # most of the time goes to the compiler

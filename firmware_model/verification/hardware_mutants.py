@@ -450,9 +450,12 @@ class Bench:
         choice = rtl / "mutation.sv"
         choice.write_text(CHOICE, encoding="ascii")
         package = case.vectors / case.name / f"{PACKAGE}.sv"
-        slow_blocks = case.conditions.slow_blocks
-        build = simulation.build_bench(package, folder, rtl, [choice], slow_blocks=slow_blocks)
-        return build, numbers
+        first = self._work / "first"
+        program = simulation.build_bench(
+            package, folder, rtl, [choice],
+            library=first if first.exists() else None, slow_blocks=case.conditions.slow_blocks,
+        )  # fmt: skip
+        return program, numbers
 
     def _differs(self, program: Path, case: Trial, number: int, usual: bytes = b"") -> bool:
         """Return whether a mutant's records differ from those of the vectors, in any way."""
