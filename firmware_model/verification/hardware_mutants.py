@@ -11,29 +11,24 @@ It needs Icarus Verilog.
 from __future__ import annotations
 
 import argparse
-import os
 import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
-from itertools import accumulate
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from firmware_model.errors import ToolError, VectorError
 from firmware_model.hardware import simulation, sources
-from firmware_model.hardware.parameters import PACKAGE
 from firmware_model.hardware.simulation import Conditions
 from firmware_model.model.design import Design
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import standard_suites, write_suites
-from firmware_model.vectors.verify import read_results, verify
+from firmware_model.vectors.verify import verify
 from firmware_model.verification.mutants import mutants_at
 
 #: mutants of a run of all sources
@@ -41,9 +36,6 @@ DRAWN = 60
 #: Processor seconds of a simulation, after which the mutant counts as found. The longest case takes
 #: four; the testbench itself detects a core that has stopped.
 LIMIT = 30
-RESULTS = "results.csv"
-#: the same of the programs of Verilator, whose longest case takes a tenth
-BUILT_LIMIT = 3
 _SEQUENCES = Design(
     width=24, height=16, pixels=9, places=20, length=3, full_scales=(15,), window_events=12, lanes=4
 )
@@ -91,7 +83,7 @@ _CHANGES = tuple(
         (r"'0\b", "'1"), (r"!(?=[a-z(])", ""), (r" - 1\)", ")"),
     )
 )  # fmt: skip
-_STATEMENT = re.compile(r"^(\s+(?:if \([^;]*\) |else )?)\w[\w\[\]:]*\s+<= .*;$")
+_STATEMENT = re.compile(r"^\s+(?:if \([^;]*\) |else )?\w[\w\[\]:]*\s+<= .*;$")
 #: lines with declarations instead of behaviour
 _STATED = re.compile(
     r"^\s*(?://|parameter|localparam|input|output|logic [^=]*;|\.|genvar|for |module|wire unused)"
@@ -133,8 +125,8 @@ def mutants(file: str, source: str) -> Iterator[Mutant]:
         for pattern, new in _CHANGES:
             for found in pattern.finditer(code):
                 yield Mutant(file, number, code[: found.start()] + new + code[found.end() :])
-        if statement := _STATEMENT.match(code):
-            yield Mutant(file, number, f"{statement[1]};")
+        if _STATEMENT.match(code):
+            yield Mutant(file, number, ";" if code.lstrip().startswith(("if", "else")) else "")
 
 
 def all_mutants() -> list[Mutant]:
@@ -153,155 +145,6 @@ def chosen(every: Sequence[Mutant], places: Sequence[str]) -> list[Mutant]:
 
 def _places(mutant: Mutant) -> set[str]:
     return {mutant.file, f"{mutant.file}:{mutant.line + 1}"}
-
-
-# All mutants in one program: the changed statement is chosen when it runs.
-
-
-class Region(NamedTuple):
-    """Part of a source of which another text can be chosen: a condition, a statement, or a net."""
-
-    kind: Literal["condition", "statement", "assign", "wire"]
-    begin: int
-    end: int
-
-
-#: package of the chosen mutant, and its file
-CHOICE = """\
-package mutation;
-    function automatic int given();
-        if (!$value$plusargs("mutant=%d", given)) given = -1;
-    endfunction
-    int chosen = given();
-endpackage
-"""
-_CHOSEN = "mutation::chosen"
-_WORD = re.compile(r"\w+")
-_NET = re.compile(r"wire\s+(?P<type>(?:signed\s+)?(?:\[[^\]]*\]\s*)*)(?P<name>\w+)\s*=")
-_BEHAVIOUR = re.compile(
-    r"\b(?:always_ff\s*@\([^)]*\)|always_comb|initial|function\b[^;]*;|wire\b|assign\b)"
-)
-
-
-def with_choice(source: str, numbered: Mapping[int, Mutant]) -> tuple[str, set[int]]:
-    """Return a source in which one of its mutants is chosen by its number.
-
-    Returns
-    -------
-    str
-        It refers to the package `CHOICE`.
-    set of int
-        Numbers of the mutants that it has. It has none of those that change what is elaborated.
-    """
-    regions = list(_regions(source))
-    starts = [0, *accumulate(len(line) + 1 for line in source.split("\n"))]
-    texts: dict[Region, dict[int, str]] = {}
-    for number, mutant in numbered.items():
-        old = source[starts[mutant.line] :].partition("\n")[0].partition("//")[0].rstrip()
-        same = len(os.path.commonprefix([old, mutant.text]))
-        rest = len(os.path.commonprefix([old[same:][::-1], mutant.text[same:][::-1]]))
-        begin, end = starts[mutant.line] + same, starts[mutant.line] + len(old) - rest
-        around = [region for region in regions if region.begin <= begin and end <= region.end]
-        if around:
-            region = min(around, key=lambda region: region.end - region.begin)
-            new = mutant.text[same : len(mutant.text) - rest]
-            text = source[region.begin : begin] + new + source[end : region.end]
-            texts.setdefault(region, {})[number] = text
-    for region in sorted(texts, key=lambda region: -region.begin):
-        chosen = _chosen(region, source[region.begin : region.end], texts[region])
-        source = source[: region.begin] + chosen + source[region.end :]
-    return source, {number for of_region in texts.values() for number in of_region}
-
-
-def _chosen(region: Region, usual: str, texts: Mapping[int, str]) -> str:
-    """Return the text that takes one of some texts in the place of the usual one."""
-    if region.kind == "condition":  # `|`: each has its own width
-        for number, text in texts.items():
-            usual = f"{_CHOSEN} == {number} ? |({text}\n) : |({usual}\n)"
-        return usual
-    head, target, skipped = "", "", 0
-    if region.kind == "assign":
-        skipped = _until(_code(usual), 0, "=") + 1
-        head, target = "always_comb ", f"{usual[len('assign') : skipped]} "
-    elif region.kind == "wire":
-        net = _NET.match(usual)
-        assert net is not None
-        skipped = net.end()
-        head, target = f"logic {net['type']}{net['name']}; always_comb ", f"{net['name']} = "
-    cases = (f"{number}: {target}{text[skipped:]}\n" for number, text in texts.items())
-    return f"{head}case ({_CHOSEN})\n{''.join(cases)}default: {target}{usual[skipped:]}\nendcase"
-
-
-def _code(source: str) -> str:
-    """Return a source with blanks in the place of comments and texts."""
-    return re.sub(r"//[^\n]*|\"[^\"\n]*\"", lambda found: " " * len(found[0]), source)
-
-
-def _regions(source: str) -> Iterator[Region]:
-    code, at = _code(source), 0
-    while found := _BEHAVIOUR.search(code, at):
-        word = found[0]
-        if word in ("wire", "assign"):
-            at = _until(code, found.start(), ";") + 1
-            if word == "assign" or _NET.match(code, found.start()):
-                yield Region("assign" if word == "assign" else "wire", found.start(), at)
-        elif word.startswith("function"):
-            at = found.end()
-            while _word(code, at) != "endfunction":
-                at = yield from _statement(code, at)
-        else:
-            at = yield from _statement(code, found.end())
-
-
-def _statement(code: str, at: int) -> Generator[Region, None, int]:
-    """Yield the conditions and simple statements of a statement; return where it ends."""
-    at = _skipped(code, at)
-    word = _word(code, at)
-    behind = at + len(word)
-    if word == "begin":
-        at = behind
-        if code[_skipped(code, at)] == ":":
-            name = _skipped(code, _skipped(code, at) + 1)
-            at = name + len(_word(code, name))
-        while _word(code, at) != "end":
-            at = yield from _statement(code, at)
-        return _skipped(code, at) + len("end")
-    if word == "if":
-        end = _until(code, behind, ")")
-        yield Region("condition", code.index("(", behind) + 1, end)
-        at = yield from _statement(code, end + 1)
-        if _word(code, at) == "else":
-            at = yield from _statement(code, _skipped(code, at) + len("else"))
-        return at
-    if word == "case":
-        at = _until(code, behind, ")") + 1
-        while _word(code, at) != "endcase":
-            at = yield from _statement(code, _until(code, at, ":") + 1)
-        return _skipped(code, at) + len("endcase")
-    if word == "for":
-        return (yield from _statement(code, _until(code, behind, ")") + 1))
-    end = _until(code, at, ";") + 1
-    yield Region("statement", at, end)
-    return end
-
-
-def _skipped(code: str, at: int) -> int:
-    return at + len(code[at:]) - len(code[at:].lstrip())
-
-
-def _word(code: str, at: int) -> str:
-    found = _WORD.match(code, _skipped(code, at))
-    return found[0] if found else ""
-
-
-def _until(code: str, at: int, sign: str) -> int:
-    """Return where a sign is next outside of brackets, or where a bracket closes."""
-    depth = 0
-    for i in range(at, len(code)):
-        depth += (code[i] in "([{") - (code[i] in ")]}")
-        if depth == 0 and code[i] == sign:
-            return i
-    raise ToolError(f"no {sign!r} behind {code[at : at + 40]!r}")
 
 
 class Bench:
@@ -387,98 +230,13 @@ class Bench:
             if mutant is not None:
                 shutil.copyfile(sources.FOLDER / mutant.file, self._rtl / mutant.file)
 
-    def find(self, mutants: Sequence[Mutant], jobs: int = 1) -> Iterator[tuple[Mutant, str]]:
-        """Yield mutants, and the case that finds each; those that are not found are left out.
-
-        A program of Verilator for each design has all that are left. What changes the elaboration
-        is left out too.
-
-        Parameters
-        ----------
-        jobs : int
-            Programs at a time.
-
-        Raises
-        ------
-        ToolError
-            If Verilator is missing, or the source itself differs.
-        """
-        left = dict(enumerate(mutants))
-        programs: dict[tuple[str, bool], list[Trial]] = {}
-        for case in self.cases:
-            package = (case.vectors / case.name / f"{PACKAGE}.sv").read_text(encoding="ascii")
-            programs.setdefault((package, case.conditions.slow_blocks), []).append(case)
-        # the others take the library of the first
-        self._with_all(self._work / "first", self.cases[0], {})
-        with ThreadPoolExecutor(jobs) as pool:
-            for found in pool.map(partial(self._found_in, left), *zip(*enumerate(programs.values()))):
-                for number, case in found.items():
-                    yield mutants[number], case
-
-    def _found_in(self, left: dict[int, Mutant], at: int, cases: Sequence[Trial]) -> dict[int, str]:
-        """Run the cases of one design; move what they find from those that are left."""
-        if not left:
-            return {}
-        folder = self._work / f"built_{at}"
-        program, numbers = self._with_all(folder, cases[0], left.copy())
-        found = {}
-        for case in cases:
-            if self._differs(program, case, -1):
-                raise ToolError(f"the core without a mutant differs in {case}")
-            usual = (folder / RESULTS).read_bytes()
-            for number in sorted(numbers):
-                if number in left and self._differs(program, case, number, usual):
-                    if left.pop(number, None) is not None:
-                        found[number] = str(case)
-        shutil.rmtree(folder)
-        return found
-
-    def _with_all(
-        self, folder: Path, case: Trial, left: Mapping[int, Mutant]
-    ) -> tuple[Path, set[int]]:
-        """Build the program for the design of a case, with all mutants that can be chosen in it."""
-        numbers: set[int] = set()
-        rtl = folder.with_suffix(".rtl")
-        rtl.mkdir()
-        for file in sources.SIMULATED:
-            text = (sources.FOLDER / file).read_text(encoding="ascii")
-            its_own = {number: mutant for number, mutant in left.items() if mutant.file == file}
-            if its_own:
-                text, found = with_choice(text, its_own)
-                numbers |= found
-            (rtl / file).write_text(text, encoding="ascii")
-        choice = rtl / "mutation.sv"
-        choice.write_text(CHOICE, encoding="ascii")
-        package = case.vectors / case.name / f"{PACKAGE}.sv"
-        first = self._work / "first"
-        program = simulation.build_bench(
-            package, folder, rtl, [choice],
-            library=first if first.exists() else None, slow_blocks=case.conditions.slow_blocks,
-        )  # fmt: skip
-        return program, numbers
-
-    def _differs(self, program: Path, case: Trial, number: int, usual: bytes = b"") -> bool:
-        """Return whether a mutant's records differ from those of the vectors, in any way."""
-        # registers begin with random values
-        more = [f"+mutant={number}", "+verilator+rand+reset+2", f"+verilator+seed+{self._seed}"]
-        folder, results = case.vectors / case.name, program.parent / RESULTS
-        try:
-            simulation.run_bench(
-                program, folder, case.name, results, case.conditions, more, seconds=BUILT_LIMIT
-            )
-            if results.read_bytes() == usual:
-                return False
-            # the same records may come in another order
-            return bool(verify(case.vectors, read_results(results)).differences)
-        except (ToolError, VectorError):
-            return True
-
     def _holds(self, case: Trial, programs: simulation.Programs) -> bool:
         folder = case.vectors / case.name
         try:
             program = programs.of(folder, slow_blocks=case.conditions.slow_blocks)
+            results = self._work / "results.csv"
             done = simulation.replay(
-                program, folder, case.name, self._work / RESULTS, case.conditions, seconds=LIMIT
+                program, folder, case.name, results, case.conditions, seconds=LIMIT
             )
             return not verify(case.vectors, done.records).differences
         except (ToolError, VectorError):
