@@ -476,8 +476,8 @@ _MATCHING = _group(
         show=costs_word,
         valid=lambda values: len(values) > 0 and are_costs(values),
         expected="1 to 16 costs from 0 to 254, for example 1,0,1",
-        more="With two places per window, steps are of half a window's way, and auto is 1,0,0,0,0,1 "
-        "for fixed-count windows.",
+        more="With two places per window, steps are of half a window's way, and auto is "
+        "1,0,0,0,0,1 for fixed-count windows.",
         needs=_FILTER,
     ),
     filter_back=SettingField(
