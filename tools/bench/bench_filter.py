@@ -12,6 +12,7 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.matching.distances import distance_matrix
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.settings import PRESETS, Settings
+from fixedpoint.activity import ACTIVITY_COSTS, SAME_ROW
 
 PLACES, WINDOWS, J = 641, 724, 150
 SMOOTHED = PRESETS["default"]
@@ -38,6 +39,7 @@ def ours(settings: Settings):
 def by_numpy():
     """Take the filter's formulas (docs/place_filter.md) as array operations, a window at a time."""
     places, queries = drive(PLACES, 1).counts, drive(WINDOWS, 2).counts
+    costs = ACTIVITY_COSTS[SAME_ROW]  # all windows of these drives have as many events
 
     def run():
         distances = distance_matrix(places, queries).T.astype(np.int64)
@@ -48,9 +50,10 @@ def by_numpy():
             metric = np.minimum(prediction + np.minimum(scaled, 255), 1023)
             found.append(int(metric.argmin()))
             least, reciprocal = metric.min(), own
-            prediction = np.minimum(metric + 4, least + 64)
-            prediction[1:] = np.minimum(prediction[1:], metric[:-1])
-            prediction[2:] = np.minimum(prediction[2:], metric[:-2] + 4)
+            prediction = np.full(PLACES, least + 64)
+            for step, cost in enumerate(costs):
+                moved = prediction[step:]
+                np.minimum(moved, metric[: PLACES - step] + cost, out=moved)
             prediction -= least
         return np.array(found)
 

@@ -30,7 +30,7 @@ class Entry(NamedTuple):
     note: str = ""
 
 
-HEADER = ("work", "by", "least", "median", "edge-vpr against it", "target")
+HEADER = ("work", "by", "least", "median", "edge-vpr against it", "target", "note")
 
 
 def rows(entries: Iterable[Entry]) -> list[tuple[str, ...]]:
@@ -49,9 +49,8 @@ def rows(entries: Iterable[Entry]) -> list[tuple[str, ...]]:
             against = ""
             if ratio is not None:
                 against = f"{ratio:.2f} of it" if entry.limit else f"{ratio:.1f} x"
-            name = f"{entry.library} ({entry.note})" if entry.note else entry.library
             times = _seconds(entry.least), _seconds(entry.median)
-            found.append((work, name, *times, against, target))
+            found.append((work, entry.library, *times, against, target, entry.note))
     return found
 
 

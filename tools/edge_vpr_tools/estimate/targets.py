@@ -228,9 +228,9 @@ def matching(of: Design) -> str:
     """Return how a design matches."""
     if not of.filters:
         return f"sequences of {of.length}"
-    if of.activity_costs:
+    if not of.steps:
         return "place filter"
-    return f"place filter with {len(of.steps) + len(of.back)} costs of steps"
+    return f"place filter with fixed costs of {len(of.steps) + len(of.back)} steps"
 
 
 def short_text(of: Design) -> str:

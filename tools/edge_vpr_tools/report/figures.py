@@ -206,7 +206,7 @@ def _error_axis(axes: Axes, truth: GroundTruth, errors: Floats) -> None:
             ticks = [0.0, tolerance, *decades[decades > 1.5 * tolerance]]
             axes.set_yticks(ticks, [f"{value:g}" for value in ticks])
             axes.minorticks_off()
-    axes.set_ylim(0, 1.12 * max(largest, 1.25 * (tolerance or 0.0), 1e-9))
+    axes.set_ylim(0, 1.12 * max(largest, 1.25 * (tolerance or 0.8)))  # also where all errors are 0
     axes.set_ylabel(f"error ({truth.error_unit})")
 
 
