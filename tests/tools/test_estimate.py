@@ -844,6 +844,7 @@ def test_a_budget_of_power_needs_a_power():
     with pytest.raises(UsageError, match="unknown"):
         fit(SMALL, targets.find("raspberry-pi-5"), RATE, [Budget.parse("10mW")])
     assert Budget.parse("10mW").limit == pytest.approx(0.01)
+    assert Budget.parse("500µW") == replace(Budget.parse("500uW"), text="500µW")
     for text in ("10", "mW", "-3KiB", "0KiB", "3 apples"):
         with pytest.raises(UsageError, match="expected memory or power"):
             Budget.parse(text)

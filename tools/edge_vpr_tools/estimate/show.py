@@ -170,9 +170,10 @@ def _design(found: Estimation) -> None:
         f"{size_text(size.packed_bytes)} packed; firmware in C, a byte per code: flash "
         f"{size_text(size.flash_bytes)} of tables, RAM {size_text(size.ram_bytes)}"
     )
+    matches = "match" if mission.matches_per_s == 1 else "matches"
     say(
         f"at {mission.events_per_s:,.0f} events per second, {mission.selected_share:.3%} of them "
-        f"at selected pixels, and {mission.matches_per_s:g} matches per second"
+        f"at selected pixels, and {mission.matches_per_s:g} {matches} per second"
     )
 
 
