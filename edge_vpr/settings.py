@@ -349,12 +349,11 @@ _PIXELS = _group(
         help="how pixels are selected",
         choices=STRATEGIES,
         plugins=True,
-        more="variance: drawn with a probability that grows with the variance of their counts (the "
-        "paper). seed-code: drawn by the mean of their counts (the authors' released code). "
-        "random: all are equally likely. random-upper: random, from the upper two thirds of the "
-        "image. top: those of the highest variance. information: one after another, each time the "
-        "pixel that adds most information about the place. plugin:NAME: that of another package, "
-        "see docs/plugins.md.",
+        more="variance: drawn by the variance of their counts (the paper). seed-code: drawn by the "
+        "mean of their counts (the authors' released code). random: all are equally likely. "
+        "random-upper: random, from the upper two thirds of the image. top: those of the highest "
+        "variance. information: one after another, each time the pixel that adds most information "
+        "about the place. plugin:NAME: see docs/plugins.md.",
     ),
     sigma=SettingField(
         kind=float,
@@ -399,9 +398,8 @@ _WINDOWS = _group(
         metavar="N",
         least=1,
         most=2,
-        more="Windows are as long as with 1, in the reference and in the query. With 2 the map has "
-        "twice as many places, and takes twice the memory and the work. Only the place filter "
-        "takes 2, and only with a reference of events.",
+        more="Windows are as long as with 1. With 2 the map takes twice the memory and the work. "
+        "Only the place filter takes 2, and only with a reference of events.",
         needs=_FILTER,
     ),
     keep_incomplete=SettingField(
@@ -478,10 +476,8 @@ _MATCHING = _group(
         show=costs_word,
         valid=lambda values: len(values) > 0 and are_costs(values),
         expected="1 to 16 costs from 0 to 254, for example 1,0,1",
-        more="A camera that moves slowly has fewer events. With fixed-count windows, moving on by "
-        "two places costs nothing too, because such windows become longer in other light. With two "
-        "places per window, steps are of half a window's way, and auto is 1,0,0,0,0,1 for "
-        "fixed-count windows.",
+        more="With two places per window, steps are of half a window's way, and auto is "
+        "1,0,0,0,0,1 for fixed-count windows.",
         needs=_FILTER,
     ),
     filter_back=SettingField(
@@ -536,7 +532,7 @@ _MATCHING = _group(
         kind=int,
         help="exclusion zone: the second-best place lies more than R places away from the best",
         metavar="R",
-        more="With several places per window, R counts windows, so that the zone is as long.",
+        more="With several places per window, R counts windows.",
     ),
     score=SettingField(
         help="score by which matches are accepted or rejected in an evaluation; auto: trust with "

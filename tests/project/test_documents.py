@@ -233,6 +233,20 @@ def test_tables_of_pages_are_those_of_the_files_that_they_name(page):
     assert with_tables(text, ROOT / "docs") == text, "run python tools/site/tables.py"
 
 
+def test_every_picture_and_table_of_docs_is_on_a_page():
+    """Or in the list of the commands that write tables."""
+    shown = "".join((ROOT / page).read_text() for page in PAGES)
+    pictures = [
+        path.relative_to(ROOT / "docs").as_posix()
+        for path in (ROOT / "docs").rglob("*")
+        if path.suffix in (".svg", ".png", ".gif")
+    ]
+    assert [name for name in pictures if name not in shown] == []
+    listed = (ROOT / "docs/results/files.csv").read_text()
+    tables = {path.name for path in (ROOT / "docs/results").glob("*.csv")} - {"files.csv"}
+    assert {name for name in tables if f"{name}," not in listed} == set()
+
+
 _FIELD = re.compile(r"(\w+) += \{+(.*?)\}+,?$", re.MULTILINE)
 
 

@@ -35,8 +35,8 @@ def test_info_says_what_a_recording_holds(tmp_path, capsys):
         "duration  2.000000 s",
         "rate      2 events/s",
         "polarity  75.0% ON, 25.0% OFF",
-        "times     0 to 2,000,000 us from the start",
-        "start     77 us on the file's clock",
+        "times     0 to 2,000,000 µs from the start",
+        "start     77 µs on the file's clock",
         "faults    none",
     ]
 

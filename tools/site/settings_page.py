@@ -11,13 +11,10 @@ from edge_vpr.settings import PRESETS, SETTING_FIELDS, SettingField
 
 _HEAD = """# Settings
 
-Every setting can be given in two ways: as a key of a TOML file, which `--config` reads, and as a
-flag of `edge-vpr map`. The key `filter_steps` is the flag `--filter-steps`, and both take the same
-values. The settings of matching are flags of `edge-vpr match` too. A flag overrides the file, and
-the file overrides the preset (`--preset`, or `preset = "tiny"` in the file). A map stores its
-settings, and the query is described with the same settings.
-
-This page is made by `python tools/site/settings_page.py`.
+Every setting is a key of a TOML file, which `--config` reads, and a flag of `edge-vpr map`: the key
+`filter_steps` is the flag `--filter-steps`. The settings of matching are flags of `edge-vpr match`
+too. A flag overrides the file, and the file overrides the preset. A map stores its settings, and
+the query is described with the same settings.
 
 ```toml
 preset = "default"
@@ -28,8 +25,7 @@ filter_steps = [1, 0, 1]   # or "1,0,1", as the flag takes it
 ```
 
 In Python, the attributes of `edge_vpr.Settings` have the same names, except `tau_us` (in
-microseconds), `remove_hot_pixels` and `remove_bursts` (true or false). Files may use these names
-too. In Python, `none` and `auto` are None. In older files they are 0, which is still read.
+microseconds), `remove_hot_pixels` and `remove_bursts` (true or false); `none` and `auto` are None.
 
 The table shows the defaults of `--preset default`, and in brackets those of other presets.
 """

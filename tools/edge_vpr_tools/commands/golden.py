@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     vectors.add_argument(
         "--ram", metavar="SIZE", default="64KiB",
         help="RAM of the microcontroller: the place filter keeps the distances of a window where "
-        "they fit, 2 bytes a place, and computes them twice where they do not; of a design file "
+        "they fit, 2 bytes per place, and computes them twice where they do not; of a design file "
         "only if it does not say",
     )  # fmt: skip
     vectors.add_argument(

@@ -95,8 +95,8 @@ def run(args: argparse.Namespace) -> None:
         "duration": f"{facts.duration_us / 1e6:.6f} s",
         "rate": "-" if rate is None else f"{rate:,.0f} events/s",
         "polarity": f"{facts.on_share:.1%} ON, {1 - facts.on_share:.1%} OFF",
-        "times": f"{facts.first_us:,} to {facts.last_us:,} us from the start",
-        "start": f"{facts.start_us:,} us on the file's clock",
+        "times": f"{facts.first_us:,} to {facts.last_us:,} µs from the start",
+        "start": f"{facts.start_us:,} µs on the file's clock",
         "faults": str(recording.faults),
     }
     for name, text in lines.items():

@@ -109,21 +109,21 @@ def counted(design: Design, mission: Mission) -> dict[str, float]:
     units, rates, size = work(design), mission.rates, sizes(design)
     search = units["search"]
     found: dict[str, float] = {"counters": design.slots}
-    found |= {f"{name}, a search": n for name, n in search.operations.items() if n}
+    found |= {f"{name} per search": n for name, n in search.operations.items() if n}
     found |= {
-        "bytes read, a search": search.bytes_read,
-        "bytes written, a search": search.bytes_written,
+        "bytes read per search": search.bytes_read,
+        "bytes written per search": search.bytes_written,
     }
-    found |= {"bytes read and written, a window's end": _bytes(units["window"])}
+    found |= {"bytes read and written per end of a window": _bytes(units["window"])}
     for name in search.operations:
         total = sum(units[unit].operations[name] * rate for unit, rate in rates.items())
         if total:
-            found[f"{name}, a second"] = total
-    found["bytes read and written, a second"] = sum(
+            found[f"{name} per second"] = total
+    found["bytes read and written per second"] = sum(
         _bytes(units[unit]) * rate for unit, rate in rates.items()
     )
     return found | {
-        "bytes a place": size.place_bytes,
+        "bytes per place": size.place_bytes,
         "bytes of all places": design.places * size.place_bytes,
         "bytes of all memories, packed": size.packed_bytes,
         "flash of the firmware in C": size.flash_bytes,

@@ -47,7 +47,7 @@ from firmware_model.model.design import Design
 _UNITS = {
     "b": ("bytes", 1.0), "kb": ("bytes", 1e3), "mb": ("bytes", 1e6),
     "kib": ("bytes", 1024.0), "mib": ("bytes", 1024.0**2),
-    "uw": ("watts", 1e-6), "mw": ("watts", 1e-3), "w": ("watts", 1.0),
+    "uw": ("watts", 1e-6), "µw": ("watts", 1e-6), "mw": ("watts", 1e-3), "w": ("watts", 1.0),
 }  # fmt: skip
 FIRMWARE_LIMITS = "the firmware's widths"
 BLOCKS, LOGIC_CELLS, SPEED = "its block memories", "its logic cells", "its speed"
@@ -73,7 +73,7 @@ class Budget:
         UsageError
             If it is neither.
         """
-        form = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*([a-zA-Z]+)\s*", text)
+        form = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*([a-zA-Zµ]+)\s*", text)
         if form and form[2].lower() in _UNITS and float(form[1]) > 0:
             quantity, factor = _UNITS[form[2].lower()]
             return cls(text, quantity, float(form[1]) * factor)

@@ -97,7 +97,7 @@ def sources(found: Estimation) -> list[str]:
             told = firmware()[target.core]
             said.append(
                 f"{target.name}: instructions of the reference firmware ({told.compiler}, "
-                f"{target.core}); cycles an instruction {three(target.cpi)}: {target.cpi_source}"
+                f"{target.core}); cycles per instruction {three(target.cpi)}: {target.cpi_source}"
             )
         if target.logic_cells:
             furthest = max(map(abs, core_area.errors().values()))
@@ -175,9 +175,10 @@ def _design(found: Estimation) -> None:
             "a device has no misfit: it accepts matches by trust alone, where a host's "
             "probabilities depend on both"
         )
+    matches = "match" if mission.matches_per_s == 1 else "matches"
     say(
         f"at {mission.events_per_s:,.0f} events per second, {mission.selected_share:.3%} of them "
-        f"at selected pixels, and {mission.matches_per_s:g} matches per second"
+        f"at selected pixels, and {mission.matches_per_s:g} {matches} per second"
     )
 
 
@@ -260,7 +261,7 @@ def _fits(found: Sequence[Fit], asked: Question, target: Target) -> None:
     rows = [
         ["place filter" if fit.matching == "filter" else "sequences",
          "-" if fit.parameter == "code_bits" else f"{fit.code_bits} bit{'s' * (fit.code_bits > 1)}",
-         fit.parameter.replace("code_bits", "bits a code"),
+         fit.parameter.replace("code_bits", "bits per code"),
          f"{fit.value:,}" if fit.value else "none", fit.limited_by]
         for fit in found
     ]  # fmt: skip

@@ -38,7 +38,7 @@ def rows(found: Profile) -> list[tuple[str, str]]:
         ("times real time", f"{speed.times_real_time:,.1f}"),
         ("latency of a call with a match, p50", quantity(speed.latency_p50_s, "s")),
         ("latency of a call with a match, p99", quantity(speed.latency_p99_s, "s")),
-        ("processor time a match, with its events", quantity(speed.cpu_s_per_match, "s")),
+        ("processor time per match, with its events", quantity(speed.cpu_s_per_match, "s")),
         ("peak memory of the process", f"{speed.peak_memory_bytes / 2**20:,.1f} MiB"),
     ]
     for name, against in found.sparse_against_all.parts().items():

@@ -95,7 +95,7 @@ def sparse_against_all(events: Events, pixel_map: PixelMap, places: int) -> Spar
     few, all_of_them = count(pixel_map), count(everything)
     places = max(2, min(places, _MOST_COUNTS // sensor.pixels))
     counting = _against(
-        "an event", lambda: count(pixel_map), lambda: count(everything), events.size,
+        "per event", lambda: count(pixel_map), lambda: count(everything), events.size,
         (len(pixel_map), len(everything), 0),
     )  # fmt: skip
     rng = np.random.default_rng(0)
@@ -114,7 +114,7 @@ def _matching(few: Counts, everything: Counts, places: int) -> Against:
     ]
     queries = [counts[0] for counts in (few, everything)]
     return _against(
-        "a query",
+        "per query",
         lambda: indices[0].distances(queries[0]),
         lambda: indices[1].distances(queries[1]),
         1,

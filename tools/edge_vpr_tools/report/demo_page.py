@@ -28,7 +28,7 @@ def rows(trials: dict[str, Trial]) -> list[tuple[str, ...]]:
             f"{trial.evaluation.recall_at_99_precision:.3f}",
             f"{trial.reference.packed_bytes_per_place:,}",
             f"{trial.operations:,}",
-            f"{trial.microseconds_per_match:,.1f} us",
+            f"{trial.microseconds_per_match:,.1f} µs",
         )
         for name, trial in trials.items()
     ]
@@ -132,7 +132,7 @@ def write_report(
     drawings += [
         ("pixels.png", figures.selected_pixels(best.reference),
          "The selected pixels lie where the counts vary from place to place."),
-        ("event_rate.png", figures.event_rate(drives), "Events a second."),
+        ("event_rate.png", figures.event_rate(drives), "Events per second."),
         ("window_lengths.png", figures.window_lengths(drives),
          "A window of fixed N is short where the camera moves fast."),
     ]  # fmt: skip

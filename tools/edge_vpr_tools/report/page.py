@@ -242,7 +242,7 @@ def plain(value: object) -> str:
 # Text of quantities, with a suitable unit prefix and with bounds.
 
 
-_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
+_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 
 def quantity(
