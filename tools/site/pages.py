@@ -140,7 +140,7 @@ STAGES = {
     ),
     "fixedpoint": Stage(
         "Number formats",
-        "Unsigned integers of a given width, and counter codes; [what for](../codes.md#number-formats).",
+        "Unsigned integers of a given width, and [counter codes](../codes.md#number-formats).",
         packages=("fixedpoint",),
         names=("fixedpoint.codes.CounterCode",),
     ),
