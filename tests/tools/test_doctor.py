@@ -10,9 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from edge_vpr_tools import doctor as kernels
-from edge_vpr_tools import doctor as machine
-from edge_vpr_tools import doctor as packages
+from edge_vpr_tools import doctor
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.doctor import CHECKS, Finding, as_text, examine
 from kernel_programs import CALL, KERNEL, ONE_KERNEL, Runner
@@ -26,18 +24,18 @@ def only(findings) -> Finding:
 
 
 def requiring(monkeypatch, *lines: str) -> None:
-    monkeypatch.setattr(packages, "distribution", lambda name: SimpleNamespace(requires=lines))
+    monkeypatch.setattr(doctor, "distribution", lambda name: SimpleNamespace(requires=lines))
 
 
 def test_this_installation_is_sound():
-    finding = only(packages.check_versions())
+    finding = only(doctor.check_versions())
     assert finding.state == "good"
     assert "numpy" in finding.text
 
 
 def test_a_library_that_is_too_old_or_missing_is_wrong_and_told_with_its_command(monkeypatch):
     requiring(monkeypatch, "numpy>=99", "edge-vpr-no-such-library>=2", 'h5py; extra == "hdf5"')
-    old, missing, _ = packages.check_versions()
+    old, missing, _ = doctor.check_versions()
     assert old.state == missing.state == "wrong"
     assert old.remedy.endswith("-m pip install 'numpy>=99'")
     assert "edge-vpr-no-such-library is missing" in missing.text
@@ -45,16 +43,16 @@ def test_a_library_that_is_too_old_or_missing_is_wrong_and_told_with_its_command
 
 def test_packages_are_told_with_their_sizes_and_those_of_extras_are_not_counted(monkeypatch):
     requiring = ("numba", 'h5py; extra == "hdf5"', "edge-vpr-no-such-library")
-    sizes = packages.package_sizes(requiring)
+    sizes = doctor.package_sizes(requiring)
     assert set(sizes) == {"numba", "numpy", "llvmlite"}
     assert sizes["llvmlite"] > 10_000_000
-    monkeypatch.setattr(packages, "package_sizes", lambda _: {"a": 1_500_000, "b": 25_000_000})
-    assert only(packages.check_packages()).text == "2 besides edge-vpr, 26 MB: b 25.0, a 1.5"
+    monkeypatch.setattr(doctor, "package_sizes", lambda _: {"a": 1_500_000, "b": 25_000_000})
+    assert only(doctor.check_packages()).text == "2 besides edge-vpr, 26 MB: b 25.0, a 1.5"
 
 
 def test_an_extra_whose_library_is_missing_is_absent_and_told_with_its_command(monkeypatch):
     requiring(monkeypatch, "numpy>=2", 'edge-vpr-no-such-library; extra == "hdf5"')
-    found = {finding.text: finding for finding in packages.check_extras()}
+    found = {finding.text: finding for finding in doctor.check_extras()}
     absent = found["HDF5 recordings: edge-vpr-no-such-library missing"]
     assert absent.state == "absent"
     assert "[hdf5]" in absent.remedy
@@ -63,17 +61,17 @@ def test_an_extra_whose_library_is_missing_is_absent_and_told_with_its_command(m
 
 def test_an_extra_without_wheels_for_this_processor_is_not_offered(monkeypatch):
     requiring(monkeypatch, 'edge-vpr-no-such-library; extra == "tonic"')
-    monkeypatch.setattr(packages.platform, "machine", lambda: "aarch64")
-    (found,) = (each for each in packages.check_extras() if each.state == "absent")
+    monkeypatch.setattr(doctor.platform, "machine", lambda: "aarch64")
+    (found,) = (each for each in doctor.check_extras() if each.state == "absent")
     assert "expelliarmus, which has no wheel for aarch64" in found.text and not found.remedy
-    monkeypatch.setattr(packages.platform, "machine", lambda: "x86_64")
-    (found,) = (each for each in packages.check_extras() if each.state == "absent")
+    monkeypatch.setattr(doctor.platform, "machine", lambda: "x86_64")
+    (found,) = (each for each in doctor.check_extras() if each.state == "absent")
     assert "[tonic]" in found.remedy
 
 
 def test_an_extra_whose_library_is_too_old_is_absent(monkeypatch):
     requiring(monkeypatch, 'numpy>=99; extra == "mqtt"')
-    (found,) = (each for each in packages.check_extras() if each.state == "absent")
+    (found,) = (each for each in doctor.check_extras() if each.state == "absent")
     assert found.text.startswith("stream --mqtt: numpy is ") and ">=99" in found.text
     assert "[mqtt]" in found.remedy
 
@@ -81,7 +79,7 @@ def test_an_extra_whose_library_is_too_old_is_absent(monkeypatch):
 def test_every_extra_is_checked_but_those_for_work_on_the_project():
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())
     extras = project["project"]["optional-dependencies"]
-    assert set(extras) == {*packages.EXTRAS, *packages.NOT_CHECKED}
+    assert set(extras) == {*doctor.EXTRAS, *doctor.NOT_CHECKED}
 
 
 def test_a_check_that_fails_leaves_the_others(monkeypatch, capsys):
@@ -114,7 +112,7 @@ def test_sensors_are_shown_by_name_and_scope(tmp_path, capsys, monkeypatch):
         "echo ' VDD_CORE_V volt(15)=0.74944980V'\n"
     )
     command.chmod(0o755)
-    found = [one for one in machine.check_sensors(tmp_path) if one.state == "good"]
+    found = [one for one in doctor.check_sensors(tmp_path) if one.state == "good"]
     assert only(found).text.startswith("pmic: rails behind the power chip")
 
 
@@ -142,8 +140,8 @@ def test_without_a_folder_for_kernels_doctor_says_so_and_all_else_works(tmp_path
 
 
 def test_every_extra_that_is_checked_is_one_of_the_project():
-    needed = [Requirement(text) for text in packages.distribution("edge-vpr").requires or ()]
-    for extra in packages.EXTRAS:
+    needed = [Requirement(text) for text in doctor.distribution("edge-vpr").requires or ()]
+    for extra in doctor.EXTRAS:
         markers = [each.marker for each in needed if each.marker is not None]
         assert any(
             marker.evaluate({"extra": extra}) and not marker.evaluate({"extra": ""})
@@ -155,15 +153,15 @@ def test_every_extra_that_is_checked_is_one_of_the_project():
 def test_too_little_memory_for_a_live_run_is_wrong(tmp_path, kilobytes, state):
     (tmp_path / "proc").mkdir()
     (tmp_path / "proc/meminfo").write_text(f"MemTotal: 1 kB\nMemAvailable: {kilobytes} kB\n")
-    memory, temporary = machine.check_memory(tmp_path)
+    memory, temporary = doctor.check_memory(tmp_path)
     assert memory.state == state
     assert temporary.topic == "temporary files"
 
 
 def test_a_throttled_board_is_wrong(tmp_path, monkeypatch):
-    throttled = machine.Conditions("performance", 1.5e9, 80.0, 0b101, None)
-    monkeypatch.setattr(machine.Conditions, "now", classmethod(lambda cls, root: throttled))
-    finding = only(machine.check_processor(tmp_path))
+    throttled = doctor.Conditions("performance", 1.5e9, 80.0, 0b101, None)
+    monkeypatch.setattr(doctor.Conditions, "now", classmethod(lambda cls, root: throttled))
+    finding = only(doctor.check_processor(tmp_path))
     assert finding.state == "wrong"
     assert "under-voltage, throttled" in finding.text
 
@@ -174,20 +172,20 @@ def test_a_port_that_may_not_be_opened_is_told_with_its_group(tmp_path, monkeypa
     port.touch()
     found = SimpleNamespace(device=str(port), vid=vid)
     monkeypatch.setattr(list_ports, "comports", lambda: [found])
-    monkeypatch.setattr(machine.os, "access", lambda path, mode: False)
-    finding = only(machine.check_ports())
+    monkeypatch.setattr(doctor.os, "access", lambda path, mode: False)
+    finding = only(doctor.check_ports())
     assert finding.state == state
     assert f"-aG {port.group()} " in finding.remedy
-    monkeypatch.setattr(machine.os, "access", lambda path, mode: True)
-    assert only(machine.check_ports()).state == "good"
+    monkeypatch.setattr(doctor.os, "access", lambda path, mode: True)
+    assert only(doctor.check_ports()).state == "good"
 
 
 def test_nowhere_to_keep_kernels_is_wrong(monkeypatch):
     def nowhere():
         raise RuntimeError("cannot cache function")
 
-    monkeypatch.setattr(kernels, "_cache_folder", nowhere)
-    assert only(kernels.check_kernels()).state == "wrong"
+    monkeypatch.setattr(doctor, "_cache_folder", nowhere)
+    assert only(doctor.check_kernels()).state == "wrong"
 
 
 @pytest.fixture
@@ -197,24 +195,24 @@ def run(tmp_path):
 
 
 def test_kernels_are_counted_where_numba_keeps_them(tmp_path, monkeypatch):
-    monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
-    monkeypatch.setattr(kernels, "_sources", lambda: [tmp_path / "one_kernel.py"])
-    assert only(kernels.check_kernels()).state == "absent"
+    monkeypatch.setattr(doctor, "_cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(doctor, "_sources", lambda: [tmp_path / "one_kernel.py"])
+    assert only(doctor.check_kernels()).state == "absent"
     (tmp_path / "one_kernel.py").write_text(ONE_KERNEL)
     with Runner(tmp_path, NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="") as run:
         run(CALL)
-    finding = only(kernels.check_kernels())
+    finding = only(doctor.check_kernels())
     assert finding.state == "absent"
     assert finding.text.startswith(f"0 kept in {tmp_path} for this processor and Numba, 1 for")
     with Runner(tmp_path) as run:
         run(CALL)
-    assert only(kernels.check_kernels()).text == f"1 kept in {tmp_path}"
+    assert only(doctor.check_kernels()).text == f"1 kept in {tmp_path}"
     for suffix in ("nbi", "nbc"):
         with Runner(tmp_path) as run:
             run(CALL)
         damaged = next(tmp_path.rglob(f"*.{suffix}"))
         damaged.write_bytes(damaged.read_bytes()[:-5])
-        finding = only(kernels.check_kernels())
+        finding = only(doctor.check_kernels())
         assert finding.state == "absent"
         assert finding.text.endswith(
             ", 1 damaged or of an older version: the first run takes longer"
@@ -225,24 +223,24 @@ def test_a_kernel_of_an_older_source_is_not_good_and_compiling_removes_it(
     tmp_path, monkeypatch, run
 ):
     source = tmp_path / "one_kernel.py"
-    monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
-    monkeypatch.setattr(kernels, "_sources", lambda: [source])
+    monkeypatch.setattr(doctor, "_cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(doctor, "_sources", lambda: [source])
     source.write_text(ONE_KERNEL)
     run(CALL)
-    assert only(kernels.check_kernels()).text == f"1 kept in {tmp_path}"
+    assert only(doctor.check_kernels()).text == f"1 kept in {tmp_path}"
 
     source.write_text(ONE_KERNEL.replace("x + 1", "x + 2"))  # Numba compiles it again
-    finding = only(kernels.check_kernels())
+    finding = only(doctor.check_kernels())
     assert finding.state == "absent" and "doctor --compile" in finding.remedy
     assert finding.text.startswith(f"0 kept in {tmp_path}, 1 of an older source")
     source.write_text("\n" + source.read_text())  # at another line it has an index of its own
     run(CALL)
-    assert only(kernels.check_kernels()).text.startswith(f"1 kept in {tmp_path}, 1 of an older")
+    assert only(doctor.check_kernels()).text.startswith(f"1 kept in {tmp_path}, 1 of an older")
 
-    monkeypatch.setattr(kernels, "PRESETS", [])
-    monkeypatch.setattr(kernels, "PROTOCOLS", [])
-    kernels.compile_kernels()
-    assert only(kernels.check_kernels()) == Finding(
+    monkeypatch.setattr(doctor, "PRESETS", [])
+    monkeypatch.setattr(doctor, "PROTOCOLS", [])
+    doctor.compile_kernels()
+    assert only(doctor.check_kernels()) == Finding(
         "compiled kernels", "good", f"1 kept in {tmp_path}"
     )
     assert len(list(tmp_path.rglob("*.nb?"))) == 2  # one index and its kernel
@@ -253,8 +251,8 @@ def test_a_kernel_is_compiled_again_when_what_it_calls_or_uses_has_changed(
 ):
     names = ("one_kernel", "called", "constants")
     source, called, constants = (tmp_path / f"{name}.py" for name in names)
-    monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
-    monkeypatch.setattr(kernels, "_sources", lambda: [source, called, constants])
+    monkeypatch.setattr(doctor, "_cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(doctor, "_sources", lambda: [source, called, constants])
     source.write_text(
         f"from called import one\nfrom constants import FIRST, STEP\n{KERNEL}"
         "def plus(x):\n    return x + FIRST[0] + STEP * one()\n"
@@ -274,17 +272,17 @@ def test_a_kernel_is_compiled_again_when_what_it_calls_or_uses_has_changed(
         assert run(program) == f"{result} 1"  # loaded
 
     def check_older() -> None:
-        finding = only(kernels.check_kernels())
+        finding = only(doctor.check_kernels())
         assert finding.state == "absent" and "of an older source" in finding.text
 
     write_called(1)
     write_constants(0, 1)
     check(2)
-    assert only(kernels.check_kernels()).text == f"2 kept in {tmp_path}"
+    assert only(doctor.check_kernels()).text == f"2 kept in {tmp_path}"
     write_called(100)
     check_older()
     check(101)
-    assert only(kernels.check_kernels()).text == f"2 kept in {tmp_path}"
+    assert only(doctor.check_kernels()).text == f"2 kept in {tmp_path}"
     write_constants(0, 7)
     check_older()
     check(701)

@@ -6,11 +6,8 @@ A flag without a run fails the first test: add it to `RUNS`.
 from __future__ import annotations
 
 import json
-import shutil
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -306,79 +303,17 @@ def small_loads(monkeypatch):
     monkeypatch.setattr("edge_vpr.simulation.simulate_pair", street)
 
 
-#: flags whose value is written
-WRITES = {"-o", "--export", "--matrix", "--log", "--record", "--json", "--csv", "--figure"}
-
-
-def written(line):
-    """Files and folders that a run writes, as they stand in its line."""
-    words = line.split()
-    values = {value for flag, value in pairwise(words) if flag in WRITES}
-    values |= {words[2]} if words[0] == "convert" else set()
-    return {value for value in values if value.startswith("{f}/")}
-
-
-def changed(line, code):
-    """What a run that ends well writes, or adds to as `evaluate` does."""
-    words = line.split()
-    if code not in (0, (0, 2)):
-        return set()
-    return written(line) | ({words[1]} if words[0] == "evaluate" else set())
-
-
-def needed(index):
-    """The last run before this one that writes each thing which it names."""
-    for before in range(index - 1, -1, -1):
-        later = set().union(*(changed(*run) for run in RUNS[before + 1 : index]))
-        names = changed(*RUNS[before]) - later
-        if any(f"{name}{end}" in RUNS[index][0] + " " for name in names for end in " /"):
-            yield before
-
-
-@pytest.fixture(scope="module")
-def ended():
-    """Exit code and errors of each run that was made in the folder."""
-    return {}
-
-
-def end_of(index, folder, ended, capsys):
-    """Make a run once, after those that it needs, in whatever order the tests run."""
-    if index in ended:
-        return ended[index]
-    for before in needed(index):
-        end_of(before, folder, ended, capsys)
-    line, _ = RUNS[index]
-    if "--overwrite" not in line:
-        later = (changed(*RUNS[other]) for other in ended if other > index)
-        for name in written(line) & set().union(*later):
-            path = Path(name.format(f=folder))
-            if path.is_dir():
-                shutil.rmtree(path)
-            else:
-                path.unlink(missing_ok=True)
-    capsys.readouterr()
-    code = cli.main(line.format(f=folder).split())
-    ended[index] = code, capsys.readouterr().err
-    return ended[index]
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("small_loads")
-@pytest.mark.parametrize("index", range(len(RUNS)), ids=[line[:60] for line, _ in RUNS])
-def test_a_command_line_ends_as_it_should(index, folder, ended, capsys):
-    code = RUNS[index][1]
-    found, err = end_of(index, folder, ended, capsys)
-    assert found in (code if isinstance(code, tuple) else (code,)), err
-    assert "internal error" not in err
-
-
-def test_a_run_needs_those_before_it_that_write_what_it_reads():
-    lines = [line for line, _ in RUNS]
-    index = next(i for i, line in enumerate(lines) if line.startswith("profile compare"))
-    assert [lines[i][:12] for i in needed(index)] == ["profile --ma"]
-    assert "--overwrite" in lines[next(needed(index))]
-    index = next(i for i, line in enumerate(lines) if line.startswith("evaluate {f}/results"))
-    assert [find_verb(lines[i].split())[0] for i in needed(index)] == ["match"]
+def test_every_command_line_ends_as_it_should(folder, capsys):
+    """In their order, as later ones read what earlier ones write; tells all that end otherwise."""
+    wrong = []
+    for line, code in RUNS:
+        found = cli.main(line.format(f=folder).split())
+        err = capsys.readouterr().err
+        if found not in (code if isinstance(code, tuple) else (code,)) or "internal error" in err:
+            wrong.append(f"{line}\nended with {found}, not {code}:\n{err}")
+    assert not wrong, "\n".join(wrong)
 
 
 def test_published_windows_are_not_wrapped_by_a_progress_bar(folder):
