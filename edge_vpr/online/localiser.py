@@ -174,10 +174,13 @@ class Localiser:
             raise UsageError(
                 f"{recent} recent places are left out by sequences only: set matching to sequence"
             )
-        if not filtered:
+        self._run: MatchRun
+        if filtered:
+            filter_run = DelayedRun if settings.late else FilterRun
+            self._run = filter_run(reference, self._window, self.every)
+        else:
             check_no_ways(reference.jumps, odometry=False)
-        kind = (DelayedRun if settings.late else FilterRun) if filtered else MatchRun
-        self._run = kind(reference, self._window, self.every, recent)
+            self._run = MatchRun(reference, self._window, self.every, recent)
 
     def __len__(self) -> int:
         return len(self._run.places)

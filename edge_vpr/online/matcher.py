@@ -176,6 +176,8 @@ class MatchRun:
         When to give a match.
     recent : int
         So many of the newest places are not searched.
+    place_filter : PlaceFilter, optional
+        What matches in place of sequences, see `FilterRun`.
 
     Attributes
     ----------
@@ -191,17 +193,12 @@ class MatchRun:
     schedule_name = "policy"
 
     def __init__(
-        self, reference: MapRecord, window: Window, schedule: MatchSchedule, recent: int = 0
-    ) -> None:
-        self._begin(reference, window, schedule, recent, None)
-
-    def _begin(
         self,
         reference: MapRecord,
         window: Window,
         schedule: MatchSchedule,
-        recent: int,
-        place_filter: PlaceFilter | None,
+        recent: int = 0,
+        place_filter: PlaceFilter | None = None,
     ) -> None:
         self.places, self._codes = reference.places.counts, reference.codes
         windows = start(
@@ -391,13 +388,11 @@ class FilterRun(MatchRun):
 
     schedule_name = "filter_schedule"
 
-    def __init__(
-        self, reference: MapRecord, window: Window, schedule: MatchSchedule, recent: int = 0
-    ) -> None:
+    def __init__(self, reference: MapRecord, window: Window, schedule: MatchSchedule) -> None:
         self.place_filter = filter_of(
             reference.places, reference.settings, reference.jumps, reference.along_mm
         )
-        self._begin(reference, window, schedule, recent, self.place_filter)
+        super().__init__(reference, window, schedule, place_filter=self.place_filter)
         self.odometer = Odometer()
         self._code = reference.own_mean_code
         self.mean = None
@@ -513,16 +508,14 @@ class DelayedRun(FilterRun):
         If matches are wanted at other times.
     """
 
-    def __init__(
-        self, reference: MapRecord, window: Window, schedule: MatchSchedule, recent: int = 0
-    ) -> None:
+    def __init__(self, reference: MapRecord, window: Window, schedule: MatchSchedule) -> None:
         settings = reference.settings
         if schedule != MatchSchedule.window(settings):
             raise UsageError(
                 f"a delay of {settings.delay} windows gives a match at the end of each window: "
                 "match every window, or set delay to 0"
             )
-        super().__init__(reference, window, schedule, recent)
+        super().__init__(reference, window, schedule)
         self._lag = FixedLag(
             self.place_filter.transitions, settings.exclusion_places, settings.late
         )

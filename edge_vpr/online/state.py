@@ -135,38 +135,6 @@ class SlidingWindows(NamedTuple):
     totals: npt.NDArray[np.void]
 
 
-def empty_windows(window: Window, length: int, counters: int) -> SlidingWindows:
-    """Build the state before the first event, without a map.
-
-    Parameters
-    ----------
-    length, counters : int
-        L, and J (or 2 J).
-    """
-    return SlidingWindows(
-        slot=np.zeros(RING_EVENTS, dtype=np.int32),
-        time=np.zeros(RING_EVENTS, dtype=np.int64),
-        bound=np.zeros(length + 1, dtype=np.int64),
-        moves=np.zeros(MAX_MOVES, dtype=MOVE).view(np.recarray),
-        counts=np.zeros((length, counters), dtype=np.int64),
-        tau=window.tau_us if isinstance(window, FixedTime) else 0,
-        n=0 if isinstance(window, FixedTime) else window.events,
-        code=np.empty((1, 0), dtype=np.uint16),
-        own=OwnCodes(
-            np.empty(0, dtype=np.int32),
-            np.zeros(counters, dtype=np.int32),
-            np.zeros((2, counters), dtype=np.int64),
-            False,
-            0,
-        ),
-        counters=np.zeros(counters, dtype=COUNTER).view(np.recarray),
-        columns=np.empty(0, dtype=np.uint8),
-        sums=np.empty(0, dtype=np.uint16),
-        steps=np.zeros((2, MAX_STEPS), dtype=np.int64),
-        totals=np.zeros(1, dtype=TOTALS).view(np.recarray),
-    )
-
-
 def recount(s: SlidingWindows) -> npt.NDArray[np.int64]:
     """Count all events in the ring again, shape (L, J)."""
     counts = np.zeros_like(s.counts)
@@ -210,16 +178,32 @@ def start(
     mean : ndarray of int32, shape (J,), optional
         Where the means of own-mean codes start.
     """
-    state = empty_windows(window, length, places.shape[1])
+    counters = places.shape[1]
+    levels, contrast, bits = np.empty(0, dtype=np.int32), False, 0
+    means, tables = np.zeros(counters, dtype=np.int32), np.empty((1, 0), dtype=np.uint16)
     if isinstance(codes, OwnMeanCode) and mean is not None:
-        # a copy, because for Numba a read-only array is of another type
-        own = state.own._replace(
-            levels=codes.levels.copy(), means=mean.copy(), contrast=codes.contrast, bits=codes.bits
-        )
-        state = state._replace(code=np.empty((0, 0), dtype=np.uint16), own=own)
-    elif isinstance(codes, PixelCodes):
-        state.counters["table"] = codes.row
-        state = state._replace(code=codes.tables)
+        # copies, because for Numba a read-only array is of another type
+        levels, contrast, bits = codes.levels.copy(), codes.contrast, codes.bits
+        means, tables = mean.copy(), np.empty((0, 0), dtype=np.uint16)
+    of_counters = np.zeros(counters, dtype=COUNTER).view(np.recarray)
+    if isinstance(codes, PixelCodes):
+        of_counters["table"], tables = codes.row, codes.tables
+    state = SlidingWindows(
+        slot=np.zeros(RING_EVENTS, dtype=np.int32),
+        time=np.zeros(RING_EVENTS, dtype=np.int64),
+        bound=np.zeros(length + 1, dtype=np.int64),
+        moves=np.zeros(MAX_MOVES, dtype=MOVE).view(np.recarray),
+        counts=np.zeros((length, counters), dtype=np.int64),
+        tau=window.tau_us if isinstance(window, FixedTime) else 0,
+        n=0 if isinstance(window, FixedTime) else window.events,
+        code=tables,
+        own=OwnCodes(levels, means, np.zeros((2, counters), dtype=np.int64), contrast, bits),
+        counters=of_counters,
+        columns=np.empty(0, dtype=np.uint8),
+        sums=np.empty(0, dtype=np.uint16),
+        steps=np.zeros((2, MAX_STEPS), dtype=np.int64),
+        totals=np.zeros(1, dtype=TOTALS).view(np.recarray),
+    )
     return with_distances(state, places)
 
 
