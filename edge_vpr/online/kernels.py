@@ -536,35 +536,19 @@ def _second(sums, count, best, exclusion, places):
 
 @kernel(inner=True)
 def match_now(state, step, rows, sums, total, c, length, events, over, row):
-    """Match the newest window by the place filter, or the newest windows by sequences.
+    """Match by the place filter: write the match, or end the window; or match by sequences.
 
-    Without a filter, `state` is None, and with it `length` is. Numba leaves out what is behind a
-    comparison of an argument that is None, so that only one of the two is compiled. The arguments
-    are those of `OnlineState`, `filter_match` and `sequence_match`.
-    """
-    if state is None:
-        if length is not None:
-            return sequence_match(sums, total, c, length, row)
-        return False
-    return filter_match(
-        FilterState(*state), StepTable(*step), WindowRows(*rows), sums, c, events, over, row
-    )
-
-
-@kernel(inline="always")
-def filter_match(state, steps, rows, sums, c, events, over, row):
-    """Match the newest window by the place filter: write the match, or end the window.
+    Without a filter, `state`, `step` and `rows` are None, and with it `length` is. Numba leaves out
+    what is behind a comparison of an argument that is None, so that only one of the two is
+    compiled.
 
     Parameters
     ----------
-    rows : WindowRows
-        Of one window; written to.
-    sums : ndarray of uint16 or uint32
-        Of `SlidingWindows` with one window, with all moves taken.
-    c : record of CONTROL
-        Changed in place: the place of the last match, or whether the window was a pause.
+    state, step, rows, sums, total, c, length
+        Of `OnlineState`, with all moves taken. Changed in place: `rows`, and in `c` the place of
+        the last match, or whether the window was a pause.
     events : int
-        In the window, at selected pixels.
+        In the newest window, at selected pixels.
     over : bool
         Whether the window ends now: the filter advances, and no match is written.
     row : record of MATCH_DTYPE
@@ -575,10 +559,15 @@ def filter_match(state, steps, rows, sums, c, events, over, row):
     bool
         Whether a match is written: not if only changes are asked for and there is none.
     """
+    if state is None:
+        if length is not None:
+            return sequence_match(sums, total, c, length, row)
+        return False
+    state, rows = FilterState(*state), WindowRows(*rows)
     metric, found = rows.metrics[0], rows.columns[0]
     # the common part of all distances changes neither the evidence nor its spread
     distances = sums[: metric.size]
-    matched = match_window(state, steps, c.exclusion, distances, events, rows, 0)
+    matched = match_window(state, StepTable(*step), c.exclusion, distances, events, rows, 0)
     if over:
         c.paused = is_pause(events, state.numbers[0].mean_activity)
         end_window(state, distances, events, metric, matched)

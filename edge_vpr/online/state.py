@@ -12,11 +12,11 @@ import numpy.typing as npt
 from edge_vpr.archive import Arrays, check_array, check_range, whole_number
 from edge_vpr.compiling import plain
 from edge_vpr.confidence import TRUST_TOP
-from edge_vpr.descriptors.windows import MAX_WINDOWS, FixedTime, Window, narrow
+from edge_vpr.descriptors.windows import MAX_WINDOWS, FixedTime, Window
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.map_record import MapRecord
-from edge_vpr.matching.distances import ReferenceIndex, aligned_zeros
+from edge_vpr.matching.distances import aligned_zeros
 from edge_vpr.matching.place_filter import (
     LASTING_BITS,
     METRIC_TOP,
@@ -221,12 +221,13 @@ def with_distances(s: SlidingWindows, places: npt.NDArray[np.unsignedinteger]) -
     coded = _coded(s)
     # places with the smallest counts fill the last vector
     spare = np.broadcast_to(low.astype(places.dtype), (LANES, len(low)))
-    index = ReferenceIndex(np.concatenate([places, spare]))
+    by_pixel = np.ascontiguousarray(np.concatenate([places, spare]).T)
     distances = np.zeros(count + LANES, dtype=np.int64)
     for lag in range(length):
         end = length - 1 - lag
-        # `distances` would need one more kernel
-        distances += index.rows(narrow(coded[lag : lag + 1]))[0, end : end + count + LANES]
+        # `ReferenceIndex` is faster, and would take longer to compile than this takes
+        for column, code in zip(by_pixel, coded[lag].tolist(), strict=True):
+            distances += np.abs(column[end : end + count + LANES].astype(np.int64) - code)
     base = int(np.abs(coded - np.clip(coded, low, high)).sum())
     # without the base, no distance is larger than this; those of filling places always are, so that
     # a search can include them
@@ -547,7 +548,7 @@ class OnlineState(NamedTuple):
 
 #: Largest number of counters of all windows of a sequence: 128 MB in the kernels.
 MAX_COUNTERS = 1 << 24
-#: Largest number of windows x places x counters: some ten seconds of work at the start.
+#: Largest number of windows x places x counters: minutes of work at the start.
 MAX_COMPARISONS = 1 << 36
 
 
