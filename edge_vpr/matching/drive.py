@@ -220,6 +220,7 @@ def _smooth(drive: _Drive, found: _Found) -> None:
         for first in range(0, end - begin, drive.block):
             some = rows.part(first, min(first + drive.block, end - begin))
             found.put(begin + first, some.columns, some.metrics)
+        del rows, some  # else two segments are in memory while the next one is computed
     residual = _largest_around(residual)
     trust = _mean_trust(found.columns, drive.ways, place_filter.transitions)
     found.columns[:, 5] = np.maximum(trust - (residual << TRUST_BITS), 0)

@@ -148,7 +148,7 @@ def _chosen(names: list[str], wanted: str | None, path: Path, kind: str) -> str:
     if wanted is not None:
         if wanted not in names:
             raise RecordingError(
-                f"{path} has no images on {wanted}; images are on: {listed}: name one"
+                f"{path} has no images on {wanted}; each {kind} there: {listed}: name one"
             )
         return wanted
     if not names:
@@ -187,7 +187,7 @@ class Hdf5Images:
     def __init__(self, path: Path, topic: str | None = None) -> None:
         self._path = path
         with open_hdf5(path) as file:
-            sets = f"images of 8 bits with times beside them (NAME and NAME{_TIMES})"
+            sets = f"data set of 8 bits with times beside it (NAME and NAME{_TIMES})"
             self._name = _chosen(_image_sets(file), topic and topic.strip("/"), path, sets)
             times = file[self._name + _TIMES]
             seconds = checked_dataset(path, times).read(slice(0, times.shape[0]))
