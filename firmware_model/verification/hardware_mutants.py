@@ -4,12 +4,12 @@ Each mutant changes one operator or constant of the sources, or removes a statem
 designs with sequences, and of some with the place filter, own-mean and contrast codes, are replayed
 with stalls and resets until a case finds the mutant; some of them also on the core that has
 registers behind its block memories, and short cases with a reset of one clock at each clock of a
-place or of a match. A mutant that no case finds must be equal to the core, and ``rtl/mutants.toml``
-says why.
+place or of a match. A mutant that no case finds must be equal to the core, or be found by another
+test or proof: ``rtl/mutants.toml`` says why, or which.
 
 For each design, Verilator builds one program with all mutants that are left; which of them acts is
 chosen when it runs. So a mutant costs some hundredths of a second a case, and not the time of a
-compiler. Those that change what is elaborated, and those that survive without a proof, are compiled
+compiler. Those that change what is elaborated, or survive without a reason, are compiled
 by Icarus Verilog, one by one.
 """
 
@@ -31,7 +31,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import accumulate, count, takewhile
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -40,6 +40,7 @@ from firmware_model.hardware import simulation, sources
 from firmware_model.hardware.parameters import PACKAGE
 from firmware_model.hardware.simulation import Conditions
 from firmware_model.model.design import Design
+from firmware_model.vectors.manifest import MANIFEST
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import standard_suites, write_suites
 from firmware_model.vectors.verify import read_results, verify
@@ -64,11 +65,27 @@ QUICK = Design(
     window_events=1, lanes=1,
 )  # fmt: skip
 QUICK_EVENTS, QUICK_RESETS = 150, 6
+#: a restart of ten bits, so that places match against much evidence; steps back over a map whose
+#: number of places is a power of two; windows of an odd length by a narrow clock
+DEAR = replace(_FILTER, places=16, restart=254, back=(2,), timestamp_bits=9, tau_us=51, trust=8)
+DEAR_EVENTS = 600
+_SMALL = Design(
+    width=4, height=2, pixels=3, places=4, length=3, full_scales=(3,), lanes=3, polarity=True,
+    window="count", window_events=6,
+)  # fmt: skip
+_CLOCKS = range(200, 400)
 #: designs that are reset at each of some clocks, and their number of events: at all phases of a
-#: place's sum, whose terms end after the next window begins, and of a window of the filter
+#: place's sum, whose terms end after the next window begins, of a window of the filter, and of
+#: contrast codes, and of sequences
 EVERY_CLOCK = {
     "reset_sum": (replace(QUICK, places=16), 17, range(60, 76)),
     "reset_match": (replace(QUICK, matching="filter", length=1, places=3), 3, range(347, 384)),
+    "reset_contrast": (
+        replace(_SMALL, matching="filter", length=1, code="contrast", lanes=1),
+        150,
+        _CLOCKS,
+    ),
+    "reset_sequence": (_SMALL, 60, _CLOCKS),
 }
 #: cases that are replayed on the core of slow block memories too
 ALSO_SLOW = (
@@ -80,7 +97,7 @@ FIRST = (
     "spread_of_one", "pauses_of_kept_distances", "random_2", "events_by_count", "backwards",
     "margin_at_threshold", "several_code_tables", "both_polarities", "all_shifts", "trusted",
 )  # fmt: skip
-#: mutants that behave as the source does, and why
+#: mutants that behave as the source does, and why; and those that other tests find
 PROOFS = sources.FOLDER / "mutants.toml"
 _CHANGES = tuple(
     (re.compile(old), new)
@@ -124,6 +141,22 @@ class Mutant(NamedTuple):
     text: str
 
 
+Kind = Literal["found", "found elsewhere", "equal", "not found"]
+
+
+class Outcome(NamedTuple):
+    """What became of a mutant: the case or test that found it, or the reason why it is equal."""
+
+    kind: Kind
+    by: str = ""
+
+    def __str__(self) -> str:
+        """Return it as the end of a line."""
+        if self.kind == "equal":
+            return f"equal: {self.by}"
+        return f"found by {self.by}" if self.by else "NOT FOUND"
+
+
 def mutants(file: str, source: str) -> Iterator[Mutant]:
     """Yield every change of each line of a source."""
     for number, line in enumerate(source.split("\n")):
@@ -146,23 +179,35 @@ def all_mutants() -> list[Mutant]:
     ]
 
 
-def proofs(every: Sequence[Mutant]) -> dict[Mutant, str]:
-    """Read why mutants are equal to the core.
+def judged(every: Sequence[Mutant]) -> dict[Mutant, Outcome]:
+    """Read why mutants are equal to the core, and which other tests find those that are not.
 
-    The key is the line before and after, not its number, so that a proof holds when something else
-    is changed above it.
+    A mutant is told by its line before and after, so that a reason holds when something else is
+    changed above it. It is of those that survive, of several of the same lines.
     """
-    given = tomllib.loads(PROOFS.read_text(encoding="utf-8"))["equal"]
-    reasons = {(e["file"], e["line"], becomes): e["why"] for e in given for becomes in e["becomes"]}
-    found = {}
-    for file in sources.UNITS:
-        lines = (sources.FOLDER / file).read_text(encoding="ascii").split("\n")
-        for mutant in (mutant for mutant in every if mutant.file == file):
-            code = lines[mutant.line].partition("//")[0]
-            key = file, " ".join(code.split()), " ".join(mutant.text.split())
-            if key in reasons:
-                found[mutant] = reasons[key]
-    return found
+    given = tomllib.loads(PROOFS.read_text(encoding="utf-8"))
+    read: tuple[tuple[Kind, str], ...] = (("equal", "why"), ("found elsewhere", "by"))
+    reasons = {
+        (entry["file"], entry["line"], becomes): Outcome(kind, entry[reason])
+        for kind, reason in read
+        for entry in given[kind.split()[0]]
+        for becomes in entry["becomes"]
+    }
+    return {mutant: reasons[key] for mutant, key in _keys(every).items() if key in reasons}
+
+
+def _keys(every: Sequence[Mutant]) -> dict[Mutant, tuple[str, str, str]]:
+    """Return file, line and changed line of each mutant, without comments and further blanks."""
+    sources_of = {file: (sources.FOLDER / file).read_text("ascii") for file in sources.UNITS}
+    lines = {file: source.split("\n") for file, source in sources_of.items()}
+    return {
+        mutant: (
+            mutant.file,
+            " ".join(lines[mutant.file][mutant.line].partition("//")[0].split()),
+            " ".join(mutant.text.split()),
+        )
+        for mutant in every
+    }
 
 
 def chosen(every: Sequence[Mutant], places: Sequence[str]) -> list[Mutant]:
@@ -380,6 +425,7 @@ class Bench:
         if only is None or "random_0" in only:
             quick = self._short(folder, "quick", QUICK, QUICK_EVENTS)
             self.cases.append(quick.under(resets=QUICK_RESETS))
+            self.cases.append(self._short(folder, "dear", DEAR, DEAR_EVENTS))
         first = [case for case in self.cases if case.name.partition("/")[2] in FIRST]
         slow = [
             case for case in self.cases if case.name.partition("/")[2] in (*ALSO_SLOW, "random_0")
@@ -390,12 +436,21 @@ class Bench:
                 short = self._short(folder, suite, design, events)
                 first += [short.under(reset_at=clock) for clock in clocks]
         self.cases = list(dict.fromkeys([*first, *self.cases]))
+        self._hash = hashlib.sha256(repr([case[1:] for case in self.cases]).encode())
+        for path in sorted([*self._rtl.iterdir(), *folder.glob(f"*/{MANIFEST}")]):
+            self._hash.update(path.read_bytes())
 
     def _short(self, folder: Path, suite: str, design: Design, events: int) -> Trial:
         """Write a suite of one random case, to be replayed without stalls."""
         cases = random_cases(design, np.random.default_rng(self._seed), 1, events)
         write_suites(folder / suite, design, {suite: cases}, self._seed, rtl=True)
         return Trial(folder / suite, f"{suite}/{cases[0].name}", Conditions(self._seed, resets=1))
+
+    def fingerprint(self, mutant: Mutant) -> str:
+        """Return a hash of what the outcome of a mutant depends on: sources and vectors."""
+        found = self._hash.copy()
+        found.update("\0".join(map(str, mutant)).encode())
+        return found.hexdigest()
 
     def found_by(self, mutant: Mutant | None) -> str | None:
         """Return the case that finds a mutant, or fails without a mutant; None if there is none."""
@@ -516,47 +571,44 @@ class Bench:
             return False
 
 
-class Outcome(NamedTuple):
-    """What became of a mutant: the case that found it, or the reason why it is equal."""
-
-    kind: Literal["found", "equal", "not found"]
-    by: str = ""
-
-    def __str__(self) -> str:
-        """Return it as the end of a line."""
-        if self.kind == "found":
-            return f"found by {self.by}"
-        return f"equal, as {self.by}" if self.kind == "equal" else self.kind.upper()
-
-
 def outcomes(
-    bench: Bench, mutants: Sequence[Mutant], known: Mapping[Mutant, str], jobs: int = 1
+    bench: Bench, mutants: Sequence[Mutant], kept: Path | None = None, jobs: int = 1
 ) -> Iterator[tuple[Mutant, Outcome]]:
     """Yield the outcome of each mutant.
 
     Programs of Verilator with all mutants find most of them. Then each of the others without a
-    proof is compiled by Icarus Verilog, which finds what is undefined too. What a compiler refuses
+    reason is compiled by Icarus Verilog, which finds what is undefined too. What a compiler refuses
     is found.
 
     Parameters
     ----------
-    known : mapping of Mutant to str
-        Cases that found some in an earlier run.
+    kept : path, optional
+        File to which each outcome is added, and from which those of an earlier run are taken, as
+        long as sources and vectors are the same.
     """
-    left = dict.fromkeys(mutant for mutant in mutants if mutant not in known)
-    for mutant in mutants:
-        if mutant in known:
-            yield mutant, Outcome("found", known[mutant])
-    for mutant, case in bench.find(list(left), jobs):
+    lines = kept.read_text(encoding="ascii").splitlines() if kept and kept.exists() else []
+    # the last line of a run that was interrupted may be cut
+    known = dict(line.split("\t", 1) for line in lines if line.count("\t") == 1)
+    keys = {mutant: bench.fingerprint(mutant) for mutant in mutants}
+    left = dict.fromkeys(mutant for mutant in mutants if keys[mutant] not in known)
+
+    def keep(mutant: Mutant, case: str) -> None:
+        known[keys[mutant]] = case
+        if kept is not None:
+            with kept.open("a", encoding="ascii") as file:
+                file.write(f"{keys[mutant]}\t{case}\n")
+
+    for mutant, case in bench.find(list(left), jobs) if left else ():
         del left[mutant]
-        yield mutant, Outcome("found", case)
-    proved = proofs(mutants)
+        keep(mutant, case)
+    reasons = judged(mutants)
     for mutant in left:
-        if mutant in proved:
-            yield mutant, Outcome("equal", proved[mutant])
+        keep(mutant, "" if mutant in reasons else bench.found_by(mutant) or "")
+    for mutant in mutants:
+        if case := known[keys[mutant]]:
+            yield mutant, Outcome("found", case)
         else:
-            case_of = bench.found_by(mutant)
-            yield mutant, Outcome("not found") if case_of is None else Outcome("found", case_of)
+            yield mutant, reasons.get(mutant, Outcome("not found"))
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -579,51 +631,32 @@ def main(words: Sequence[str] | None = None) -> int:
     except ToolError as error:
         parser.error(str(error))
     counts: Counter[tuple[str, str]] = Counter()
-    proved = proofs(every)
-    wrong = 0
+    keys = _keys(every)
+    stale = {keys[mutant] for mutant in judged(every)}
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(Path(folder), args.seed)
         try:
-            known = _known(args.outcomes, every)
-            for mutant, outcome in outcomes(bench, every, known, args.jobs):
+            for mutant, outcome in outcomes(bench, every, args.outcomes, args.jobs):
                 counts[mutant.file, outcome.kind] += 1
                 where = f"{mutant.file}:{mutant.line + 1}"
                 print(f"{where}: {mutant.text.strip()}: {outcome}", flush=True)
-                if outcome.kind == "found" and mutant in proved:
-                    wrong += 1
-                    print(f"PROOF OF NO SURVIVOR: {proved[mutant]}")
-                if outcome.kind == "found" and mutant not in known and args.outcomes is not None:
-                    with args.outcomes.open("a", encoding="ascii") as file:
-                        file.write(f"{_fingerprint(mutant)}\t{outcome.by}\n")
+                if outcome.kind in ("equal", "found elsewhere"):
+                    stale.discard(keys[mutant])
         except ToolError as error:
             print(error, file=sys.stderr)
             return 1
     left = sum(number for (_, kind), number in counts.items() if kind == "not found")
     if args.table is not None:
         args.table.write_text(_table(counts), encoding="ascii")
+    for file, line, becomes in sorted(stale):
+        print(f"REASON OF NO SURVIVOR: {file}: {line} -> {becomes}")
     print(f"{len(every)} mutants, {left} not found")
-    return int(left + wrong > 0)
-
-
-def _known(file: Path | None, every: Sequence[Mutant]) -> dict[Mutant, str]:
-    """Return what an earlier run found in the same source."""
-    if file is None or not file.exists():
-        return {}
-    lines = file.read_text(encoding="ascii").splitlines()
-    # the last line of a run that was interrupted may be cut
-    found = dict(line.split("\t", 1) for line in lines if line.count("\t") == 1)
-    keys = {mutant: _fingerprint(mutant) for mutant in every}
-    return {mutant: found[key] for mutant, key in keys.items() if key in found}
-
-
-def _fingerprint(mutant: Mutant) -> str:
-    source = (sources.FOLDER / mutant.file).read_text(encoding="ascii")
-    return hashlib.sha256("\0".join([source, *map(str, mutant)]).encode()).hexdigest()
+    return int(left > 0 or bool(stale))
 
 
 def _table(counts: Counter[tuple[str, str]]) -> str:
     """Return the numbers of mutants by unit and outcome as CSV."""
-    kinds = ("found", "equal", "not found")
+    kinds = get_args(Kind)
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(["unit", "mutants", *kinds])

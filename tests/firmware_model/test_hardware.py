@@ -724,12 +724,18 @@ def test_a_mutant_changes_one_line_of_a_unit():
 
 def test_every_proof_of_an_equal_mutant_is_of_one_and_says_something():
     """A proof of a line that was changed since is found here already."""
-    given = tomllib.loads(mutants.PROOFS.read_text(encoding="utf-8"))["equal"]
-    keys = [(entry["file"], entry["line"], new) for entry in given for new in entry["becomes"]]
+    given = tomllib.loads(mutants.PROOFS.read_text(encoding="utf-8"))
+    entries = [*given["equal"], *given["found"]]
+    keys = [(entry["file"], entry["line"], new) for entry in entries for new in entry["becomes"]]
     assert len(set(keys)) == len(keys)
-    proved = mutants.proofs(mutants.all_mutants())
-    assert len({(m.file, " ".join(m.text.split()), why) for m, why in proved.items()}) >= len(keys)
-    assert all(len(entry["why"]) > 10 for entry in given)
+    assert set(keys) <= set(mutants._keys(mutants.all_mutants()).values())
+    assert all(len(entry["why"]) > 10 for entry in given["equal"])
+    # the tests and proofs that find others are there
+    tests = Path(__file__).read_text(encoding="utf-8")
+    assert all(
+        entry["by"] in unit_proof.PROVED or f"def {entry['by']}(" in tests
+        for entry in given["found"]
+    )
 
 
 def test_the_mutants_of_a_source_are_in_one_text_but_for_those_of_its_elaboration():
@@ -794,12 +800,14 @@ endmodule
 @needs_iverilog
 @pytest.mark.skipif(shutil.which("verilator") is None, reason="needs Verilator")
 def test_programs_with_all_mutants_find_what_is_found_one_by_one(tmp_path):
-    """And nothing else: those that are not found are the same."""
-    every = mutants.chosen(mutants.all_mutants(), ["vpr_trust.sv"])[::6]
+    """And nothing else; of changed operators, which leave nothing undefined."""
+    every = mutants.chosen(mutants.all_mutants(), ["vpr_trust.sv"])
+    every = [mutant for mutant in every if not mutant.text.rstrip().endswith(" ;")][::12]
+    every = [mutant for mutant in every if mutant.text.strip() != ";"]
     bench = mutants.Bench(tmp_path, 1, only=("walk",))
     found = dict(bench.find(every))
-    assert 3 < len(found) < len(every)
-    assert {m for m in every if bench.found_by(m)} >= set(found)
+    assert 1 < len(found) < len(every)
+    assert {mutant for mutant in every if bench.found_by(mutant)} == set(found)
     assert all(case.startswith("filter/walk") for case in found.values())
 
 
