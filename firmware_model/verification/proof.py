@@ -110,6 +110,7 @@ def _put(table: Path, name: str, seconds: float | None) -> None:
         rows_now = (
             [claim, *(cells.get((claim, kind), "") for kind in kinds)]
             for claim in stream_proof.CORE_CLAIMS.values()
+            if any(cells.get((claim, kind)) for kind in kinds)
         )
         csv.writer(file, lineterminator="\n").writerows([["claim", *kinds], *rows_now])
 
