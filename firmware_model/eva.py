@@ -64,6 +64,7 @@ _LARGE = Design(
 #: sizes of the designs that edge-vpr makes of a map: of 150 pixels of a DAVIS346 and 1,000 places
 LARGE_SIZES = {
     "large_default": _LARGE,
+    "large_default_distances_twice": replace(_LARGE, keep_distances=False),
 }
 #: words of the header that may be any; the others are sizes
 FREE = (
@@ -76,16 +77,20 @@ _APART = (
     "codes_sound", "places_sound", "at_most", "words_at_most",
 )  # fmt: skip
 _OPTIONS = (
-    "-eva", "-machdep", "x86_32", "-eva-slevel-function", "lookup_sound:0,event_log:64",
+    "-eva", "-machdep", "x86_32",
     "-eva-plevel", "2000", "-eva-ilevel", "64", "-eva-split-return-function",
     ",".join([*(f"{name}:0" for name in _APART), "vpr_slot:4294967295"]),
 )  # fmt: skip
+_STATES, _OF_ALL = "-eva-slevel-function", "lookup_sound:0,event_log:64"
 _UNROLL, _DOMAINS = "-eva-auto-loop-unroll", "-eva-domains"
 _SMALL_OPTIONS = (
-    "-eva-slevel", "64", _UNROLL, "600", _DOMAINS, "cvalue,symbolic-locations,equality",
+    _STATES, _OF_ALL, "-eva-slevel", "64", _UNROLL, "600",
+    _DOMAINS, "cvalue,symbolic-locations,equality",
 )  # fmt: skip
-#: the gauges know how far a pointer is in a loop over many places
+#: the gauges know how far a pointer is in a loop over many places; each block of places is a state
+#: of its own in the passes over them
 _LARGE_OPTIONS = (
+    _STATES, f"{_OF_ALL},advance_by_evidence:800",
     "-eva-slevel", "2", _UNROLL, "24", _DOMAINS, "cvalue,symbolic-locations,equality,gauges",
 )  # fmt: skip
 #: logarithm of 65,536 in units of 1/256 octave

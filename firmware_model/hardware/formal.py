@@ -78,6 +78,12 @@ BOUNDED = f"fold; strash; bmc3 -F {CLOCKS}"
 _FRAMES = re.compile(r"bmc3 -F (\d+)")
 
 
+def bounded_to(method: str) -> int | None:
+    """Return the number of the first clocks that a method is about; None if it has no bound."""
+    found = _FRAMES.search(method)
+    return int(found[1]) if found else None
+
+
 def model_check(model: Path, seconds: int, method: str = UNBOUNDED) -> bool:
     """Return whether the assertions of an AIGER model hold in every state that it can reach.
 
@@ -98,8 +104,8 @@ def model_check(model: Path, seconds: int, method: str = UNBOUNDED) -> bool:
         Same as for `solve`.
     """
     done = _run(["yosys-abc", "-c", f"read_aiger {model}; {method}"], seconds)
-    bound = _FRAMES.search(method)
-    held = bound is not None and f"asserted in {bound[1]} frames" in done.stdout
+    bound = bounded_to(method)
+    held = bound is not None and f"asserted in {bound} frames" in done.stdout
     if "Property proved." in done.stdout or held:
         return True
     if "was asserted in frame" in done.stdout:

@@ -1,13 +1,17 @@
-"""Simulate the core with Icarus Verilog: replay a case of golden vectors, return its records."""
+"""Simulate the core: replay a case of golden vectors, return its records.
+
+By Icarus Verilog; or by Verilator, whose programs take seconds to build and some hundredths of the
+time to run. Verilator knows no undefined values: registers and memories begin with random ones.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shutil
 import signal
 import subprocess
 from collections.abc import Iterator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,7 +22,9 @@ from firmware_model.vectors.case import Record
 from firmware_model.vectors.manifest import RTL_FOLDER, load_manifest
 from firmware_model.vectors.verify import read_results
 
-COMPILER, RUNTIME = "iverilog", "vvp"
+COMPILER, RUNTIME, BUILDER = "iverilog", "vvp", "verilator"
+#: suffix of programs that `RUNTIME` runs
+INTERPRETED = ".vvp"
 
 
 class Replay(NamedTuple):
@@ -100,6 +106,54 @@ def compile_bench(
     _run([*command, "-o", str(program), str(package), *map(str, files)])
 
 
+def build_bench(
+    package: Path,
+    folder: Path,
+    sources_folder: Path,
+    more: Sequence[Path] = (),
+    *,
+    library: Path | None = None,
+    slow_blocks: bool = False,
+) -> Path:
+    """Build core and testbench for one design with Verilator; return the program.
+
+    Parameters
+    ----------
+    package : path
+        Generated package of the design.
+    folder : path
+        New folder.
+    sources_folder : path
+        Folder of the core's sources.
+    more : sequence of path
+        Sources before them.
+    library : path, optional
+        Folder of another program, from which Verilator's own library is taken.
+    slow_blocks : bool
+        Same as for `compile_bench`.
+
+    Raises
+    ------
+    ToolError
+        If Verilator is not installed, or refuses the sources.
+    """
+    files = [package, *more, *(sources_folder / name for name in sources.SIMULATED)]
+    _run(
+        [
+            BUILDER, "--cc", "--exe", "--main", "--timing", "-Wno-lint", "-Wno-fatal",
+            "--x-assign", "unique", "--x-initial", "unique", "--top-module", "vpr_bench",
+            f"-GSLOW_BLOCKS={int(slow_blocks)}", "--Mdir", str(folder), *map(str, files),
+        ]
+    )  # fmt: skip
+    for built in library.glob("verilated*.[od]") if library else ():
+        shutil.copyfile(built, folder / built.name)  # newer than what it is made of
+    program = folder / "Vvpr_bench"
+    # most of the time goes to the compiler
+    options = ("OPT_FAST=-O1", "OPT_SLOW=-O0", "OPT_GLOBAL=-O1", "VM_PARALLEL_BUILDS=0")
+    _run(["make", "-C", str(folder), "-f", f"{program.name}.mk", program.name, *options])
+    return program
+
+
 def replay(
     program: Path,
     case: Path,
@@ -114,18 +168,8 @@ def replay(
 
     Parameters
     ----------
-    program : path
-        Program of `compile_bench` for the design of this case.
-    case : path
-        Folder of the case.
-    name : str
-        Suite and case, such as ``corners/tie_of_two``.
-    results : path
-        CSV file to be written.
-    conditions : Conditions
-        The program decides about `slow_blocks`.
-    seconds : int, optional
-        Processor seconds after which a simulation that has not ended is a fault.
+    program, case, name, results, conditions, seconds
+        Same as for `run_bench`.
     trace : path, optional
         VCD file of the testbench's signals to be written.
 
@@ -134,17 +178,54 @@ def replay(
     ToolError
         If Icarus Verilog is not installed, or the testbench ends with a fault.
     """
-    arguments = {"case": name, "results": results.resolve(), **conditions._asdict()}
-    del arguments["slow_blocks"]
-    if trace is not None:
-        arguments["trace"] = trace.resolve()
-    words = [f"+{key}={value}" for key, value in arguments.items()]
-    said = _run([RUNTIME, "-n", str(program.resolve()), *words], case, seconds)
+    more = [] if trace is None else [f"+trace={trace.resolve()}"]
+    said = run_bench(program, case, name, results, conditions, more, seconds=seconds)
     found = re.search(r"at most (\d+) in a row, cycles a match (\d+) to (\d+)", said)
     if found is None:
         raise ToolError(f"the testbench of {name} did not come to its end: {said.strip()}")
     in_a_row, least, most = map(int, found.groups())
     return Replay(read_results(results), least, most, in_a_row)
+
+
+def run_bench(
+    program: Path,
+    case: Path,
+    name: str,
+    results: Path,
+    conditions: Conditions,
+    more: Sequence[str] = (),
+    *,
+    seconds: int | None = None,
+) -> str:
+    """Run a case of golden vectors, and return what the testbench prints.
+
+    Parameters
+    ----------
+    program : path
+        Program of `compile_bench` or `build_bench` for the design of this case.
+    case : path
+        Folder of the case.
+    name : str
+        Suite and case, such as ``corners/tie_of_two``.
+    results : path
+        CSV file to be written.
+    conditions : Conditions
+        The program decides about `slow_blocks`.
+    more : sequence of str
+        Further words for the program.
+    seconds : int, optional
+        Processor seconds after which a simulation that has not ended is a fault.
+
+    Raises
+    ------
+    ToolError
+        Same as for `replay`.
+    """
+    arguments = {"case": name, "results": results.resolve(), **conditions._asdict()}
+    del arguments["slow_blocks"]
+    words = [*(f"+{key}={value}" for key, value in arguments.items()), *more]
+    runtime = [RUNTIME, "-n"] if program.suffix == INTERPRETED else []
+    return _run([*runtime, str(program.resolve()), *words], case, seconds)
 
 
 class Programs:
@@ -167,7 +248,7 @@ class Programs:
         package = case / f"{PACKAGE}.sv"
         key = package.read_text(encoding="ascii"), slow_blocks
         if key not in self._known:
-            self._known[key] = self._work / f"design_{len(self._known)}.vvp"
+            self._known[key] = self._work / f"design_{len(self._known)}{INTERPRETED}"
             compile_bench(package, self._known[key], self._rtl, slow_blocks=slow_blocks)
         return self._known[key]
 
@@ -209,30 +290,29 @@ def replay_vectors(
 
 
 def _run(command: Sequence[str], folder: Path | None = None, seconds: int | None = None) -> str:
+    pipe = subprocess.PIPE
     try:
-        # processor time is limited, so that a busy computer does not cause a fault
-        done = subprocess.run(
-            command,
-            capture_output=True,
-            text=True,
-            cwd=folder,
-            check=False,
-            preexec_fn=None if seconds is None else partial(_limit, seconds),
-        )
+        with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, cwd=folder) as program:
+            if seconds is not None:
+                _limit(program.pid, seconds)
+            out, errors = program.communicate()
     except FileNotFoundError as error:
+        suite = "Icarus Verilog, for example by apt install iverilog"
+        if command[0] not in (COMPILER, RUNTIME):
+            suite = "Verilator, for example by apt install verilator make g++"
         raise ToolError(
-            f"simulating the core needs {command[0]}, which is not installed: install Icarus "
-            "Verilog, for example by apt install iverilog"
+            f"simulating the core needs {command[0]}, which is not installed: install {suite}"
         ) from error
-    if seconds is not None and done.returncode == -signal.SIGXCPU:
+    if seconds is not None and program.returncode == -signal.SIGXCPU:
         raise ToolError(f"{command[0]} took more than {seconds} s of the processor")
-    if done.returncode:
-        raise ToolError(f"{command[0]}: {(done.stderr + done.stdout).strip()}")
-    return done.stdout
+    if program.returncode:
+        raise ToolError(f"{command[0]}: {(errors + out).strip()}")
+    return out
 
 
-def _limit(seconds: int) -> None:
-    """Limit the processor time of the child process only."""
+def _limit(process: int, seconds: int) -> None:
+    """Limit the processor time of a process, so that a busy computer does not cause a fault."""
     import resource  # not available on Windows
 
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
+    with contextlib.suppress(ProcessLookupError):  # it has ended
+        resource.prlimit(process, resource.RLIMIT_CPU, (seconds, seconds + 1))

@@ -2,40 +2,56 @@
 
 Each mutant changes one operator or constant of the sources, or removes a statement. The vectors of
 designs with sequences, and of some with the place filter, own-mean and contrast codes, are replayed
-with stalls and resets until a case finds the mutant; the first of them also on the core that has
-registers behind its block memories. Short cases with a reset of one clock, at each clock of a place
-or of a match, follow. The command lists the mutants that no case finds.
-It needs Icarus Verilog.
+with stalls and resets until a case finds the mutant; some of them also on the core that has
+registers behind its block memories, and short cases with a reset of one clock at each clock of a
+place or of a match. A mutant that no case finds must be equal to the core, or be found by another
+test or proof: ``rtl/mutants.toml`` says why, or which.
+
+For each design, Verilator builds one program with all mutants that are left; which of them acts is
+chosen when it runs. So a mutant costs some hundredths of a second a case, and not the time of a
+compiler. Those that change what is elaborated, or survive without a reason, are compiled
+by Icarus Verilog, one by one.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
+import hashlib
+import io
 import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Collection, Iterator, Sequence
+import tomllib
+from collections import Counter
+from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
+from itertools import accumulate, count, takewhile
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
 from firmware_model.errors import ToolError, VectorError
 from firmware_model.hardware import simulation, sources
+from firmware_model.hardware.parameters import PACKAGE
 from firmware_model.hardware.simulation import Conditions
 from firmware_model.model.design import Design
+from firmware_model.vectors.manifest import MANIFEST
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import standard_suites, write_suites
-from firmware_model.vectors.verify import verify
+from firmware_model.vectors.verify import read_results, verify
 from firmware_model.verification.mutants import mutants_at
 
-#: mutants of a run of all sources
-DRAWN = 60
 #: Processor seconds of a simulation, after which the mutant counts as found. The longest case takes
 #: four; the testbench itself detects a core that has stopped.
 LIMIT = 30
+RESULTS = "results.csv"
+#: the same of the programs of Verilator, whose longest case takes a tenth
+BUILT_LIMIT = 3
 _SEQUENCES = Design(
     width=24, height=16, pixels=9, places=20, length=3, full_scales=(15,), window_events=12, lanes=4
 )
@@ -49,31 +65,40 @@ QUICK = Design(
     window_events=1, lanes=1,
 )  # fmt: skip
 QUICK_EVENTS, QUICK_RESETS = 150, 6
+#: a restart of ten bits, so that places match against much evidence; steps back over a map whose
+#: number of places is a power of two; windows of an odd length by a narrow clock
+DEAR = replace(_FILTER, places=16, restart=254, back=(2,), timestamp_bits=9, tau_us=51, trust=8)
+DEAR_EVENTS = 600
+_SMALL = Design(
+    width=4, height=2, pixels=3, places=4, length=3, full_scales=(3,), lanes=3, polarity=True,
+    window="count", window_events=6,
+)  # fmt: skip
+_CLOCKS = range(200, 400)
 #: designs that are reset at each of some clocks, and their number of events: at all phases of a
-#: place's sum, whose terms end after the next window begins, and of a window of the filter
+#: place's sum, whose terms end after the next window begins, of a window of the filter, and of
+#: contrast codes, and of sequences
 EVERY_CLOCK = {
     "reset_sum": (replace(QUICK, places=16), 17, range(60, 76)),
     "reset_match": (replace(QUICK, matching="filter", length=1, places=3), 3, range(347, 384)),
+    "reset_contrast": (
+        replace(_SMALL, matching="filter", length=1, code="contrast", lanes=1),
+        150,
+        _CLOCKS,
+    ),
+    "reset_sequence": (_SMALL, 60, _CLOCKS),
 }
-#: cases that find most mutants come first
-FIRST = (
+#: cases that are replayed on the core of slow block memories too
+ALSO_SLOW = (
     "tie_of_three", "walk", "own_means_of_sequences", "by_one_too_many", "events_by_time",
-    "usually_more_events", "pause_at_threshold", "by_activity", "contrasts", "weights",
-    "spread_of_one", "pauses_of_kept_distances", "random_2",
 )  # fmt: skip
-#: mutants that behave as the source does, and the reason
-EQUAL = {
-    ("vpr_activity.sv", "{wrapped_q, events_q} - {1'b0, {EVENTS_BITS{has_events_q}}} + "
-     "(EVENTS_BITS + 1)'(counted_i);"): "the operand is 0 whenever the sum is taken",
-    ("vpr_activity.sv", "{wrapped_q, events_q} + {1'b0, {EVENTS_BITS{has_events_q}}} + "
-     "(EVENTS_BITS - 1)'(counted_i);"): "either width holds the one bit",
-    ("vpr_logarithm.sv", "memory[(15 - of) * 32 + at] = at < 8 ? 1'b1 : "
-     "POWERS[24*of+(at<8?0:at-8)];"): "the words below the lowest bit of a power are not read",
-    ("vpr_trust.sv", "larger_q     <= former_q >= earlier_q ? former_q : earlier_q;"):
-     "of two equal numbers either is the larger",
-    ("vpr_trust.sv", "worst_q      <= newest_q >= larger_q ? newest_q : larger_q;"):
-     "of two equal numbers either is the larger",
-}  # fmt: skip
+#: cases that find most mutants come first, at least one of each part of the core
+FIRST = (
+    *ALSO_SLOW, "usually_more_events", "pause_at_threshold", "by_activity", "contrasts", "weights",
+    "spread_of_one", "pauses_of_kept_distances", "random_2", "events_by_count", "backwards",
+    "margin_at_threshold", "several_code_tables", "both_polarities", "all_shifts", "trusted",
+)  # fmt: skip
+#: mutants that behave as the source does, and why; and those that other tests find
+PROOFS = sources.FOLDER / "mutants.toml"
 _CHANGES = tuple(
     (re.compile(old), new)
     for old, new in (
@@ -83,7 +108,7 @@ _CHANGES = tuple(
         (r"'0\b", "'1"), (r"!(?=[a-z(])", ""), (r" - 1\)", ")"),
     )
 )  # fmt: skip
-_STATEMENT = re.compile(r"^\s+(?:if \([^;]*\) |else )?\w[\w\[\]:]*\s+<= .*;$")
+_STATEMENT = re.compile(r"^(\s+(?:if \([^;]*\) |else )?)\w[\w\[\]:]*\s+<= .*;$")
 #: lines with declarations instead of behaviour
 _STATED = re.compile(
     r"^\s*(?://|parameter|localparam|input|output|logic [^=]*;|\.|genvar|for |module|wire unused)"
@@ -116,6 +141,22 @@ class Mutant(NamedTuple):
     text: str
 
 
+Kind = Literal["found", "found elsewhere", "equal", "not found"]
+
+
+class Outcome(NamedTuple):
+    """What became of a mutant: the case or test that found it, or the reason why it is equal."""
+
+    kind: Kind
+    by: str = ""
+
+    def __str__(self) -> str:
+        """Return it as the end of a line."""
+        if self.kind == "equal":
+            return f"equal: {self.by}"
+        return f"found by {self.by}" if self.by else "NOT FOUND"
+
+
 def mutants(file: str, source: str) -> Iterator[Mutant]:
     """Yield every change of each line of a source."""
     for number, line in enumerate(source.split("\n")):
@@ -125,8 +166,8 @@ def mutants(file: str, source: str) -> Iterator[Mutant]:
         for pattern, new in _CHANGES:
             for found in pattern.finditer(code):
                 yield Mutant(file, number, code[: found.start()] + new + code[found.end() :])
-        if _STATEMENT.match(code):
-            yield Mutant(file, number, ";" if code.lstrip().startswith(("if", "else")) else "")
+        if statement := _STATEMENT.match(code):
+            yield Mutant(file, number, f"{statement[1]};")
 
 
 def all_mutants() -> list[Mutant]:
@@ -138,6 +179,37 @@ def all_mutants() -> list[Mutant]:
     ]
 
 
+def judged(every: Sequence[Mutant]) -> dict[Mutant, Outcome]:
+    """Read why mutants are equal to the core, and which other tests find those that are not.
+
+    A mutant is told by its line before and after, so that a reason holds when something else is
+    changed above it. It is of those that survive, of several of the same lines.
+    """
+    given = tomllib.loads(PROOFS.read_text(encoding="utf-8"))
+    read: tuple[tuple[Kind, str], ...] = (("equal", "why"), ("found elsewhere", "by"))
+    reasons = {
+        (entry["file"], entry["line"], becomes): Outcome(kind, entry[reason])
+        for kind, reason in read
+        for entry in given[kind.split()[0]]
+        for becomes in entry["becomes"]
+    }
+    return {mutant: reasons[key] for mutant, key in _keys(every).items() if key in reasons}
+
+
+def _keys(every: Sequence[Mutant]) -> dict[Mutant, tuple[str, str, str]]:
+    """Return file, line and changed line of each mutant, without comments and further blanks."""
+    sources_of = {file: (sources.FOLDER / file).read_text("ascii") for file in sources.UNITS}
+    lines = {file: source.split("\n") for file, source in sources_of.items()}
+    return {
+        mutant: (
+            mutant.file,
+            " ".join(lines[mutant.file][mutant.line].partition("//")[0].split()),
+            " ".join(mutant.text.split()),
+        )
+        for mutant in every
+    }
+
+
 def chosen(every: Sequence[Mutant], places: Sequence[str]) -> list[Mutant]:
     """Select mutants by ``FILE`` or ``FILE:LINE``, with lines counted from 1, see `mutants_at`."""
     return mutants_at(every, places, _places, "FILE or FILE:LINE of the core")
@@ -145,6 +217,163 @@ def chosen(every: Sequence[Mutant], places: Sequence[str]) -> list[Mutant]:
 
 def _places(mutant: Mutant) -> set[str]:
     return {mutant.file, f"{mutant.file}:{mutant.line + 1}"}
+
+
+# All mutants in one program: the changed statement is chosen when it runs.
+
+
+class Region(NamedTuple):
+    """Part of a source of which another text can be chosen: a condition, a statement, or a net."""
+
+    kind: Literal["condition", "statement", "assign", "wire"]
+    begin: int
+    end: int
+
+
+#: package of the chosen mutant, and its file
+CHOICE = """\
+package mutation;
+    function automatic int given();
+        if (!$value$plusargs("mutant=%d", given)) given = -1;
+    endfunction
+    int chosen = given();
+endpackage
+"""
+_CHOSEN = "mutation::chosen"
+_WORD = re.compile(r"\w+")
+_NET = re.compile(r"wire\s+(?P<type>(?:signed\s+)?(?:\[[^\]]*\]\s*)*)(?P<name>\w+)\s*=")
+#: net that is driven elsewhere
+_DRIVEN = re.compile(r"\bwire(\s+(?:\[[^\]]*\]\s*)*\w+;)")
+_BEHAVIOUR = re.compile(
+    r"\b(?:always_ff\s*@\([^)]*\)|always_comb|initial|function\b[^;]*;|wire\b|assign\b)"
+)
+
+
+def with_choice(source: str, numbered: Mapping[int, Mutant]) -> tuple[str, set[int]]:
+    """Return a source in which one of its mutants is chosen by its number.
+
+    Returns
+    -------
+    str
+        It refers to the package `CHOICE`.
+    set of int
+        Numbers of the mutants that it has. It has none of those that change what is elaborated.
+    """
+    regions = list(_regions(source))
+    starts = [0, *accumulate(len(line) + 1 for line in source.split("\n"))]
+    texts: dict[Region, dict[int, str]] = {}
+    for number, mutant in numbered.items():
+        old = source[starts[mutant.line] :].partition("\n")[0].partition("//")[0].rstrip()
+        same = _alike(old, mutant.text)
+        rest = _alike(old[same:][::-1], mutant.text[same:][::-1])
+        begin, end = starts[mutant.line] + same, starts[mutant.line] + len(old) - rest
+        around = [region for region in regions if region.begin <= begin and end <= region.end]
+        if around:
+            region = min(around, key=lambda region: region.end - region.begin)
+            new = mutant.text[same : len(mutant.text) - rest]
+            text = source[region.begin : begin] + new + source[end : region.end]
+            texts.setdefault(region, {})[number] = text
+    for region in sorted(texts, key=lambda region: -region.begin):
+        chosen = _chosen(region, source[region.begin : region.end], texts[region])
+        source = source[: region.begin] + chosen + source[region.end :]
+    source = _DRIVEN.sub(r"logic\1", source)
+    return source, {number for of_region in texts.values() for number in of_region}
+
+
+def _alike(a: str, b: str) -> int:
+    """Return how many characters two texts have in common from their beginning on."""
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(a, b, strict=False)))
+
+
+def _chosen(region: Region, usual: str, texts: Mapping[int, str]) -> str:
+    """Return the text that takes one of some texts in the place of the usual one."""
+    if region.kind == "condition":  # `|`: each has its own width
+        for number, text in texts.items():
+            usual = f"{_CHOSEN} == {number} ? |({text}\n) : |({usual}\n)"
+        return usual
+    head, target, skipped = "", "", 0
+    if region.kind == "assign":
+        skipped = _until(_code(usual), 0, "=") + 1
+        head, target = "always_comb ", f"{usual[len('assign') : skipped]} "
+    elif region.kind == "wire":
+        net = _NET.match(usual)
+        assert net is not None
+        skipped = net.end()
+        head, target = f"logic {net['type']}{net['name']}; always_comb ", f"{net['name']} = "
+    cases = (f"{number}: {target}{text[skipped:]}\n" for number, text in texts.items())
+    return f"{head}case ({_CHOSEN})\n{''.join(cases)}default: {target}{usual[skipped:]}\nendcase"
+
+
+def _code(source: str) -> str:
+    """Return a source with blanks in the place of comments and texts."""
+    return re.sub(r"//[^\n]*|\"[^\"\n]*\"", lambda found: " " * len(found[0]), source)
+
+
+def _regions(source: str) -> Iterator[Region]:
+    code, at = _code(source), 0
+    while found := _BEHAVIOUR.search(code, at):
+        word = found[0]
+        if word in ("wire", "assign"):
+            at = _until(code, found.start(), ";") + 1
+            if word == "assign" or _NET.match(code, found.start()):
+                yield Region("assign" if word == "assign" else "wire", found.start(), at)
+        elif word.startswith("function"):
+            at = found.end()
+            while _word(code, at) != "endfunction":
+                at = yield from _statement(code, at)
+        else:
+            at = yield from _statement(code, found.end())
+
+
+def _statement(code: str, at: int) -> Generator[Region, None, int]:
+    """Yield the conditions and simple statements of a statement; return where it ends."""
+    at = _skipped(code, at)
+    word = _word(code, at)
+    behind = at + len(word)
+    if word == "begin":
+        at = behind
+        if code[_skipped(code, at)] == ":":
+            name = _skipped(code, _skipped(code, at) + 1)
+            at = name + len(_word(code, name))
+        while _word(code, at) != "end":
+            at = yield from _statement(code, at)
+        return _skipped(code, at) + len("end")
+    if word == "if":
+        end = _until(code, behind, ")")
+        yield Region("condition", code.index("(", behind) + 1, end)
+        at = yield from _statement(code, end + 1)
+        if _word(code, at) == "else":
+            at = yield from _statement(code, _skipped(code, at) + len("else"))
+        return at
+    if word == "case":
+        at = _until(code, behind, ")") + 1
+        while _word(code, at) != "endcase":
+            at = yield from _statement(code, _until(code, at, ":") + 1)
+        return _skipped(code, at) + len("endcase")
+    if word == "for":
+        return (yield from _statement(code, _until(code, behind, ")") + 1))
+    end = _until(code, at, ";") + 1
+    yield Region("statement", at, end)
+    return end
+
+
+def _skipped(code: str, at: int) -> int:
+    return at + len(code[at:]) - len(code[at:].lstrip())
+
+
+def _word(code: str, at: int) -> str:
+    found = _WORD.match(code, _skipped(code, at))
+    return found[0] if found else ""
+
+
+def _until(code: str, at: int, sign: str) -> int:
+    """Return where a sign is next outside of brackets, or where a bracket closes."""
+    depth = 0
+    for i in range(at, len(code)):
+        depth += (code[i] in "([{") - (code[i] in ")]}")
+        if depth == 0 and code[i] == sign:
+            return i
+    raise ToolError(f"no {sign!r} behind {code[at : at + 40]!r}")
 
 
 class Bench:
@@ -196,21 +425,32 @@ class Bench:
         if only is None or "random_0" in only:
             quick = self._short(folder, "quick", QUICK, QUICK_EVENTS)
             self.cases.append(quick.under(resets=QUICK_RESETS))
-        self.cases.sort(key=lambda case: case.name.partition("/")[2] not in FIRST)
+            self.cases.append(self._short(folder, "dear", DEAR, DEAR_EVENTS))
+        first = [case for case in self.cases if case.name.partition("/")[2] in FIRST]
         slow = [
-            case for case in self.cases if case.name.partition("/")[2] in (*FIRST[:5], "random_0")
+            case for case in self.cases if case.name.partition("/")[2] in (*ALSO_SLOW, "random_0")
         ]
-        self.cases += [case.under(slow_blocks=True) for case in slow]
+        first += [case.under(slow_blocks=True) for case in slow]
         for suite, (design, events, clocks) in EVERY_CLOCK.items():
             if only is None or suite in only:
                 short = self._short(folder, suite, design, events)
-                self.cases += [short.under(reset_at=clock) for clock in clocks]
+                first += [short.under(reset_at=clock) for clock in clocks]
+        self.cases = list(dict.fromkeys([*first, *self.cases]))
+        self._hash = hashlib.sha256(repr([case[1:] for case in self.cases]).encode())
+        for path in sorted([*self._rtl.iterdir(), *folder.glob(f"*/{MANIFEST}")]):
+            self._hash.update(path.read_bytes())
 
     def _short(self, folder: Path, suite: str, design: Design, events: int) -> Trial:
         """Write a suite of one random case, to be replayed without stalls."""
         cases = random_cases(design, np.random.default_rng(self._seed), 1, events)
         write_suites(folder / suite, design, {suite: cases}, self._seed, rtl=True)
         return Trial(folder / suite, f"{suite}/{cases[0].name}", Conditions(self._seed, resets=1))
+
+    def fingerprint(self, mutant: Mutant) -> str:
+        """Return a hash of what the outcome of a mutant depends on: sources and vectors."""
+        found = self._hash.copy()
+        found.update("\0".join(map(str, mutant)).encode())
+        return found.hexdigest()
 
     def found_by(self, mutant: Mutant | None) -> str | None:
         """Return the case that finds a mutant, or fails without a mutant; None if there is none."""
@@ -230,17 +470,145 @@ class Bench:
             if mutant is not None:
                 shutil.copyfile(sources.FOLDER / mutant.file, self._rtl / mutant.file)
 
+    def find(self, mutants: Sequence[Mutant], jobs: int = 1) -> Iterator[tuple[Mutant, str]]:
+        """Yield mutants, and the case that finds each; those that are not found are left out.
+
+        A program of Verilator for each design has all that are left. What changes the elaboration
+        is left out too.
+
+        Parameters
+        ----------
+        jobs : int
+            Programs at a time.
+
+        Raises
+        ------
+        ToolError
+            If Verilator is missing, or the source itself differs.
+        """
+        left = dict(enumerate(mutants))
+        programs: dict[tuple[str, bool], list[Trial]] = {}
+        for case in self.cases:
+            package = (case.vectors / case.name / f"{PACKAGE}.sv").read_text(encoding="ascii")
+            programs.setdefault((package, case.conditions.slow_blocks), []).append(case)
+        # the others take the library of the first
+        self._with_all(self._work / "first", self.cases[0], {})
+        with ThreadPoolExecutor(jobs) as pool:
+            told: set[int] = set()
+            for found in pool.map(partial(self._found_in, left), count(), programs.values()):
+                for number in found.keys() - told:
+                    yield mutants[number], found[number]
+                told |= found.keys()
+
+    def _found_in(self, left: dict[int, Mutant], at: int, cases: Sequence[Trial]) -> dict[int, str]:
+        """Run the cases of one design; move what they find from those that are left."""
+        if not left:
+            return {}
+        folder = self._work / f"built_{at}"
+        program, numbers = self._with_all(folder, cases[0], left.copy())
+        found = {}
+        for case in cases:
+            if self._differs(program, case, -1):
+                raise ToolError(f"the core without a mutant differs in {case}")
+            usual = (folder / RESULTS).read_bytes()
+            for number in sorted(numbers):
+                # another program may find it at the same time
+                if number in left and self._differs(program, case, number, usual):
+                    left.pop(number, None)
+                    found[number] = str(case)
+        shutil.rmtree(folder)
+        return found
+
+    def _with_all(
+        self, folder: Path, case: Trial, left: Mapping[int, Mutant]
+    ) -> tuple[Path, set[int]]:
+        """Build the program for the design of a case, with all mutants that can be chosen in it."""
+        numbers: set[int] = set()
+        rtl = folder.with_suffix(".rtl")
+        rtl.mkdir()
+        for file in sources.SIMULATED:
+            text = (sources.FOLDER / file).read_text(encoding="ascii")
+            its_own = {number: mutant for number, mutant in left.items() if mutant.file == file}
+            if its_own:
+                text, found = with_choice(text, its_own)
+                numbers |= found
+            (rtl / file).write_text(text, encoding="ascii")
+        choice = rtl / "mutation.sv"
+        choice.write_text(CHOICE, encoding="ascii")
+        package = case.vectors / case.name / f"{PACKAGE}.sv"
+        first = self._work / "first"
+        program = simulation.build_bench(
+            package, folder, rtl, [choice],
+            library=first if first.exists() else None, slow_blocks=case.conditions.slow_blocks,
+        )  # fmt: skip
+        return program, numbers
+
+    def _differs(self, program: Path, case: Trial, number: int, usual: bytes = b"") -> bool:
+        """Return whether a mutant's records differ from those of the vectors, in any way."""
+        # registers begin with random values
+        more = [f"+mutant={number}", "+verilator+rand+reset+2", f"+verilator+seed+{self._seed}"]
+        folder, results = case.vectors / case.name, program.parent / RESULTS
+        try:
+            simulation.run_bench(
+                program, folder, case.name, results, case.conditions, more, seconds=BUILT_LIMIT
+            )
+            if results.read_bytes() == usual:
+                return False
+            # the same records may come in another order
+            return bool(verify(case.vectors, read_results(results)).differences)
+        except (ToolError, VectorError):
+            return True
+
     def _holds(self, case: Trial, programs: simulation.Programs) -> bool:
         folder = case.vectors / case.name
         try:
             program = programs.of(folder, slow_blocks=case.conditions.slow_blocks)
-            results = self._work / "results.csv"
             done = simulation.replay(
-                program, folder, case.name, results, case.conditions, seconds=LIMIT
+                program, folder, case.name, self._work / RESULTS, case.conditions, seconds=LIMIT
             )
             return not verify(case.vectors, done.records).differences
         except (ToolError, VectorError):
             return False
+
+
+def outcomes(
+    bench: Bench, mutants: Sequence[Mutant], kept: Path | None = None, jobs: int = 1
+) -> Iterator[tuple[Mutant, Outcome]]:
+    """Yield the outcome of each mutant.
+
+    Programs of Verilator with all mutants find most of them. Then each of the others without a
+    reason is compiled by Icarus Verilog, which finds what is undefined too. What a compiler refuses
+    is found.
+
+    Parameters
+    ----------
+    kept : path, optional
+        File to which each outcome is added, and from which those of an earlier run are taken, as
+        long as sources and vectors are the same.
+    """
+    lines = kept.read_text(encoding="ascii").splitlines() if kept and kept.exists() else []
+    # the last line of a run that was interrupted may be cut
+    known = dict(line.split("\t", 1) for line in lines if line.count("\t") == 1)
+    keys = {mutant: bench.fingerprint(mutant) for mutant in mutants}
+    left = dict.fromkeys(mutant for mutant in mutants if keys[mutant] not in known)
+
+    def keep(mutant: Mutant, case: str) -> None:
+        known[keys[mutant]] = case
+        if kept is not None:
+            with kept.open("a", encoding="ascii") as file:
+                file.write(f"{keys[mutant]}\t{case}\n")
+
+    for mutant, case in bench.find(list(left), jobs) if left else ():
+        del left[mutant]
+        keep(mutant, case)
+    reasons = judged(mutants)
+    for mutant in left:
+        keep(mutant, "" if mutant in reasons else bench.found_by(mutant) or "")
+    for mutant in mutants:
+        if case := known[keys[mutant]]:
+            yield mutant, Outcome("found", case)
+        else:
+            yield mutant, reasons.get(mutant, Outcome("not found"))
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -250,38 +618,55 @@ def main(words: Sequence[str] | None = None) -> int:
         "--only", nargs="+", default=[], metavar="PLACE",
         help="run the mutants of these sources or lines (vpr_core.sv:100) alone",
     )  # fmt: skip
-    parser.add_argument(
-        "--mutants", type=int, metavar="N",
-        help=f"run so many, drawn at random: {DRAWN} by default, or all of those of --only",
-    )  # fmt: skip
-    parser.add_argument("--skip", type=int, default=0, metavar="N", help="go on behind the first N")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="programs at a time")
+    parser.add_argument(
+        "--outcomes", type=Path, metavar="FILE",
+        help="add what is found to this file, and run no mutant again that it has",
+    )  # fmt: skip
+    parser.add_argument("--table", type=Path, metavar="FILE.csv", help="numbers by unit")
     args = parser.parse_args(words)
-    if not simulation.available():
-        print("mutants need Icarus Verilog: run apt install iverilog", file=sys.stderr)
-        return 1
     try:
         every = chosen(all_mutants(), args.only)
     except ToolError as error:
         parser.error(str(error))
-    count = args.mutants or (len(every) if args.only else DRAWN)
-    order = np.random.default_rng(args.seed).permutation(len(every))
-    drawn = sorted(order[:count].tolist())[args.skip :]
-    left = 0
+    counts: Counter[tuple[str, str]] = Counter()
+    keys = _keys(every)
+    stale = {keys[mutant] for mutant in judged(every)}
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(Path(folder), args.seed)
-        for at in drawn:
-            mutant = every[at]
-            equal = EQUAL.get((mutant.file, mutant.text.strip()))
-            if equal is not None:
-                print(f"{mutant.file}:{mutant.line + 1}: {mutant.text.strip()}: equal, as {equal}")
-                continue
-            case = bench.found_by(mutant)
-            left += case is None
-            told = "NOT FOUND" if case is None else f"found by {case}"
-            print(f"{mutant.file}:{mutant.line + 1}: {mutant.text.strip()}: {told}", flush=True)
-    print(f"{len(drawn)} of {len(every)} mutants, {left} not found")
-    return int(left > 0)
+        try:
+            for mutant, outcome in outcomes(bench, every, args.outcomes, args.jobs):
+                counts[mutant.file, outcome.kind] += 1
+                where = f"{mutant.file}:{mutant.line + 1}"
+                print(f"{where}: {mutant.text.strip()}: {outcome}", flush=True)
+                if outcome.kind in ("equal", "found elsewhere"):
+                    stale.discard(keys[mutant])
+        except ToolError as error:
+            print(error, file=sys.stderr)
+            return 1
+    left = sum(number for (_, kind), number in counts.items() if kind == "not found")
+    if args.table is not None:
+        args.table.write_text(_table(counts), encoding="ascii")
+    for file, line, becomes in sorted(stale):
+        print(f"REASON OF NO SURVIVOR: {file}: {line} -> {becomes}")
+    print(f"{len(every)} mutants, {left} not found")
+    return int(left > 0 or bool(stale))
+
+
+def _table(counts: Counter[tuple[str, str]]) -> str:
+    """Return the numbers of mutants by unit and outcome as CSV."""
+    kinds = get_args(Kind)
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["unit", "mutants", *kinds])
+    files = [file for file in sources.UNITS if any((file, kind) in counts for kind in kinds)]
+    for file in files:
+        numbers = [counts[file, kind] for kind in kinds]
+        rows.writerow([Path(file).stem, sum(numbers), *numbers])
+    sums = [sum(counts[file, kind] for file in files) for kind in kinds]
+    rows.writerow(["all", sum(sums), *sums])
+    return text.getvalue()
 
 
 if __name__ == "__main__":

@@ -4,8 +4,8 @@ The proofs use yosys and its yosys-smtbmc with the solver z3 (``apt install yosy
 package ``z3-solver``), and its model checker pdr for the core's streams. The files in ``formal/``
 state what must hold. No proof has a bound on the number of clocks, unless its claim says so. Each
 deliberately broken version must be refused, and so must be the claim that a state is never reached.
-Each line ends with the seconds of the processor; ``--table`` writes those of the claims about the
-core's streams as a table.
+Each line ends with the seconds of the processor; ``--table`` puts those of the claims about the
+core's streams into a table, in which those of other runs stay.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from firmware_model.errors import ToolError
+from firmware_model.hardware.formal import bounded_to
 from firmware_model.verification import stream_proof, unit_proof
 
 
@@ -42,7 +43,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--table", type=Path, metavar="FILE.csv", help="seconds by claim and kind")
     args = parser.parse_args(words)
     chosen = [trial for trial in _trials() if args.only in trial.name][args.skip :]
-    failures, seconds = 0, {}
+    failures = 0
     for trial in chosen:
         begun = _processor_seconds()
         try:
@@ -55,12 +56,9 @@ def main(words: Sequence[str] | None = None) -> int:
             good, said = False, f"NO ANSWER, {error}"
         failures += not good
         taken = _processor_seconds() - begun
-        if good:
-            seconds[trial.name] = taken
         print(f"{trial.name}: {said}, {taken:.0f} s", flush=True)
-    if args.table is not None:
-        with args.table.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file, lineterminator="\n").writerows(_table(seconds))
+        if args.table is not None:
+            _put(args.table, trial.name, taken if good else None)
     return int(failures > 0)
 
 
@@ -85,13 +83,36 @@ def _trials() -> Iterator[Trial]:
         yield Trial(name, trial, "refused", "NOT REFUSED")
 
 
-def _table(seconds: dict[str, float]) -> Iterator[list[str]]:
-    """Yield the rows of a table: a claim about the core's streams, and its seconds by kind."""
-    yield ["claim", *stream_proof.CORE_KINDS]
+def _put(table: Path, name: str, seconds: float | None) -> None:
+    """Put a claim about the core's streams into a table, as the others are of runs before.
+
+    Its cell has the seconds and the bound, if there is one; a claim without a proof has none.
+    """
+    kinds = list(stream_proof.CORE_KINDS)
+    cells: dict[tuple[str, str], str] = {}
+    if table.exists():
+        with table.open(newline="", encoding="utf-8") as file:
+            head, *rows = csv.reader(file)
+        cells = {
+            (row[0], kind): cell
+            for row in rows
+            for kind, cell in zip(head[1:], row[1:], strict=True)
+            if cell
+        }
     for define, claim in stream_proof.CORE_CLAIMS.items():
-        names = [stream_proof.core_claim(define, kind).name for kind in stream_proof.CORE_KINDS]
-        if any(name in seconds for name in names):
-            yield [claim, *(f"{seconds[n]:.0f}" if n in seconds else "-" for n in names)]
+        for kind in kinds:
+            stated = stream_proof.core_claim(define, kind)
+            if stated.name == name:
+                bound = bounded_to(stated.method)
+                first = "" if bound is None else f"first {bound} clocks: "
+                cells[claim, kind] = "" if seconds is None else f"{first}{seconds:.0f}"
+    with table.open("w", newline="", encoding="utf-8") as file:
+        rows_now = (
+            [claim, *(cells.get((claim, kind), "") for kind in kinds)]
+            for claim in stream_proof.CORE_CLAIMS.values()
+            if any(cells.get((claim, kind)) for kind in kinds)
+        )
+        csv.writer(file, lineterminator="\n").writerows([["claim", *kinds], *rows_now])
 
 
 if __name__ == "__main__":

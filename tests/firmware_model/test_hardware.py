@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from bisect import bisect_left
 from collections import Counter
 from dataclasses import replace
@@ -715,11 +716,99 @@ def test_a_mutant_changes_one_line_of_a_unit():
     found = mutants.all_mutants()
     assert len(set(found)) == len(found) > 500
     assert {mutant.file for mutant in found} == set(sources.UNITS)
-    assert set(mutants.EQUAL) <= {(mutant.file, mutant.text.strip()) for mutant in found}
     for mutant in found:
         before = (sources.FOLDER / mutant.file).read_text(encoding="ascii").split("\n")[mutant.line]
         assert mutant.text != before
         assert not before.lstrip().startswith(("//", "localparam", "input", "output"))
+
+
+def test_every_proof_of_an_equal_mutant_is_of_one_and_says_something():
+    """A proof of a line that was changed since is found here already."""
+    given = tomllib.loads(mutants.PROOFS.read_text(encoding="utf-8"))
+    entries = [*given["equal"], *given["found"]]
+    keys = [(entry["file"], entry["line"], new) for entry in entries for new in entry["becomes"]]
+    assert len(set(keys)) == len(keys)
+    assert set(keys) <= set(mutants._keys(mutants.all_mutants()).values())
+    assert all(len(entry["why"]) > 10 for entry in given["equal"])
+    # the tests and proofs that find others are there
+    tests = Path(__file__).read_text(encoding="utf-8")
+    assert all(
+        entry["by"] in unit_proof.PROVED or f"def {entry['by']}(" in tests
+        for entry in given["found"]
+    )
+
+
+def test_the_mutants_of_a_source_are_in_one_text_but_for_those_of_its_elaboration():
+    """Each of the others stands behind its number."""
+    every = mutants.all_mutants()
+    left_out = []
+    for file in sources.UNITS:
+        source = (sources.FOLDER / file).read_text(encoding="ascii")
+        own = {number: mutant for number, mutant in enumerate(every) if mutant.file == file}
+        text, numbers = mutants.with_choice(source, own)
+        left_out += [mutant.text for number, mutant in own.items() if number not in numbers]
+        for number in numbers:
+            assert re.search(
+                rf"^{number}: |{re.escape('mutation::chosen')} == {number} \?", text, re.M
+            )
+    assert len(left_out) < 15
+    assert all("begin : g_" in text or "CONTRAST ? 1 <<" in text for text in left_out)
+
+
+CHOICES = """\
+module m (input logic clk_i, input logic a, b, output logic x, output logic [1:0] y);
+    wire [1:0] sum = a + b;  // + b
+    assign x = a && b;
+    always_ff @(posedge clk_i) begin
+        if (a && !b) y <= sum;
+        else y <= '0;
+    end
+endmodule
+"""
+
+
+@needs_iverilog
+def test_the_chosen_mutant_acts_and_without_one_the_source_does(tmp_path):
+    """Of a net, an assignment, a condition and a statement."""
+    found = dict(enumerate(mutants.mutants("m.sv", CHOICES)))
+    text, numbers = mutants.with_choice(CHOICES, found)
+    assert numbers == set(found)
+    bench = """
+module bench;
+    logic clk = 0, a = 1, b = 0, x;
+    logic [1:0] y;
+    m m (.clk_i(clk), .*);
+    initial begin
+        #1 clk = 1; #1 $display("%0d %0d", x, y === 2'bxx ? 4 : y);
+        b = 1; clk = 0; #1 clk = 1; #1 $display("%0d %0d", x, y === 2'bxx ? 4 : y);
+    end
+endmodule
+"""
+    alone, chosen = [], []
+    for number, mutant in [(-1, None), *found.items()]:
+        lines = CHOICES.split("\n")
+        if mutant is not None:
+            lines[mutant.line] = mutant.text
+        alone.append(simulated(tmp_path, "\n".join(lines) + bench, []))
+        of_number = text.replace("mutation::chosen", f"({number})")
+        chosen.append(simulated(tmp_path, of_number + bench, []))
+    assert chosen == alone
+    assert len({str(one) for one in alone}) > 4
+
+
+@pytest.mark.slow
+@needs_iverilog
+@pytest.mark.skipif(shutil.which("verilator") is None, reason="needs Verilator")
+def test_programs_with_all_mutants_find_what_is_found_one_by_one(tmp_path):
+    """And nothing else; of changed operators, which leave nothing undefined."""
+    of_trust = mutants.chosen(mutants.all_mutants(), ["vpr_trust.sv"])
+    changed_signs = [mutant for mutant in of_trust if mutant.text.strip(" ;")][::20]
+    every = [*mutants.judged(of_trust), *changed_signs]
+    bench = mutants.Bench(tmp_path, 1, only=("walk",))
+    found = dict(bench.find(every))
+    assert 1 < len(found) < len(every)
+    assert {mutant for mutant in every if bench.found_by(mutant)} == set(found)
+    assert all(case.startswith("filter/walk") for case in found.values())
 
 
 def test_mutants_are_chosen_by_their_source_or_their_line():
