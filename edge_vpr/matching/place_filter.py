@@ -893,7 +893,7 @@ def match_window(
     Returns
     -------
     place, support, residual, lasting : int
-        Of the match; see `residual_of` and `lasting_misfit_after`.
+        See `judge`.
     """
     now, row, metric, evidence = (
         state.numbers[0],
@@ -915,22 +915,58 @@ def match_window(
     for k in range(metric.size):
         metric[k] = min(state.prediction[k] + np.int32(evidence[k]), METRIC_TOP)
     place, second, ties = least_and_second(metric, exclusion)
-    if now.predicted_for == BY_DISTANCE:
-        follows = state.follows[place]
-    else:
-        follows = now.place >= 0 and leads_to(
-            now.place, place, steps.first, steps.last, steps.jumps
-        )
     margin = write_match(metric, place, second, ties, row)
-    support = support_after(now.support if follows else 0, place == now.place, margin)
+    factor = scale * weight
+    by_distance = now.predicted_for == BY_DISTANCE
+    kept = judge(now, steps, by_distance, state.follows, margin, evidence, factor, row)
+    rows.activity[i], rows.factor[i] = activity, factor
+    return kept
+
+
+@kernel(inline="always")
+def judge(
+    now: Any,
+    steps: StepTable,
+    by_distance: bool,
+    follows: npt.NDArray[np.bool_],
+    margin: int,
+    evidence: npt.NDArray[np.uint8],
+    factor: int,
+    row: npt.NDArray[np.int64],
+) -> tuple[int, int, int, int]:
+    """Write the trust in a match and its misfit.
+
+    Parameters
+    ----------
+    now : record of NUMBERS or HELD
+        Of the match before.
+    by_distance : bool
+        Whether `follows` says which places follow from that one; steps do otherwise.
+    margin : int
+        Of `write_match`.
+    evidence : ndarray of uint8, shape (K,)
+        Of the window.
+    factor : int
+        See `WindowRows`.
+    row : ndarray of int64, shape (7,)
+        Of `FilterMatch`; its place is read, its trust and misfit are written.
+
+    Returns
+    -------
+    place, support, residual, lasting : int
+        What the next match needs, see `residual_of` and `lasting_misfit_after`.
+    """
+    place, before = row[0], now.place
+    if by_distance:
+        led_to = follows[place]
+    else:
+        led_to = before >= 0 and leads_to(before, place, steps.first, steps.last, steps.jumps)
+    support = support_after(now.support if led_to else 0, place == before, margin)
     residual = residual_of(evidence[place])
     row[5] = trust_of(support, max(residual, now.residual, now.residual_before))
-    factor = scale * weight
-    lasting = lasting_misfit_after(
-        now.lasting_misfit, window_misfit(evidence, place, steps.typical, factor), factor
-    )
+    of_window = window_misfit(evidence, place, steps.typical, factor)
+    lasting = lasting_misfit_after(now.lasting_misfit, of_window, factor)
     row[6] = shown_misfit(lasting)
-    rows.activity[i], rows.factor[i] = activity, factor
     return place, support, residual, lasting
 
 
@@ -1146,20 +1182,11 @@ def match_late(
         for k in range(places):
             metric[k] = held.metrics[at, k]
         margin = match_summed(metric, onward, exclusion, row)
-        place, before = row[0], now.place
-        if travelled:
-            follows = held.follows[place]
-        else:
-            follows = before >= 0 and leads_to(before, place, steps.first, steps.last, steps.jumps)
-        now.support = support_after(now.support if follows else 0, place == before, margin)
-        residual = residual_of(held.evidence[at, place])
-        row[5] = trust_of(now.support, max(residual, now.residual, now.residual_before))
+        kept = judge(
+            now, steps, travelled, held.follows, margin, held.evidence[at], held.factor[at], row
+        )
         now.residual_before = now.residual
-        now.residual, now.place = residual, place
-        factor = held.factor[at]
-        of_window = window_misfit(held.evidence[at], place, steps.typical, factor)
-        now.lasting_misfit = lasting_misfit_after(now.lasting_misfit, of_window, factor)
-        row[6] = shown_misfit(now.lasting_misfit)
+        now.place, now.support, now.residual, now.lasting_misfit = kept
         now.first += 1
         now.windows -= 1
         matched += 1
