@@ -444,9 +444,9 @@ _COUNTERS = _group(
         needs=_CODE,
     ),
     counter_scaling=SettingField(
-        help="range of the codes: the same for all pixels (shared); one for each pixel, taken from "
-        "the reference (per-pixel); logarithms of counts less their mean over the drive "
-        "(own-mean); or these less their mean over the window too (contrast)",
+        help="how counts are normalised: by one range for all pixels (shared); by a range for each "
+        "pixel, taken from the reference (per-pixel); as logarithms minus the pixel's mean over "
+        "the drive (own-mean); or as these minus their mean over the window (contrast)",
         choices=get_args(CounterScaling),
         more="Own-mean codes hardly change with the light, contrast codes hardly with the speed "
         "either.",
@@ -467,8 +467,9 @@ _MATCHING = _group(
         more="See docs/place_filter.md.",
     ),
     filter_steps=SettingField(
-        help="place filter: cost of moving on by 0, 1, 2 ... places in one window; auto: by the "
-        "events of the window and of the place, or 1,0,0,1 for windows of a fixed count",
+        help="place filter: cost of moving on by 0, 1, 2 ... places in one window; auto: "
+        "chosen for each window from how many events it has compared with the place (fewer suggest "
+        "a slower robot), or 1,0,0,1 for windows of a fixed count",
         kind=tuple,
         metavar="C,C,...",
         words={"auto": None},

@@ -125,9 +125,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     asked.add_argument(
         "--fit", action="append", metavar="LIMIT", default=[],
-        help="budget of memory or power, such as 64KiB or 10mW; finds the largest J, K and bits "
-        "within it on one --target, and with --accuracy-on or --pareto the design to take on each "
-        "target; may be repeated",
+        help="limit on memory or power, such as 64KiB or 10mW, may be repeated: with one --target, "
+        "prints the largest numbers of pixels, places and bits that fit; with --accuracy-on or "
+        "--pareto, recommends a design for each target",
     )  # fmt: skip
     asked.add_argument(
         "--calibrate", metavar="PROFILE.json",

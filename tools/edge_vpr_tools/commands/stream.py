@@ -53,13 +53,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     line.add_argument(
         "--on-overload", choices=("drop", "wait"),
-        help="if bytes arrive faster than they can be processed: drop the oldest bytes and count "
-        "them, or let the sender wait (default: wait for files and pipes, drop for others)",
+        help="if bytes arrive faster than they can be processed: drop what waits and count it, "
+        "or make the sender wait (default: wait for files and pipes, drop for others)",
     )  # fmt: skip
     line.add_argument(
         "--max-lag", default="500ms", metavar="TIME",
-        help="with --on-overload drop: drop all waiting bytes as soon as the oldest of them have "
-        "waited longer than this",
+        help="with --on-overload drop: drop what waits when its oldest byte has waited longer than "
+        "this",
     )  # fmt: skip
     places = parser.add_argument_group("localising")
     places.add_argument("--map", metavar="MAP.npz", help="map to localise on")
@@ -94,8 +94,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     output.add_argument(
         "--status-every", metavar="TIME",
-        help="without --json and a terminal, print a line of status this often, and when the link "
-        "or the place is lost or found again (default: 1s)",
+        help="where neither --json nor a terminal is in use, print a line of status this often, "
+        "and when the link or the place is lost or found again (default: 1s)",
     )  # fmt: skip
     output.add_argument(
         "--serve", metavar="[HOST:]PORT",
