@@ -614,6 +614,7 @@ def filter_cases(design: Design) -> list[Case]:
         *_pauses(plain),
         *_limits(replace(adaptive, exclusion=1)),
         *_thresholds(plain),
+        _view_of_another_place(plain),
         *_means(adaptive),
         *_contrasts(contrast),
         *_activities(by_activity),
@@ -867,6 +868,27 @@ def _weights_of_far_places(design: Design) -> Case:
     # a place may cost more than 8 bits hold
     memories = _place_apart(replace(design, exclusion=4, restart=254), 0, {})
     return _numbers("weights_of_far_places", memories, shown)
+
+
+def _view_of_another_place(design: Design) -> Case:
+    """Show a place that is far from all others, while the path goes on: much evidence against it.
+
+    The match has much support before, so that its trust tells every bit of this evidence.
+    """
+    design = replace(design, places=40, steps=(1, 0, 1), back=(), restart=254, exclusion=1)
+    places, last = [], design.places - 1
+    for place in range(last):
+        raised = {(7 * place + i * i * (1 + place // design.slots)) % design.slots for i in range(9)}
+        places.append([6 if slot in raised else 1 for slot in range(design.slots)])
+    places.append([15] * design.slots)
+    if design.window == "count":
+        design = replace(design, window_events=max(map(sum, places)))
+    pixels = choose_pixels(design)
+    codes = shown_codes(Stream.showing(design, pixels, places))
+    route = [*range(9), last, *range(10, 18), last, last, 21]
+    stream = Stream.showing(design, pixels, [places[place] for place in route])
+    memories = Memories(design, pixels, codes)
+    return Case("view_of_another_place", memories, tuple(stream.events))
 
 
 def _tabulated_costs(design: Design) -> list[Case]:
