@@ -878,7 +878,9 @@ def _view_of_another_place(design: Design) -> Case:
     design = replace(design, places=40, steps=(1, 0, 1), back=(), restart=254, exclusion=1)
     places, last = [], design.places - 1
     for place in range(last):
-        raised = {(7 * place + i * i * (1 + place // design.slots)) % design.slots for i in range(9)}
+        raised = {
+            (7 * place + i * i * (1 + place // design.slots)) % design.slots for i in range(9)
+        }
         places.append([6 if slot in raised else 1 for slot in range(design.slots)])
     places.append([15] * design.slots)
     if design.window == "count":
