@@ -111,8 +111,8 @@ class Localiser:
     >>> monday, tuesday = simulate_pair(0, "tiny", length_m=40)
     >>> localiser = ReferenceMap.build(monday, pixels=50).localiser("window")
     >>> places = [int(match["place"]) for events in tuesday for match in localiser.update(events)]
-    >>> places[-3:]
-    [3, 4, 5]
+    >>> tuple(places[-3:])
+    (3, 4, 5)
 
     It holds the counters of the newest L windows, one directly after the other
     (`edge_vpr.online.state`), and the distances of this sequence to all places. An event changes
