@@ -895,12 +895,8 @@ def match_window(
     place, support, residual, lasting : int
         See `judge`.
     """
-    now, row, metric, evidence = (
-        state.numbers[0],
-        rows.columns[i],
-        rows.metrics[i],
-        rows.evidence[i],
-    )
+    now, row = state.numbers[0], rows.columns[i]
+    metric, evidence = rows.metrics[i], rows.evidence[i]
     activity = activity_of(events, now.mean_activity)
     if now.predicted_for != activity and now.predicted_for != BY_DISTANCE:
         if now.place >= 0:

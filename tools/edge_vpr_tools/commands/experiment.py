@@ -220,7 +220,7 @@ def _write_report(path: Path, folder: Path, pages: Mapping[str, str], seeds: int
 
     page = Page("Experiments")
     page.text(
-        f"Each experiment was run with {seeds} seed{'s' * (seeds > 1)}; figures after \u00b1 are "
+        f"Each experiment was run with {seeds} seed{'s' * (seeds > 1)}; figures after ± are "
         "the standard deviation over them. Times are of this machine, as busy as it was."
     )
     for name, tables in pages.items():

@@ -171,7 +171,7 @@ def run(args: argparse.Namespace) -> None:
         summary(f"{matrix}: distances, {distances.shape[0]} places x {distances.shape[1]} queries")
     summary(
         f"counting {queries.events.sum():,} events took {metrics.counting_s:.2f} s, matching "
-        f"{metrics.matching_s * 1e6 / len(matches):.1f} \u00b5s per query"
+        f"{metrics.matching_s * 1e6 / len(matches):.1f} µs per query"
     )
     if not args.no_figures:
         summary(

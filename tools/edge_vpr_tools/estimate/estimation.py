@@ -392,7 +392,7 @@ def _recommended(target: Target, told: Answers, asked: Question) -> list[str]:
     if chosen.design is None:
         tried = len(told.candidates[target.name])
         return [target.name, f"none of {tried} fits", "-", "-", "-", chosen.limit]
-    correct = f"{chosen.design.accuracy:.1%} \u00b1 {chosen.design.error:.1%}"
+    correct = f"{chosen.design.accuracy:.1%} ± {chosen.design.error:.1%}"
     return [*_row(target, chosen.design), correct, chosen.limit or "-"]
 
 

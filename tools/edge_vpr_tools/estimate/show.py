@@ -288,7 +288,7 @@ def _candidates(found: Sequence[Candidate], recommended: DesignOnTarget) -> None
     if isinstance(recommended, Candidate) and recommended not in shown:
         shown.append(recommended)
     rows = [
-        ["> " * (one is recommended) + one.name, f"{one.accuracy:.3f} \u00b1 {one.error:.3f}",
+        ["> " * (one is recommended) + one.name, f"{one.accuracy:.3f} ± {one.error:.3f}",
          f"{one.design.places:,}", size_text(one.memory_bytes), joules(one.cost.per_match_j),
          one.limited_by or "fits"]
         for one in shown
