@@ -53,7 +53,9 @@ def _reading(trials: dict[str, Trial]) -> list[str]:
 
     return [
         compare(
-            "The place filter against the paper's method", simulated.DEFAULT, simulated.BY_TIME
+            "The place filter against the paper's method in windows of fixed time",
+            simulated.DEFAULT,
+            simulated.BY_TIME,
         ),
         compare("The place filter with 25 pixels", simulated.DEFAULT_FEW, simulated.BY_TIME),
         compare("Fixed N against fixed tau, by sequences", simulated.BEST, simulated.BY_TIME),
