@@ -3,38 +3,186 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.confidence import Acceptance, Confidence, default_confidence, net_trust
+from edge_vpr.confidence import NO_MISFIT, Acceptance, Confidence, default_confidence, net_trust
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, place_activity
 from edge_vpr.errors import MapError, UsageError, expect
-from edge_vpr.matching.distances import ReferenceIndex, typical_distances
-from edge_vpr.matching.matches import CANDIDATES, Matches, nearest_places
+from edge_vpr.matching.distances import ReferenceIndex, best_matches, typical_distances
+from edge_vpr.matching.matches import CANDIDATES, Matches, margin_to_second, nearest_places
 from edge_vpr.matching.place_filter import (
     LASTING_NEIGHBOURS,
     TRUST_BITS,
     USUAL_FIT,
     FilterMatch,
+    HeldWindows,
     Metrics,
     PlaceFilter,
     TransitionCosts,
     Transitions,
     WindowRows,
+    go_back,
+    match_late,
+    smooth_windows,
 )
-from edge_vpr.matching.sequences import (
-    BestSequences,
-    anchor_offset,
-    check_length,
-    sequence_matches,
-    sequence_sums,
-)
-from edge_vpr.matching.smoother import BackwardPass, FixedLag, Way, runs
 from edge_vpr.route import Odometry
-from edge_vpr.settings import Settings
+from edge_vpr.settings import Anchor, Settings
+
+#: Distance driven since the window before, in millimetres; None where it is not known.
+Way = int | None
+#: Columns of `FilterMatch`, shape (m, 7), and costs of the best path through each place, (m, K).
+Late = tuple[npt.NDArray[np.int64], Metrics]
+
+
+class BackwardPass:
+    """Cost of going on from each place, from the last window of a drive back to the first.
+
+    Parameters
+    ----------
+    exclusion : int
+        See `PlaceFilter`.
+    """
+
+    def __init__(self, transitions: Transitions, exclusion: int) -> None:
+        self._transitions, self._exclusion = transitions, exclusion
+        self._onward = np.zeros(transitions.places, dtype=np.int16)
+        self._ahead = np.empty(transitions.places, dtype=np.int16)
+
+    def add_to(self, rows: WindowRows, ways: Sequence[Way]) -> None:
+        """Add the costs of the rest of the drive to the metrics of the n windows before it.
+
+        Parameters
+        ----------
+        rows : WindowRows
+            Of n windows; their metrics become the costs of the best path through each place, and
+            their columns the matches by these, with the margin as trust and `window_misfit` as
+            misfit.
+        ways : sequence of int or None
+            Of each window.
+        """
+        for first, last in reversed(list(runs(ways, len(ways)))):
+            smooth_windows(
+                self._onward, self._ahead, self._transitions.by_step, self._exclusion,
+                rows.part(first, last),
+            )  # fmt: skip
+            way = ways[first]
+            if way is not None:
+                _travel_back(self._transitions, self._ahead, way, self._onward)
+
+
+def _travel_back(
+    transitions: Transitions, ahead: npt.NDArray[np.int16], way: int, onward: npt.NDArray[np.int16]
+) -> None:
+    """Write the cost of going on by odometry instead of steps; see `go_back`."""
+    onward[:] = transitions.by_distance(ahead.astype(np.int32), way, back=True)
+
+
+class FixedLag:
+    """Matches each window by the windows before it and the N after it.
+
+    Parameters
+    ----------
+    exclusion : int
+        See `PlaceFilter`.
+    delay : int
+        N.
+    """
+
+    def __init__(self, transitions: Transitions, exclusion: int, delay: int) -> None:
+        self._transitions, self._exclusion, self._delay = transitions, exclusion, delay
+        self._held = HeldWindows.empty(delay, transitions)
+        self._ways: deque[Way] = deque()  # of the windows that are held
+
+    def add(self, rows: WindowRows, ways: Sequence[Way]) -> Late:
+        """Add the next n windows, and match those that have N after them.
+
+        Parameters
+        ----------
+        rows : WindowRows
+            Of these windows, by the place filter.
+        ways : sequence of int or None
+            Of each window.
+
+        Returns
+        -------
+        columns : ndarray of int64, shape (m, 7)
+            Of `FilterMatch`.
+        metrics : ndarray of int32, shape (m, K)
+            Cost of the best path through each place.
+        """
+        return self._match(rows, ways, self._delay)
+
+    def finish(self) -> Late:
+        """Match the last windows, which have fewer than N after them; returns as `add`."""
+        return self._match(WindowRows.empty(0, self._transitions.places), [], 0)
+
+    def _match(self, rows: WindowRows, ways: Sequence[Way], delay: int) -> Late:
+        self._ways.extend(ways)
+        number = max(len(self._ways) - delay, 0)
+        columns = np.empty((number, 7), dtype=np.int64)
+        metrics = np.empty((number, self._transitions.places), dtype=np.int32)
+        if all(way is None for way in self._ways):
+            match_late(
+                self._held, self._transitions.by_step, self._exclusion, rows, delay, True, False,
+                columns, metrics,
+            )  # fmt: skip
+            for _ in range(number):
+                self._ways.popleft()
+            return columns, metrics
+        for i in range(len(ways)):
+            match_late(
+                self._held, self._transitions.by_step, self._exclusion, rows.part(i, i + 1),
+                self._delay + 1, False, False, columns[:0], metrics[:0],
+            )  # fmt: skip
+            j = number - (len(ways) - i)
+            if j >= 0:
+                self._match_first(columns[j : j + 1], metrics[j : j + 1])
+        if not ways:
+            for j in range(number):
+                self._match_first(columns[j : j + 1], metrics[j : j + 1])
+        return columns, metrics
+
+    def _match_first(self, columns: npt.NDArray[np.int64], metrics: Metrics) -> None:
+        """Match the first window that is held, with the distances driven between the others."""
+        held, transitions = self._held, self._transitions
+        first, windows, place = held.numbers[0].tolist()[:3]
+        held.onward[:] = 0
+        for i in range(windows - 1, 0, -1):
+            at, way = (first + i) % len(held.metrics), self._ways[i]
+            go_back(held.onward, held.ahead, transitions.by_step, held.costs[at], held.evidence[at])
+            if way is not None:
+                _travel_back(transitions, held.ahead, way, held.onward)
+        way = self._ways.popleft()
+        travelled = way is not None and place >= 0
+        if way is not None and place >= 0:
+            held.follows[:] = transitions.following(place, way)
+        match_late(
+            held, transitions.by_step, self._exclusion, WindowRows.empty(0, transitions.places),
+            windows - 1, False, travelled, columns, metrics,
+        )  # fmt: skip
+
+
+def runs(ways: Sequence[Way], most: int) -> Iterator[tuple[int, int]]:
+    """Yield begin and end of runs of windows in which only the first has a known distance.
+
+    Parameters
+    ----------
+    most : int
+        Largest number of windows in a run.
+    """
+    begin = 0
+    while begin < len(ways):
+        end = begin + 1
+        while end < len(ways) and end - begin < most and ways[end] is None:
+            end += 1
+        yield begin, end
+        begin = end
+
 
 # The place filter over a recorded drive: at once, some windows late, or by the whole drive.
 
@@ -261,6 +409,141 @@ def _mean_misfit(
     summed, number = (total[last] - total[first] for total in totals)
     mean = (summed << TRUST_BITS) // np.maximum(number, 1)
     return np.where(number > 0, np.maximum(mean - USUAL_FIT, 0), 0)
+
+
+# Sequences: distances of L successive windows added along the diagonal (method.md section 5).
+
+
+def sequence_sums(distances: npt.NDArray[np.integer], length: int) -> npt.NDArray[np.integer]:
+    """Add distances along diagonals: ``S[k, j] = sum_{i<L} D[k + i, j + i]``.
+
+    This is L times D_seq of method.md section 5, in integers. The division by L would not change
+    the order of places.
+
+    Parameters
+    ----------
+    distances : ndarray of int, shape (K, Q)
+        Row = reference place, column = query.
+    length : int
+        L, in windows.
+
+    Returns
+    -------
+    ndarray of int32 or int64, shape (K - L + 1, Q - L + 1)
+
+    Raises
+    ------
+    UsageError
+        If L is below 1, or longer than a traverse.
+    """
+    check_length(length, *distances.shape)
+    places, queries = (side - length + 1 for side in distances.shape)
+    bound = int(distances.max()) * length
+    sums = np.zeros((places, queries), dtype=np.int32 if bound < 2**31 else np.int64)
+    for i in range(length):
+        sums += distances[i : i + places, i : i + queries]
+    return sums
+
+
+def check_length(length: int, places: int, queries: int) -> None:
+    """Check that a sequence of this length fits into both traverses."""
+    if length < 1:
+        raise UsageError(f"sequence length {length}: expected 1 or more")
+    if length > min(places, queries):
+        raise UsageError(
+            f"sequence length {length} is longer than the traverse ({places} reference places, "
+            f"{queries} query windows): take a shorter sequence or shorter windows"
+        )
+
+
+def anchor_offset(length: int, anchor: Anchor) -> int:
+    """Return the window of a sequence that its match belongs to.
+
+    Parameters
+    ----------
+    length : int
+        L, in windows.
+    anchor : {"middle", "end"}
+        ``middle`` for evaluation offline, ``end`` (the newest window) for use online.
+
+    Returns
+    -------
+    int
+        Index within the sequence: ``L // 2`` or ``L - 1``.
+    """
+    if anchor == "middle":
+        return length // 2
+    if anchor == "end":
+        return length - 1
+    raise UsageError(f"sequence anchor {anchor!r}: expected middle or end")
+
+
+# Matches by sequences, from the sums of distances along them.
+
+
+class BestSequences(NamedTuple):
+    """Best places of n sequences, with the fields of `Matches`; place 0 is the first sum."""
+
+    place: npt.NDArray[np.int64]
+    distance_sum: npt.NDArray[np.int64]
+    second: npt.NDArray[np.int64]
+    second_sum: npt.NDArray[np.int64]
+    ties: npt.NDArray[np.int64]
+    candidates: npt.NDArray[np.int64]
+
+    @classmethod
+    def of(cls, sums: npt.NDArray[np.integer], exclusion: int) -> BestSequences:
+        """Find the best places in the columns of sums of distances, shape (K - L + 1, n)."""
+        best, second, ties = best_matches(sums, exclusion)
+        column = np.arange(sums.shape[1])
+        best_sum = sums[best, column].astype(np.int64)
+        second_sum = np.where(second < 0, -1, sums[second, column]).astype(np.int64)
+        return cls(best, best_sum, second, second_sum, ties, nearest_places(sums))
+
+
+def sequence_matches(
+    parts: list[BestSequences],
+    settings: Settings,
+    places: int,
+    query_us: npt.NDArray[np.int64],
+    acceptance: Acceptance,
+) -> Matches:
+    """Return the matches of successive sequences.
+
+    Parameters
+    ----------
+    settings : Settings
+        `sequence_length` and `anchor` say which window a sequence's match belongs to.
+    places : int
+        K.
+    query_us : ndarray of int64, shape (Q,)
+        Centre of each query window.
+    acceptance : Judge
+        Gives the probability of the margin to the second.
+    """
+    best, best_sum, second, second_sum, ties, candidates = (
+        np.concatenate(column) for column in zip(*parts, strict=True)
+    )
+    offset = anchor_offset(settings.sequence_length, settings.anchor)
+    query = np.arange(len(best), dtype=np.int64) + offset
+    trust = margin_to_second(best_sum, second_sum)
+    probability, lost = acceptance.acceptance(trust)
+    return Matches(
+        settings=settings,
+        places_in_map=places,
+        query=query,
+        time_us=query_us[query],
+        place=best + offset,
+        distance_sum=best_sum,
+        second=np.where(second < 0, -1, second + offset),
+        second_sum=second_sum,
+        ties=ties,
+        candidates=np.where(candidates < 0, -1, candidates + offset),
+        trust=trust,
+        misfit=np.full(trust.shape, NO_MISFIT, dtype=np.int64),
+        probability=probability,
+        lost=lost,
+    )
 
 
 # Matching of all query windows of a recorded drive, by sequences or by the place filter.

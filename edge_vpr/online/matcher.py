@@ -14,9 +14,8 @@ from edge_vpr.descriptors.windows import MAX_WINDOWS, Window, narrow
 from edge_vpr.errors import EdgeVprError, MapError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Events
 from edge_vpr.map_record import MapRecord
-from edge_vpr.matching.drive import filter_of
+from edge_vpr.matching.drive import FixedLag, Late, filter_of
 from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter
-from edge_vpr.matching.smoother import FixedLag, Late
 from edge_vpr.online.kernels import (
     acceptance,
     advance,

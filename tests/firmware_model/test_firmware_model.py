@@ -17,8 +17,8 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Activity, FixedCount, FixedTime
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.matching.distances import best_matches, distance_matrix
+from edge_vpr.matching.drive import sequence_sums
 from edge_vpr.matching.place_filter import PlaceFilter, TransitionCosts
-from edge_vpr.matching.sequences import sequence_sums
 from firmware_model import (
     Design,
     DesignError,

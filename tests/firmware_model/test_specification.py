@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from specification_device import Device, Drive, table
 
-from edge_vpr.matching.drive import _largest_around, _mean_trust
+from edge_vpr.matching.drive import BackwardPass, FixedLag, _largest_around, _mean_trust
 from edge_vpr.matching.place_filter import TRUST_BITS, PlaceFilter, TransitionCosts, WindowRows
-from edge_vpr.matching.smoother import BackwardPass, FixedLag
 from firmware_model import Design
 from firmware_model.vectors import load_manifest, standard_suites, write_suites
 from firmware_model.vectors.random_cases import random_adaptive_design

@@ -25,6 +25,7 @@ from edge_vpr.descriptors.windows import (
     place_activity,
 )
 from edge_vpr.matching.distances import ReferenceIndex, typical_distances
+from edge_vpr.matching.drive import FixedLag
 from edge_vpr.matching.place_filter import (
     EVIDENCE_TOP,
     LASTING_BITS,
@@ -43,7 +44,6 @@ from edge_vpr.matching.place_filter import (
     window_misfit,
     write_match,
 )
-from edge_vpr.matching.smoother import FixedLag
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments.drives import Pair, recorded_drives
 from edge_vpr_tools.research.experiments.experiment import (
