@@ -19,7 +19,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import Track, distances
 from edge_vpr.map_record import AnyMap, MapRecord
 from edge_vpr.matching.distances import ReferenceIndex
-from edge_vpr.pipeline import match_query
+from edge_vpr.matching.drive import match_query
 from edge_vpr.route import Odometry
 
 #: a window is aligned by matching if its match is correct with this probability

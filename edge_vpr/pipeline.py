@@ -1,4 +1,4 @@
-"""From recordings to maps and matches: windows, cleaning, descriptors, mapping, matching."""
+"""From recordings to descriptors and maps: sources, cleaning, description, mapping."""
 
 from __future__ import annotations
 
@@ -35,9 +35,6 @@ from edge_vpr.descriptors.windows import (
 from edge_vpr.errors import MapError, UsageError, expect, kind_of
 from edge_vpr.events import Events, Sensor
 from edge_vpr.map_record import AnyMap, MapRecord
-from edge_vpr.matching.drive import drive_distances, match_descriptors
-from edge_vpr.matching.matches import Matches
-from edge_vpr.route import Odometry
 from edge_vpr.settings import PLUGIN, Settings
 from fixedpoint.codes import learn_full_scale
 
@@ -567,47 +564,3 @@ def _with_mean_count(settings: Settings, first: PixelStatistics, pixel_map: Pixe
     number = settings.places_per_window  # a window has as many whole parts
     mean = number * max(1, round(events / first.windows / number))
     return settings.replaced({"events_per_pixel": mean / len(pixel_map)}, "the reference")
-
-
-# Matching of a query drive with a map.
-
-
-def match_query(
-    reference: MapRecord, queries: Descriptors, odometry: Odometry | None = None
-) -> Matches:
-    """Match a described query with a map, using its settings, probabilities and jumps.
-
-    Parameters
-    ----------
-    odometry : Odometry, optional
-        Of the query drive.
-    """
-    return match_descriptors(
-        reference.places,
-        queries,
-        reference.settings,
-        reference.acceptance.confidence,
-        jumps=reference.jumps,
-        along_mm=reference.along_mm,
-        odometry=odometry,
-    )
-
-
-def query_distances(
-    reference: MapRecord, queries: Descriptors, odometry: Odometry | None = None
-) -> npt.NDArray[np.float64]:
-    """Return the distance of every place of a map to every query window of `match_query`.
-
-    Returns
-    -------
-    ndarray of float64, shape (K, Q)
-        All finite, see `drive_distances`.
-    """
-    return drive_distances(
-        reference.places,
-        queries,
-        reference.settings,
-        jumps=reference.jumps,
-        along_mm=reference.along_mm,
-        odometry=odometry,
-    )

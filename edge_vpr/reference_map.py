@@ -24,6 +24,7 @@ from edge_vpr.evaluation.tracks import Track, load_jumps, load_odometry, load_tr
 from edge_vpr.files import link_if_same
 from edge_vpr.learning import MapUpdate, learn_drive
 from edge_vpr.map_record import KIND, MapRecord
+from edge_vpr.matching.drive import match_query
 from edge_vpr.matching.matches import Matches, write_csv
 from edge_vpr.online.localiser import Localiser, OdometryFeed
 from edge_vpr.online.state import MatchSchedule
@@ -38,7 +39,6 @@ from edge_vpr.pipeline import (
     count_places,
     describe_query,
     map_traverse,
-    match_query,
 )
 from edge_vpr.recordings import Faults, Recording, open_recording
 from edge_vpr.registration import Registration, register

@@ -1,4 +1,8 @@
-"""Matching of all windows of a recorded drive, by sequences or by the place filter."""
+"""Matching of all windows of a recorded drive, by sequences or by the place filter.
+
+The filter matches each window at once, some windows late, or by the whole drive. What computes
+window by window is in `place_filter`, which matching event by event shares.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,7 @@ import numpy.typing as npt
 from edge_vpr.confidence import NO_MISFIT, Acceptance, Confidence, default_confidence, net_trust
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, place_activity
 from edge_vpr.errors import MapError, UsageError, expect
+from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.distances import ReferenceIndex, best_matches, typical_distances
 from edge_vpr.matching.matches import CANDIDATES, Matches, margin_to_second, nearest_places
 from edge_vpr.matching.place_filter import (
@@ -32,6 +37,15 @@ from edge_vpr.matching.place_filter import (
 )
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Anchor, Settings
+
+# Smoothing of the place filter: the windows after a window decide with.
+#
+# The metric of a place is the cost of the cheapest path that leads there. With the filter run
+# backwards, it is the cost of the cheapest path from there to the end of the drive. The sum is the
+# cost of the best path of the whole drive through this place: the min-plus form of forward-backward
+# smoothing. Fixed-lag smoothing does this for the newest window and the N before it: each match
+# then comes N windows late.
+
 
 #: Distance driven since the window before, in millimetres; None where it is not known.
 Way = int | None
@@ -549,6 +563,27 @@ def sequence_matches(
 # Matching of all query windows of a recorded drive, by sequences or by the place filter.
 
 
+def match_query(
+    reference: MapRecord, queries: Descriptors, odometry: Odometry | None = None
+) -> Matches:
+    """Match a described query with a map, using its settings, probabilities and jumps.
+
+    Parameters
+    ----------
+    odometry : Odometry, optional
+        Of the query drive.
+    """
+    return match_descriptors(
+        reference.places,
+        queries,
+        reference.settings,
+        reference.acceptance.confidence,
+        jumps=reference.jumps,
+        along_mm=reference.along_mm,
+        odometry=odometry,
+    )
+
+
 def match_descriptors(
     places: Descriptors,
     queries: Descriptors,
@@ -698,6 +733,26 @@ def match_by_filter(
 
 
 # Matrix of the distances of all query windows of a drive to all places.
+
+
+def query_distances(
+    reference: MapRecord, queries: Descriptors, odometry: Odometry | None = None
+) -> npt.NDArray[np.float64]:
+    """Return the distance of every place of a map to every query window of `match_query`.
+
+    Returns
+    -------
+    ndarray of float64, shape (K, Q)
+        All finite, see `drive_distances`.
+    """
+    return drive_distances(
+        reference.places,
+        queries,
+        reference.settings,
+        jumps=reference.jumps,
+        along_mm=reference.along_mm,
+        odometry=odometry,
+    )
 
 
 def drive_distances(

@@ -25,9 +25,9 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import local_metres
 from edge_vpr.files import replacing
-from edge_vpr.matching.drive import anchor_offset
+from edge_vpr.matching.drive import anchor_offset, query_distances
 from edge_vpr.matching.matches import Matches
-from edge_vpr.pipeline import EventSource, WindowSource, describe_query, query_distances
+from edge_vpr.pipeline import EventSource, WindowSource, describe_query
 from edge_vpr.reference_map import ReferenceMap, read_queries
 from edge_vpr.route import Odometry
 from edge_vpr_tools.report.figures import Window, dot_sizes, draw_window, total_counts

@@ -15,7 +15,7 @@ import numpy as np
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr.pipeline import match_query
+from edge_vpr.matching.drive import match_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.research.experiments.experiment import CHOSEN_ON, Row
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.matching.drive import match_query
 from edge_vpr.matching.matches import Matches
-from edge_vpr.pipeline import match_query
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.research.baselines import open_baseline
 from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
