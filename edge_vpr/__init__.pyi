@@ -30,8 +30,8 @@ from .matching.distances import distance_matrix as distance_matrix
 from .matching.drive import match_descriptors as match_descriptors
 from .matching.matches import Matches as Matches
 from .online.localiser import Localiser as Localiser
-from .online.state import MATCH_DTYPE as MATCH_DTYPE
-from .online.state import MatchSchedule as MatchSchedule
+from .online.matcher import MATCH_DTYPE as MATCH_DTYPE
+from .online.matcher import MatchSchedule as MatchSchedule
 from .pipeline import describe as describe
 from .recordings.recording import Recording as Recording
 from .recordings.registry import open_recording as open_recording

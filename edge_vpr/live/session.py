@@ -37,7 +37,7 @@ from edge_vpr.live.protocols import open_decoder
 from edge_vpr.live.protocols.protocol import Decoder
 from edge_vpr.map_record import KIND as MAP_KIND
 from edge_vpr.online.localiser import JUMP_US, MOST_TICKS, Follower, Localiser, Step
-from edge_vpr.online.state import MATCH_DTYPE, MatchSchedule
+from edge_vpr.online.matcher import MATCH_DTYPE, MatchSchedule
 from edge_vpr.pipeline import Removed
 from edge_vpr.recordings import write_recording
 from edge_vpr.recordings.registry import FORMATS

@@ -32,7 +32,7 @@ from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.place_filter import LASTING_BITS, USUAL_FIT
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.state import filter_state
+from edge_vpr.online.matcher import filter_state
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import MOST_DELAY, PRESETS, Settings

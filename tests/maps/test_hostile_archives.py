@@ -23,8 +23,7 @@ from edge_vpr.errors import LONGEST_MESSAGE, EventError, MapError, RecordingErro
 from edge_vpr.events import Sensor
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
-from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.state import check_extent
+from edge_vpr.online.localiser import Localiser, check_extent
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings, resolve_settings
 from fixedpoint.codes import PixelCodes

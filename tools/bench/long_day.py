@@ -25,7 +25,7 @@ from edge_vpr.live.clock import CONFIRM
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.session import LiveLocaliser
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.state import MatchSchedule
+from edge_vpr.online.matcher import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 
 SENSOR = Sensor(346, 260)

@@ -26,7 +26,7 @@ from edge_vpr.live.clock import (
 from edge_vpr.live.health import EXACT
 from edge_vpr.live.protocols.protocol import Decoder, Encoder, OptionReader
 from edge_vpr.online.localiser import Follower, Step, follow_kept
-from edge_vpr.online.state import CHUNK_EVENTS
+from edge_vpr.online.matcher import CHUNK_EVENTS
 from edge_vpr.recordings.recording import Columns
 from edge_vpr.warm_up import synthetic_events
 

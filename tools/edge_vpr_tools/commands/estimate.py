@@ -393,7 +393,7 @@ def sequences_beside(args: argparse.Namespace, design: Design) -> Design | None:
 
 def _matches_per_s(every: str, design: Design, selected_per_s: float) -> float:
     """Return the number of matches per second for a value of ``--every``."""
-    from edge_vpr.online.state import read_every
+    from edge_vpr.online.matcher import read_every
 
     schedule = read_every(every)
     if schedule is None:
