@@ -39,8 +39,7 @@ from edge_vpr.map_record import KIND as MAP_KIND
 from edge_vpr.online.localiser import JUMP_US, MOST_TICKS, Follower, Localiser, Step
 from edge_vpr.online.matcher import MATCH_DTYPE, MatchSchedule
 from edge_vpr.pipeline import Removed
-from edge_vpr.recordings import write_recording
-from edge_vpr.recordings.registry import FORMATS
+from edge_vpr.recordings import FORMATS, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings, duration_us, resolve_settings

@@ -3,11 +3,43 @@
 >>> from edge_vpr.recordings import open_recording
 >>> for events in open_recording("drive.raw"):  # doctest: +SKIP
 ...     ...
+
+Formats by name: the reader of a file by its content and suffix, and the writer by its suffix.
 """
 
-from edge_vpr.recordings.frames import CountFrames, parse_period, read_count_frames
-from edge_vpr.recordings.recording import Faults, Recording
-from edge_vpr.recordings.registry import FORMATS, Format, open_recording, write_recording
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import stat
+from collections.abc import Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Literal, Protocol
+
+import numpy as np
+
+from edge_vpr.errors import EdgeVprError, RecordingError, UsageError, as_path, expect
+from edge_vpr.events import Events, Sensor, check_events
+from edge_vpr.files import replacing
+from edge_vpr.plugins import Registry
+from edge_vpr.recordings.frames import CountFrames, as_period, parse_period, read_count_frames
+from edge_vpr.recordings.numpy_files import Archive
+from edge_vpr.recordings.prophesee import encoding_of
+from edge_vpr.recordings.reading import ArrayStream
+from edge_vpr.recordings.recording import (
+    CHUNK_EVENTS,
+    Faults,
+    ReadOptions,
+    Recording,
+    check_policy,
+    crop_of,
+    foreign_errors,
+)
 
 __all__ = [
     "FORMATS",
@@ -15,8 +47,442 @@ __all__ = [
     "Faults",
     "Format",
     "Recording",
+    "check_file_or_folder",
+    "format_of",
     "open_recording",
     "parse_period",
     "read_count_frames",
+    "sniff",
     "write_recording",
 ]
+
+# Choice of the reader for a file: by its first bytes, then by its suffix.
+
+
+@dataclass(frozen=True)
+class Format:
+    """File format, and the module of this package that reads (and perhaps writes) it.
+
+    The module is imported when the first such file is opened. It has ``open_source(path, options)``
+    and, if `writable`, ``open_sink(path, sensor, start_us)``. In a module of several formats, these
+    functions have the name of the `family` in theirs, for example ``open_npz_source``. The format
+    of another package has its `plugin` in place of a module of this package.
+    """
+
+    name: str
+    title: str
+    module: str
+    suffixes: tuple[str, ...] = ()
+    writable: bool = False
+    family: str = ""
+    plugin: ModuleType | None = None
+
+    def function(self, end: Literal["source", "sink"]) -> Any:
+        """Return the function that opens a file to read from, or to write to."""
+        module = self.plugin or import_module(f"edge_vpr.recordings.{self.module}")
+        return getattr(module, f"open_{self.family}_{end}" if self.family else f"open_{end}")
+
+
+#: All formats by their short names, which ``--format`` takes.
+FORMATS: dict[str, Format] = {
+    entry.name: entry
+    for entry in (
+        Format("npz", "NumPy archive of events", "numpy_files", (".npz",), True, family="npz"),
+        Format("npy", "NumPy array of events", "numpy_files", (".npy",), True, family="npy"),
+        Format("csv", "text, one event a line", "text", (".csv", ".txt"), True),
+        Format("frames", "count frames in .npz or .npy, or a folder of PNG or .npy", "frames"),
+        Format("parquet", "Apache Parquet", "parquet", (".parquet",), True),
+        Format("evt2", "Prophesee RAW EVT 2.0", "prophesee", (".raw",), True, family="evt"),
+        Format("evt21", "Prophesee RAW EVT 2.1", "prophesee", family="evt"),
+        Format("evt3", "Prophesee RAW EVT 3.0", "prophesee", family="evt"),
+        Format("dat", "Prophesee DAT", "prophesee", (".dat",), True, family="dat"),
+        Format("aedat4", "iniVation AEDAT 4", "aedat", (".aedat4",), family="aedat4"),
+        Format("aedat3", "cAER AEDAT 3.1", "aedat", family="aedat3"),
+        Format("aedat2", "jAER AEDAT 2", "aedat", (".aedat", ".aedat2"), family="aedat2"),
+        Format("hdf5", "HDF5 (Metavision, DSEC)", "hdf5", (".h5", ".hdf5"), True),
+        Format("rosbag1", "ROS 1 bag", "rosbag", (".bag",)),
+        Format("rosbag2", "ROS 2 bag", "rosbag", (".db3", ".mcap")),
+        Format("es", "Event Stream", "es", (".es",), True),
+    )
+}
+
+#: An entry point of this group names a module with ``SUFFIXES``, ``open_source(path, options)``
+#: and perhaps ``open_sink(path, sensor, start_us)`` and ``TITLE``.
+GROUP = "edge_vpr.formats"
+_PLUGINS = Registry(GROUP, {})
+
+
+def format_of(name: str) -> Format:
+    """Return the format of a name, of this package or of another.
+
+    Raises
+    ------
+    UsageError
+        If there is none, or the import of the other package fails.
+    """
+    if name in FORMATS:
+        return FORMATS[name]
+    plugin = _PLUGINS.load(name)
+    if plugin is None:
+        known = ", ".join([*FORMATS, *_PLUGINS.names()])
+        raise UsageError(f"format {name!r} is unknown: choose one of {known}")
+    return Format(
+        name,
+        getattr(plugin, "TITLE", name),
+        plugin.__name__,
+        tuple(plugin.SUFFIXES),
+        hasattr(plugin, "open_sink"),
+        plugin=plugin,
+    )
+
+
+def _plugin_of(suffix: str) -> Format | None:
+    """Return the format of another package for a suffix.
+
+    Raises
+    ------
+    UsageError
+        If none has it, and a package cannot be imported, which might have.
+    """
+    failed = None
+    for name in _PLUGINS.names():
+        try:
+            entry = format_of(name)
+        except UsageError as error:
+            failed = error
+            continue
+        if suffix in entry.suffixes:
+            return entry
+    if failed is not None:
+        raise failed
+    return None
+
+
+def open_recording(
+    path: str | Path,
+    *,
+    format: str | None = None,
+    sensor: Sensor | tuple[int, int] | str | None = None,
+    start: float | str | None = None,
+    end: float | str | None = None,
+    on_fault: str = "error",
+    frame_period: Fraction | float | str | None = None,
+    default_frame_period: Fraction | None = None,
+    chunk_events: int = CHUNK_EVENTS,
+    topic: str | None = None,
+    time_unit: str | None = None,
+    columns: str | None = None,
+) -> Recording:
+    r"""Open a recording of any known format.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file; a folder for a ROS 2 bag or for count frames.
+    format : str, optional
+        A name from :data:`FORMATS`, or of another package; found from content and suffix if absent.
+    sensor : Sensor or (int, int) or str, optional
+        Width and height, or ``"346x260"``, for files that do not state the size of their sensor.
+        It is never guessed.
+    start, end : float or str, optional
+        Part of the recording to read, in seconds from its first event; `start` becomes time 0.
+    on_fault : {"error", "drop"}
+        Whether faults raise, or are left out and counted in ``Recording.faults``. Faults are time
+        running backwards, pixels off the sensor, unreadable entries and a cut-off end.
+    frame_period : Fraction or float or str, optional
+        Seconds a frame, such as ``"1/30"``, for count frames that do not state it.
+    default_frame_period : Fraction, optional
+        The same where neither the file nor `frame_period` states it, as of a map.
+    chunk_events : int
+        Approximate number of events in a chunk.
+    topic : str, optional
+        Topic of a ROS bag, or stream of an AEDAT4 file, if there are several.
+    time_unit : {"s", "ms", "us", "ns"}, optional
+        For tables (csv, parquet, npy, npz, HDF5) whose unit is neither stated nor the usual one.
+    columns : str, optional
+        Order of the columns of a table without names, as ``"txyp"`` (the default) or ``"xytp"``;
+        ``"-"`` skips a column.
+
+    Raises
+    ------
+    UsageError
+        If an argument is wrong, or needed and absent.
+    RecordingError
+        If the file is missing, empty, unreadable, or of an unknown format.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile, edge_vpr.recordings as recordings
+    >>> from edge_vpr.events import Sensor
+    >>> path = Path(tempfile.mkdtemp()) / "three.csv"
+    >>> _ = path.write_text("t,x,y,p\n100,0,0,1\n150,1,0,0\n150,1,1,1\n")
+    >>> recording = recordings.open_recording(path, sensor=Sensor(2, 2))
+    >>> [chunk["t"].tolist() for chunk in recording], recording.start_us
+    ([[0, 50, 50]], 100)
+    >>> later = recordings.open_recording(path, sensor="2x2", start="0.00004")
+    >>> [chunk["t"].tolist() for chunk in later], later.start_us
+    ([[10, 10]], 140)
+    """
+    path = as_path(path, "a recording")
+    check_policy(on_fault)
+    if type(chunk_events) is not int or chunk_events < 1:
+        raise UsageError(f"chunk_events {chunk_events!r} is not positive: give a number from 1")
+    if time_unit not in (None, "s", "ms", "us", "ns"):
+        raise UsageError(f"time unit {time_unit!r} is unknown: choose s, ms, us or ns")
+    for name, text in (("columns", columns), ("format", format), ("topic", topic)):
+        if text is not None:
+            expect(text, str, name, "text")
+    if columns is not None and not {"t", "x", "y"} <= set(columns) <= set("txyp-"):
+        raise UsageError(f"columns {columns!r} do not name t, x and y: write for example xytp")
+    period = None if frame_period is None else as_period(frame_period)
+    chosen = None if format is None else format_of(format)
+    crop = crop_of(start, end)
+    size = None if sensor is None else Sensor.of(sensor)
+    check_file_or_folder(path)
+    with foreign_errors(path):
+        if chosen is None:
+            try:
+                chosen = FORMATS[sniff(path)]
+            except RecordingError:
+                chosen = _plugin_of(path.suffix.lower())
+                if chosen is None:
+                    raise
+        options = ReadOptions(
+            chosen.name, size, period, default_frame_period, chunk_events, topic, time_unit, columns
+        )
+        recording = Recording(chosen.function("source")(path, options), on_fault)
+    return recording if crop is None else recording.cropped(crop)
+
+
+def check_file_or_folder(path: Path) -> None:
+    """Refuse what cannot be read twice, or has no end: a pipe, a device or a socket.
+
+    Raises
+    ------
+    RecordingError
+        If there is nothing at `path`, or neither a file nor a folder, or the folder holds
+        something that is neither.
+    """
+    try:
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            with os.scandir(path) as entries:
+                odd = [Path(entry) for entry in entries if not (entry.is_file() or entry.is_dir())]
+            for inner in odd:
+                if inner.exists():  # a link to nothing does no harm
+                    raise RecordingError(f"{inner} is neither a file nor a folder: remove it")
+    except FileNotFoundError:
+        raise RecordingError(f"{path} does not exist: check the path") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise RecordingError(f"{path} cannot be read: {reason}: check the path") from error
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise RecordingError(f"{path} is neither a file nor a folder: write it to a file first")
+
+
+def sniff(path: Path) -> str:
+    """Find the format of a file or folder.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read, is empty, or is of no known format.
+    """
+    if path.is_dir():
+        return _sniff_folder(path)
+    with foreign_errors(path), path.open("rb") as file:
+        head = file.read(4096)
+    if not head:
+        raise RecordingError(f"{path} is empty (0 bytes): record or copy it again")
+    name = _sniff_bytes(path, head)
+    if name == "npy" and _dimensions(head, path) > 2:
+        return "frames"
+    if name is None:
+        suffix = path.suffix.lower()
+        # these formats have no signature; the first bytes identify all others
+        if suffix in (".csv", ".txt") and b"\0" not in head:
+            return "csv"
+        if suffix == ".dat" and head.startswith(b"%"):
+            return "dat"
+        if suffix == ".raw":
+            raise RecordingError(
+                f"{path} has no header that names its encoding: pass --format evt2, evt21 or evt3"
+            )
+        known = ", ".join(sorted({s for f in FORMATS.values() for s in f.suffixes}))
+        raise RecordingError(
+            f"{path} has no known format: known are {known}, and folders of PNG, of .npy or of a "
+            "ROS 2 bag; name the format with --format if the suffix is wrong"
+        )
+    return name
+
+
+def _sniff_bytes(path: Path, head: bytes) -> str | None:
+    if head.startswith(b"PK"):
+        return _sniff_zip(path)
+    for magic, name in (
+        (b"\x93NUMPY", "npy"),
+        (b"PAR1", "parquet"),
+        (b"\x89HDF\r\n\x1a\n", "hdf5"),
+        (b"#ROSBAG V2.0", "rosbag1"),
+        (b"SQLite format 3\0", "rosbag2"),
+        (b"\x89MCAP0\r\n", "rosbag2"),
+        (b"#!AER-DAT4", "aedat4"),
+        (b"#!AER-DAT3.1", "aedat3"),
+        (b"#!AER-DAT2", "aedat2"),
+        (b"Event Stream", "es"),
+    ):
+        if head.startswith(magic):
+            return name
+    if head.startswith(b"% "):
+        return encoding_of(head)
+    if head.startswith(b"#!AER-DAT"):
+        version = head[9:12].decode("ascii", "replace").strip()
+        raise RecordingError(
+            f"{path} is AEDAT {version}, and only 2, 3.1 and 4 are read: convert it with DV or jAER"
+        )
+    return None
+
+
+def _dimensions(head: bytes, path: Path) -> int:
+    """Return the number of axes of a NumPy array; 0 if its header is not readable."""
+    try:
+        return len(ArrayStream(io.BytesIO(head), str(path)).shape)
+    except RecordingError:
+        return 0  # the format's reader reports the fault
+
+
+def _sniff_zip(path: Path) -> str:
+    with Archive(path) as archive:
+        members = set(archive.names)
+    if "events" in members or {"t", "x", "y"} <= members:
+        return "npz"
+    if members & {"frames", "counts"}:
+        return "frames"
+    raise RecordingError(
+        f"{path} holds {', '.join(sorted(members)) or 'nothing'}, and neither events (or t, x, "
+        "y, p) nor frames nor counts: name its arrays so"
+    )
+
+
+def _sniff_folder(path: Path) -> str:
+    if (path / "metadata.yaml").exists() or any(path.glob("*.db3")) or any(path.glob("*.mcap")):
+        return "rosbag2"
+    if any(path.glob("*.png")) or any(path.glob("*.npy")):
+        return "frames"
+    raise RecordingError(
+        f"{path} is a folder without *.db3 or *.mcap (a ROS 2 bag), *.png or *.npy (count frames): "
+        "name a recording"
+    )
+
+
+# Writing of recordings, which appear whole or not at all.
+
+
+class Sink(Protocol):
+    """Writer of one format: takes events in time order, then finishes the file."""
+
+    def write(self, events: Events) -> None:
+        """Append events."""
+
+    def close(self) -> None:
+        """Finish and close the file."""
+
+
+def write_recording(
+    path: str | Path,
+    events: Iterable[Events] | Events,
+    *,
+    sensor: Sensor | None = None,
+    start_us: int | None = None,
+    format: str | None = None,
+    overwrite: bool = False,
+) -> int:
+    """Write events in the format that the suffix of `path` names.
+
+    The file appears under its name only when it is complete. Memory does not grow with the number
+    of events.
+
+    Parameters
+    ----------
+    path : str or Path
+        With a suffix of a writable format: .npz, .npy, .csv, .txt, .parquet, .raw (EVT 2.0),
+        .dat, .h5, .hdf5, .es.
+    events : Recording, other iterable of event arrays, or one event array
+        In time order, with times counted from the start.
+    sensor : Sensor, optional
+        Needed unless `events` has an attribute `sensor`, as a recording does.
+    start_us : int, optional
+        Time t = 0 on an outer clock; by default the attribute `start_us` of `events`, else 0. The
+        formats .npz, .parquet, .raw, .dat and .h5 keep it.
+    format : str, optional
+        A name from :data:`FORMATS`, if the suffix does not determine it.
+    overwrite : bool
+        Whether a file that exists may be replaced.
+
+    Returns
+    -------
+    int
+        Number of events written.
+
+    Raises
+    ------
+    UsageError
+        If the file exists, the format is unknown or cannot be written, or no sensor is given.
+    EventError
+        If the events are out of order or off the sensor.
+    RecordingError
+        If the events do not fit the format, there are none, or the disk cannot be written.
+    """
+    path = as_path(path, "a recording")
+    entry = _writable(path, format)
+    sensor = getattr(events, "sensor", None) if sensor is None else sensor
+    start_us = getattr(events, "start_us", 0) if start_us is None else start_us
+    if sensor is None:
+        raise UsageError(f"{path} needs the size of the sensor: pass sensor=")
+    sensor = Sensor.of(sensor)
+    if path.exists() and (path.is_dir() or not overwrite):
+        raise UsageError(f"{path} exists: choose another name, or pass --overwrite")
+    open_sink = entry.function("sink")
+    chunks = [events] if isinstance(events, np.ndarray) else events
+    expect(chunks, Iterable, "events", "an event array, or a recording that yields them")
+    try:
+        with replacing(path) as part:
+            n = _fill(open_sink(part, sensor, start_us), chunks, sensor)
+            if n == 0:
+                raise RecordingError(f"there are no events to write to {path}: check the input")
+    except OSError as error:
+        raise RecordingError(
+            f"{path} cannot be written: {error.strerror or error}: check space and permissions"
+        ) from error
+    return n
+
+
+def _fill(sink: Sink, chunks: Iterable[Events], sensor: Sensor) -> int:
+    n, last = 0, None
+    try:
+        for events in chunks:
+            check_events(events, sensor, after=last)
+            if events.size:
+                sink.write(events)
+                n += events.size
+                last = int(events["t"][-1])
+    except BaseException:
+        with contextlib.suppress(EdgeVprError, OSError):
+            sink.close()  # the first error is reported
+        raise
+    sink.close()
+    return n
+
+
+def _writable(path: Path, name: str | None) -> Format:
+    if name is not None:
+        entries = [format_of(name)]
+    else:
+        entries = [entry for entry in FORMATS.values() if path.suffix in entry.suffixes]
+        if not entries and (of_others := _plugin_of(path.suffix)) is not None:
+            entries = [of_others]
+    for entry in entries:
+        if entry.writable:
+            return entry
+    known = ", ".join(s for entry in FORMATS.values() if entry.writable for s in entry.suffixes)
+    raise UsageError(f"{name or path.suffix or path} cannot be written: choose one of {known}")

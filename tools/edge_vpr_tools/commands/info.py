@@ -77,7 +77,7 @@ def summarise(recording: Recording) -> RecordingSummary:
 
 def run(args: argparse.Namespace) -> None:
     """Read the whole recording once and print what it holds."""
-    from edge_vpr.recordings.registry import format_of
+    from edge_vpr.recordings import format_of
     from edge_vpr.results import json_text
     from edge_vpr_tools.inputs import open_from
     from edge_vpr_tools.progress import tracked
