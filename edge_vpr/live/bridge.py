@@ -12,7 +12,7 @@ import numpy as np
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events
 from edge_vpr.live.links import Link, LinkClosed, TcpServerLink, VirtualLink
-from edge_vpr.live.protocols.protocol import Encoder
+from edge_vpr.live.protocols import Encoder
 
 #: Intervals at which events are sent, and at which an idle device reports that it is idle.
 SLICE_US = 5_000

@@ -16,7 +16,7 @@ from streams import Drive, random_events
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.live.protocols.protocol import open_decoder
+from edge_vpr.live.protocols import open_decoder
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings

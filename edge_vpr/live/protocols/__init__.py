@@ -1,23 +1,371 @@
-"""Protocols of serial cameras behind one registry: ``open_decoder("edvs:format=E3", sensor)``."""
+"""Protocols by name, and their interface: decoders from bytes to events, and encoders.
 
-from edge_vpr.live.protocols.protocol import (
-    PROTOCOLS,
-    Decoder,
-    Encoder,
-    OptionReader,
-    open_decoder,
-    open_encoder,
-    parse_protocol,
-    protocol_names,
-)
+One registry is behind all of them: ``open_decoder("edvs:format=E3", sensor)``.
+"""
 
-__all__ = [
-    "PROTOCOLS",
-    "Decoder",
-    "Encoder",
-    "OptionReader",
-    "open_decoder",
-    "open_encoder",
-    "parse_protocol",
-    "protocol_names",
-]
+from __future__ import annotations
+
+import copy
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from types import ModuleType
+
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Events, Sensor, join_events
+from edge_vpr.live.clock import Clock, TimestampFilter
+from edge_vpr.live.health import UNKNOWN, Health
+from edge_vpr.online.localiser import Follower, Step
+from edge_vpr.plugins import Registry
+from edge_vpr.recordings.recording import Columns
+from edge_vpr.warm_up import synthetic_events
+
+# Interface of protocols: decoders from pieces of bytes of any size to events, and encoders.
+
+
+Options = Mapping[str, str]
+"""What follows the colon in ``edvs:format=E3,sync=1``."""
+
+
+class Decoder:
+    """Decodes the bytes of one stream as they arrive.
+
+    Parameters
+    ----------
+    accounting : {"exact", "bound", "unknown"}
+        How well the number of events that never arrived is known.
+
+    Attributes
+    ----------
+    resync_bytes : int
+        Number of undamaged bytes after a fault that suffice to find the next event.
+    baud : int
+        Rate of a serial port, unless the user gives one.
+    tick_s : float
+        Seconds after which `to_send` is to be called again while no bytes arrive.
+    remark : str
+        Current message for the user, if any.
+    """
+
+    resync_bytes: int = 0
+    baud: int = 115_200
+    tick_s: float = 0.1
+    remark: str = ""
+
+    def __init__(self, sensor: Sensor, clock: Clock, accounting: str = UNKNOWN) -> None:
+        self.sensor = sensor
+        self.health = Health(accounting)
+        self._pending = b""
+        self._host_us = 0
+        self._timestamps = TimestampFilter(sensor, clock, self.health)
+
+    def adopt(self, health: Health) -> None:
+        """Count in the `health` of another decoder from now on."""
+        self.health = self._timestamps.health = health
+
+    @property
+    def reached_us(self) -> int:
+        """Time up to which the stream is known: no later event is earlier than this."""
+        return self._timestamps.reached_us
+
+    def warm_up(self) -> None:
+        """Compile the kernels for decoding before the first bytes arrive, which can take seconds.
+
+        Neither the decoder's state nor its health changes.
+        """
+        for sample in self._samples():
+            scratch = copy.deepcopy(self)
+            scratch.feed(sample)
+            scratch.gap(1)
+            scratch.finish()
+
+    def _samples(self) -> Iterable[bytes]:
+        """Return streams that together use all of this decoder's kernels."""
+        return ()
+
+    def setup(self) -> bytes:
+        """Return the commands to send when the link opens."""
+        return b""
+
+    def greeting(self) -> bytes:
+        """Return what to send again and again while nothing comes.
+
+        A device that starts, or restarts, after the link was opened has not seen `setup`.
+        """
+        return self.setup()
+
+    def teardown(self) -> bytes:
+        """Return the commands to send before the link closes."""
+        return b""
+
+    def to_send(self, now_s: float) -> bytes:
+        """Return the bytes to send to the device now; called after each chunk, and during silence.
+
+        Parameters
+        ----------
+        now_s : float
+            Time on a clock that never goes back.
+        """
+        return b""
+
+    def feed(self, data: bytes, host_us: int = 0) -> Events:
+        """Decode the next bytes.
+
+        Parameters
+        ----------
+        data : bytes
+            Of any number.
+        host_us : int
+            Arrival time on the host's clock; also the time of events that have none themselves.
+
+        Returns
+        -------
+        ndarray of EVENT_DTYPE, shape (n,)
+            In time order, on the sensor, and not earlier than those returned before; n may be 0.
+        """
+        self._host_us = host_us
+        self.health.bytes += len(data)
+        return self._take(self._pending + data if self._pending else data, final=False)
+
+    def decode_and_follow(
+        self, data: bytes, host_us: int, follower: Follower
+    ) -> tuple[Events, Step]:
+        """Decode the next bytes and match their events, in one compiled call if possible.
+
+        Returns
+        -------
+        events : ndarray of EVENT_DTYPE, shape (n,)
+            See `feed`.
+        step : Step
+            What is matched, and what is left.
+        """
+        events = self.feed(data, host_us)
+        return events, follower.follow(events, self.reached_us)
+
+    def gap(self, lost_bytes: int = 0) -> Events:
+        """Handle missing bytes before the next ones: an overrun, or a lost link.
+
+        Returns
+        -------
+        ndarray of EVENT_DTYPE, shape (n,)
+            Whole events that were waiting for bytes that will not come.
+        """
+        events = self._take(self._pending, final=True)
+        self.health.skipped_bytes += len(self._pending)
+        self._pending = b""
+        self.health.pending_bytes = 0
+        if lost_bytes:
+            self.health.overruns += 1
+            self.health.overrun_bytes += lost_bytes
+        self._lose_sync()
+        return events
+
+    def finish(self) -> Events:
+        """End the stream.
+
+        Returns
+        -------
+        ndarray of EVENT_DTYPE, shape (n,)
+            Whole events that were waiting for bytes that will not come.
+        """
+        events = self._take(self._pending, final=True)
+        self._timestamps.finish()
+        return events
+
+    def _take(self, data: bytes, *, final: bool) -> Events:
+        before = self.health.skipped_bytes
+        events, rest = self._decode_events(data, final=final)
+        self._account_bytes(data, rest, before)
+        return join_events(events)
+
+    def _account_bytes(self, data: bytes, rest: bytes, skipped_before: int) -> None:
+        """Keep the `rest` of the bytes, and count those before it as decoded or skipped."""
+        health = self.health
+        self._pending, health.pending_bytes = rest, len(rest)
+        skipped = health.skipped_bytes - skipped_before
+        health.decoded_bytes += len(data) - len(rest) - skipped
+
+    def _decode_events(self, data: bytes, *, final: bool) -> tuple[list[Events], bytes]:
+        """Decode as `_decode` does, and filter the events."""
+        parts, rest = self._decode(data, final=final)
+        return [self._timestamps.admit(part) for part in parts], rest
+
+    def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
+        """Decode as much as possible; return the events and the bytes to decode again later.
+
+        All other bytes are counted in ``health.skipped_bytes``. With `final`, no bytes follow.
+        """
+        raise NotImplementedError
+
+    def _lose_sync(self) -> None:
+        """Forget where the next event begins."""
+
+
+class Encoder(ABC):
+    """Encodes events as the bytes of a device; for tests, bridges and firmware authors."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        self.sensor = sensor
+
+    def start(self) -> bytes:
+        """Return the bytes that begin a stream."""
+        return b""
+
+    @abstractmethod
+    def encode(self, events: Events) -> bytes:
+        """Encode events, which are in time order and not earlier than those before."""
+
+    def idle(self, now_us: int) -> bytes:
+        """Return bytes that report a silence until `now_us`, if the protocol has such."""
+        return b""
+
+    def respond(self, command: bytes) -> bytes:
+        """Return the answer to bytes that the host sent."""
+        return b""
+
+    def to_send(self, now_s: float) -> bytes:
+        """Return the bytes to send now without a request; called repeatedly."""
+        return b""
+
+    #: Whether the device is silent until the host has sent something.
+    waits_for_host: bool = False
+    #: Number of events that wait for the host, and its limit; a device drops further events.
+    held: int = 0
+    capacity: int = 0
+
+
+def damaged_sample(encoder: Encoder) -> bytes:
+    """Encode the synthetic events, without a byte in the middle."""
+    words = encoder.encode(synthetic_events())
+    return words[: len(words) // 2] + words[len(words) // 2 + 1 :]
+
+
+class OptionReader:
+    """Reads the options of a protocol, each once; options that remain are errors.
+
+    Raises
+    ------
+    UsageError
+        From `done`, if an option is unknown.
+    """
+
+    def __init__(self, protocol: str, options: Options) -> None:
+        self._protocol = protocol
+        self._left = dict(options)
+        self._known: list[str] = []
+
+    def choice(self, name: str, allowed: tuple[str, ...]) -> str:
+        """Read one of `allowed`; the first one if the option is absent."""
+        self._known.append(name)
+        value = self._left.pop(name, allowed[0])
+        if value not in allowed:
+            raise UsageError(
+                f"{self._protocol}: {name}={value}: expected one of {', '.join(allowed)}"
+            )
+        return value
+
+    def text(self, name: str) -> str | None:
+        """Read any text; None if the option is absent."""
+        self._known.append(name)
+        return self._left.pop(name, None)
+
+    def integer(self, name: str, default: int, low: int, high: int) -> int:
+        """Read a whole number from `low` to `high`."""
+        value = self.text(name)
+        if value is None:
+            return default
+        if not value.isdigit() or not low <= int(value) <= high:
+            raise UsageError(f"{self._protocol}: {name}={value}: expected {low} to {high}")
+        return int(value)
+
+    def done(self) -> None:
+        """Raise UsageError for options that were not read."""
+        if self._left:
+            known = ", ".join(self._known) or "none"
+            raise UsageError(
+                f"{self._protocol} has no option {', '.join(self._left)}: it has {known}"
+            )
+
+
+# Protocols by name: built-in ones, and those that other packages register.
+
+
+#: An entry point of this group names a module with ``open_decoder(name, sensor, options)`` and
+#: ``open_encoder(name, sensor, options)``; both functions take an `OptionReader`.
+GROUP = "edge_vpr.protocols"
+
+
+#: The protocols of this package, by the name that ``--protocol`` takes, and their modules.
+PROTOCOLS: dict[str, str] = {
+    "evpr": "edge_vpr.live.protocols.evpr",  # this project's frames: numbers, drop counts, CRC-32
+    "edvs": "edge_vpr.live.protocols.edvs",  # eDVS E0 to E4
+    "evt2": "edge_vpr.live.protocols.evt",  # raw Prophesee words
+    "evt21": "edge_vpr.live.protocols.evt",
+    "evt3": "edge_vpr.live.protocols.evt",
+    "openmv": "edge_vpr.live.protocols.openmv",  # OpenMV protocol v2
+    "aer": "edge_vpr.live.protocols.aer",  # address-event words, described by a TOML layout
+}
+_REGISTRY = Registry(GROUP, PROTOCOLS)
+
+
+def parse_protocol(text: str) -> tuple[str, dict[str, str]]:
+    """Split text such as ``edvs`` or ``edvs:format=E3,sync=1`` into a name and options.
+
+    Raises
+    ------
+    UsageError
+        If an option has no value.
+    """
+    name, _, rest = text.partition(":")
+    options = {}
+    for item in filter(None, rest.split(",")):
+        key, equals, value = item.partition("=")
+        if not (key and equals and value):
+            raise UsageError(
+                f"protocol {text!r}: option {item!r} is not NAME=VALUE: write for example "
+                "edvs:format=E3"
+            )
+        options[key] = value
+    return name, options
+
+
+def protocol_names() -> list[str]:
+    """Return the names of all protocols, those of other packages last."""
+    return _REGISTRY.names()
+
+
+def open_decoder(protocol: str, sensor: Sensor) -> Decoder:
+    """Make the decoder of a protocol.
+
+    Parameters
+    ----------
+    protocol : str
+        Name, with options after a colon: ``edvs:format=E3,sync=1``.
+
+    Raises
+    ------
+    UsageError
+        If the protocol or an option is unknown, or the sensor is too large for it.
+    """
+    name, options = parse_protocol(protocol)
+    reader = OptionReader(name, options)
+    decoder: Decoder = _module(name).open_decoder(name, sensor, reader)
+    reader.done()
+    return decoder
+
+
+def open_encoder(protocol: str, sensor: Sensor) -> Encoder:
+    """Make the encoder of a protocol; see `open_decoder`."""
+    name, options = parse_protocol(protocol)
+    reader = OptionReader(name, options)
+    encoder: Encoder = _module(name).open_encoder(name, sensor, reader)
+    reader.done()
+    return encoder
+
+
+def _module(name: str) -> ModuleType:
+    module: ModuleType | None = _REGISTRY.load(name)
+    if module is None:
+        raise UsageError(
+            f"protocol {name!r} is unknown: choose one of {', '.join(protocol_names())}"
+        )
+    return module

@@ -24,8 +24,8 @@ from typing import Any
 from edge_vpr.errors import UsageError, printable
 from edge_vpr.events import Sensor
 from edge_vpr.files import read_toml
+from edge_vpr.live.protocols import Decoder, Encoder, OptionReader
 from edge_vpr.live.protocols.layout import Field, Layout, LayoutDecoder, LayoutEncoder
-from edge_vpr.live.protocols.protocol import Decoder, Encoder, OptionReader
 
 #: Layouts that have names.
 LAYOUTS = {

@@ -10,6 +10,7 @@ from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor, join_events
 from edge_vpr.live.clock import Clock, no_columns
+from edge_vpr.live.protocols import Decoder, Encoder, OptionReader, damaged_sample
 from edge_vpr.live.protocols.layout import (
     NOTICE_WORDS,
     SEARCH_WORDS,
@@ -20,7 +21,6 @@ from edge_vpr.live.protocols.layout import (
     Raw,
     read_words,
 )
-from edge_vpr.live.protocols.protocol import Decoder, Encoder, OptionReader, damaged_sample
 from edge_vpr.recordings.recording import Columns
 
 # Recognition of the eDVS format of a device from its bytes.

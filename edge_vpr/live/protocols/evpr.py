@@ -24,7 +24,7 @@ from edge_vpr.live.clock import (
     start_clock,
 )
 from edge_vpr.live.health import EXACT
-from edge_vpr.live.protocols.protocol import Decoder, Encoder, OptionReader
+from edge_vpr.live.protocols import Decoder, Encoder, OptionReader
 from edge_vpr.online.localiser import Follower, Step, follow_kept
 from edge_vpr.online.matcher import CHUNK_EVENTS
 from edge_vpr.recordings.recording import Columns

@@ -15,6 +15,7 @@ from edge_vpr.errors import UsageError, printable
 from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.live.clock import Clock
 from edge_vpr.live.health import BOUND, Health
+from edge_vpr.live.protocols import Decoder, Encoder, OptionReader
 from edge_vpr.live.protocols.evt import ENCODERS
 from edge_vpr.live.protocols.openmv_camera import CameraEncoder, PushingEncoder
 from edge_vpr.live.protocols.openmv_packets import (
@@ -33,7 +34,6 @@ from edge_vpr.live.protocols.openmv_packets import (
     Status,
     pack,
 )
-from edge_vpr.live.protocols.protocol import Decoder, Encoder, OptionReader
 from edge_vpr.recordings.prophesee import Decoder as WordsDecoder
 from edge_vpr.recordings.recording import Columns
 

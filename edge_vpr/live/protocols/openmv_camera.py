@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from edge_vpr.events import Events, Sensor
+from edge_vpr.live.protocols import Encoder
 from edge_vpr.live.protocols.openmv_packets import (
     CAPS,
     CHECK,
@@ -27,7 +28,6 @@ from edge_vpr.live.protocols.openmv_packets import (
     crc,
     pack,
 )
-from edge_vpr.live.protocols.protocol import Encoder
 
 #: A buffer of 4,096 bytes without header and checksum.
 MAX_PAYLOAD = 4_096 - HEADER.size - CHECK.size
