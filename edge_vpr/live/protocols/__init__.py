@@ -12,8 +12,7 @@ from types import ModuleType
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor, join_events
-from edge_vpr.live.clock import Clock, TimestampFilter
-from edge_vpr.live.health import UNKNOWN, Health
+from edge_vpr.live.health import UNKNOWN, Clock, Health, TimestampFilter
 from edge_vpr.online.localiser import Follower, Step
 from edge_vpr.plugins import Registry
 from edge_vpr.recordings.recording import Columns

@@ -14,7 +14,8 @@ import numpy.typing as npt
 from edge_vpr.compiling import KernelState, kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.live.clock import (
+from edge_vpr.live.health import (
+    EXACT,
     Clock,
     admit_columns,
     counts_of,
@@ -23,7 +24,6 @@ from edge_vpr.live.clock import (
     room_for,
     start_clock,
 )
-from edge_vpr.live.health import EXACT
 from edge_vpr.live.protocols import Decoder, Encoder, OptionReader
 from edge_vpr.online.localiser import Follower, Step, follow_kept
 from edge_vpr.online.matcher import CHUNK_EVENTS
