@@ -33,9 +33,9 @@ from .online.localiser import Localiser as Localiser
 from .online.matcher import MATCH_DTYPE as MATCH_DTYPE
 from .online.matcher import MatchSchedule as MatchSchedule
 from .pipeline import describe as describe
+from .recordings import Recording as Recording
 from .recordings import open_recording as open_recording
 from .recordings import write_recording as write_recording
-from .recordings.recording import Recording as Recording
 from .reference_map import MatchResult as MatchResult
 from .reference_map import ReferenceMap as ReferenceMap
 from .route import Odometry as Odometry

@@ -17,9 +17,8 @@ from edge_vpr.archive import EqualByValue, check_array, check_range
 from edge_vpr.compiling import kernel, plain
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.events import TIME_LIMIT_US, Sensor
-from edge_vpr.recordings import Faults, read_count_frames
+from edge_vpr.recordings import Faults, TimeCrop, read_count_frames
 from edge_vpr.recordings.frames import MOST_PIXELS, Counts
-from edge_vpr.recordings.recording import TimeCrop
 from fixedpoint.activity import EVENTS_TOP, LOG_TOP, PLACE_HIGH, PLACE_LOW, least_events
 
 # Windows: the spans of time, or of events, that descriptors are counted in.

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import KernelState, kernel
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
-from edge_vpr.recordings.recording import Columns
+from edge_vpr.recordings.reading import Columns
 
 #: How exactly a protocol can know the number of lost events.
 EXACT, BOUND, UNKNOWN = "exact", "bound", "unknown"

@@ -4,16 +4,19 @@
 >>> for events in open_recording("drive.raw"):  # doctest: +SKIP
 ...     ...
 
-Formats by name: the reader of a file by its content and suffix, and the writer by its suffix.
+The reader of a file is found by its content and its suffix, the writer by the suffix. What readers
+share is in `reading`.
 """
 
 from __future__ import annotations
 
 import contextlib
+import copy
 import io
 import os
 import stat
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from importlib import import_module
@@ -23,38 +26,333 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from edge_vpr.errors import EdgeVprError, RecordingError, UsageError, as_path, expect
-from edge_vpr.events import Events, Sensor, check_events
+from edge_vpr.errors import (
+    EdgeVprError,
+    RecordingError,
+    UsageError,
+    as_path,
+    expect,
+)
+from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, check_events
 from edge_vpr.files import replacing
 from edge_vpr.plugins import Registry
 from edge_vpr.recordings.frames import CountFrames, as_period, parse_period, read_count_frames
 from edge_vpr.recordings.numpy_files import Archive
 from edge_vpr.recordings.prophesee import encoding_of
-from edge_vpr.recordings.reading import ArrayStream
-from edge_vpr.recordings.recording import (
+from edge_vpr.recordings.reading import (
     CHUNK_EVENTS,
+    ArrayStream,
+    Columns,
+    FaultLog,
     Faults,
     ReadOptions,
-    Recording,
+    Source,
     check_policy,
-    crop_of,
     foreign_errors,
 )
 
 __all__ = [
     "FORMATS",
+    "Columns",
     "CountFrames",
     "Faults",
     "Format",
     "Recording",
-    "check_file_or_folder",
-    "format_of",
+    "Source",
+    "TimeCrop",
     "open_recording",
     "parse_period",
     "read_count_frames",
-    "sniff",
     "write_recording",
 ]
+
+# Part of a recording between two moments.
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeCrop:
+    """Part of a recording that is read: from `start_us` up to, but without, `end_us`.
+
+    Attributes
+    ----------
+    start_us : int
+        Counted from the recording's first moment, or from `offset_us`.
+    end_us : int or None
+        Counted likewise; None for the recording's end.
+    offset_us : int or None
+        Moment on the file's own clock from which the two count; None for the recording's first one.
+    """
+
+    start_us: int = 0
+    end_us: int | None = None
+    offset_us: int | None = None
+
+    def __post_init__(self) -> None:
+        for value in (self.start_us, self.end_us, self.offset_us):
+            if value is not None and abs(value) > TIME_LIMIT_US:
+                raise UsageError(f"{value} us is beyond 2**60 us: give start and end in seconds")
+        if self.start_us < 0:
+            raise UsageError(
+                f"the start {self.start_us / 1e6:g} s is negative: give seconds from the "
+                "recording's beginning"
+            )
+        if self.end_us is not None and self.end_us <= self.start_us:
+            raise UsageError(
+                f"the end {self.end_us / 1e6:g} s is not after the start "
+                f"{self.start_us / 1e6:g} s: give a later end"
+            )
+
+    def span(self, recording_start_us: int) -> tuple[int, int | None]:
+        """Return start and end in microseconds from the first moment of a recording.
+
+        Parameters
+        ----------
+        recording_start_us : int
+            That moment on the file's own clock.
+
+        Returns
+        -------
+        start_us : int
+            0 if the part begins before the recording.
+        end_us : int or None
+
+        Raises
+        ------
+        UsageError
+            If the part ends before the recording begins.
+        """
+        shift = 0 if self.offset_us is None else self.offset_us - recording_start_us
+        start = max(0, self.start_us + shift)
+        if self.end_us is None:
+            return start, None
+        end = self.end_us + shift
+        if end <= start:
+            raise UsageError(
+                f"the part to read ends {-end / 1e6:g} s before the recording begins "
+                f"({recording_start_us / 1e6:.6f} s on its own clock): check start offset and end"
+            )
+        return start, end
+
+
+def seconds_us(given: float | str, name: str) -> int:
+    """Read seconds exactly, such as ``1587452582.35`` or ``1/30``, as microseconds.
+
+    Parameters
+    ----------
+    name : str
+        Named in the message.
+
+    Returns
+    -------
+    int
+        Rounded to the nearest, halves to even.
+
+    Raises
+    ------
+    UsageError
+        If it is not a number.
+    """
+    text = str(given)
+    # 1e999999999 would fill the memory
+    if len(text) <= 40 and "e" not in text.lower():
+        with suppress(ValueError, ZeroDivisionError):
+            return round(Fraction(text) * 1_000_000)
+    raise UsageError(f"{name} {text[:40]!r} is no number of seconds: write for example 12.5")
+
+
+def crop_of(
+    start: float | str | None, end: float | str | None, offset: float | str | None = None
+) -> TimeCrop | None:
+    """Return the part between two times in seconds; None if no time is given.
+
+    Raises
+    ------
+    UsageError
+        If a time is no number of seconds, or the end is not after the start.
+    """
+    if start is end is offset is None:
+        return None
+    return TimeCrop(
+        start_us=0 if start is None else seconds_us(start, "start (--start)"),
+        end_us=None if end is None else seconds_us(end, "end (--end)"),
+        offset_us=None if offset is None else seconds_us(offset, "--start-offset"),
+    )
+
+
+def cropped_events(chunks: Iterator[Events], start_us: int, end_us: int | None) -> Iterator[Events]:
+    """Yield the events from `start_us` up to `end_us`, with times counted from `start_us`.
+
+    Parameters
+    ----------
+    chunks : iterator of ndarray of EVENT_DTYPE
+        In time order. No further chunk is read after one that reaches `end_us`.
+
+    Yields
+    ------
+    ndarray of EVENT_DTYPE, shape (n,)
+        Copies; never empty.
+    """
+    for events in chunks:
+        times = events["t"]
+        begin = int(np.searchsorted(times, start_us))
+        end = times.size if end_us is None else int(np.searchsorted(times, end_us))
+        if end > begin:
+            part = events[begin:end].copy()
+            part["t"] -= start_us
+            yield part
+        if end < times.size:
+            return
+
+
+# A recording: an iterable of checked event arrays, for any number of passes.
+
+
+#: Lowest and highest rate of a moving camera in events/s, and fewest events for a check.
+_SLOWEST, _FASTEST, _FEWEST = 1_000.0, 2e9, 1_000
+
+
+class Recording:
+    r"""Iterable of event arrays that are never empty, in time order, and inside the sensor.
+
+    >>> import tempfile, edge_vpr
+    >>> path = Path(tempfile.mkdtemp()) / "three.csv"
+    >>> _ = path.write_text("t,x,y,p\n100,0,0,1\n150,1,0,0\n150,1,1,1\n")
+    >>> recording = edge_vpr.open_recording(path, sensor=(2, 2))
+    >>> recording.sensor, [len(events) for events in recording]
+    (Sensor(width=2, height=2), [3])
+
+    Each ``iter()`` starts at the first event and resets `faults` and `position`. Memory does not
+    grow with the length of the file.
+
+    Attributes
+    ----------
+    format : str
+        Short name, as in :data:`edge_vpr.recordings.FORMATS`.
+    start_us : int
+        Time t = 0 on the file's own clock, in microseconds: since the Unix epoch if the file has
+        wall-clock time (ROS, AEDAT4), else on the camera's clock.
+    faults : Faults
+        Entries that the newest pass has dropped so far.
+    remark : str
+        Reason why the unit of the times is implausible, if the file does not state it; else "".
+    frame_period : Fraction or None
+        Seconds a frame of counts, as given; None if it was not, or the file holds events.
+    """
+
+    def __init__(self, source: Source, on_fault: str = "error") -> None:
+        if source.sensor is None:
+            raise UsageError(
+                f"{source.path} does not say how large its sensor is: "
+                "pass --sensor WIDTHxHEIGHT (sensor=), for example --sensor 346x260"
+            )
+        self.path: Path = source.path
+        self.format = source.options.format
+        self.sensor: Sensor = source.sensor
+        self.faults = Faults()
+        self._source = source
+        self._on_fault = on_fault
+        self.remark = ""
+        options, is_frames = source.options, source.options.format == "frames"
+        given = options.frame_period or options.default_frame_period
+        self.frame_period: Fraction | None = given if is_frames else None
+        self._span: tuple[int, int | None] = (0, None)
+        self._origin_us, self.start_us = self._find_start()
+
+    @property
+    def position(self) -> float | None:
+        """Share of the file that the newest pass has read, 0 to 1; None if it is not known."""
+        return self._source.position
+
+    def __iter__(self) -> Iterator[Events]:
+        log = FaultLog(self.path, self.sensor, self._on_fault, self._origin_us)
+        self.faults = log.faults
+        return self._walk(log) if self._span == (0, None) else self._cropped(log)
+
+    def cropped(self, crop: TimeCrop) -> Recording:
+        """Return the part between two moments; its times count from the part's beginning.
+
+        Returns
+        -------
+        Recording
+            Part of the same file, with `start_us` at its beginning. A pass over a part without
+            events raises RecordingError.
+
+        Raises
+        ------
+        UsageError
+            If the part ends before the recording begins.
+        """
+        start, end = crop.span(self.start_us)
+        part = copy.copy(self)
+        first, last = self._span
+        part._span = (first + start, last if end is None else min(first + end, last or first + end))
+        part.start_us = self.start_us + start
+        part.faults = Faults()
+        return part
+
+    def __repr__(self) -> str:
+        return f"<Recording {self.path} ({self.format}, {self.sensor})>"
+
+    def _walk(self, log: FaultLog) -> Generator[Events, None, None]:
+        with foreign_errors(self.path, lambda: f" after event {log.entries:,}"):
+            for columns in self._source.chunks(log):
+                events = log.admit(columns)
+                if events.size:
+                    yield events
+
+    def _cropped(self, log: FaultLog) -> Generator[Events, None, None]:
+        start, end = self._span
+        found = False
+        with contextlib.closing(self._walk(log)) as chunks:
+            for events in cropped_events(chunks, start, end):
+                found = True
+                yield events
+        if not found:
+            until = "its end" if end is None else f"{end / 1e6:g} s"
+            raise RecordingError(
+                f"{self.path} holds no events from {start / 1e6:g} s to {until}: give another "
+                "--start and --end (edge-vpr info shows its times)"
+            )
+
+    def _find_start(self) -> tuple[int, int]:
+        """Read up to the first good event, so that an empty file is noticed at once."""
+        log = FaultLog(
+            self.path, self.sensor, "drop", origin_us=0 if self._source.relative else None
+        )
+        with contextlib.closing(self._walk(log)) as chunks:
+            first = next(chunks, None)
+        if first is None:
+            lost = f" (dropped: {log.faults})" if log.faults.total else ""
+            raise RecordingError(
+                f"{self.path} holds no events of a {self.sensor} sensor{lost}: "
+                + (log.first_unreadable or "check the file, its format and its sensor")
+            )
+        self._source.position = 0.0 if self._source.position is not None else None
+        assert log.origin_us is not None
+        start = self._source.start_us
+        if start is not None and abs(start) > TIME_LIMIT_US:
+            raise RecordingError(
+                f"{self.path} begins at {start} us, beyond 2**60 us: copy or record it again"
+            )
+        if self._source.unit_assumed:
+            self.remark = _doubt(first)
+        return log.origin_us, log.origin_us if start is None else start
+
+
+def _doubt(events: Events) -> str:
+    """Return why the rate of the first events is implausible; "" if it is plausible."""
+    n, duration_us = events.size, int(events["t"][-1] - events["t"][0])
+    if n < _FEWEST or not duration_us:
+        return ""
+    rate = n * 1e6 / duration_us
+    if _SLOWEST <= rate <= _FASTEST:
+        return ""
+    return (
+        f"the first {n:,} events take {duration_us / 1e6:,.6g} s if times are in microseconds, "
+        f"which is {rate:,.3g} events/s: if they are in another unit, pass --time-unit "
+        f"{'ns' if rate < _SLOWEST else 's or ms'}"
+    )
+
 
 # Choice of the reader for a file: by its first bytes, then by its suffix.
 

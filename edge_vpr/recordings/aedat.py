@@ -14,8 +14,19 @@ import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Sensor
-from edge_vpr.recordings.reading import LIMIT_BYTES, Wording, choose_stream, lz4, read_records, zstd
-from edge_vpr.recordings.recording import Columns, FaultLog, ReadOptions, Source, Unwrapper
+from edge_vpr.recordings.reading import (
+    LIMIT_BYTES,
+    Columns,
+    FaultLog,
+    ReadOptions,
+    Source,
+    Unwrapper,
+    Wording,
+    choose_stream,
+    lz4,
+    read_records,
+    zstd,
+)
 
 # AEDAT 2.0, written by jAER: pairs of a 32-bit address and a 32-bit time, big endian.
 #

@@ -17,7 +17,7 @@ import numpy as np
 
 from edge_vpr.errors import MissingExtraError, RecordingError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.recording import Columns, FaultLog, ReadOptions, Source
+from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
 
 _FAERY = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), ("on", "?")])
 

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
 from edge_vpr.events import TIME_LIMIT_US, Events, Sensor
-from edge_vpr.recordings.recording import Columns, FaultLog, ReadOptions, Source
+from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
 # Read the compressed chunks of an HDF5 data set, and check the size of each.

@@ -17,8 +17,7 @@ import numpy as np
 from edge_vpr.archive import kind_of
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
-from edge_vpr.recordings.reading import ArrayStream
-from edge_vpr.recordings.recording import Columns, FaultLog, ReadOptions, Source
+from edge_vpr.recordings.reading import ArrayStream, Columns, FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
 # ``.npy``: a structured array, or four columns; read and written as a stream.

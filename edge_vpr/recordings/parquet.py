@@ -8,7 +8,7 @@ from typing import IO, Any, NamedTuple
 
 from edge_vpr.errors import MissingExtraError, RecordingError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.recording import Columns, FaultLog, ReadOptions, Source
+from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
 # Places and sizes of the pages of a Parquet file, read before Arrow reserves memory for them.

@@ -13,8 +13,14 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.reading import read_records
-from edge_vpr.recordings.recording import Columns, FaultLog, ReadOptions, Source, Unwrapper
+from edge_vpr.recordings.reading import (
+    Columns,
+    FaultLog,
+    ReadOptions,
+    Source,
+    Unwrapper,
+    read_records,
+)
 
 # The text header of Prophesee's RAW and DAT files.
 

@@ -1,4 +1,4 @@
-"""Reading in bounded memory: arrays, records of fixed size, compressed blocks, chosen streams."""
+"""What readers share: columns, checks and counts of faults, and reading in bounded memory."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ import io
 import math
 import sys
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from fractions import Fraction
 from importlib import import_module
 from pathlib import Path
 from typing import IO, Any, BinaryIO, NamedTuple
@@ -15,8 +19,387 @@ from typing import IO, Any, BinaryIO, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
-from edge_vpr.recordings.recording import FaultLog
+from edge_vpr.errors import EdgeVprError, MissingExtraError, RecordingError, UsageError, printable
+from edge_vpr.events import EVENT_DTYPE, LONGEST_SIDE, TIME_LIMIT_US, Events, Sensor
+
+# Raw events of a file, column by column.
+
+
+class Columns(NamedTuple):
+    """Raw events as four columns of one length, of any integer dtype (``p`` also boolean).
+
+    Times are whole microseconds of the file's own clock without wraps. They may run backwards, and
+    coordinates may lie off the sensor (or be negative): `FaultLog` handles
+    such events. A column may be a view into a buffer that the next chunk overwrites.
+    """
+
+    t: npt.NDArray[Any]
+    x: npt.NDArray[Any]
+    y: npt.NDArray[Any]
+    p: npt.NDArray[Any]
+
+
+# Handling of faulty events: checks, counts and messages.
+
+
+_REMEDY = "read with --on-fault drop (on_fault='drop') to leave {them} out and count {them}"
+
+
+@dataclass
+class Faults:
+    """Number of dropped entries of each kind in a pass over a recording so far.
+
+    Attributes
+    ----------
+    backwards : int
+        Events earlier than an event before them.
+    off_sensor : int
+        Events whose pixel does not exist.
+    unreadable : int
+        Entries that are not events: a line without four numbers, or a time that is not a number or
+        lies beyond 2**60 us.
+    undated : int
+        Events before the stream's first time word, of a camera that was already running when the
+        recording began. They have no time and are therefore dropped and counted, even when faults
+        are errors.
+    truncated : int
+        Bytes at a cut-off end that do not make up an event, or a packet of events.
+    """
+
+    backwards: int = 0
+    off_sensor: int = 0
+    unreadable: int = 0
+    undated: int = 0
+    truncated: int = 0
+
+    @property
+    def total(self) -> int:
+        """Number of dropped entries; a cut-off end counts as one."""
+        events = self.backwards + self.off_sensor + self.unreadable + self.undated
+        return events + bool(self.truncated)
+
+    def __str__(self) -> str:
+        parts = [
+            f"{getattr(self, field.name):,} {field.name.replace('_', ' ')}"
+            + (" bytes" if field.name == "truncated" else "")
+            for field in fields(self)
+            if getattr(self, field.name)
+        ]
+        return ", ".join(parts) or "none"
+
+
+class FaultLog:
+    """Check raw columns, convert them to event arrays, and count faulty events.
+
+    Parameters
+    ----------
+    path : Path
+        Named in messages.
+    on_fault : {"error", "drop"}
+        Whether a faulty event is an error, or left out and counted.
+    origin_us : int or None
+        Time that is subtracted from all times; None stands for that of the first good event.
+    """
+
+    def __init__(
+        self, path: Path, sensor: Sensor, on_fault: str = "error", origin_us: int | None = None
+    ) -> None:
+        check_policy(on_fault)
+        self.path = path
+        self.sensor = sensor
+        self.drop = on_fault == "drop"
+        self.origin_us = origin_us
+        self.faults = Faults()
+        self.entries = 0  #: events of the file seen so far, good or bad
+        self.first_unreadable = ""  #: the first entry that is no event, and why
+        self._last_us: int | None = None
+
+    def admit(self, columns: Columns) -> Events:
+        """Check one chunk; chunks must come in the order of the file.
+
+        An event is late if any good event before it has a later time. A single wrong time far in
+        the future therefore makes all events after it late, which the count shows.
+
+        Returns
+        -------
+        ndarray of EVENT_DTYPE, shape (n,)
+            The good events, in the order of the file; a new array.
+
+        Raises
+        ------
+        RecordingError
+            At the first faulty event, unless faults are dropped.
+        """
+        t, x, y, p = columns
+        if t.size and not self._clean(columns):
+            t, x, y, p = self._sift(columns)
+        self.entries += columns.t.size
+        events = np.empty(t.size, EVENT_DTYPE)
+        if t.size:
+            if self.origin_us is None:
+                self.origin_us = int(t[0])
+            self._last_us = int(t[-1])
+            np.subtract(t, self.origin_us, out=events["t"], casting="unsafe")
+            events["x"], events["y"] = x, y
+            events["p"] = p if p.dtype == np.bool_ else p > 0
+        return events
+
+    def truncated(self, n_bytes: int, where: str) -> None:
+        """Report a cut-off end, with `n_bytes` left over at `where`."""
+        if not self.drop:
+            raise RecordingError(
+                f"{self.path} is cut off: {n_bytes:,} bytes too many or too few at {where}: "
+                + _REMEDY.format(them="the rest")
+            )
+        self.faults.truncated += n_bytes
+
+    def unreadable(self, n: int, where: str) -> None:
+        """Report `n` entries that are not events, the first of them at `where`."""
+        if not self.drop:
+            raise RecordingError(f"{self.path}: {where}: " + _REMEDY.format(them="such entries"))
+        self.first_unreadable = self.first_unreadable or where
+        self.faults.unreadable += n
+
+    def undated(self, n: int) -> None:
+        """Report `n` events before the first time word; never an error."""
+        self.faults.undated += n
+
+    def _clean(self, columns: Columns) -> bool:
+        t, x, y, _ = columns
+        width, height = self.sensor
+        return bool(
+            x.max() < width
+            and y.max() < height
+            and (x.dtype.kind == "u" or x.min() >= 0)
+            and (y.dtype.kind == "u" or y.min() >= 0)
+            and t[0] >= (-TIME_LIMIT_US if self._last_us is None else self._last_us)
+            and (t[1:] >= t[:-1]).all()
+            and t[-1] <= TIME_LIMIT_US
+        )
+
+    def _sift(self, columns: Columns) -> Columns:
+        t, x, y, _ = columns
+        width, height = self.sensor
+        known = (t >= -TIME_LIMIT_US) & (t <= TIME_LIMIT_US)
+        on = (x >= 0) & (x < width) & (y >= 0) & (y < height) & known
+        # latest good time before each event; events outside the sensor do not change it
+        floor = np.iinfo(np.int64).min
+        times = np.full(t.shape, floor, np.int64)
+        times[on] = t[on]
+        latest = np.empty_like(times)
+        latest[0] = floor if self._last_us is None else self._last_us
+        latest[1:] = np.maximum(np.maximum.accumulate(times)[:-1], latest[0])
+        late = on & (times < latest)
+        good = on & ~late
+        i = int(np.flatnonzero(~good)[0])
+        if on[i]:
+            what = f"time runs backwards, from {latest[i]} to {t[i]} us"
+        elif known[i]:
+            what = f"pixel ({x[i]}, {y[i]}) at {t[i]} us lies off the {self.sensor} sensor"
+        else:
+            what = f"time {t[i]} us lies beyond 2**60 us{unit_remedy(int(t[i]))}"
+            self.first_unreadable = self.first_unreadable or what
+        if not self.drop:
+            raise RecordingError(
+                f"{self.path}: event {self.entries + i:,}: {what}: "
+                + _REMEDY.format(them="such events")
+            )
+        self.faults.unreadable += int(np.count_nonzero(~known))
+        self.faults.off_sensor += int(np.count_nonzero(~on & known))
+        self.faults.backwards += int(np.count_nonzero(late))
+        return Columns(*(column[good] for column in columns))
+
+
+def unit_remedy(time: float) -> str:
+    """Return which unit to pass if a time is too large in the one that was assumed.
+
+    Parameters
+    ----------
+    time : int or float
+        As in the file.
+
+    Returns
+    -------
+    str
+        With the coarsest unit in which the time is before the year 2242; "" if there is none.
+
+    Examples
+    --------
+    >>> unit_remedy(1_587_452_582_350_000_000)
+    '; if times are in ns, pass --time-unit ns'
+    """
+    for unit, in_a_second in (("s", 1), ("ms", 10**3), ("us", 10**6), ("ns", 10**9)):
+        if abs(time) < in_a_second << 33:
+            return f"; if times are in {unit}, pass --time-unit {unit}"
+    return ""
+
+
+def check_policy(on_fault: str) -> None:
+    """Raise :class:`UsageError` unless `on_fault` is ``"error"`` or ``"drop"``."""
+    if on_fault not in ("error", "drop"):
+        raise UsageError(f"on_fault {on_fault!r} is unknown: choose error or drop")
+
+
+# Interface of readers: unchecked raw columns on the file's own clock.
+
+
+#: Approximate events of one chunk: 64 Ki events are 850 kB, which stay in a core's second-level
+#: cache.
+CHUNK_EVENTS = 1 << 16
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """Format of the file (a name of `FORMATS`), and what the caller states beside the file.
+
+    `frame_period` must not contradict the file; `default_frame_period` is for files that say none.
+    """
+
+    format: str
+    sensor: Sensor | None = None
+    frame_period: Fraction | None = None
+    default_frame_period: Fraction | None = None
+    chunk_events: int = CHUNK_EVENTS
+    topic: str | None = None
+    time_unit: str | None = None
+    columns: str | None = None
+
+
+class Source(ABC):
+    """Reader of one file.
+
+    Attributes
+    ----------
+    sensor : Sensor or None
+        As stated by the file, else by the caller; None if neither states it.
+    start_us : int or None
+        Time t = 0 on the file's clock in microseconds, if the file itself states it; None if the
+        first event is the start.
+    relative : bool
+        True if the times already count from the start.
+    position : float or None
+        Share of the file that has been read, 0 to 1; None if it is not known.
+    unit_assumed : bool
+        True if neither the file nor the caller states the unit of the times.
+    """
+
+    start_us: int | None = None
+    relative: bool = False
+    position: float | None = 0.0
+    unit_assumed: bool = False
+
+    def __init__(self, path: Path, options: ReadOptions, sensor: Sensor | None = None) -> None:
+        self.path = path
+        self.options = options
+        self.sensor = sensor if sensor is not None else options.sensor
+        if self.sensor is not None and not self.sensor.possible:
+            raise RecordingError(
+                f"{path} names a sensor of {self.sensor}: sides are 1 to {LONGEST_SIDE:,} pixels, "
+                "so copy or record it again"
+            )
+        if sensor is not None and options.sensor not in (None, sensor):
+            raise UsageError(
+                f"{path} was recorded by a {sensor} sensor, and {options.sensor} was named: "
+                "leave the sensor out"
+            )
+
+    @abstractmethod
+    def chunks(self, log: FaultLog) -> Iterator[Columns]:
+        """Yield the events from the first on, in file order, about ``chunk_events`` at a time.
+
+        Entries that cannot be decoded are reported to `log`, which raises or counts.
+        """
+
+
+# Conversion of all exceptions of parsing libraries to `EdgeVprError`.
+#
+# The parsers behind the readers (zip, NumPy's headers, HDF5, Arrow, rosbags, Pillow, Rust) raise
+# exceptions of any kind for a damaged file. Readers handle those that they expect; this module
+# converts all others to a :class:`RecordingError` that names the file and the place.
+
+
+@contextmanager
+def foreign_errors(path: Path, place: Callable[[], str] = lambda: "") -> Iterator[None]:
+    """Convert any exception of the block to an `EdgeVprError` that names `path`.
+
+    Parameters
+    ----------
+    place : callable
+        Returns the place in the file at the time of the error, as ``" after event 5"``, or "".
+
+    Raises
+    ------
+    RecordingError
+        For every exception that is not an `EdgeVprError`. Interrupts are not converted.
+    """
+    try:
+        yield
+    except MissingExtraError:
+        raise
+    except EdgeVprError as error:
+        if printable(str(path)) in str(error):
+            raise
+        raise RecordingError(f"{path}: {error}") from error  # concerns text within the file
+    except OSError as error:
+        if error.strerror is None:  # raised by a library, and not by the operating system
+            raise _damaged(path, place(), error) from error
+        raise RecordingError(
+            f"{path} cannot be read{place()}: {error.strerror}: check the path and the disk"
+        ) from error
+    except MemoryError as error:
+        raise RecordingError(
+            f"{path} needs more memory{place()} than there is: it is damaged, or give it more"
+        ) from error
+    except Exception as error:
+        raise _damaged(path, place(), error) from error
+    except BaseException as error:
+        # a library written in Rust raises this when it fails internally
+        if type(error).__name__ != "PanicException":
+            raise
+        raise _damaged(path, place(), error) from error
+
+
+def _damaged(path: Path, place: str, error: BaseException) -> RecordingError:
+    return RecordingError(
+        f"{path} is damaged{place} ({type(error).__name__}: {error}): copy or record it again"
+    )
+
+
+# Conversion of times that wrap into times that never wrap.
+
+
+class Unwrapper:
+    """Continue a clock of `bits` bits beyond its wraps, chunk by chunk.
+
+    Between two events the shorter direction is taken, so that a step of less than half the clock's
+    period can go forwards or backwards. Slightly late events stay late, also across a wrap.
+
+    Examples
+    --------
+    >>> Unwrapper(8).unwrap(np.array([250, 3, 254, 5], np.uint8))
+    array([250, 259, 254, 261])
+    """
+
+    def __init__(self, bits: int) -> None:
+        self._half = 1 << (bits - 1)
+        self._mask = (1 << bits) - 1
+        self._last: int | None = None
+
+    def unwrap(self, times: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+        """Return the times of one chunk, int64, continued from the chunk before."""
+        raw = times.astype(np.int64)
+        if raw.size == 0:
+            return raw
+        first = int(raw[0]) if self._last is None else self._last
+        steps = np.diff(raw, prepend=first)
+        steps += self._half
+        steps &= self._mask
+        steps -= self._half
+        unwrapped = np.cumsum(steps, out=steps)
+        unwrapped += first
+        self._last = int(unwrapped[-1])
+        return unwrapped
+
 
 # Arrays in NumPy's file format, read a few rows at a time from any binary stream.
 

@@ -22,14 +22,18 @@ from edge_vpr.events import Sensor
 from edge_vpr.files import work_folder
 from edge_vpr.recordings.prophesee import Decoder
 from edge_vpr.recordings.reading import (
+    Columns,
     DecompressionError,
+    FaultLog,
+    ReadOptions,
+    Source,
+    Unwrapper,
     bzip2,
     expand_file,
     lz4,
     zstd,
     zstd_decompressor,
 )
-from edge_vpr.recordings.recording import Columns, FaultLog, ReadOptions, Source, Unwrapper
 
 # The encoding ``libcaer_cmp`` of ``event_camera_msgs/EventPacket``: iniVation events, compressed.
 #

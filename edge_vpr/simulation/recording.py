@@ -10,7 +10,7 @@ import numpy.typing as npt
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.recording import Faults
+from edge_vpr.recordings import Faults
 from edge_vpr.simulation.drive import QUERY, REFERENCE, Drive, Motion, drive_motion, looks, shake
 from edge_vpr.simulation.pixel_model import PixelArray
 from edge_vpr.simulation.view import (

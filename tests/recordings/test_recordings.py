@@ -17,7 +17,7 @@ from streams import random_events
 from edge_vpr.errors import EdgeVprError, EventError, RecordingError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
 from edge_vpr.recordings import FORMATS, open_recording, write_recording
-from edge_vpr.recordings.recording import Columns, FaultLog, Unwrapper
+from edge_vpr.recordings.reading import Columns, FaultLog, Unwrapper
 
 SENSOR = Sensor(40, 30)
 #: all but .es keep the start too

@@ -23,8 +23,7 @@ from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
 from edge_vpr.recordings import frames as frame_expansion
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.recordings.parquet import read_column_chunks, read_pages
-from edge_vpr.recordings.reading import DecompressionError, bzip2, expand
-from edge_vpr.recordings.recording import foreign_errors
+from edge_vpr.recordings.reading import DecompressionError, bzip2, expand, foreign_errors
 
 SENSOR = Sensor(40, 30)
 FUZZER = Path(__file__).with_name("fuzz_recordings.py")

@@ -16,8 +16,7 @@ from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.tracks import load_odometry
 from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches
-from edge_vpr.recordings import Recording, open_recording, parse_period
-from edge_vpr.recordings.recording import crop_of
+from edge_vpr.recordings import Recording, crop_of, open_recording, parse_period
 from edge_vpr.reference_map import MatchResult, ReferenceMap
 from edge_vpr.results import InputFile, hash_input
 from edge_vpr.route import Odometry

@@ -64,7 +64,6 @@ STAGES = {
         "Events and recordings",
         "Open, check and write recordings; events as arrays.",
         packages=("edge_vpr.recordings",),
-        names=("edge_vpr.recordings.recording.TimeCrop",),
         exported=("events", "errors"),
     ),
     "intensity": Stage(

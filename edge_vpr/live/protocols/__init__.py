@@ -15,7 +15,7 @@ from edge_vpr.events import Events, Sensor, join_events
 from edge_vpr.live.health import UNKNOWN, Clock, Health, TimestampFilter
 from edge_vpr.online.localiser import Follower, Step
 from edge_vpr.plugins import Registry
-from edge_vpr.recordings.recording import Columns
+from edge_vpr.recordings.reading import Columns
 from edge_vpr.warm_up import synthetic_events
 
 # Interface of protocols: decoders from pieces of bytes of any size to events, and encoders.

@@ -21,7 +21,7 @@ from edge_vpr.live.protocols.layout import (
     Raw,
     read_words,
 )
-from edge_vpr.recordings.recording import Columns
+from edge_vpr.recordings.reading import Columns
 
 # Recognition of the eDVS format of a device from its bytes.
 

@@ -27,7 +27,7 @@ from edge_vpr.live.health import (
 from edge_vpr.live.protocols import Decoder, Encoder, OptionReader
 from edge_vpr.online.localiser import Follower, Step, follow_kept
 from edge_vpr.online.matcher import CHUNK_EVENTS
-from edge_vpr.recordings.recording import Columns
+from edge_vpr.recordings.reading import Columns
 from edge_vpr.warm_up import synthetic_events
 
 # Layout of this project's own frames; see docs/protocol_evpr.md.

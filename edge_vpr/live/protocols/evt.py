@@ -16,7 +16,7 @@ from edge_vpr.live.protocols import Decoder, Encoder, OptionReader, damaged_samp
 from edge_vpr.live.protocols.layout import SEARCH_WORDS, Raw, Reading, WordDecoder, word_at
 from edge_vpr.recordings.prophesee import EVT2_KINDS, EVT3_KINDS, evt2_event_words, evt2_time_words
 from edge_vpr.recordings.prophesee import Decoder as WordsDecoder
-from edge_vpr.recordings.recording import Columns
+from edge_vpr.recordings.reading import Columns
 
 #: Number of bytes that are copied at once; a multiple of each word size.
 _COPIED_BYTES = 4_096

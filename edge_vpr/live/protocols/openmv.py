@@ -34,7 +34,7 @@ from edge_vpr.live.protocols.openmv_packets import (
     pack,
 )
 from edge_vpr.recordings.prophesee import Decoder as WordsDecoder
-from edge_vpr.recordings.recording import Columns
+from edge_vpr.recordings.reading import Columns
 
 # Host's side of the dialogue with an OpenMV camera: decides which command comes next.
 #

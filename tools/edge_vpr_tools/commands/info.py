@@ -10,8 +10,7 @@ from edge_vpr_tools.console import answer
 from edge_vpr_tools.flags import add_reading_arguments
 
 if TYPE_CHECKING:
-    from edge_vpr.recordings import Recording
-    from edge_vpr.recordings.recording import Faults
+    from edge_vpr.recordings import Faults, Recording
 
 
 EXAMPLES = """\

@@ -24,9 +24,8 @@ import numpy as np
 from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.evaluation.tracks import MAX_GAP_S, Track, load_nmea
 from edge_vpr.events import Sensor
-from edge_vpr.recordings import Recording, open_recording
+from edge_vpr.recordings import Recording, TimeCrop, open_recording
 from edge_vpr.recordings.hdf5 import CheckedDataset, load_h5py
-from edge_vpr.recordings.recording import TimeCrop
 from edge_vpr_tools.research.catalogue import (
     BRISBANE_BAGS_PAGE,
     BRISBANE_PAGE,

@@ -23,7 +23,7 @@ from edge_vpr.recordings.aedat import (
     read_pairs,
     root_table,
 )
-from edge_vpr.recordings.recording import CHUNK_EVENTS, FaultLog
+from edge_vpr.recordings.reading import CHUNK_EVENTS, FaultLog
 from edge_vpr_tools.research.intensity.frames import Image, IntensityFrame, start_of, to_grey
 
 # Frames of AEDAT 2: samples of a DAVIS, each pixel read after its reset and after its exposure.

@@ -22,8 +22,7 @@ from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr.events import Sensor
 from edge_vpr.files import read_toml
-from edge_vpr.recordings import Recording, open_recording, parse_period
-from edge_vpr.recordings.recording import TimeCrop, seconds_us
+from edge_vpr.recordings import Recording, TimeCrop, open_recording, parse_period, seconds_us
 from edge_vpr.reference_map import MatchMetrics
 from edge_vpr.results import RecordError, from_json
 from edge_vpr.settings import SETTING_FIELDS, Settings, resolve_settings
