@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.cleaning import BurstFilter, can_be_searched, find_hot_pixels
-from edge_vpr.descriptors.codes import drive_mean, encoder_of
 from edge_vpr.descriptors.counting import DescriptorStream
 from edge_vpr.descriptors.pixels import (
     PixelMap,
@@ -34,7 +33,7 @@ from edge_vpr.descriptors.windows import (
 )
 from edge_vpr.errors import MapError, UsageError, expect, kind_of
 from edge_vpr.events import Events, Sensor
-from edge_vpr.map_record import AnyMap, MapRecord
+from edge_vpr.map_record import AnyMap, MapRecord, drive_mean, encoder_of
 from edge_vpr.settings import PLUGIN, Settings
 from fixedpoint.codes import learn_full_scale
 
