@@ -242,7 +242,7 @@ def encode_own(counted: Descriptors, code: OwnMeanCode, mean_activity: int) -> D
     counted : Descriptors
         Counts.
     mean_activity : int
-        Selected events that a window of the reference has, see `pauses.Activity`.
+        Selected events that a window of the reference has, see `Activity`.
     """
     own = drive_mean(counted.counts, find_pauses(counted.activity, mean_activity), code)
     return _replaced(counted, code.encode(counted.counts, own))
@@ -260,7 +260,7 @@ def encode_running(
     mean : ndarray of int32, shape (J,)
         Of the reference: where the running mean starts.
     mean_activity : int
-        Selected events that a window of the reference has, see `pauses.Activity`.
+        Selected events that a window of the reference has, see `Activity`.
     """
     running, coded = RunningMean(mean), np.empty(counted.counts.shape, dtype=np.uint8)
     paused = find_pauses(counted.activity, mean_activity)
