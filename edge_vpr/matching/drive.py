@@ -18,8 +18,13 @@ from edge_vpr.confidence import NO_MISFIT, Acceptance, Confidence, default_confi
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, place_activity
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.map_record import MapRecord
-from edge_vpr.matching.distances import ReferenceIndex, best_matches, typical_distances
-from edge_vpr.matching.matches import CANDIDATES, Matches, margin_to_second, nearest_places
+from edge_vpr.matching.distances import (
+    ReferenceIndex,
+    best_matches,
+    nearest_places,
+    typical_distances,
+)
+from edge_vpr.matching.matches import CANDIDATES, Matches, margin_to_second
 from edge_vpr.matching.place_filter import (
     LASTING_NEIGHBOURS,
     TRUST_BITS,
