@@ -437,44 +437,13 @@ def _match(counts: Any, low: int, high: int, places: Any, out: Any) -> int:
     return excess[0]
 
 
-# Search for the nearest place of a query, and the nearest one outside its neighbourhood.
-
-
-def best_match(distances: npt.NDArray[Any], exclusion: int) -> tuple[int, int]:
-    """Return the nearest place, and the nearest one outside its neighbourhood.
-
-    Parameters
-    ----------
-    distances : ndarray, shape (K,)
-        Distance to each place.
-    exclusion : int
-        Places no further than this from the best one, in index, are its neighbourhood.
-
-    Returns
-    -------
-    best, second : int
-        Ties go to the lowest index; `second` is -1 if every place is in the neighbourhood.
-
-    Raises
-    ------
-    UsageError
-        If there is no place, or the exclusion is negative.
-    """
-    _check_search(distances, 1, exclusion)
-    best = int(distances.argmin())
-    before, after = distances[: max(best - exclusion, 0)], distances[best + exclusion + 1 :]
-    second = int(before.argmin()) if before.size else -1
-    if after.size:
-        later = int(after.argmin())
-        if second < 0 or after[later] < before[second]:
-            second = best + exclusion + 1 + later
-    return best, second
+# Search for the nearest places of queries, and the nearest one outside the neighbourhood.
 
 
 def best_matches(
     matrix: npt.NDArray[Any], exclusion: int
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the best match of each column, as :func:`best_match` does, and the number of ties.
+    """Return the nearest place of each column, the nearest outside its neighbourhood, and ties.
 
     Parameters
     ----------
@@ -486,28 +455,25 @@ def best_matches(
     Returns
     -------
     best, second, ties : ndarray of int64, shape (Q,)
-        `ties` is the number of other places at the same smallest distance.
+        Of equal places the lowest; `second` is -1 if every place is in the neighbourhood; `ties` is
+        the number of other places at the same smallest distance.
 
     Raises
     ------
     UsageError
         If there is no place, or the exclusion is negative.
     """
-    _check_search(matrix, 2, exclusion)
+    if matrix.ndim != 2 or len(matrix) == 0:
+        raise UsageError(
+            f"distances of shape {matrix.shape}: give 2 dimensions, the first one the places, at "
+            "least one of them"
+        )
+    if exclusion < 0:
+        raise UsageError(f"exclusion of {exclusion} places is negative: give 0 or more")
     best, ties = (np.zeros(matrix.shape[1], dtype=np.int64) for _ in range(2))
     second = np.full(matrix.shape[1], -1, dtype=np.int64)
     _search(matrix, exclusion, best, second, ties)
     return best, second, ties
-
-
-def _check_search(distances: npt.NDArray[Any], ndim: int, exclusion: int) -> None:
-    if distances.ndim != ndim or len(distances) == 0:
-        raise UsageError(
-            f"distances of shape {distances.shape}: give {ndim} dimension(s), the first one "
-            "the places, at least one of them"
-        )
-    if exclusion < 0:
-        raise UsageError(f"exclusion of {exclusion} places is negative: give 0 or more")
 
 
 @kernel

@@ -17,7 +17,6 @@ from edge_vpr.errors import UsageError
 from edge_vpr.matching import distances as sad
 from edge_vpr.matching.distances import (
     ReferenceIndex,
-    best_match,
     best_matches,
     distance_matrix,
     typical_distances,
@@ -138,9 +137,7 @@ def test_the_packed_reference_is_as_narrow_as_its_range_allows():
         (lambda: ReferenceIndex([[1, 2]]).distances([1]), "have 1 counts and the reference 2"),
         (lambda: ReferenceIndex([[1, 2**20]]).distances([1]), "have 1 counts and the reference 2"),
         (lambda: ReferenceIndex([[1, 2]]).distances([[1, 2]]), "descriptor: int64 of shape"),
-        (lambda: best_match(np.empty(0, np.int32), 3), "at least one"),
-        (lambda: best_match(np.zeros((2, 2)), 3), "give 1 dimension"),
-        (lambda: best_match(np.zeros(2), -1), "exclusion of -1"),
+        (lambda: best_matches(np.zeros(2), 3), "give 2 dimensions"),
         (lambda: best_matches(np.empty((0, 4)), 3), "at least one"),
         (lambda: best_matches(np.zeros((2, 2)), -1), "exclusion of -1"),
     ],
@@ -174,7 +171,6 @@ def test_best_matches_equal_their_definition(seed, K, Q, exclusion, largest, dty
     assert (
         list(zip(*(a.tolist() for a in best_matches(matrix, exclusion)), strict=True)) == expected
     )
-    assert [best_match(matrix[:, j], exclusion) for j in range(Q)] == [e[:2] for e in expected]
 
 
 compiled = pytest.mark.skipif("NUMBA_DISABLE_JIT" in os.environ, reason="needs the compiler")

@@ -13,7 +13,7 @@ from edge_vpr.descriptors.counting import count_events
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.matching.distances import ReferenceIndex, best_match
+from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.matcher import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
@@ -145,7 +145,7 @@ def _recomputed(s: SimpleNamespace):
     for i in range(best.size):
         window[s.slots[s.first + i]] += 1
         window[s.slots[s.first + i - N]] -= 1
-        best[i] = best_match(index.distances(window), 3)[0]
+        best[i] = index.distances(window).argmin()
     return best
 
 
