@@ -30,10 +30,9 @@ from edge_vpr.errors import MapError, RecordingError, UsageError, printable
 from edge_vpr.evaluation.tracks import save_odometry
 from edge_vpr.events import Events, Sensor, join_events
 from edge_vpr.files import work_folder
-from edge_vpr.live.health import Health
 from edge_vpr.live.links import DescriptorLink, Link, LinkReader, SocketLink, UrlLink, open_link
 from edge_vpr.live.odometer import OdometerReader
-from edge_vpr.live.protocols import Decoder, open_decoder
+from edge_vpr.live.protocols import Decoder, Health, open_decoder
 from edge_vpr.map_record import KIND as MAP_KIND
 from edge_vpr.online.localiser import JUMP_US, MOST_TICKS, Follower, Localiser, Step
 from edge_vpr.online.matcher import MATCH_DTYPE, MatchSchedule

@@ -18,8 +18,7 @@ from hypothesis import strategies as st
 from test_stream_protocols import plain_evpr
 
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.live.health import VOUCHED_SILENCE_US
-from edge_vpr.live.protocols import open_decoder
+from edge_vpr.live.protocols import VOUCHED_SILENCE_US, open_decoder
 from edge_vpr.live.protocols.evpr import HEADER, EvprEncoder
 from firmware_model.emulation.build import EMULATED, HOST, SOURCES, WARNINGS, build
 from firmware_model.emulation.emulator import Emulator

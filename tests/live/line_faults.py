@@ -16,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.events import Events, Sensor, make_events
-from edge_vpr.live.health import Health
-from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.protocols import Health, open_decoder, open_encoder
 
 SENSOR = Sensor(128, 128)
 #: what the device speaks, and what the host is told

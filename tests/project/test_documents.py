@@ -21,8 +21,7 @@ from streams import Drive, random_events
 from test_rooms import STAGES
 
 from edge_vpr.events import Sensor
-from edge_vpr.live.health import Health
-from edge_vpr.live.protocols import open_encoder
+from edge_vpr.live.protocols import Health, open_encoder
 from edge_vpr.live.session import LiveMatch
 from edge_vpr.pipeline import map_traverse
 from edge_vpr.recordings import write_recording

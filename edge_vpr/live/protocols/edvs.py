@@ -9,8 +9,14 @@ import numpy as np
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor, join_events
-from edge_vpr.live.health import Clock, no_columns
-from edge_vpr.live.protocols import Decoder, Encoder, OptionReader, damaged_sample
+from edge_vpr.live.protocols import (
+    Clock,
+    Decoder,
+    Encoder,
+    OptionReader,
+    damaged_sample,
+    no_columns,
+)
 from edge_vpr.live.protocols.layout import (
     NOTICE_WORDS,
     SEARCH_WORDS,

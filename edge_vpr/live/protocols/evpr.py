@@ -14,9 +14,12 @@ import numpy.typing as npt
 from edge_vpr.compiling import KernelState, kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.live.health import (
+from edge_vpr.live.protocols import (
     EXACT,
     Clock,
+    Decoder,
+    Encoder,
+    OptionReader,
     admit_columns,
     counts_of,
     no_columns,
@@ -24,7 +27,6 @@ from edge_vpr.live.health import (
     room_for,
     start_clock,
 )
-from edge_vpr.live.protocols import Decoder, Encoder, OptionReader
 from edge_vpr.online.localiser import Follower, Step, follow_kept
 from edge_vpr.online.matcher import CHUNK_EVENTS
 from edge_vpr.recordings.reading import Columns

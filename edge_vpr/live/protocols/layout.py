@@ -13,8 +13,7 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.live.health import STEP_US, Clock, no_columns
-from edge_vpr.live.protocols import Decoder, Encoder, damaged_sample
+from edge_vpr.live.protocols import STEP_US, Clock, Decoder, Encoder, damaged_sample, no_columns
 from edge_vpr.recordings.reading import Columns
 
 # Streams of words of one size without frames, and the search for the beginning of words.

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
-from edge_vpr.live.health import Health
+from edge_vpr.live.protocols import Health
 
 # Both checksums of OpenMV's packets.
 
