@@ -284,8 +284,8 @@ def describe_query(
     MapError, UsageError
         As `describe` does.
     """
-    counted = count_windows(recording, reference.pixel_map, reference.settings, removed)
-    return reference.coded(counted)
+    settings = reference.settings.uncoded
+    return reference.coded(describe(recording, reference.pixel_map, settings, removed=removed))
 
 
 def describe(

@@ -273,7 +273,7 @@ class NpzSource(Source):
 
     def _columns(self, archive: Archive, stack: ExitStack, log: FaultLog) -> Iterator[Columns]:
         names = match_columns(archive.names)
-        assert names is not None  # the registry has found t, x and y
+        assert names is not None  # `sniff` has found t, x and y
         streams = {column: archive.stream(name, stack) for column, name in names.items()}
         shapes = {stream.shape for stream in streams.values()}
         if len(shapes) != 1 or len(next(iter(shapes))) != 1:
