@@ -12,7 +12,7 @@ import socket
 import stat
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from io import FileIO
 from itertools import count
 from pathlib import Path
@@ -26,7 +26,7 @@ from edge_vpr.archive import kind_of
 from edge_vpr.compile_report import COMPILE_ALL, compiling_reported
 from edge_vpr.confidence import STRANGE, STRANGE_TEXT
 from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
-from edge_vpr.errors import MapError, RecordingError, UsageError, printable
+from edge_vpr.errors import MapError, RecordingError, UsageError, as_path, expect, printable
 from edge_vpr.evaluation.tracks import save_odometry
 from edge_vpr.events import Events, Sensor, join_events
 from edge_vpr.files import work_folder
@@ -514,14 +514,14 @@ class LiveSession:
         protocol: str,
         reference: ReferenceMap | str | Path | None = None,
         every: str | MatchSchedule | None = None,
-        sensor: Sensor | str | None = None,
+        sensor: Sensor | tuple[int, int] | str | None = None,
         baud: int | None = None,
         flow_control: bool = False,
         reconnect: bool = True,
         heartbeat: str | None = None,
         odometry: str | None = None,
         burst_filter: Literal["exact", "causal"] = "exact",
-        record: str | Path | Iterable[str | Path] = (),
+        record: str | Path | Sequence[str | Path] = (),
         learn: str | Path | None = None,
         settings: Settings | str | None = None,
         overwrite: bool = False,
@@ -529,8 +529,16 @@ class LiveSession:
         max_lag: str = "500ms",
         on_message: Callable[[Message], object] | None = None,
     ) -> None:
+        expect(protocol, str, "protocol", "its name, such as 'edvs'")
+        for name, text in (("every", every), ("heartbeat", heartbeat), ("max_lag", max_lag)):
+            if text is not None and not isinstance(text, MatchSchedule):
+                expect(text, str, name, "a text such as '500ms'")
+        if odometry is not None:
+            expect(odometry, str, "odometry", "the odometer's port as text")
         if isinstance(reference, str | Path):
             reference = ReferenceMap.load(reference)
+        if reference is not None:
+            expect(reference, ReferenceMap, "reference", "a ReferenceMap or the path of one")
         self.reference = reference
         self.sensor = _sensor_of(sensor, reference)
         self.decoder = open_decoder(protocol, self.sensor)
@@ -549,12 +557,13 @@ class LiveSession:
         self._odometry = odometry
         self._heartbeat_s = math.inf if heartbeat is None else duration_us(heartbeat) / 1e6
         self._max_lag_s = duration_us(max_lag) / 1e6
-        paths = [record] if isinstance(record, str | Path) else list(record)
-        self._record, self._overwrite = [Path(path) for path in paths], overwrite
+        paths = list(record) if isinstance(record, list | tuple) else [record]
+        self._record = [as_path(path, "a file to record") for path in paths]
+        self._overwrite = overwrite
         for path in self._record:
             if path.exists() and not overwrite:
                 raise UsageError(f"{path} exists: name another file, or pass overwrite=True")
-        self._learn = None if learn is None else Path(learn)
+        self._learn = None if learn is None else as_path(learn, "the map to learn")
         if settings is None and reference is not None:
             settings = reference.settings
         if not isinstance(settings, Settings):
@@ -1131,14 +1140,14 @@ def _known(value: float) -> float | None:
     return value if value == value else None
 
 
-def _sensor_of(sensor: Sensor | str | None, reference: ReferenceMap | None) -> Sensor:
-    if isinstance(sensor, str):
-        sensor = Sensor.parse(sensor)
-    if sensor is None:
-        if reference is None:
-            raise UsageError("the size of the sensor is not known: pass sensor= or reference=")
-        sensor = reference.pixel_map.sensor
-    return sensor
+def _sensor_of(
+    sensor: Sensor | tuple[int, int] | str | None, reference: ReferenceMap | None
+) -> Sensor:
+    if sensor is not None:
+        return Sensor.of(sensor)
+    if reference is None:
+        raise UsageError("the size of the sensor is not known: pass sensor= or reference=")
+    return reference.pixel_map.sensor
 
 
 def _opener(link: Any, baud: int, flow_control: bool) -> tuple[Callable[[], Link], bool]:

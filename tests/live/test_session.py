@@ -471,6 +471,14 @@ def test_a_session_is_used_once(route):
         ({"burst_filter": "none"}, "expected 'exact' or 'causal'"),
         ({"on_overload": "cry"}, "expected 'drop', 'wait' or None"),
         ({"heartbeat": "often"}, "expected a time such as"),
+        ({"heartbeat": 0.5}, "heartbeat is a float (0.5): give a text"),
+        ({"every": 3}, "every is an int (3): give a text"),
+        ({"protocol": None}, "protocol is None: give its name"),
+        ({"sensor": 5}, "sensor 5 is no width and height"),
+        ({"reference": 5}, "reference is an int (5): give a ReferenceMap"),
+        ({"record": 5}, "path of a file to record is an int"),
+        ({"learn": 5}, "path of the map to learn is an int"),
+        ({"odometry": 5}, "odometry is an int (5): give"),
     ],
 )
 def test_wrong_arguments_are_one_sentence(given, says):
