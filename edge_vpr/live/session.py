@@ -1105,8 +1105,10 @@ def ends_early(path: str, error: OSError) -> str:
 
 
 def nothing_valid(health: Health) -> str:
-    """Return what to check if bytes came and hardly any of them were valid; else empty text."""
-    if health.bytes and not health.decoded_bytes:
+    """Return what to check if hardly any byte, or none at all, was valid; else empty text."""
+    if not health.bytes:
+        return "no bytes came: check that this is the camera's port, and that the camera is on"
+    if not health.decoded_bytes:
         return f"none of {health.bytes:,} bytes are of this protocol: check --protocol and --baud"
     return senseless_bytes(health)
 
