@@ -42,6 +42,7 @@ from edge_vpr.pipeline import Removed
 from edge_vpr.recordings import write_recording
 from edge_vpr.recordings.registry import FORMATS
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.results import check_parent
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings, duration_us, resolve_settings
 from edge_vpr.warm_up import WarmUpStep, localising_steps, synthetic_events, warm_up
@@ -489,7 +490,7 @@ class LiveSession:
     Raises
     ------
     UsageError
-        If arguments contradict each other.
+        If arguments contradict each other, or a file exists or cannot be written.
     MapError
         If the map cannot be read, or is of another sensor.
 
@@ -560,10 +561,11 @@ class LiveSession:
         paths = list(record) if isinstance(record, list | tuple) else [record]
         self._record = [as_path(path, "a file to record") for path in paths]
         self._overwrite = overwrite
-        for path in self._record:
+        self._learn = None if learn is None else as_path(learn, "the map to learn")
+        for path in filter(None, (*self._record, self._learn)):
+            check_parent(path)
             if path.exists() and not overwrite:
                 raise UsageError(f"{path} exists: name another file, or pass overwrite=True")
-        self._learn = None if learn is None else as_path(learn, "the map to learn")
         if settings is None and reference is not None:
             settings = reference.settings
         if not isinstance(settings, Settings):
@@ -754,6 +756,8 @@ class LiveSession:
     @property
     def status(self) -> LiveStatus:
         """State of the session now."""
+        if not self._opened:
+            return LiveStatus(self.health)
         live, reader = self._live_or_raise(), self._reader
         return LiveStatus(self.health, live.filled, reader.lost_link, reader.dead_s)
 
@@ -764,8 +768,8 @@ class LiveSession:
 
     @property
     def address(self) -> str:
-        """Address of the link."""
-        return self._reader.address
+        """Address of the link; once it is open, with the port that the system chose."""
+        return self._reader.address if self._opened else self._address
 
     def named(self, step: LiveStep) -> list[LiveMatch]:
         """Return the matches of a step."""

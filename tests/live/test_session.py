@@ -436,6 +436,20 @@ def test_a_map_in_place_of_a_port_is_called_a_map(route, tmp_path):
         LiveSession(tmp_path / "map.npz", protocol="evpr", sensor=SENSOR)
 
 
+@pytest.mark.parametrize("what", ["record", "learn"])
+def test_files_are_looked_at_before_the_link_is_opened(what, tmp_path):
+    """Also the map to learn, which would replace that of another drive."""
+    (tmp_path / "here.npz").touch()
+    for name, says in (("here.npz", "exists: name another"), ("no/new.npz", "is not a folder")):
+        with pytest.raises(UsageError, match=says):
+            LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, **{what: tmp_path / name})
+
+
+def test_a_session_that_is_not_open_yet_has_a_state():
+    session = LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR)
+    assert (session.address, session.status.dead_s) == ("/dev/null0", 0.0)
+
+
 def test_a_program_that_fails_leaves_whole_files(route, query, tmp_path):
     address, thread = camera("evpr", query)
     events = tmp_path / "events.npz"
