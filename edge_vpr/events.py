@@ -214,7 +214,13 @@ def crop(events: Events, x: int, y: int, width: int, height: int) -> Events:
     -------
     ndarray of EVENT_DTYPE, shape (m,)
         A copy.
+
+    Raises
+    ------
+    EventError
+        If this is no event array.
     """
+    check_event_array(events)
     inside = (
         (events["x"] >= x)
         & (events["x"] < x + width)

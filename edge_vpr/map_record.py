@@ -124,7 +124,10 @@ def codes_of(
     if code is None:
         return None
     if settings.own_mean_code is not None:
-        raise MapError("own-mean codes have no fixed table: code counts by the reference map")
+        raise MapError(
+            f"{settings.counter_scaling} codes need the mean of a drive: take ReferenceMap.match, "
+            "or counts with settings.uncoded"
+        )
     if not settings.learns_full_scale:
         return PixelCodes.shared(code, counters)
     if full_scale is None or full_scale.shape != (counters,):

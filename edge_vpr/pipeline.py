@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -34,6 +36,7 @@ from edge_vpr.descriptors.windows import (
 from edge_vpr.errors import MapError, UsageError, expect, kind_of
 from edge_vpr.events import Events, Sensor
 from edge_vpr.map_record import AnyMap, MapRecord, drive_mean, encoder_of
+from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PLUGIN, Settings
 from fixedpoint.codes import learn_full_scale
 
@@ -77,15 +80,33 @@ class WindowSource(Protocol):
         ...
 
 
-def check_source(recording: object) -> None:
-    """Raise UsageError unless this is a recording of events or of windows."""
+def opened(
+    recording: EventSource | WindowSource | str | Path, frame_period: Fraction | None = None
+) -> EventSource | WindowSource:
+    """Return a recording, or open it if it is a path.
+
+    Parameters
+    ----------
+    frame_period : Fraction, optional
+        Seconds a frame of counts, where the file does not say.
+
+    Raises
+    ------
+    UsageError
+        If it is neither.
+    RecordingError
+        If the file cannot be read.
+    """
+    if isinstance(recording, str | Path):
+        return open_recording(recording, default_frame_period=frame_period)
     if isinstance(recording, WindowSource):
-        return
+        return recording
     if not hasattr(recording, "sensor") or not hasattr(recording, "__iter__"):
         raise UsageError(
             f"the recording is {kind_of(recording)}: give a path, what open_recording returns, or "
             "an object with a sensor that yields arrays of events"
         )
+    return recording
 
 
 def check_sensor(recording: Sensor, mapped: Sensor) -> None:
@@ -289,7 +310,7 @@ def describe_query(
 
 
 def describe(
-    recording: EventSource | WindowSource,
+    recording: EventSource | WindowSource | str | Path,
     pixel_map: PixelMap,
     settings: Settings,
     full_scale: npt.NDArray[np.uint16] | None = None,
@@ -300,6 +321,8 @@ def describe(
 
     Parameters
     ----------
+    recording : recording or path
+        A path is opened by `open_recording`.
     settings : Settings
         Of the map.
     full_scale : ndarray of uint16, shape (J,), optional
@@ -319,7 +342,7 @@ def describe(
     UsageError
         If the recording is shorter than a window.
     """
-    check_source(recording)
+    recording = opened(recording)
     expect(pixel_map, PixelMap, "pixel_map", "a PixelMap, as of select_pixels or of a map")
     expect(settings, Settings, "settings", "Settings, as of a map or of resolve_settings")
     check_sensor(recording.sensor, pixel_map.sensor)
@@ -396,7 +419,7 @@ def map_traverse(
     RecordingError, EventError
         If the recording is faulty.
     """
-    check_source(recording)
+    recording = opened(recording)
     sensor = recording.sensor
     if removed is not None:
         expect(removed, Removed, "removed", "Removed() to be filled, or leave it out")

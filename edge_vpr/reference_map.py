@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -34,13 +33,13 @@ from edge_vpr.pipeline import (
     WindowSource,
     check_matchable,
     check_sensor,
-    check_source,
     cleaned,
     count_places,
     describe_query,
     map_traverse,
+    opened,
 )
-from edge_vpr.recordings import Faults, Recording, open_recording
+from edge_vpr.recordings import Faults, Recording
 from edge_vpr.registration import Registration, register
 from edge_vpr.results import (
     LEFT_OUT,
@@ -695,29 +694,6 @@ def read_queries(folder: Path, name: str = QUERIES) -> Descriptors | None:
 def removed_record(removed: Removed, hot_pixels: int) -> RemovedEvents:
     """Return what cleaning removed, for `run.json`."""
     return RemovedEvents(removed.events, removed.burst_events, removed.burst_share, hot_pixels)
-
-
-def opened(
-    recording: EventSource | WindowSource | PathName, frame_period: Fraction | None = None
-) -> EventSource | WindowSource:
-    """Return a recording, or open it if it is a path.
-
-    Parameters
-    ----------
-    frame_period : Fraction, optional
-        Seconds a frame of counts, where the file does not say.
-
-    Raises
-    ------
-    UsageError
-        If it is neither.
-    RecordingError
-        If the file cannot be read.
-    """
-    if isinstance(recording, str | Path):
-        return open_recording(recording, default_frame_period=frame_period)
-    check_source(recording)
-    return recording
 
 
 def _settings_of(settings: Settings | PathName | None, changes: dict[str, Any]) -> Settings:

@@ -166,6 +166,8 @@ def count_events(
     EventError
         If an event lies outside the table; the events before it may be counted already.
     """
+    for name, array in (("table", table), ("x", x), ("y", y), ("counters", counts)):
+        expect(array, np.ndarray, name, "an array")
     return count_until(table, x, y, counts, _NO_LIMIT, p)[1]
 
 

@@ -601,7 +601,7 @@ _WAIT_S = 0.1
 _HELP_S = 0.02
 #: Interval at which the system's count of errors is read.
 _LOOK_S = 0.25
-_FIRST_RETRY_S, _LAST_RETRY_S = 0.25, 5.0
+_FIRST_RETRY_S, _LAST_RETRY_S = 0.25, 1.0
 
 
 class Chunk(NamedTuple):

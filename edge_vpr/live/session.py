@@ -12,7 +12,7 @@ import socket
 import stat
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from io import FileIO
 from itertools import count
 from pathlib import Path
@@ -26,7 +26,7 @@ from edge_vpr.archive import kind_of
 from edge_vpr.compile_report import COMPILE_ALL, compiling_reported
 from edge_vpr.confidence import STRANGE, STRANGE_TEXT
 from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
-from edge_vpr.errors import MapError, RecordingError, UsageError, printable
+from edge_vpr.errors import MapError, RecordingError, UsageError, as_path, expect, printable
 from edge_vpr.evaluation.tracks import save_odometry
 from edge_vpr.events import Events, Sensor, join_events
 from edge_vpr.files import work_folder
@@ -39,6 +39,7 @@ from edge_vpr.online.matcher import MATCH_DTYPE, MatchSchedule
 from edge_vpr.pipeline import Removed
 from edge_vpr.recordings import FORMATS, write_recording
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.results import check_parent
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings, duration_us, resolve_settings
 from edge_vpr.warm_up import WarmUpStep, localising_steps, synthetic_events, warm_up
@@ -486,7 +487,7 @@ class LiveSession:
     Raises
     ------
     UsageError
-        If arguments contradict each other.
+        If arguments contradict each other, or a file exists or cannot be written.
     MapError
         If the map cannot be read, or is of another sensor.
 
@@ -511,14 +512,14 @@ class LiveSession:
         protocol: str,
         reference: ReferenceMap | str | Path | None = None,
         every: str | MatchSchedule | None = None,
-        sensor: Sensor | str | None = None,
+        sensor: Sensor | tuple[int, int] | str | None = None,
         baud: int | None = None,
         flow_control: bool = False,
         reconnect: bool = True,
         heartbeat: str | None = None,
         odometry: str | None = None,
         burst_filter: Literal["exact", "causal"] = "exact",
-        record: str | Path | Iterable[str | Path] = (),
+        record: str | Path | Sequence[str | Path] = (),
         learn: str | Path | None = None,
         settings: Settings | str | None = None,
         overwrite: bool = False,
@@ -526,8 +527,16 @@ class LiveSession:
         max_lag: str = "500ms",
         on_message: Callable[[Message], object] | None = None,
     ) -> None:
+        expect(protocol, str, "protocol", "its name, such as 'edvs'")
+        for name, text in (("every", every), ("heartbeat", heartbeat), ("max_lag", max_lag)):
+            if text is not None and not isinstance(text, MatchSchedule):
+                expect(text, str, name, "a text such as '500ms'")
+        if odometry is not None:
+            expect(odometry, str, "odometry", "the odometer's port as text")
         if isinstance(reference, str | Path):
             reference = ReferenceMap.load(reference)
+        if reference is not None:
+            expect(reference, ReferenceMap, "reference", "a ReferenceMap or the path of one")
         self.reference = reference
         self.sensor = _sensor_of(sensor, reference)
         self.decoder = open_decoder(protocol, self.sensor)
@@ -546,12 +555,14 @@ class LiveSession:
         self._odometry = odometry
         self._heartbeat_s = math.inf if heartbeat is None else duration_us(heartbeat) / 1e6
         self._max_lag_s = duration_us(max_lag) / 1e6
-        paths = [record] if isinstance(record, str | Path) else list(record)
-        self._record, self._overwrite = [Path(path) for path in paths], overwrite
-        for path in self._record:
+        paths = list(record) if isinstance(record, list | tuple) else [record]
+        self._record = [as_path(path, "a file to record") for path in paths]
+        self._overwrite = overwrite
+        self._learn = None if learn is None else as_path(learn, "the map to learn")
+        for path in filter(None, (*self._record, self._learn)):
+            check_parent(path)
             if path.exists() and not overwrite:
                 raise UsageError(f"{path} exists: name another file, or pass overwrite=True")
-        self._learn = None if learn is None else Path(learn)
         if settings is None and reference is not None:
             settings = reference.settings
         if not isinstance(settings, Settings):
@@ -742,6 +753,8 @@ class LiveSession:
     @property
     def status(self) -> LiveStatus:
         """State of the session now."""
+        if not self._opened:
+            return LiveStatus(self.health)
         live, reader = self._live_or_raise(), self._reader
         return LiveStatus(self.health, live.filled, reader.lost_link, reader.dead_s)
 
@@ -752,8 +765,8 @@ class LiveSession:
 
     @property
     def address(self) -> str:
-        """Address of the link."""
-        return self._reader.address
+        """Address of the link; once it is open, with the port that the system chose."""
+        return self._reader.address if self._opened else self._address
 
     def named(self, step: LiveStep) -> list[LiveMatch]:
         """Return the matches of a step."""
@@ -1093,8 +1106,10 @@ def ends_early(path: str, error: OSError) -> str:
 
 
 def nothing_valid(health: Health) -> str:
-    """Return what to check if bytes came and hardly any of them were valid; else empty text."""
-    if health.bytes and not health.decoded_bytes:
+    """Return what to check if hardly any byte, or none at all, was valid; else empty text."""
+    if not health.bytes:
+        return "no bytes came: check that this is the camera's port, and that the camera is on"
+    if not health.decoded_bytes:
         return f"none of {health.bytes:,} bytes are of this protocol: check --protocol and --baud"
     return senseless_bytes(health)
 
@@ -1128,14 +1143,14 @@ def _known(value: float) -> float | None:
     return value if value == value else None
 
 
-def _sensor_of(sensor: Sensor | str | None, reference: ReferenceMap | None) -> Sensor:
-    if isinstance(sensor, str):
-        sensor = Sensor.parse(sensor)
-    if sensor is None:
-        if reference is None:
-            raise UsageError("the size of the sensor is not known: pass sensor= or reference=")
-        sensor = reference.pixel_map.sensor
-    return sensor
+def _sensor_of(
+    sensor: Sensor | tuple[int, int] | str | None, reference: ReferenceMap | None
+) -> Sensor:
+    if sensor is not None:
+        return Sensor.of(sensor)
+    if reference is None:
+        raise UsageError("the size of the sensor is not known: pass sensor= or reference=")
+    return reference.pixel_map.sensor
 
 
 def _opener(link: Any, baud: int, flow_control: bool) -> tuple[Callable[[], Link], bool]:

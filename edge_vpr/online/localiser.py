@@ -328,6 +328,7 @@ class Localiser:
         if not isinstance(run, FilterRun):
             check_no_ways(None, odometry=True)
             return NO_MATCHES
+        expect(distance_m, (int, float, np.number), "distance_m", "metres as a number")
         if not abs(distance_m) * 1e3 <= MOST_MM:
             raise UsageError(f"odometer at {distance_m} m: expected at most {MOST_MM // 1000} m")
         run.place_filter.transitions.check_odometry()

@@ -649,6 +649,17 @@ def test_a_recording_without_a_match_is_an_error(tmp_path, capsys):
     assert not (tmp_path / "v").exists()
 
 
+@pytest.mark.parametrize("sensor", [Sensor(60, 40), Sensor(128, 96)])
+def test_a_recording_of_another_camera_is_an_error(sensor, tmp_path, capsys):
+    made, _ = recorded_drive(tmp_path)
+    other = tmp_path / "other.npz"
+    events = random_events(np.random.default_rng(1), 40_000, sensor, 3_000_000)
+    write_recording(other, [events], sensor=sensor)
+    golden = ["golden", "--map", str(made), "-o", str(tmp_path / "v"), "--recording", str(other)]
+    assert main(golden) == 1
+    assert f"the recording is of a {sensor} sensor" in capsys.readouterr().err
+
+
 def test_vectors_have_a_size_of_choice(tmp_path, capsys):
     """The cases with most events are left out, which is said; a README says how to check."""
     DESIGN.save(tmp_path / "design.toml")

@@ -436,6 +436,20 @@ def test_a_map_in_place_of_a_port_is_called_a_map(route, tmp_path):
         LiveSession(tmp_path / "map.npz", protocol="evpr", sensor=SENSOR)
 
 
+@pytest.mark.parametrize("what", ["record", "learn"])
+def test_files_are_looked_at_before_the_link_is_opened(what, tmp_path):
+    """Also the map to learn, which would replace that of another drive."""
+    (tmp_path / "here.npz").touch()
+    for name, says in (("here.npz", "exists: name another"), ("no/new.npz", "is not a folder")):
+        with pytest.raises(UsageError, match=says):
+            LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, **{what: tmp_path / name})
+
+
+def test_a_session_that_is_not_open_yet_has_a_state():
+    session = LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR)
+    assert (session.address, session.status.dead_s) == ("/dev/null0", 0.0)
+
+
 def test_a_program_that_fails_leaves_whole_files(route, query, tmp_path):
     address, thread = camera("evpr", query)
     events = tmp_path / "events.npz"
@@ -471,6 +485,14 @@ def test_a_session_is_used_once(route):
         ({"burst_filter": "none"}, "expected 'exact' or 'causal'"),
         ({"on_overload": "cry"}, "expected 'drop', 'wait' or None"),
         ({"heartbeat": "often"}, "expected a time such as"),
+        ({"heartbeat": 0.5}, "heartbeat is a float (0.5): give a text"),
+        ({"every": 3}, "every is an int (3): give a text"),
+        ({"protocol": None}, "protocol is None: give its name"),
+        ({"sensor": 5}, "sensor 5 is no width and height"),
+        ({"reference": 5}, "reference is an int (5): give a ReferenceMap"),
+        ({"record": 5}, "path of a file to record is an int"),
+        ({"learn": 5}, "path of the map to learn is an int"),
+        ({"odometry": 5}, "odometry is an int (5): give"),
     ],
 )
 def test_wrong_arguments_are_one_sentence(given, says):

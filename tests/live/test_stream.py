@@ -828,7 +828,7 @@ def test_a_drive_that_makes_no_map_is_kept(sent, tmp_path, capsys):
     assert not output.exists()
 
 
-@pytest.mark.parametrize("protocol", ["evpr", "evt3", "edvs"])
+@pytest.mark.parametrize("protocol", ["evpr", "evt3", "edvs", "openmv"])
 def test_bytes_of_another_protocol_are_told_at_once(protocol, drive, tmp_path, capsys):
     noise = tmp_path / "noise.bin"
     noise.write_bytes(np.random.default_rng(0).bytes(30_000))
@@ -837,6 +837,13 @@ def test_bytes_of_another_protocol_are_told_at_once(protocol, drive, tmp_path, c
     told = capsys.readouterr()
     for text in told:
         assert "of this protocol: check --protocol" in text
+    assert "events lost on the way" not in told.out
+
+
+def test_a_camera_that_sent_nothing_is_an_error(tmp_path, capsys):
+    (tmp_path / "empty.bin").write_bytes(b"")
+    assert streamed("--port", tmp_path / "empty.bin", "--sensor", "64x48") == 1
+    assert "no bytes came: check that this is the camera's port" in capsys.readouterr().err
 
 
 def test_a_recording_is_no_port(drive, capsys):

@@ -362,6 +362,16 @@ def wrong_uses():
         "rng is an int .0.: give numpy": lambda drive, route: ev.select_pixels(
             np.ones((5, 5)), 5, rng=0
         ),
+        "the recording is a bytes": lambda drive, route: ev.describe(
+            b"monday.raw", route.pixel_map, route.settings
+        ),
+        "events are None: build": lambda drive, route: ev.crop(None, 0, 0, 5, 5),
+        "table is None: give an array": lambda drive, route: ev.count_events(
+            None, None, None, None
+        ),
+        "distance_m is None: give metres": lambda drive, route: route.localiser().read_odometer(
+            0, None
+        ),
         "flags is a str": lambda drive, route: ev.resolve_settings(flags="pixels=4"),
     }
 
@@ -371,3 +381,12 @@ def test_wrong_use_is_one_sentence_with_the_remedy(words, route):
     drive = Drive(events_of(0), SENSOR)
     with pytest.raises(EdgeVprError, match=words):
         wrong_uses()[words](drive, route)
+
+
+def test_a_path_is_taken_where_a_recording_is(route, tmp_path):
+    drive, path = Drive(events_of(0), SENSOR), tmp_path / "drive.npz"
+    ev.write_recording(path, drive)
+    counted = ev.describe(path, route.pixel_map, route.settings.uncoded)
+    assert counted == ev.describe(drive, route.pixel_map, route.settings.uncoded)
+    with pytest.raises(EdgeVprError, match="or counts with settings"):
+        ev.describe(path, route.pixel_map, route.settings)

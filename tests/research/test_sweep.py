@@ -7,6 +7,8 @@ import json
 import os
 import re
 import signal
+import subprocess
+import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -43,6 +45,8 @@ from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import write_recording
 from edge_vpr.settings import PRESETS
+
+ROOT = Path(__file__).parents[2]
 
 PLAN = """
 seeds = [1, 2]
@@ -650,3 +654,30 @@ def test_wrong_use_of_workers_is_refused(plan_file, tmp_path, capsys):
     assert cli.main(words.split()) == 2
     assert "leave one out" in capsys.readouterr().err
     assert issubclass(UsageError, EdgeVprError)
+
+
+@pytest.mark.slow
+def test_times_of_a_sweep_are_without_the_compiler(plan_file, tmp_path):
+    """In a process that has no compiled kernels: of the method, and of a baseline."""
+    plan_file.write_text(
+        PLAN[: PLAN.index("[grid]")].replace("[1, 2]", "1")
+        + """
+[variants.method]
+preset = "default"
+pixels = 5
+[variants.baseline]
+system = "all-pixels"
+matching = "filter"
+"""
+        + PLAN[PLAN.index("[drives") :]
+    )
+    words = [sys.executable, "-m", "edge_vpr_tools.cli", "sweep", str(plan_file), "--workers", "1"]
+    subprocess.run(
+        [*words, "-o", str(tmp_path / "swept")], check=True, timeout=300,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cold"),
+             "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"},
+    )  # fmt: skip
+    found = [path.read_text() for path in (tmp_path / "swept/results").iterdir()]
+    times = [float(re.search(r'"microseconds_per_match": ([\d.]+)', each)[1]) for each in found]
+    assert len(times) == 2
+    assert max(times) < 5_000

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events
-from edge_vpr.pipeline import EventSource, cleaned
+from edge_vpr.pipeline import EventSource, check_sensor, cleaned
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_parent
 from edge_vpr_tools.estimate.model import flash_bytes
@@ -110,9 +110,12 @@ def recorded_case(
 
     Raises
     ------
+    MapError
+        If the recording is of another sensor.
     UsageError
         If the recording has too few windows for a match.
     """
+    check_sensor(recording.sensor, reference.pixel_map.sensor)
     if most_windows < design.length:
         raise UsageError(
             f"--max-windows {most_windows}: a match takes {design.length} windows: give as many"

@@ -151,7 +151,8 @@ class Health:
         """Return the number of lost events as text, and how exactly it is known."""
         dropped = f", {self.device_dropped:,} dropped by the device" if self.device_dropped else ""
         restarts = "at least " if self.device_resets else ""
-        if self.accounting == EXACT and not self.frames and self.skipped_bytes:
+        whole = self.frames if self.accounting == EXACT else self.decoded_bytes
+        if self.accounting in (EXACT, BOUND) and not whole and self.skipped_bytes:
             return "no frame came whole, so that nothing is known of the events lost"
         if self.accounting == EXACT:
             return f"{restarts}{self.lost:,} events lost on the way{dropped}"

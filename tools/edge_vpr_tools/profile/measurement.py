@@ -491,8 +491,8 @@ class Plan:
             window_s = 1.0 if quick else LEAST_S
         if not (window_s >= least_s and pairs >= LEAST_PAIRS):
             raise UsageError(
-                f"{pairs} pairs of {window_s:g} s: expected {LEAST_PAIRS} pairs or more, and "
-                f"{least_s:g} s or more (shorter: --quick)"
+                f"--pairs {pairs} of {window_s:g} s: give {LEAST_PAIRS} pairs or more, of "
+                f"{least_s:g} s or more{'' if quick else ' (shorter: --quick)'}"
             )
         return cls(pairs, window_s, quick)
 
