@@ -7,6 +7,7 @@ import json
 import os
 import re
 import signal
+import time
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -41,6 +42,7 @@ from streams import random_events
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Sensor
+from edge_vpr.pipeline import describe_query, map_traverse, match_query
 from edge_vpr.recordings import write_recording
 from edge_vpr.settings import PRESETS
 
@@ -105,6 +107,30 @@ def test_a_plan_is_variants_times_drives_times_seeds(plan_file):
     assert len(trials) == 6
     # two names of the same settings are one result
     assert len({one.trial.key for one in trials}) == 4
+
+
+def test_the_times_of_a_trial_are_without_compilation(plan_file, monkeypatch):
+    """The first call of each function, which may compile, is in no time of the result."""
+    trial = next(iter(read_plan(plan_file).trials())).trial
+    called = set()
+
+    def slow(name, original):
+        def call(*args, **kwargs):
+            if name not in called:
+                called.add(name)
+                time.sleep(0.3)
+            return original(*args, **kwargs)
+
+        return call
+
+    for original in (describe_query, match_query, map_traverse):
+        name = original.__name__
+        for module in ("reference_map", "warm_up"):
+            monkeypatch.setattr(f"edge_vpr.{module}.{name}", slow(name, original))
+    found = run_trial(trial)
+    assert called == {"describe_query", "match_query", "map_traverse"}
+    matching_s = found.microseconds_per_match * found.queries / 1e6
+    assert max(found.mapping_s, found.counting_s, matching_s) < 0.3
 
 
 def test_a_worker_with_a_nanny_keeps_freed_memory_during_a_job(monkeypatch):
