@@ -196,7 +196,7 @@ class LiveLocaliser:
 
     @property
     def filled(self) -> float:
-        """Share of the first sequence that is complete, 0 to 1; there are matches from 1 on."""
+        """Share of the first match's windows that has passed; there are matches from 1 on."""
         return 0.0 if self._localiser is None else self._localiser.filled
 
     def _clean(self, events: Events, *, last: bool = False) -> LiveResult:
@@ -414,7 +414,7 @@ class LiveStatus(NamedTuple):
     """State of a session now."""
 
     health: Health
-    #: Share of the first sequence that is complete; there are matches from 1 on.
+    #: Share of the first match's windows that has passed; there are matches from 1 on.
     filled: float = 0.0
     lost_link: str = ""  #: Why the link is closed; empty while it is open.
     dead_s: float = 0.0  #: Seconds for which the link was lost, in all so far.

@@ -138,7 +138,7 @@ def _by_case(
             found.setdefault(case, [])
         elif case is None:
             raise VectorError(
-                "the first record names no case: begin with one, or say which case it is"
+                "the first record names no case: begin with one, or pass --case SUITE/NAME (case=)"
             )
         else:
             found[case].append((kind, values))

@@ -113,6 +113,16 @@ def test_the_core_returns_every_corner_under_stalls_and_a_reset(vectors):
 
 
 @needs_iverilog
+def test_icarus_compiles_the_core_and_its_bench_without_a_warning(vectors, tmp_path):
+    """As docs/hardware.md does it, without Python."""
+    package = vectors / "corners" / "tie_of_two" / "vpr_pkg.sv"
+    command = ["iverilog", "-g2012", "-s", "vpr_bench", "-o", str(tmp_path / "core.vvp")]
+    files = map(str, [package, *(vectors / "rtl").glob("*.sv")])
+    done = subprocess.run([*command, *files], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@needs_iverilog
 @pytest.mark.parametrize("seed", [21, 22])
 def test_the_core_returns_random_cases_of_random_designs(tmp_path, seed):
     """Both kinds of window, one polarity and both, lanes that do not divide the slots."""

@@ -919,7 +919,7 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(sent, monkeypatch, re
         step = live.feed(part, 0)
         view.matches(step, time.monotonic() - 0.0123, 0)
         view.tick(LiveStatus(live.decoder.health, live.filled))
-    assert "first sequence" in shown[0]
+    assert "waiting for the first match: " in shown[0]
     last = step.matches[-1]
     assert (
         f"place {last['place']} of 29 ({100 * last['place'] / 28:.0f} % of the route)" in shown[2]

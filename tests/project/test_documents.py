@@ -26,6 +26,7 @@ from edge_vpr.live.session import LiveMatch
 from edge_vpr.pipeline import map_traverse
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import OnlineMetrics, ReferenceMap
+from edge_vpr.run_log import log_warning, logged_run
 from edge_vpr.settings import Settings
 from edge_vpr.simulation import simulate_pair
 
@@ -271,7 +272,9 @@ def test_the_page_of_outputs_names_every_column_and_key(tmp_path):
     first, second = simulate_pair(0, "tiny", length_m=60)
     route = ReferenceMap.build(first, pixels=50, track=first.track)
     result = route.match(second)
-    result.save(tmp_path / "results")
+    with logged_run():
+        log_warning("a warning")
+        result.save(tmp_path / "results")
     route.save(tmp_path / "map.npz")
     for name, recording in (("monday", first), ("tuesday", second)):
         track = recording.track

@@ -16,7 +16,7 @@ from streams import Drive, random_events
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.live.protocols import open_decoder
+from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
@@ -50,14 +50,15 @@ def install(folder, monkeypatch, entries, **modules):
 def as_the_page_says(tmp_path_factory, monkeypatch):
     """The package of docs/plugins.md, word for word."""
     (toml,) = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
-    strategy, code, baseline, pairs = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    strategy, code, baseline, pairs, protocol = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     declared = tomllib.loads(toml)["project"]["entry-points"]
     entries = {
         group: "\n".join(f"{name} = {value}" for name, value in names.items())
         for group, names in declared.items()
     }
     folder = tmp_path_factory.mktemp("package")
-    install(folder, monkeypatch, entries, my_parts=strategy + code + baseline, my_pairs=pairs)
+    parts = strategy + code + baseline
+    install(folder, monkeypatch, entries, my_parts=parts, my_pairs=pairs, my_protocol=protocol)
 
 
 @pytest.fixture
@@ -176,12 +177,36 @@ def test_a_format_of_another_package_is_read_by_its_suffix_or_name(tmp_path, cap
     assert np.array_equal(np.concatenate(list(named)), events)
     main(["info", str(tmp_path / "a.pairs"), "--sensor", "24x20"])
     assert "pairs (pairs of time and pixel)" in capsys.readouterr().out
+    (tmp_path / "short.pairs").write_bytes(rows.tobytes()[:-1])
+    with pytest.raises(RecordingError, match="11 bytes too many or too few at its end"):
+        list(open_recording(tmp_path / "short.pairs", sensor=SENSOR))
     with pytest.raises(UsageError, match="cannot be written"):
         write_recording(tmp_path / "b.pairs", events, sensor=SENSOR)
     with pytest.raises(UsageError, match=r"format 'pears' is unknown: .*, pairs"):
         open_recording(tmp_path / "a.bin", sensor=SENSOR, format="pears")
     with pytest.raises(RecordingError, match="no known format"):
         open_recording(tmp_path / "a.bin", sensor=SENSOR)
+
+
+@pytest.mark.usefixtures("as_the_page_says")
+def test_a_protocol_of_another_package_is_decoded_and_imitated(drive):
+    events = np.concatenate(list(drive))
+    encoder, decoder = open_encoder("mine", SENSOR), open_decoder("mine", SENSOR)
+    decoder.warm_up()
+    assert decoder.health == open_decoder("mine", SENSOR).health
+    sent = bytearray(encoder.encode(events))
+    assert sent.startswith(b"%d %d %d %d\n" % tuple(events[0].tolist()))
+    fault = sent.index(b"\n", 5_000) + 1
+    sent[fault : fault + 1] = b"?"
+    parts = [decoder.feed(bytes(sent[at : at + 997])) for at in range(0, len(sent), 997)]
+    found = np.concatenate([*parts, decoder.finish()])
+    lost = bytes(sent[:fault]).count(b"\n")
+    expected = np.delete(events, lost)
+    assert (found["t"] - found["t"][0]).tolist() == (expected["t"] - expected["t"][0]).tolist()
+    assert all(np.array_equal(found[name], expected[name]) for name in "xyp")
+    health = decoder.health
+    assert health.skipped_bytes == sent.index(b"\n", fault) + 1 - fault
+    assert health.bytes == len(sent) == health.decoded_bytes + health.skipped_bytes
 
 
 def test_a_part_that_cannot_be_imported_is_named_and_breaks_nothing_else(

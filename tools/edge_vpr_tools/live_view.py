@@ -441,7 +441,7 @@ class View:
             if last["incomplete"]:
                 said["certainty"] += ", incomplete: events were lost"
         elif self._places:
-            said["place"] = f"first sequence {100 * filled:.0f} % full"
+            said["place"] = f"waiting for the first match: {100 * filled:.0f} %"
         if health.events:
             said["latency"] = f"{1e3 * self._lag_s:.1f} ms from byte to {self._goal}"
             if health.lag_us >= _LAG_US:
@@ -454,7 +454,7 @@ class View:
         return time.monotonic() - self._heard
 
     def _position(self, filled: float) -> float:
-        """Share of the route before the newest match, or of the first sequence if there is none."""
+        """Share of the route before the newest match; without one, of the time until the first."""
         if self._last is None:
             return filled
         return float(json.loads(self._last)["place"] / max(1, self._places - 1))

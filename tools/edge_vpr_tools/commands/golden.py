@@ -142,7 +142,7 @@ def run(args: argparse.Namespace) -> None:
         )
         reached = sum(number > 0 for number in suite.coverage.values())
         summary(
-            f"{args.output}/{suite.name}: {len(suite.cases)} cases, {events:,} events, "
+            f"{Path(args.output) / suite.name}: {len(suite.cases)} cases, {events:,} events, "
             f"{windows} windows, {matches} matches, {reached} of {len(suite.coverage)} corners"
         )
 
