@@ -112,6 +112,7 @@ def run(args: argparse.Namespace) -> None:
         check_track_file(path, reference)
         results.check_new_file(Path(path), inputs, args.overwrite)
     settings = with_match_flags(args, reference.settings, online=args.online)
+    reference.check_asked(settings)
     asked = reference.matched_with(settings)
     _ = asked.acceptance  # a precision that the table cannot reach is an error before any work
     if args.every is not None and not args.online:
