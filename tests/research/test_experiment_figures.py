@@ -246,11 +246,11 @@ def test_the_calibration_judges_the_shipped_tables_on_streets_that_they_are_not_
             by_map["whole", how]["correct"] == by_map["whole", how]["correct of those on the map"]
         )
         whole = by_map["whole", how]
-        assert whole["accepted at 0.99, stays on map"] >= whole["accepted at 0.99"]
-        probability = whole["mean probability, stays on map"]
+        assert whole["accepted at 0.99 (stays on map)"] >= whole["accepted at 0.99"]
+        probability = whole["mean probability (stays on map)"]
         assert whole["mean probability"] < probability < 1
     smoothed = by_map["whole", "smoothed"]
-    assert smoothed["accepted at 0.99, stays on map"] > smoothed["accepted at 0.99"]
+    assert smoothed["accepted at 0.99 (stays on map)"] > smoothed["accepted at 0.99"]
     assert by_map["a detour", "live"]["AUROC off the map"] is not None
     assert by_map[calibration.SWITCHED_ON, "live"]["starts"] >= 0
     assert [panel.get_xlabel() for panel in axes] == [

@@ -329,7 +329,7 @@ PRECISION = 0.99
 LEARNT_ON = "table learnt on"
 SWITCHED_ON = "switched on in mid-route"
 #: ends the names of columns of the tables for robots that stay on the map
-STAYS_ON_MAP = ", stays on map"
+STAYS_ON_MAP = " (stays on map)"
 #: columns that the table has no effect on
 _OF_MATCHES = (
     "correct", "correct of those on the map", "found at 99 % precision", "AUROC off the map",
