@@ -358,6 +358,13 @@ def test_a_map_with_a_table_of_its_own_is_not_asked_for_a_shipped_one(robot, tmp
     assert found.probability.tolist() == shipped.probability_of(found.net_trust).tolist()
 
 
+def test_smoothed_matches_of_a_robot_that_stays_on_the_map_are_warned_of(robot, tmp_path, capsys):
+    match = ["match", str(robot / "map.npz"), str(robot / "query.npz"), "--no-figures", "-o"]
+    for i, (words, said) in enumerate((("--smooth", 1), ("--no-smooth", 0), ("--online", 0))):
+        assert main([*match, str(tmp_path / f"{i}"), words, "--stays-on-map"]) == 0
+        assert capsys.readouterr().err.count("--stays-on-map accepts nearly every match") == said
+
+
 def test_what_a_map_learns_does_not_depend_on_whether_the_robot_stays_on_it(robot):
     reference = ReferenceMap.load(robot / "map.npz")
     stays = reference.matched_with(reference.settings.replaced({"stays_on_map": True}, "test"))

@@ -166,11 +166,6 @@ def with_match_flags(
     _warn_of_no_effect(args, changed, _of_group(_MATCHING))
     if args.delay and changed.smooth:
         warning("--delay has no effect on a drive that is smoothed whole: add --no-smooth")
-    if args.stays_on_map and changed.smooth and changed.matching == "filter":
-        warning(
-            "--stays-on-map accepts nearly every match of a drive that is smoothed whole, wrong "
-            "ones too: add --no-smooth"
-        )
     return changed
 
 
