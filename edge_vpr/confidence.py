@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import EqualByValue, check_array, check_range
+from edge_vpr.archive import EqualByValue, check_array, check_range, damaged
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 
@@ -24,6 +24,8 @@ from edge_vpr.events import TIME_LIMIT_US
 DEFAULT_TABLES = "default_confidence.json"
 LEARNT_DELAYS = (0, 2, 4, 8)
 SMOOTHED = "smoothed"
+#: keys of that file: tables for robots that may leave the map, and for those that never do
+TABLES, ON_MAP_TABLES = "tables", "tables_on_map"
 MOST_STEPS = 4_096
 #: number of the rule for the trust of the place filter: tables learnt with another one do not hold
 TRUST_RULE = 4
@@ -212,7 +214,9 @@ _NAMES = ("trust", "probability", "matches")
 
 
 @cache
-def default_confidence(smoothed: bool = False, late: int = 0) -> Confidence:
+def default_confidence(
+    smoothed: bool = False, late: int = 0, stays_on_map: bool = False
+) -> Confidence:
     """Return a shipped table of the place filter, which was learnt on simulated streets.
 
     Parameters
@@ -222,12 +226,21 @@ def default_confidence(smoothed: bool = False, late: int = 0) -> Confidence:
     late : int
         If not, the number of windows by which matches come late. The table is that of the largest
         learnt number that is not larger.
+    stays_on_map : bool
+        Learnt only from the drives that never leave the map.
+
+    Raises
+    ------
+    MapError
+        If the package's file is damaged.
     """
+    kind = ON_MAP_TABLES if stays_on_map else TABLES
     name = SMOOTHED if smoothed else str(max(n for n in LEARNT_DELAYS if n <= late))
-    text = files("edge_vpr").joinpath(DEFAULT_TABLES).read_text(encoding="utf-8")
-    table = json.loads(text)["tables"][name]
-    return Confidence(
-        np.array(table["trust"], dtype=np.int64),
-        np.array(table["probability"], dtype=np.float64),
-        np.array(table["matches"], dtype=np.int64),
-    )
+    with damaged(DEFAULT_TABLES, "install edge-vpr again"):
+        text = files("edge_vpr").joinpath(DEFAULT_TABLES).read_text(encoding="utf-8")
+        table = json.loads(text)[kind][name]
+        return Confidence(
+            np.array(table["trust"], dtype=np.int64),
+            np.array(table["probability"], dtype=np.float64),
+            np.array(table["matches"], dtype=np.int64),
+        )

@@ -199,7 +199,10 @@ def _aligned_by_matching(
 
     Windows that overlap are matched as several drives, each of windows that do not.
     """
-    asked = {"matching": "filter", "smooth": True, "query_mean": "own", "precision": None}
+    asked = {
+        "matching": "filter", "smooth": True, "query_mean": "own", "precision": None,
+        "stays_on_map": False,  # a drive to be learnt may leave the route
+    }  # fmt: skip
     matching = reference.matched_with(reference.settings.replaced(asked, "alignment"))
     place = np.full(len(counted), -1, dtype=np.int64)
     number = reference.settings.places_per_window

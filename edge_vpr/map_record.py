@@ -434,10 +434,10 @@ class MapRecord(EqualByValue):
         UsageError
             If the settings want a precision that the table cannot promise.
         """
-        confidence = self.confidence
-        if confidence is None and self.settings.matching == "filter":
-            confidence = default_confidence(self.settings.smooth, self.settings.late)
-        return Acceptance(confidence, self.settings.precision)
+        confidence, asked = self.confidence, self.settings
+        if confidence is None and asked.matching == "filter":
+            confidence = default_confidence(asked.smooth, asked.late, asked.stays_on_map)
+        return Acceptance(confidence, asked.precision)
 
     def matched_with(self, settings: Settings) -> Self:
         """Return the map with other settings for matching.
@@ -447,6 +447,21 @@ class MapRecord(EqualByValue):
         expect(settings, Settings, "settings", "Settings, as of map.settings.replaced")
         kept = settings.of_trust == self.settings.of_trust
         return replace(self, settings=settings, confidence=self.confidence if kept else None)
+
+    def check_asked(self, settings: Settings) -> None:
+        """Check that other settings for matching ask for no table in place of the map's own.
+
+        Raises
+        ------
+        UsageError
+            If they do.
+        """
+        asks = settings.stays_on_map and not self.settings.stays_on_map
+        if asks and self.matched_with(settings).confidence is not None:
+            raise UsageError(
+                "stays_on_map (--stays-on-map) chooses a shipped table of probabilities, and the "
+                "map has a table of its own (edge-vpr calibrate), which is used: leave it out"
+            )
 
     def coded(self, counted: Descriptors) -> Descriptors:
         """Replace the counts of a query by the codes of this map."""

@@ -385,6 +385,7 @@ class ReferenceMap(MapRecord):
                     f"{by}: setting {name} = {value!r}, and the map was made with "
                     f"{getattr(self.settings, name)!r}: match with the map's, or build another map"
                 )
+        self.check_asked(chosen)
         # a precision that the table cannot reach is an error before any work
         _ = self._with(asked, by).acceptance
         return asked

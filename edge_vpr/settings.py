@@ -554,6 +554,14 @@ _MATCHING = _group(
         zero_is_none=True,
         more="How well this holds depends on the table of probabilities, see docs/trust.md.",
     ),
+    stays_on_map=SettingField(
+        help="place filter: take the probabilities of drives that stay on the map, so that more "
+        "matches are accepted; for a robot that never leaves the route",
+        kind=bool,
+        more="Off the map they are too high, see docs/trust.md. A map with a table of its own "
+        "(edge-vpr calibrate) uses that one.",
+        needs=_FILTER,
+    ),
 )
 _CLEANING = _group(
     "cleaning",
@@ -618,6 +626,7 @@ class Settings:
     exclusion: int = 3
     score: Score | None = None
     precision: float | None = None
+    stays_on_map: bool = False
 
     def __post_init__(self) -> None:
         for name, setting in SETTING_FIELDS.items():

@@ -636,7 +636,7 @@ def match_descriptors(
     expect(settings, Settings, "settings", "Settings, as of a map or of resolve_settings")
     check_counts(places, queries)
     if confidence is None and settings.matching == "filter":
-        confidence = default_confidence(settings.smooth, settings.late)
+        confidence = default_confidence(settings.smooth, settings.late, settings.stays_on_map)
     acceptance = Acceptance(confidence, settings.precision)
     if settings.matching == "filter":
         place_filter = filter_of(places, settings, jumps, along_mm)

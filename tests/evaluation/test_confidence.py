@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import warnings
+from dataclasses import replace
+from importlib.resources import files
 
 import naive
 import numpy as np
@@ -20,20 +22,29 @@ from edge_vpr_tools.research.experiments.calibration import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
-from streams import descriptors, random_events
+from streams import Drive, descriptors, random_events
 
-from edge_vpr.confidence import LEARNT_DELAYS, Acceptance, Confidence, default_confidence, net_trust
+from edge_vpr import LiveSession
+from edge_vpr.confidence import (
+    DEFAULT_TABLES,
+    LEARNT_DELAYS,
+    Acceptance,
+    Confidence,
+    default_confidence,
+    net_trust,
+)
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.evaluation.calibration import isotonic, learn_confidence, reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import auroc, judge_rejection
 from edge_vpr.events import Sensor
+from edge_vpr.live.protocols import open_encoder
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.place_filter import LASTING_BITS, USUAL_FIT
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.matcher import filter_state
-from edge_vpr.recordings import write_recording
+from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import MOST_DELAY, PRESETS, Settings
 
@@ -59,13 +70,40 @@ def test_blocks_of_pooled_violators_are_the_least_squares_rising_fit(found):
     assert (np.diff([fit[begin] for begin in begins]) > 0).all()
 
 
-def test_a_delay_takes_the_table_of_the_next_lower_one_that_was_learnt():
-    tables = [default_confidence(late=late).trust.tolist() for late in LEARNT_DELAYS]
+@pytest.mark.parametrize("stays", [False, True])
+def test_a_delay_takes_the_table_of_the_next_lower_one_that_was_learnt(stays):
+    tables = [default_confidence(False, late, stays).trust.tolist() for late in LEARNT_DELAYS]
     assert all(tables.count(table) == 1 for table in tables)
     for late, learnt in {1: 0, 2: 2, 3: 2, 4: 4, 7: 4, 8: 8, MOST_DELAY: 8}.items():
-        taken = default_confidence(late=late).trust.tolist()
+        taken = default_confidence(False, late, stays).trust.tolist()
         assert taken == tables[LEARNT_DELAYS.index(learnt)]
-    assert default_confidence(smoothed=True).trust.tolist() not in tables
+    assert default_confidence(True, 0, stays).trust.tolist() not in tables
+
+
+@pytest.mark.parametrize(("smoothed", "late"), [*((False, n) for n in LEARNT_DELAYS), (True, 0)])
+def test_a_robot_that_stays_on_the_map_accepts_matches_of_lower_trust(smoothed, late):
+    any_robot, on_map = (default_confidence(smoothed, late, stays) for stays in (False, True))
+    assert on_map.least_trust(0.99) < any_robot.least_trust(0.99)
+    assert on_map.matches.sum() < any_robot.matches.sum()
+
+
+@pytest.mark.parametrize(
+    ("found", "becomes", "says"),
+    [
+        ('"tables_on_map"', '"tables_of_map"', "lacks 'tables_on_map': install"),
+        ('"smoothed"', '"smoother"', "lacks 'smoothed': install"),
+        ('"probability": [', '"probability": [1.5, ', "confidence_probability is float64 of shape"),
+        ('"matches": [', '"matches": [-', "confidence_matches holds"),
+        ("}}}", "}}", "damaged"),
+    ],
+)
+def test_a_damaged_file_of_shipped_tables_is_named(tmp_path, monkeypatch, found, becomes, says):
+    text = files("edge_vpr").joinpath(DEFAULT_TABLES).read_text(encoding="utf-8")
+    assert found in text
+    (tmp_path / DEFAULT_TABLES).write_text(text.replace(found, becomes), encoding="utf-8")
+    monkeypatch.setattr("edge_vpr.confidence.files", lambda package: tmp_path)
+    with pytest.raises(MapError, match=f"{DEFAULT_TABLES}.*{says}.*again"):
+        default_confidence.__wrapped__(True, 0, True)
 
 
 @given(outcomes)
@@ -222,6 +260,117 @@ def test_a_table_is_not_used_with_settings_that_give_trust_another_scale():
     for changes in ({"filter_restart": 9}, {"exclusion": 1}, {"matching": "sequence"}):
         changed = reference.settings.replaced(changes, "test")
         assert reference.matched_with(changed).confidence is None
+
+
+COLUMNS = ("place", "probability", "lost")
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    """A folder with a map of the place filter, and a query as a recording and as sent bytes."""
+    folder, rng = tmp_path_factory.mktemp("robot"), np.random.default_rng(0)
+    settings = COUNTED.replaced({"pixels": 5, "sigma": 1.0, "precision": 0.99}, "test")
+    drive = random_events(rng, 6_000, SENSOR, 6_000_000)
+    ReferenceMap.build(Drive(drive, SENSOR), settings).save(folder / "map.npz")
+    # the second half of the route is another one, whose matches are improbable
+    other = random_events(rng, 6_000, SENSOR, 6_000_000)
+    query = np.concatenate([drive[drive["t"] < 3_000_000], other[other["t"] >= 3_000_000]])
+    write_recording(folder / "query.npz", [query], sensor=SENSOR)
+    encoder = open_encoder("evpr", SENSOR)
+    (folder / "sent.bin").write_bytes(encoder.start() + encoder.encode(query))
+    return folder
+
+
+@pytest.mark.parametrize(("smooth", "delay"), [(True, 0), (False, 0), (False, 3), (False, 8)])
+def test_a_recorded_drive_that_stays_on_the_map_has_the_probabilities_of_such(robot, smooth, delay):
+    reference = ReferenceMap.load(robot / "map.npz")
+    for stays in (False, True):
+        changes = {"smooth": smooth, "delay": delay, "stays_on_map": stays}
+        found = reference.match(robot / "query.npz", **changes).matches
+        table = default_confidence(smooth, 0 if smooth else delay, stays)
+        assert found.probability.tolist() == table.probability_of(found.net_trust).tolist()
+        assert found.lost.tolist() == (found.net_trust < table.least_trust(0.99)).tolist()
+
+
+@pytest.mark.parametrize("delay", [0, 4])
+def test_each_live_path_gives_the_matches_of_a_recorded_drive_that_stays_on_the_map(
+    robot, delay, tmp_path, capsys
+):
+    def rows_of(rows):
+        return [tuple(row[name] for name in COLUMNS) for row in rows]
+
+    def of_matches(found):
+        return list(zip(*(getattr(found, name).tolist() for name in COLUMNS), strict=True))
+
+    names = [str(robot / name) for name in ("map.npz", "query.npz", "sent.bin")]
+    reference = ReferenceMap.load(names[0])
+    asked = {"delay": delay, "stays_on_map": True}
+    flags = ["--delay", str(delay), "--stays-on-map"]
+    recorded = of_matches(reference.match(names[1], **asked).matches)
+    assert {lost for _, _, lost in recorded} == {True, False}
+    # the recording's last window has no event after it, so that only its end ends it
+    online = of_matches(reference.match(names[1], every="window", **asked).matches)
+    assert online == recorded[: len(online)] and len(recorded) - len(online) <= 1
+    out = tmp_path / "out"
+    live = ["--online", "--every", "window", "--no-figures", "-o", str(out)]
+    assert main(["match", *names[:2], *flags, *live]) == 0
+    assert of_matches(Matches.load(out / "matches.npz")) == online
+
+    localiser = reference.localiser("window", **asked)
+    if not delay:  # one that waits for windows is not saved
+        localiser.save(tmp_path / "state.npz")
+        localiser = Localiser.load(tmp_path / "state.npz")
+    rows = [localiser.update(part) for part in open_recording(names[1])]
+    assert rows_of(np.concatenate([*rows, localiser.finish()])) == online
+
+    chosen = reference.matched_with(reference.settings.replaced(asked, "test"))
+    with LiveSession(names[2], protocol="evpr", reference=chosen, every="window") as session:
+        assert [(m.place, m.probability, m.lost) for m in session] == online
+    capsys.readouterr()
+    sent = ["--port", names[2], "--protocol", "evpr", "--map", names[0], "--every", "window"]
+    assert main(["stream", *sent, *flags, "--json"]) == 0
+    said = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert rows_of(row for row in said if "place" in row) == online
+
+
+def test_a_map_with_a_table_of_its_own_is_not_asked_for_a_shipped_one(robot, tmp_path, capsys):
+    own = table((0, 0.25, 8), (8, 0.999, 80))
+    reference = replace(ReferenceMap.load(robot / "map.npz"), confidence=own)
+    asked = reference.settings.replaced({"stays_on_map": True}, "test")
+    says = "the map has a table of its own"
+    for ask in (reference.match, lambda recording, **asked: reference.localiser(**asked)):
+        with pytest.raises(UsageError, match=says):
+            ask(robot / "query.npz", stays_on_map=True)
+    reference.save(tmp_path / "map.npz")
+    path, out = str(tmp_path / "map.npz"), str(tmp_path / "out")
+    match = ["match", path, str(robot / "query.npz"), "-o", out]
+    stream = ["stream", "--port", str(robot / "sent.bin"), "--protocol", "evpr", "--map", path]
+    for words in (match, [*match, "--online"], stream):
+        assert main([*words, "--stays-on-map"]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert says in line
+    # a map that was made for a robot that stays on it uses the table that it learnt later
+    made = replace(reference, settings=asked)
+    assert made.match(robot / "query.npz").reference.acceptance.confidence is own
+    # with a delay, trust has another scale than that of the map's own table
+    found = reference.match(robot / "query.npz", stays_on_map=True, delay=4).matches
+    shipped = default_confidence(False, 4, True)
+    assert found.probability.tolist() == shipped.probability_of(found.net_trust).tolist()
+
+
+def test_smoothed_matches_of_a_robot_that_stays_on_the_map_are_warned_of(robot, tmp_path, capsys):
+    match = ["match", str(robot / "map.npz"), str(robot / "query.npz"), "--no-figures", "-o"]
+    for i, (words, said) in enumerate((("--smooth", 1), ("--no-smooth", 0), ("--online", 0))):
+        assert main([*match, str(tmp_path / f"{i}"), words, "--stays-on-map"]) == 0
+        assert capsys.readouterr().err.count("--stays-on-map accepts nearly every match") == said
+
+
+def test_what_a_map_learns_does_not_depend_on_whether_the_robot_stays_on_it(robot):
+    reference = ReferenceMap.load(robot / "map.npz")
+    stays = reference.matched_with(reference.settings.replaced({"stays_on_map": True}, "test"))
+    learnt, again = (each.update(robot / "query.npz") for each in (reference, stays))
+    assert learnt.reference.places == again.reference.places
+    assert again.reference.settings.stays_on_map
 
 
 @pytest.mark.slow

@@ -101,9 +101,9 @@ def _cannot_match(reference: ReferenceMap, queries: int) -> bool:
 
 
 def _table(reference: ReferenceMap) -> list[tuple[int, float, int]] | None:
-    found = reference.confidence
-    if found is None and reference.settings.matching == "filter":
-        found = default_confidence(reference.settings.smooth, reference.settings.late)
+    found, settings = reference.confidence, reference.settings
+    if found is None and settings.matching == "filter":
+        found = default_confidence(settings.smooth, settings.late, settings.stays_on_map)
     if found is None:
         return None
     return list(

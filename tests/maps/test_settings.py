@@ -120,7 +120,7 @@ ALL_FLAGS = {  # a value other than the preset's, as the flag takes it
     "places_per_window": "2",
 }
 #: flags of two words, and what stands in a file where the default is the other
-SWITCHES = {"polarity": True, "keep_incomplete": True, "smooth": False}
+SWITCHES = {"polarity": True, "keep_incomplete": True, "smooth": False, "stays_on_map": True}
 
 
 def by_flags(*words):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from functools import partial
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,7 @@ from edge_vpr_tools.research.experiments.experiment import (
 )
 from edge_vpr_tools.research.experiments.trial import Variant
 
-from edge_vpr.confidence import DEFAULT_TABLES, LEARNT_DELAYS, SMOOTHED
+from edge_vpr.confidence import DEFAULT_TABLES, LEARNT_DELAYS, ON_MAP_TABLES, SMOOTHED, TABLES
 from edge_vpr.evaluation.calibration import reliability
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import CAMERAS, simulate_pair
@@ -195,20 +196,33 @@ def test_the_calibration_learns_tables_instead_of_judging_them(tmp_path, capsys)
     assert [each.name for each in tmp_path.iterdir()] == [DEFAULT_TABLES]
     learnt = json.loads((tmp_path / DEFAULT_TABLES).read_text())
     assert learnt["street_seeds"] == [1000, 1001]
-    assert list(learnt["tables"]) == [*map(str, LEARNT_DELAYS), SMOOTHED]
+    shipped = json.loads(files("edge_vpr").joinpath(DEFAULT_TABLES).read_text())
+    assert list(learnt) == list(shipped)
+    for kind in (TABLES, ON_MAP_TABLES):
+        assert list(learnt[kind]) == list(shipped[kind]) == [*map(str, LEARNT_DELAYS), SMOOTHED]
+        assert {tuple(table) for table in [*learnt[kind].values(), *shipped[kind].values()]} == {
+            ("right", "off_map", "trust", "probability", "matches")
+        }
+        for table in shipped[kind].values():
+            assert (table["off_map"] == 0) == (kind == ON_MAP_TABLES)
     # the same streets, pooled by hand
     rng = np.random.default_rng(7)
-    before, live = None, []
+    before, pooled = None, {TABLES: [], ON_MAP_TABLES: []}
     for seed in (1000, 1001):
         street = calibration.open_street(seed)
         for case, away in calibration.driven(street, before):
-            for version in calibration.versions_of(case, away, rng).values():
+            for name, version in calibration.versions_of(case, away, rng).items():
                 changed = calibration.with_settings(version, **calibration.MATCHINGS["0"])
-                live.append(calibration.sample(changed))
+                live = calibration.sample(changed)
+                pooled[TABLES].append(live)
+                if name in ("whole", "carried off twice"):
+                    assert live.has_place.all()
+                    pooled[ON_MAP_TABLES].append(live)
         before = street.drives["the same light"]
-    assert sum(learnt["tables"]["0"]["matches"]) == sum(one.trust.size for one in live)
-    correct = np.concatenate([one.correct for one in live])
-    assert learnt["tables"]["0"]["right"] == round(float(correct.mean()), 4)
+    for kind, live in pooled.items():
+        assert sum(learnt[kind]["0"]["matches"]) == sum(one.trust.size for one in live)
+        correct = np.concatenate([one.correct for one in live])
+        assert learnt[kind]["0"]["right"] == round(float(correct.mean()), 4)
 
 
 @pytest.mark.usefixtures("few_streets")
@@ -231,6 +245,12 @@ def test_the_calibration_judges_the_shipped_tables_on_streets_that_they_are_not_
         assert (
             by_map["whole", how]["correct"] == by_map["whole", how]["correct of those on the map"]
         )
+        whole = by_map["whole", how]
+        assert whole["accepted at 0.99 (stays on map)"] >= whole["accepted at 0.99"]
+        probability = whole["mean probability (stays on map)"]
+        assert whole["mean probability"] < probability < 1
+    smoothed = by_map["whole", "smoothed"]
+    assert smoothed["accepted at 0.99 (stays on map)"] > smoothed["accepted at 0.99"]
     assert by_map["a detour", "live"]["AUROC off the map"] is not None
     assert by_map[calibration.SWITCHED_ON, "live"]["starts"] >= 0
     assert [panel.get_xlabel() for panel in axes] == [

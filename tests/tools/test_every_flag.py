@@ -42,7 +42,7 @@ SETTINGS = (
 )
 FILTER = (
     "--matching filter --filter-steps 1,0,1 --filter-back 2 --filter-restart 20 "
-    "--query-mean running --precision 0.5 --score auto --delay 0"
+    "--query-mean running --precision 0.5 --score auto --delay 0 --stays-on-map"
 )
 STREAM = "stream --port {f}/sent.bin --protocol evpr"
 PROFILE = (
@@ -72,7 +72,8 @@ RUNS = [
      "--jumps {f}/jumps.csv --places-per-window 2", 0),
     (f"map {{f}}/frames.npz -o {{f}}/frames_map.npz {SMALL} --frame-period 1/10 "
      "--frames-as-windows", 0),
-    (f"map {{f}}/table.txt -o {{f}}/table_map.npz {SMALL} {TABLE} --no-smooth", 0),
+    (f"map {{f}}/table.txt -o {{f}}/table_map.npz {SMALL} {TABLE} --no-smooth "
+     "--no-stays-on-map", 0),
     (f"map {{f}}/table.txt -o {{f}}/table_map.npz {SMALL} {TABLE} --smooth --overwrite", 0),
     (f"map {{f}}/query.h5 -o {{f}}/topic_map.npz --sensor 16x12 {SMALL} --topic left", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/results -L 3 --anchor end --exclusion 1 "
@@ -89,7 +90,7 @@ RUNS = [
      "--pixel-map {f}/wide_map.npz", 0),
     ("match {f}/wide_map.npz {f}/query.npz -o {f}/registered --register --no-figures", 0),
     ("match {f}/filter_map.npz {f}/query.npz -o {f}/fed --online --every 50ms --no-figures "
-     "--no-smooth --odometry {f}/odometry.csv", 0),
+     "--no-smooth --no-stays-on-map --odometry {f}/odometry.csv", 0),
     ("match {f}/filter_map.npz {f}/query.npz -o {f}/late --online --delay 2 --no-figures", 0),
     (f"match {{f}}/map.npz {{f}}/table.txt -o {{f}}/table --no-figures {TABLE}", 0),
     ("match {f}/map.npz {f}/query.h5 -o {f}/topic --no-figures --sensor 16x12 --topic left", 0),
@@ -123,7 +124,7 @@ RUNS = [
     (f"{STREAM} --map {{f}}/filter_map.npz --once --delay 3 --every 50ms", 2),
     ("match {f}/filter_map.npz {f}/query.npz -o {f}/smooth --online --smooth", 2),
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SETTINGS} --no-smooth "
-     "--places-per-window 2", 0),
+     "--no-stays-on-map --places-per-window 2", 0),
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SMALL} --no-polarity "
      "--no-keep-incomplete --clip 200 --overwrite", 0),
     # 2: the viewer is an extra of 160 MB, which may not be installed

@@ -210,6 +210,7 @@ def run(args: argparse.Namespace) -> None:
     if args.map is not None:
         reference = ReferenceMap.load(args.map)
         flags = with_match_flags(args, reference.settings, online=True)
+        reference.check_asked(flags)
         reference = reference.matched_with(flags)
     session = LiveSession(
         args.port, protocol=args.protocol, reference=reference, every=args.every,

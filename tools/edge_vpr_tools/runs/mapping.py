@@ -107,7 +107,8 @@ def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> 
     changed = reference.settings.of_trust != matches.settings.of_trust
     if changed:
         taken = matches.settings.to_dict()
-        kept = {name: reference.settings.to_dict()[name] for name in ("precision", "query_mean")}
+        of_map = reference.settings.to_dict()
+        kept = {name: of_map[name] for name in ("precision", "query_mean", "stays_on_map")}
         settings = reference.settings.replaced(taken | kept, "the matches")
         reference = replace(reference, settings=settings)
     before = found.reliability

@@ -211,7 +211,8 @@ def filter_distances(
     of_places, of_queries = activity
     places = _numbered(of_places, np.zeros_like(of_places))
     place_filter = filter_of(places, settings, None, None)
-    accepted = Acceptance(default_confidence(settings.smooth, settings.late), settings.precision)
+    table = default_confidence(settings.smooth, settings.late, settings.stays_on_map)
+    accepted = Acceptance(table, settings.precision)
     queries = _numbered(of_queries, query_us)
     return match_by_filter(place_filter, cast(ReferenceIndex, given), queries, settings, accepted)
 

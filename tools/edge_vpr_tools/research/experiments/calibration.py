@@ -5,7 +5,8 @@ versions: as it was; with a quarter of the places cut out of the map; with a det
 street, as long as a quarter of the drive; with the camera carried to another part of the street and
 back; backwards; and of another street altogether. Matches of a robot have the running mean of the
 query, those of whole drives the drive's own mean. `learn` learns the tables on other streets, in
-the same way. Queries of `nulls`, whose windows or pixels are shuffled, judge them only.
+the same way; those for robots that stay on the map, from the versions that do. Queries of `nulls`,
+whose windows or pixels are shuffled, judge them only.
 """
 
 from __future__ import annotations
@@ -25,7 +26,9 @@ from edge_vpr import __version__
 from edge_vpr.confidence import (
     DEFAULT_TABLES,
     LEARNT_DELAYS,
+    ON_MAP_TABLES,
     SMOOTHED,
+    TABLES,
     Confidence,
     default_confidence,
 )
@@ -184,6 +187,8 @@ def driven(
 
 WHOLE, CUT, DETOUR, CARRIED = "whole", "a piece cut out", "a detour", "carried off twice"
 BACKWARDS, ANOTHER = "backwards", "another route"
+#: versions of which every window is on the map
+ON_MAP = (WHOLE, CARRIED)
 
 
 def versions_of(
@@ -274,20 +279,25 @@ def learn(seeds: int, folder: Path, on_start: Callable[[str], None]) -> None:
     """Learn the tables on simulated streets, and write them in the package's format, atomically."""
     rng = np.random.default_rng(_CUTS)
     found: dict[str, list[Sample]] = {name: [] for name in MATCHINGS}
+    on_map: dict[str, list[Sample]] = {name: [] for name in MATCHINGS}
     before: SimulatedRecording | None = None
     for seed in range(FIRST_SEED, FIRST_SEED + seeds):
         on_start(f"street {seed - FIRST_SEED + 1} of {seeds}")
         street = open_street(seed)
         for case, elsewhere in driven(street, before):
-            for version in versions_of(case, elsewhere, rng).values():
+            for version, changed in versions_of(case, elsewhere, rng).items():
                 for name, changes in MATCHINGS.items():
-                    found[name].append(sample(with_settings(version, **changes)))
+                    some = sample(with_settings(changed, **changes))
+                    found[name].append(some)
+                    if version in ON_MAP:
+                        on_map[name].append(some)
         before = street.drives[_ELSEWHERE]
     made = {
         "made_by": f"edge-vpr experiment calibration --seeds {seeds} --table DIR",
         "version": __version__,
         "street_seeds": [FIRST_SEED, FIRST_SEED + seeds - 1],
-        "tables": {name: _table(joined(some)) for name, some in found.items()},
+        TABLES: {name: _table(joined(some)) for name, some in found.items()},
+        ON_MAP_TABLES: {name: _table(joined(some)) for name, some in on_map.items()},
     }
     with replacing(folder / DEFAULT_TABLES) as temporary:
         temporary.write_text(json.dumps(made, allow_nan=False) + "\n", encoding="utf-8")
@@ -318,6 +328,13 @@ def learnt_seeds() -> tuple[int, int]:
 PRECISION = 0.99
 LEARNT_ON = "table learnt on"
 SWITCHED_ON = "switched on in mid-route"
+#: ends the names of columns of the tables for robots that stay on the map
+STAYS_ON_MAP = " (stays on map)"
+#: columns that the table has no effect on
+_OF_MATCHES = (
+    "correct", "correct of those on the map", "found at 99 % precision", "AUROC off the map",
+    "starts",
+)  # fmt: skip
 #: columns that name a row of the tables of this experiment and of `trust`
 NAMES = ("map", "matching", LEARNT_ON)
 #: windows between two starts in mid-route, and most windows after a start
@@ -350,11 +367,23 @@ def judge(
         for version, cases in versions.items():
             changed = [with_settings(case, **MATCHINGS[name]) for case in cases]
             settings = changed[0].reference.settings
-            table = default_confidence(settings.smooth, settings.late)
+            table, on_map = (
+                default_confidence(settings.smooth, settings.late, stays) for stays in (False, True)
+            )
             row = {"map": version, "matching": described(name), LEARNT_ON: learnt_on}
-            yield {**row, **judged(table, [sample(case) for case in changed])}
+            found = [sample(case) for case in changed]
+            yield {**row, **judged(table, found), **_if_on_map(judged(on_map, found))}
             if version == WHOLE and name in switched_on:
-                yield {**row, "map": SWITCHED_ON, **first_sure(table, changed)}
+                row["map"] = SWITCHED_ON
+                waited = first_sure(table, changed), first_sure(on_map, changed)
+                yield {**row, **waited[0], **_if_on_map(waited[1])}
+
+
+def _if_on_map(measured: Row) -> Row:
+    """Return what the table has an effect on, in columns for robots that stay on the map."""
+    return {
+        name + STAYS_ON_MAP: value for name, value in measured.items() if name not in _OF_MATCHES
+    }
 
 
 def judged(table: Confidence, found: Sequence[Sample]) -> dict[str, float | int | None]:
@@ -466,6 +495,7 @@ EXPERIMENT = Experiment(
     measure=measure,
     figure=figure,
     view=TableView({}, ("map", "matching", "correct of those on the map", "accepted at 0.99",
-                        "precision", "calibration error")),
+                        "precision", "calibration error", "accepted at 0.99" + STAYS_ON_MAP,
+                        "precision" + STAYS_ON_MAP)),
     reads_data=False,
 )  # fmt: skip
