@@ -194,14 +194,13 @@ def drawn(drawing: Figure, kind: str) -> bytes:
         One of `FORMATS`. The text of an SVG stays text.
     """
     target = io.BytesIO()
-    drawing.set_dpi(_DPI)
     with mpl.rc_context({"svg.hashsalt": "edge-vpr", "svg.fonttype": "none", "pdf.fonttype": 42}):
         if kind == "svg":  # `savefig` would draw everything once more, to lay it out
+            drawing.set_dpi(_DPI)
             FigureCanvasSVG(drawing).print_svg(target, metadata={"Date": None})
         else:
-            drawing.savefig(
-                target, format=kind, metadata={"CreationDate": None} if kind == "pdf" else None
-            )
+            undated = {"CreationDate": None} if kind == "pdf" else None
+            drawing.savefig(target, format=kind, dpi=_DPI, metadata=undated)
     return target.getvalue()
 
 
