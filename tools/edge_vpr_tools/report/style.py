@@ -197,7 +197,8 @@ def drawn(drawing: Figure, kind: str) -> bytes:
     with mpl.rc_context({"svg.hashsalt": "edge-vpr", "svg.fonttype": "none", "pdf.fonttype": 42}):
         if kind == "svg":  # `savefig` would draw everything once more, to lay it out
             drawing.set_dpi(_DPI)
-            FigureCanvasSVG(drawing).print_svg(target, metadata={"Date": None})
+            canvas: Any = FigureCanvasSVG(drawing)
+            canvas.print_svg(target, metadata={"Date": None})
         else:
             undated = {"CreationDate": None} if kind == "pdf" else None
             drawing.savefig(target, format=kind, dpi=_DPI, metadata=undated)
