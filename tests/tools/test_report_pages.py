@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from browser import open_browser, program
 from edge_vpr_tools.report.page import MISSED, Page, add_run
-from edge_vpr_tools.report.style import Scale, add_scale, along_route, drawn_for_page, figure
+from edge_vpr_tools.report.style import Scale, add_scale, along_route, drawn, figure
 
 from edge_vpr.evaluation.metrics import RecallDenominator
 from edge_vpr.route import Route
@@ -37,7 +37,7 @@ def report(path):
     page.heading("How many are right")
     wide = [f"a column of some width {i}" for i in range(12)]
     page.table(wide, [[f"{i}.5" for i in range(12)], ["-"] + [""] + ["7"] * 10])
-    page.picture(drawn_for_page(drawing), 'the "best" matches')
+    page.picture(drawn(drawing, "svg"), 'the "best" matches')
     add_run(page, RECORD)
     page.write(path)
     return path.read_text()
@@ -62,7 +62,7 @@ def test_control_characters_are_escaped_in_a_page(tmp_path):
     page.folded(name, f"{name}\nof two lines")
     with figure() as (drawing, axes):
         axes.plot([0, 1])
-    page.picture(drawn_for_page(drawing), name)
+    page.picture(drawn(drawing, "svg"), name)
     page.write(tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert text.replace("\n", "").isprintable()

@@ -21,7 +21,7 @@ from edge_vpr_tools.report.style import (
     GREEN,
     ORANGE,
     SKY,
-    drawn_for_page,
+    drawn,
     figure,
     name_label,
     quantity_axis,
@@ -85,7 +85,7 @@ def write_report(found: Profile, folder: Path) -> None:
 
 def _add(page: Page, path: Path, drawing: Figure, caption: str) -> None:
     save(drawing, path)
-    page.picture(drawn_for_page(drawing), caption)
+    page.picture(drawn(drawing, "svg"), caption)
 
 
 # Figures of a profile.

@@ -38,6 +38,7 @@ from edge_vpr_tools.report.style import (
     legend_below,
     look,
     panels,
+    quantity_axis,
 )
 from edge_vpr_tools.report.verdict import Bools, Outcome
 
@@ -65,7 +66,8 @@ class _Group(NamedTuple):
 def _groups(outcome: Outcome) -> list[_Group]:
     """Return the matches by what became of them, those to be drawn on top last; none is empty."""
     taken = outcome.accepted
-    ring = {"s": 22, "facecolors": "none", "edgecolors": GREY, "linewidths": 1.0}
+    # a transparent colour and not "none": Matplotlib draws marks much faster that have a colour
+    ring = {"s": 22, "facecolors": "#ffffff00", "edgecolors": GREY, "linewidths": 1.0}
     cross = {"s": 36, "marker": "X", "linewidths": 0}
     dot = {"s": 16, "color": BLUE, "linewidths": 0}
     if outcome.found is None:
@@ -437,7 +439,7 @@ def event_rate(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
             axes.plot(
                 time, selected / seconds, color=colour, lw=1.2, ls="--", label=f"{name}, selected"
             )
-        axes.set_yscale("log")
+        quantity_axis(axes.yaxis, "")
         axes.set(xlabel="time (s)", ylabel="events per second")
         axes.legend(ncols=2, fontsize=9)
     return drawing

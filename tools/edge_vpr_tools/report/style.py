@@ -16,7 +16,7 @@ import numpy.typing as npt
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, LogLocator, MaxNLocator, NullFormatter
 
@@ -45,6 +45,9 @@ CYCLE = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)
 DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)))
 MARKERS = "osD^vP"
 
+#: dots per inch, in a vector format those of images
+_DPI = 130
+
 _RC: dict[Any, Any] = {
     "font.size": 11,
     "axes.titlesize": 12,
@@ -60,10 +63,8 @@ _RC: dict[Any, Any] = {
 @contextmanager
 def figure(width: float = 7.5, height: float = 4.5) -> Iterator[tuple[Figure, Axes]]:
     """Return a figure with one pair of axes in the common style; sizes in inches."""
-    with mpl.rc_context(_RC):
-        drawing = Figure(figsize=(width, height))
-        FigureCanvasAgg(drawing)
-        yield drawing, drawing.add_subplot()
+    with panels(1, 1, width, height) as (drawing, ((axes,),)):
+        yield drawing, axes
 
 
 @contextmanager
@@ -71,8 +72,8 @@ def panels(
     rows: int, columns: int, width: float, height: float, **shared: Any
 ) -> Iterator[tuple[Figure, npt.NDArray[Any]]]:
     """Return a figure in the common style, and its axes by row and column; see `figure`."""
-    with figure(width, height) as (drawing, only):
-        only.remove()
+    with mpl.rc_context(_RC):
+        drawing = Figure(figsize=(width, height))
         yield drawing, drawing.subplots(rows, columns, squeeze=False, **shared)
 
 
@@ -185,27 +186,22 @@ def save(drawing: Figure, *paths: Path) -> dict[str, bytes]:
 
 
 def drawn(drawing: Figure, kind: str) -> bytes:
-    """Return a figure as the bytes of a file.
+    """Return a figure as the bytes of a file; that of an SVG is also for `Page.picture`.
 
     Parameters
     ----------
     kind : str
-        One of `FORMATS`.
+        One of `FORMATS`. The text of an SVG stays text.
     """
-    date = {"pdf": "CreationDate", "svg": "Date"}.get(kind)
     target = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "edge-vpr", "pdf.fonttype": 42}):
-        drawing.savefig(
-            target, format=kind, dpi=130, metadata=None if date is None else {date: None}
-        )
-    return target.getvalue()
-
-
-def drawn_for_page(drawing: Figure) -> bytes:
-    """Return a figure as SVG without background, with text as text, for `Page.picture`."""
-    target = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "edge-vpr", "svg.fonttype": "none"}):
-        drawing.savefig(target, format="svg", dpi=130, transparent=True, metadata={"Date": None})
+    with mpl.rc_context({"svg.hashsalt": "edge-vpr", "svg.fonttype": "none", "pdf.fonttype": 42}):
+        if kind == "svg":  # `savefig` would draw everything once more, to lay it out
+            drawing.set_dpi(_DPI)
+            canvas: Any = FigureCanvasSVG(drawing)
+            canvas.print_svg(target, metadata={"Date": None})
+        else:
+            undated = {"CreationDate": None} if kind == "pdf" else None
+            drawing.savefig(target, format=kind, dpi=_DPI, metadata=undated)
     return target.getvalue()
 
 
