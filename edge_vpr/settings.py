@@ -440,7 +440,8 @@ _COUNTERS = _group(
         "pixel, taken from the reference (per-pixel); as logarithms minus the pixel's mean over "
         "the drive (own-mean); or as these minus their mean over the window (contrast)",
         choices=get_args(CounterScaling),
-        more="Own-mean codes hardly change with the light, contrast codes hardly with light or speed.",
+        more="Own-mean codes hardly change with the light; contrast codes hardly change with light "
+        "or speed.",
     ),
 )
 _MATCHING = _group(
