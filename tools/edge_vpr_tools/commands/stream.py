@@ -58,8 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     line.add_argument(
         "--max-lag", default="500ms", metavar="TIME",
-        help="with --on-overload drop: drop the waiting bytes once the oldest has waited longer than "
-        "this",
+        help="with --on-overload drop: drop the waiting bytes once the oldest has waited longer "
+        "than this",
     )  # fmt: skip
     places = parser.add_argument_group("localising")
     places.add_argument("--map", metavar="MAP.npz", help="map to localise on")
@@ -99,8 +99,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     output.add_argument(
         "--serve", metavar="[HOST:]PORT",
-        help="send the lines of --json to every program that connects to this TCP port; without HOST, "
-        "only programs on this machine can connect (default: none)",
+        help="send the lines of --json to every program that connects to this TCP port; without "
+        "HOST, only programs on this machine can connect (default: none)",
     )  # fmt: skip
     output.add_argument(
         "--mqtt",
