@@ -350,14 +350,14 @@ _PIXELS = _group(
         choices=STRATEGIES,
         plugins=True,
         more="variance: drawn by the variance of their counts (the paper). seed-code: drawn by the "
-        "mean of their counts (the authors' released code). random: all are equally likely. "
+        "mean of their counts (the authors' released code). random: all equally likely. "
         "random-upper: random, from the upper two thirds of the image. top: those of the highest "
-        "variance. information: one after another, each time the pixel that adds most information "
-        "about the place. plugin:NAME: see docs/plugins.md.",
+        "variance. information: one by one, each the pixel that adds most information about the "
+        "place. plugin:NAME: see docs/plugins.md.",
     ),
     sigma=SettingField(
         kind=float,
-        help="standard deviation of the Gaussian that keeps selected pixels apart, in pixels",
+        help="standard deviation, in pixels, of the Gaussian that keeps selected pixels apart",
         metavar="PX",
         needs=("strategy", ("variance", "random", "random-upper")),
     ),
@@ -366,7 +366,7 @@ _PIXELS = _group(
 _WINDOWS = _group(
     "windows",
     window=SettingField(
-        help="windows of a fixed time, or of a fixed count of events at the selected pixels",
+        help="windows of a fixed time, or of a fixed number of events at the selected pixels",
         choices=get_args(WindowKind),
     ),
     tau_us=SettingField(
@@ -378,38 +378,33 @@ _WINDOWS = _group(
         read=duration_us,
         show=duration_word,
         expected="a time such as 1s, 250ms or 500us",
-        more="Pixels are always selected by windows of this length, also with --window count.",
+        more="Pixels are selected by windows of this length with --window count too.",
     ),
     events_per_pixel=SettingField(
         kind=float,
         help="a fixed-count window holds R x J events at the selected pixels, rounded; auto: the "
-        "average number that the reference drive has in a window of --tau",
+        "average number of the reference drive in --tau",
         metavar="R",
         words={"auto": None},
         above=0,
         zero_is_none=True,
-        more="With auto, a window covers about the distance that the reference drive covered in "
-        "tau.",
         needs=("window", ("count",)),
     ),
     places_per_window=SettingField(
         kind=int,
-        help="number of places in one window's length; 2: a place starts at every half window",
+        help="places per length of a window; 2: a place starts at every half window",
         metavar="N",
         least=1,
         most=2,
-        more="Windows are as long as with 1. With 2 the map takes twice the memory and the work. "
-        "Only the place filter takes 2, and only with a reference of events.",
+        more="2 needs the place filter, a reference of events, and twice the memory and work.",
         needs=_FILTER,
     ),
-    keep_incomplete=SettingField(
-        kind=bool, help="keep the last window even if the recording ends before it is complete"
-    ),
+    keep_incomplete=SettingField(kind=bool, help="keep an incomplete last window"),
 )
 _COUNTERS = _group(
     "counters",
     polarity=SettingField(
-        kind=bool, help="count ON and OFF events separately, in two counters for each pixel"
+        kind=bool, help="count ON and OFF events separately, in two counters per pixel"
     ),
     clip=SettingField(
         help="cap counts at N; none: no cap",
@@ -422,19 +417,16 @@ _COUNTERS = _group(
         more="Pixels are selected by the clipped counts too.",
     ),
     counter_code=SettingField(
-        help="how counts are compressed to a few bits before they are compared; none: counts are "
-        "compared",
+        help="how counts are compressed to a few bits for comparison; none: not at all",
         choices=CODES,
         plugins=True,
-        more="See docs/codes.md. The code changes neither which pixels are selected nor where "
-        "fixed-count windows end.",
+        more="See docs/codes.md.",
     ),
     counter_bits=SettingField(
-        kind=int, help="number of bits of a code", metavar="B", least=1, most=MAX_BITS, needs=_CODE
+        kind=int, help="bits per code", metavar="B", least=1, most=MAX_BITS, needs=_CODE
     ),
     counter_full_scale=SettingField(
-        help="count at which the code reaches its largest value; auto: a value that suits the code "
-        "and its bits",
+        help="count at which the code reaches its largest value; auto: one that suits the code",
         kind=int,
         metavar="N",
         words={"auto": None},
@@ -448,17 +440,17 @@ _COUNTERS = _group(
         "pixel, taken from the reference (per-pixel); as logarithms minus the pixel's mean over "
         "the drive (own-mean); or as these minus their mean over the window (contrast)",
         choices=get_args(CounterScaling),
-        more="Own-mean codes hardly change with the light, contrast codes hardly with the speed "
-        "either.",
+        more="Own-mean codes hardly change with the light; contrast codes hardly change with light "
+        "or speed.",
     ),
 )
 _MATCHING = _group(
     "matching",
     query_mean=SettingField(
         help="mean that own-mean and contrast codes subtract in a query: that of the whole drive "
-        "(own), or a running mean, as on a robot (running)",
+        "(own), or a running one, as on a robot (running)",
         choices=get_args(QueryMean),
-        more="Live and online matching always use the running mean.",
+        more="Live and online matching always use the running one.",
         needs=("counter_scaling", OWN_MEAN_SCALINGS),
     ),
     matching=SettingField(
@@ -467,9 +459,9 @@ _MATCHING = _group(
         more="See docs/place_filter.md.",
     ),
     filter_steps=SettingField(
-        help="place filter: cost of moving on by 0, 1, 2 ... places in one window; auto: "
-        "chosen for each window from how many events it has compared with the place (fewer suggest "
-        "a slower robot), or 1,0,0,1 for windows of a fixed count",
+        help="place filter: cost of moving on by 0, 1, 2 ... places in one window; auto: chosen by "
+        "how many events the window has compared with the place, or 1,0,0,1 for fixed-count "
+        "windows",
         kind=tuple,
         metavar="C,C,...",
         words={"auto": None},
@@ -477,14 +469,13 @@ _MATCHING = _group(
         show=costs_word,
         valid=lambda values: len(values) > 0 and are_costs(values),
         expected="1 to 16 costs from 0 to 254, for example 1,0,1",
-        more="With two places per window, steps are of half a window's way, and auto is "
-        "1,0,0,0,0,1 for fixed-count windows.",
+        more="With two places per window, steps are half as long, and auto is 1,0,0,0,0,1 for "
+        "fixed-count windows.",
         needs=_FILTER,
     ),
     filter_back=SettingField(
         kind=tuple,
-        help="place filter: cost of moving back by 1, 2 ... places in one window; none: the route "
-        "is never driven backwards",
+        help="place filter: cost of moving back by 1, 2 ... places in one window; none: never back",
         metavar="C,C,...",
         words={"none": ()},
         read=costs,
@@ -503,14 +494,13 @@ _MATCHING = _group(
     ),
     smooth=SettingField(
         kind=bool,
-        help="place filter: also use the later windows of a recording",
+        help="place filter: use the later windows of a recording too",
         more="Live and online matching never smooth.",
         needs=_FILTER,
     ),
     delay=SettingField(
         kind=int,
-        help="place filter without smoothing: wait for N later windows before deciding, so that "
-        "matches arrive N windows late",
+        help="place filter without smoothing: each match waits for N later windows and uses them",
         metavar="N",
         most=MOST_DELAY,
         more="See docs/place_filter.md.",
@@ -518,14 +508,14 @@ _MATCHING = _group(
     ),
     sequence_length=SettingField(
         kind=int,
-        help="number of windows in a sequence, L",
+        help="windows in a sequence, L",
         short="-L",
         metavar="L",
         least=1,
         needs=_SEQUENCE,
     ),
     anchor=SettingField(
-        help="window of a sequence that its match is given for: the middle one, or the last (end)",
+        help="which window of a sequence its match is for: the middle one or the last (end)",
         choices=get_args(Anchor),
         needs=_SEQUENCE,
     ),
@@ -533,26 +523,26 @@ _MATCHING = _group(
         kind=int,
         help="exclusion zone: the second-best place lies more than R places away from the best",
         metavar="R",
-        more="With several places per window, R counts windows.",
+        more="With two places per window, R counts windows.",
     ),
     score=SettingField(
-        help="score by which matches are accepted or rejected in an evaluation; auto: trust with "
-        "the place filter, ratio with sequences",
+        help="score by which an evaluation accepts matches; auto: trust with the place filter, "
+        "ratio with sequences",
         words={"auto": None},
         choices=get_args(Score),
         more="distance: of the best place (the paper). ratio: best distance divided by the "
         "second-best. margin: second-best less best. trust: see docs/trust.md.",
     ),
     precision=SettingField(
-        help="mark matches as lost so that a share P of the others is expected to be correct, for "
-        "example 0.99; none: mark none",
+        help="mark matches as lost so that a share P of the others, such as 0.99, is expected to "
+        "be correct; none: mark none",
         kind=float,
         metavar="P",
         words={"none": None},
         above=0,
         below=1,
         zero_is_none=True,
-        more="How well this holds depends on the table of probabilities, see docs/trust.md.",
+        more="How well this holds: docs/trust.md.",
     ),
     stays_on_map=SettingField(
         help="place filter: take the probabilities of drives that stay on the map, so that more "

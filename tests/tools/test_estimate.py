@@ -894,7 +894,7 @@ def documented_row(found, name, clock):
 
 
 def test_the_figures_of_the_page_are_those_that_are_computed(tmp_path):
-    """The table of docs/estimate.md and its sentences on sequences."""
+    """The table of docs/estimate.md."""
     page = (ROOT / "docs" / "estimate.md").read_text(encoding="utf-8")
     out = tmp_path / "estimate.json"
     assert main(["estimate", "--vs", "all-pixels", "--json", str(out)]) == 0
@@ -905,12 +905,6 @@ def test_the_figures_of_the_page_are_those_that_are_computed(tmp_path):
         ("Raspberry Pi 4", "one core"),
     ):  # fmt: skip
         assert documented_row(found, name, clock) in page
-    kept, sequences = (found[of]["Cortex-M4"] for of in ("targets", "beside"))
-    ratio = sequences["instructions"]["search"] / kept["instructions"]["search"]
-    assert f"Sequences of 5 take {ratio:.1f} times the instructions of this search" in page
-    twice = replace(Design(**kept["design"]), keep_distances=False)
-    ratio = emulation.predict(twice, "cortex-m4").match / sequences["instructions"]["search"]
-    assert f"takes {ratio:.1f} times as many on a Cortex-M4" in " ".join(page.split())
 
 
 def test_the_page_says_what_a_match_of_the_filter_takes():

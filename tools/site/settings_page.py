@@ -12,9 +12,9 @@ from edge_vpr.settings import PRESETS, SETTING_FIELDS, SettingField
 _HEAD = """# Settings
 
 Every setting is a key of a TOML file, which `--config` reads, and a flag of `edge-vpr map`: the key
-`filter_steps` is the flag `--filter-steps`. The settings of matching are flags of `edge-vpr match`
-too. A flag overrides the file, and the file overrides the preset. A map stores its settings, and
-the query is described with the same settings.
+`filter_steps` is the flag `--filter-steps`. `edge-vpr match` has those of matching too. A flag
+overrides the file, and the file overrides the preset. A map stores its settings; the query is
+described by them.
 
 ```toml
 preset = "default"
@@ -25,9 +25,9 @@ filter_steps = [1, 0, 1]   # or "1,0,1", as the flag takes it
 ```
 
 In Python, the attributes of `edge_vpr.Settings` have the same names, except `tau_us` (in
-microseconds), `remove_hot_pixels` and `remove_bursts` (true or false); `none` and `auto` are None.
+microseconds), `remove_hot_pixels` and `remove_bursts` (booleans); `none` and `auto` are None.
 
-The table shows the defaults of `--preset default`, and in brackets those of other presets.
+Defaults are those of `--preset default`; in brackets, those of other presets.
 """
 
 #: the name of a page in the text of a meaning

@@ -39,18 +39,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     load.add_argument(
         "--ground-truth", nargs="+", metavar="FILE",
-        help="same as in edge-vpr evaluate; with it, the accuracy of the map, and of smaller ones, "
+        help="as for edge-vpr evaluate; with it, the accuracy of the map, and of smaller ones, "
         "is measured too",
     )  # fmt: skip
-    load.add_argument("--tolerance", type=float, metavar="T", help="same as in edge-vpr evaluate")
-    load.add_argument("--rows", choices=("reference", "query"), help="same as in edge-vpr evaluate")
+    load.add_argument("--tolerance", type=float, metavar="T", help="as for edge-vpr evaluate")
+    load.add_argument("--rows", choices=("reference", "query"), help="as for edge-vpr evaluate")
     load.add_argument(
         "--packet", type=int, default=512, metavar="N", help="number of events in one call"
     )
     how = parser.add_argument_group("measuring")
     how.add_argument(
         "--pairs", type=int, default=5, metavar="N",
-        help="number of pairs of an idle period and a period under load",
+        help="number of pairs of an idle and a loaded period",
     )  # fmt: skip
     how.add_argument(
         "--window-s", type=float, metavar="S",

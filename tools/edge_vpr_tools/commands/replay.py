@@ -31,8 +31,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     output.add_argument("--fps", type=float, default=10.0, help="frames per second")
     shown = parser.add_argument_group("what is shown")
-    shown.add_argument("--start", type=float, metavar="S", help="first second of the query to show")
-    shown.add_argument("--end", type=float, metavar="S", help="last second of the query to show")
+    shown.add_argument(
+        "--start",
+        type=float,
+        metavar="S",
+        help="first second of the query to show (default: the beginning)",
+    )
+    shown.add_argument(
+        "--end", type=float, metavar="S", help="last second of the query to show (default: the end)"
+    )
     shown.add_argument(
         "--all-events", action="store_true",
         help="show the events of all pixels behind the selected ones; needs the recording of the "

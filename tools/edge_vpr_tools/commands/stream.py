@@ -53,13 +53,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     line.add_argument(
         "--on-overload", choices=("drop", "wait"),
-        help="if bytes arrive faster than they can be processed: drop what waits and count it, "
+        help="if bytes arrive faster than they can be processed: drop and count the waiting ones, "
         "or make the sender wait (default: wait for files and pipes, drop for others)",
     )  # fmt: skip
     line.add_argument(
         "--max-lag", default="500ms", metavar="TIME",
-        help="with --on-overload drop: drop what waits when its oldest byte has waited longer than "
-        "this",
+        help="with --on-overload drop: drop the waiting bytes once the oldest has waited longer "
+        "than this",
     )  # fmt: skip
     places = parser.add_argument_group("localising")
     places.add_argument("--map", metavar="MAP.npz", help="map to localise on")
@@ -83,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument("--log", metavar="RUN.jsonl", help="write matches and health as JSON lines")
     output.add_argument(
         "--record", action="append", default=[], metavar="FILE",
-        help="save the raw bytes (.bin) or the events (.npz, .raw, ...); may be given twice",
+        help="save the raw bytes (.bin) or the events (.npz, .raw, ...); may be repeated",
     )  # fmt: skip
     output.add_argument(
         "--rerun", nargs="?", const="viewer", metavar="FILE.rrd",
@@ -94,18 +94,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     output.add_argument(
         "--status-every", metavar="TIME",
-        help="where neither --json nor a terminal is in use, print a line of status this often, "
+        help="without --json and without a terminal, print a line of status this often, "
         "and when the link or the place is lost or found again (default: 1s)",
     )  # fmt: skip
     output.add_argument(
         "--serve", metavar="[HOST:]PORT",
-        help="send the same lines to every program that connects to this TCP port; without HOST, "
-        "only programs on this machine can connect (default: none)",
+        help="send the lines of --json to every program that connects to this TCP port; without "
+        "HOST, only programs on this machine can connect (default: none)",
     )  # fmt: skip
     output.add_argument(
         "--mqtt",
         metavar="mqtt://HOST/TOPIC",
-        help="send the same lines to an MQTT broker; mqtts:// for TLS, ?qos=1 to have them "
+        help="send the lines of --json to an MQTT broker; mqtts:// for TLS, ?qos=1 to have them "
         "acknowledged",
     )
     output.add_argument("--overwrite", action="store_true", help="replace files that exist")
