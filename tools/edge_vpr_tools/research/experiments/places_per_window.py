@@ -1,4 +1,4 @@
-"""Places at half windows against places at whole ones: what twice the memory is worth.
+"""Places at half windows against places at whole ones: what twice the memory is worth, or the same.
 
 The costs of half steps were chosen on simulated streets of the seeds 20 to 26 (with the small
 sensor). Nothing was chosen on the streets and the walks here. Maps of published windows, as of the
@@ -38,7 +38,8 @@ from edge_vpr_tools.research.experiments.trial import TruthOf, truth_of_tracks
 
 LENGTH_M, TOLERANCES_M = 450.0, (10.0, 20.0)
 FIRST_SEED = 70
-PIXELS = (25, 150)
+#: twice as many places of half as many pixels take as many bytes
+PIXELS = (12, 25, 75, 150)
 PRECISION = 0.99
 WHOLE = "whole"
 _NUMBER = "places per window"
@@ -154,6 +155,7 @@ def _judged(drive: Case, found: Matches, truths: Sequence[GroundTruth]) -> Row:
     confidence = reference.acceptance.confidence
     assert confidence is not None
     accepted = known & (found.trust >= confidence.least_trust(PRECISION))
+    number = reference.settings.places_per_window
     error = reliability(found.probability[known], wide[known]).expected_calibration_error
     row = {
         "P@100R": None,
@@ -162,9 +164,11 @@ def _judged(drive: Case, found: Matches, truths: Sequence[GroundTruth]) -> Row:
         "mean probability": float(found.probability[known].mean()),
         "calibration error": error,
         "windows": int(known.sum()),
+        "share accepted at 0.99": float(accepted.sum() / max(known.sum(), 1)),
         "accepted at 0.99": int(accepted.sum()),
         "accepted and correct": int((accepted & wide).sum()),
         "places": len(reference),
+        "bytes per window": number * (reference.packed_bytes_per_place + 1),
         "bytes of the places": len(reference) * (reference.packed_bytes_per_place + 1),
         "differences per window": reference.places.counts.size,
     }
