@@ -833,7 +833,7 @@ def _half_places(design: Design) -> list[Case]:
         "dear_restart_of_half_places": (replace(design, restart=254), jumps),
         **{
             f"{n}_half_places": (replace(design, places=n, exclusion=0), [0, n - 1, n // 2, 0])
-            for n in (1, 2, 3, 5, 6, 7, 8)
+            for n in (1, 3, 6, 7, 8)
         },
     }
     if design.window == "time":
