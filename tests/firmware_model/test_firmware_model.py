@@ -356,6 +356,14 @@ def test_a_design_survives_its_file(tmp_path):
         assert Design.load(tmp_path / "design.toml") == design
 
 
+@pytest.mark.parametrize(("costs", "text"), [(0, "false"), (1, "true"), (2, "2")])
+def test_a_file_says_true_of_one_place_per_window_as_files_always_did(tmp_path, costs, text):
+    design = small(matching="filter", activity_costs=costs)
+    design.save(tmp_path / "design.toml")
+    assert f"activity_costs = {text}\n" in (tmp_path / "design.toml").read_text()
+    assert Design.load(tmp_path / "design.toml") == design
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -373,6 +381,8 @@ def test_a_design_survives_its_file(tmp_path):
         ({"matching": "filter", "length": 2}, "leave length out"),
         ({"steps": (0,) * 17}, "at most 16 costs"),
         ({"activity_costs": True}, "matching by sequence"),
+        ({"activity_costs": 3, "matching": "filter"}, "expected false, true or 2"),
+        ({"activity_costs": 2.0, "matching": "filter"}, "expected false, true or 2"),
         ({"activity_costs": True, "matching": "filter", "steps": (1,)}, "instead of steps"),
         ({"back": (255,)}, "from 0 to 254"),
         ({"restart": 255}, "restart = 255"),
