@@ -40,6 +40,7 @@ from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import auroc, judge_rejection
 from edge_vpr.events import Sensor
 from edge_vpr.live.protocols import open_encoder
+from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.place_filter import LASTING_BITS, USUAL_FIT
 from edge_vpr.online.localiser import Localiser
@@ -286,7 +287,9 @@ def test_a_recorded_drive_that_stays_on_the_map_has_the_probabilities_of_such(ro
     reference = ReferenceMap.load(robot / "map.npz")
     for stays in (False, True):
         changes = {"smooth": smooth, "delay": delay, "stays_on_map": stays}
-        found = reference.match(robot / "query.npz", **changes).matches
+        result = reference.match(robot / "query.npz", **changes)
+        found, settings = result.matches, result.matches.settings
+        assert match_descriptors(reference.places, result.queries, settings) == found
         table = default_confidence(smooth, 0 if smooth else delay, stays)
         assert found.probability.tolist() == table.probability_of(found.net_trust).tolist()
         assert found.lost.tolist() == (found.net_trust < table.least_trust(0.99)).tolist()
