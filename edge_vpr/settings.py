@@ -556,11 +556,10 @@ _MATCHING = _group(
         more="How well this holds depends on the table of probabilities, see docs/trust.md.",
     ),
     stays_on_map=SettingField(
-        help="place filter: take the probabilities of drives that stay on the map, so that more "
-        "matches are accepted; for a robot that never leaves the route",
+        help="place filter without smoothing and delay: take the probabilities of drives along the "
+        "map, so that more matches are accepted; for a robot that never leaves the route",
         kind=bool,
-        more="Off the map they are too high, see docs/trust.md. A map with a table of its own "
-        "(edge-vpr calibrate) uses that one.",
+        more="Off the map they are too high, see docs/trust.md.",
         needs=_FILTER,
     ),
 )
