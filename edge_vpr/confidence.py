@@ -24,8 +24,9 @@ from edge_vpr.events import TIME_LIMIT_US
 DEFAULT_TABLES = "default_confidence.json"
 LEARNT_DELAYS = (0, 2, 4, 8)
 SMOOTHED = "smoothed"
-#: keys of that file: tables for robots that may leave the map, and for those that never do
-TABLES, ON_MAP_TABLES = "tables", "tables_on_map"
+#: keys of that file: tables for robots that may leave the map, and one for live matches of those
+#: that never do
+TABLES, LIVE_ON_MAP = "tables", "live_on_map"
 MOST_STEPS = 4_096
 #: number of the rule for the trust of the place filter: tables learnt with another one do not hold
 TRUST_RULE = 4
@@ -227,18 +228,20 @@ def default_confidence(
         If not, the number of windows by which matches come late. The table is that of the largest
         learnt number that is not larger.
     stays_on_map : bool
-        Learnt only from the drives that never leave the map.
+        Learnt only from whole drives along the map. Late and smoothed matches have one table for
+        all robots: what is learnt on streets would promise too much of them on other drives.
 
     Raises
     ------
     MapError
         If the package's file is damaged.
     """
-    kind = ON_MAP_TABLES if stays_on_map else TABLES
     name = SMOOTHED if smoothed else str(max(n for n in LEARNT_DELAYS if n <= late))
     with damaged(DEFAULT_TABLES, "install edge-vpr again"):
         text = files("edge_vpr").joinpath(DEFAULT_TABLES).read_text(encoding="utf-8")
-        table = json.loads(text)[kind][name]
+        shipped = json.loads(text)
+        live = not smoothed and not late
+        table = shipped[LIVE_ON_MAP] if stays_on_map and live else shipped[TABLES][name]
         return Confidence(
             np.array(table["trust"], dtype=np.int64),
             np.array(table["probability"], dtype=np.float64),

@@ -468,7 +468,7 @@ class MapRecord(EqualByValue):
         code = self.own_mean_code
         if code is not None and self.mean is not None:
             activity = self.mean_activity
-            if self.settings.query_mean == "running":
+            if self.settings.running_mean:
                 return encode_running(counted, code, self.mean, activity)
             return encode_own(counted, code, activity)
         counters = counted.counts.shape[1]

@@ -37,7 +37,7 @@ CODES: tuple[str, ...] = get_args(CounterCodeName)
 CounterScaling = Literal["shared", "per-pixel", "own-mean", "contrast"]
 #: scalings of logarithms less a mean, whose codes have no fixed table
 OWN_MEAN_SCALINGS: tuple[CounterScaling, ...] = ("own-mean", "contrast")
-QueryMean = Literal["own", "running"]
+QueryMean = Literal["auto", "own", "running"]
 Matching = Literal["sequence", "filter"]
 Anchor = Literal["middle", "end"]
 Score = Literal["distance", "ratio", "margin", "trust"]
@@ -448,7 +448,8 @@ _MATCHING = _group(
     "matching",
     query_mean=SettingField(
         help="mean that own-mean and contrast codes subtract in a query: that of the whole drive "
-        "(own), or a running one, as on a robot (running)",
+        "(own), or a running one, as on a robot (running); auto: running with the place filter and "
+        "no smoothing, else own",
         choices=get_args(QueryMean),
         more="Live and online matching always use the running one.",
         needs=("counter_scaling", OWN_MEAN_SCALINGS),
@@ -545,11 +546,10 @@ _MATCHING = _group(
         more="How well this holds: docs/trust.md.",
     ),
     stays_on_map=SettingField(
-        help="place filter: take the probabilities of drives that stay on the map, so that more "
-        "matches are accepted; for a robot that never leaves the route",
+        help="place filter without smoothing and delay: take the probabilities of drives along the "
+        "map, so that more matches are accepted; for a robot that never leaves the route",
         kind=bool,
-        more="Off the map they are too high, see docs/trust.md. A map with a table of its own "
-        "(edge-vpr calibrate) uses that one.",
+        more="Off the map they are too high, see docs/trust.md.",
         needs=_FILTER,
     ),
 )
@@ -601,7 +601,7 @@ class Settings:
     counter_bits: int = 3
     counter_full_scale: int | None = None
     counter_scaling: CounterScaling = "shared"
-    query_mean: QueryMean = "own"
+    query_mean: QueryMean = "auto"
     remove_hot_pixels: bool = True
     remove_bursts: bool = True
     keep_incomplete: bool = False
@@ -661,6 +661,13 @@ class Settings:
     def late(self) -> int:
         """Number of windows by which a match comes late; 0 for a drive that is smoothed whole."""
         return self.delay if self.matching == "filter" and not self.smooth else 0
+
+    @property
+    def running_mean(self) -> bool:
+        """Whether codes of a query subtract a running mean, which needs no later windows."""
+        if self.query_mean == "auto":
+            return self.matching == "filter" and not self.smooth
+        return self.query_mean == "running"
 
     @property
     def of_trust(self) -> tuple[object, ...]:

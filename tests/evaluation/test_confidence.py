@@ -40,6 +40,7 @@ from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import auroc, judge_rejection
 from edge_vpr.events import Sensor
 from edge_vpr.live.protocols import open_encoder
+from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.place_filter import LASTING_BITS, USUAL_FIT
 from edge_vpr.online.localiser import Localiser
@@ -70,31 +71,31 @@ def test_blocks_of_pooled_violators_are_the_least_squares_rising_fit(found):
     assert (np.diff([fit[begin] for begin in begins]) > 0).all()
 
 
-@pytest.mark.parametrize("stays", [False, True])
-def test_a_delay_takes_the_table_of_the_next_lower_one_that_was_learnt(stays):
-    tables = [default_confidence(False, late, stays).trust.tolist() for late in LEARNT_DELAYS]
+def test_a_delay_takes_the_table_of_the_next_lower_one_that_was_learnt():
+    tables = [default_confidence(False, late).trust.tolist() for late in LEARNT_DELAYS]
     assert all(tables.count(table) == 1 for table in tables)
     for late, learnt in {1: 0, 2: 2, 3: 2, 4: 4, 7: 4, 8: 8, MOST_DELAY: 8}.items():
-        taken = default_confidence(False, late, stays).trust.tolist()
+        taken = default_confidence(False, late).trust.tolist()
         assert taken == tables[LEARNT_DELAYS.index(learnt)]
-    assert default_confidence(True, 0, stays).trust.tolist() not in tables
+    assert default_confidence(True).trust.tolist() not in tables
 
 
-@pytest.mark.parametrize(("smoothed", "late"), [*((False, n) for n in LEARNT_DELAYS), (True, 0)])
-def test_a_robot_that_stays_on_the_map_accepts_matches_of_lower_trust(smoothed, late):
-    any_robot, on_map = (default_confidence(smoothed, late, stays) for stays in (False, True))
+def test_a_robot_that_stays_on_the_map_accepts_live_matches_of_lower_trust():
+    any_robot, on_map = (default_confidence(stays_on_map=stays) for stays in (False, True))
     assert on_map.least_trust(0.99) < any_robot.least_trust(0.99)
     assert on_map.matches.sum() < any_robot.matches.sum()
+    for smoothed, late in ((False, 1), (False, 4), (True, 0)):
+        assert default_confidence(smoothed, late, True) == default_confidence(smoothed, late)
 
 
 @pytest.mark.parametrize(
     ("found", "becomes", "says"),
     [
-        ('"tables_on_map"', '"tables_of_map"', "lacks 'tables_on_map': install"),
+        ('"live_on_map"', '"live_of_map"', "lacks 'live_on_map': install"),
         ('"smoothed"', '"smoother"', "lacks 'smoothed': install"),
         ('"probability": [', '"probability": [1.5, ', "confidence_probability is float64 of shape"),
         ('"matches": [', '"matches": [-', "confidence_matches holds"),
-        ("}}}", "}}", "damaged"),
+        ("}}", "}", "damaged"),
     ],
 )
 def test_a_damaged_file_of_shipped_tables_is_named(tmp_path, monkeypatch, found, becomes, says):
@@ -103,7 +104,8 @@ def test_a_damaged_file_of_shipped_tables_is_named(tmp_path, monkeypatch, found,
     (tmp_path / DEFAULT_TABLES).write_text(text.replace(found, becomes), encoding="utf-8")
     monkeypatch.setattr("edge_vpr.confidence.files", lambda package: tmp_path)
     with pytest.raises(MapError, match=f"{DEFAULT_TABLES}.*{says}.*again"):
-        default_confidence.__wrapped__(True, 0, True)
+        for smoothed, stays_on_map in ((True, False), (False, True)):
+            default_confidence.__wrapped__(smoothed, 0, stays_on_map)
 
 
 @given(outcomes)
@@ -286,7 +288,9 @@ def test_a_recorded_drive_that_stays_on_the_map_has_the_probabilities_of_such(ro
     reference = ReferenceMap.load(robot / "map.npz")
     for stays in (False, True):
         changes = {"smooth": smooth, "delay": delay, "stays_on_map": stays}
-        found = reference.match(robot / "query.npz", **changes).matches
+        result = reference.match(robot / "query.npz", **changes)
+        found, settings = result.matches, result.matches.settings
+        assert match_descriptors(reference.places, result.queries, settings) == found
         table = default_confidence(smooth, 0 if smooth else delay, stays)
         assert found.probability.tolist() == table.probability_of(found.net_trust).tolist()
         assert found.lost.tolist() == (found.net_trust < table.least_trust(0.99)).tolist()
@@ -358,11 +362,18 @@ def test_a_map_with_a_table_of_its_own_is_not_asked_for_a_shipped_one(robot, tmp
     assert found.probability.tolist() == shipped.probability_of(found.net_trust).tolist()
 
 
-def test_smoothed_matches_of_a_robot_that_stays_on_the_map_are_warned_of(robot, tmp_path, capsys):
+def test_what_has_no_effect_on_such_matches_is_warned_of(robot, tmp_path, capsys):
     match = ["match", str(robot / "map.npz"), str(robot / "query.npz"), "--no-figures", "-o"]
-    for i, (words, said) in enumerate((("--smooth", 1), ("--no-smooth", 0), ("--online", 0))):
-        assert main([*match, str(tmp_path / f"{i}"), words, "--stays-on-map"]) == 0
-        assert capsys.readouterr().err.count("--stays-on-map accepts nearly every match") == said
+    late, stays = "--delay has no effect", "--stays-on-map is for matches at once"
+    asked = {
+        "--smooth --stays-on-map": [stays], "--no-smooth --stays-on-map": [],
+        "--online --stays-on-map": [], "--online --delay 2 --stays-on-map": [stays],
+        "--smooth --delay 2": [late], "--no-smooth --delay 2": [],
+    }  # fmt: skip
+    for i, (words, said) in enumerate(asked.items()):
+        assert main([*match, str(tmp_path / f"{i}"), *words.split()]) == 0
+        shown = capsys.readouterr().err
+        assert [text for text in (late, stays) if text in shown] == said
 
 
 def test_what_a_map_learns_does_not_depend_on_whether_the_robot_stays_on_it(robot):

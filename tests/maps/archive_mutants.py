@@ -55,6 +55,7 @@ VARIANTS: tuple[dict[str, object], ...] = (
     {"counter_code": "sqrt", "counter_bits": 4, "window": "count", "polarity": True},
     {"matching": "filter"},
     {"matching": "filter", "counter_code": "log", "counter_scaling": "contrast"},
+    {"matching": "filter", "counter_code": "log", "counter_scaling": "contrast", "smooth": True},
     {
         "matching": "filter",
         "counter_code": "log",

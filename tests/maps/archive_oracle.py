@@ -86,7 +86,9 @@ def check_loaded_state(localiser: Localiser, path: Path) -> None:
 def _query_codes(reference: ReferenceMap, counted: Rows) -> Rows:
     if reference.own_mean_code is None:
         return [_coded(reference, row) for row in counted]
-    if reference.settings.query_mean == "running":
+    settings = reference.settings
+    at_once = settings.matching == "filter" and not settings.smooth
+    if settings.query_mean == "running" or (settings.query_mean == "auto" and at_once):
         begin = filter_oracle.begin_of(reference)
         return filter_oracle.running_codes(reference, counted, begin)
     return filter_oracle.drive_codes(reference, counted)

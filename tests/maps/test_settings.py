@@ -175,6 +175,16 @@ def test_old_files_keep_their_meaning(tmp_path, old, flags):
     assert by_file(tmp_path, old) == by_flags(*flags.split())
 
 
+@pytest.mark.parametrize(
+    ("mean", "running"),
+    [("auto", [False, False, True]), ("own", [False] * 3), ("running", [True] * 3)],
+)
+def test_the_mean_of_a_query_is_a_running_one_where_no_later_windows_are_known(mean, running):
+    matchings = ({"matching": "sequence"}, {"smooth": True}, {"smooth": False, "delay": 4})
+    found = [PRESETS["default"].replaced({**one, "query_mean": mean}, "") for one in matchings]
+    assert [one.running_mean for one in found] == running
+
+
 def test_settings_of_an_old_map_keep_their_meaning():
     old = Settings().to_dict() | {"clip": 0, "counter_full_scale": 0, "precision": 0.0}
     assert Settings.from_dict(old) == Settings()

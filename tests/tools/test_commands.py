@@ -378,10 +378,7 @@ def test_by_default_the_place_filter_matches_offline_and_online_alike(drive, cap
     settings = ReferenceMap.load(mapped).settings
     assert (settings.matching, settings.counter_scaling) == ("filter", "contrast")
     whole, live = tmp_path / "whole", tmp_path / "live"
-    assert (
-        main(["match", mapped, query, "-o", str(whole), "--query-mean", "running", "--no-smooth"])
-        == 0
-    )
+    assert main(["match", mapped, query, "-o", str(whole), "--no-smooth"]) == 0
     arguments = ["match", mapped, query, "-o", str(live), "--online", "--every", "window"]
     assert main(arguments) == 0
     batch, online = (Matches.load(folder / "matches.npz") for folder in (whole, live))
@@ -403,10 +400,9 @@ def test_a_delay_gives_the_same_matches_offline_online_and_live(drive, capsys, t
     assert main(["map", str(drive / "reference.npz"), "-o", mapped, *flags]) == 0
     whole, live = tmp_path / "whole", tmp_path / "live"
     match = ["match", mapped, query, "--no-figures"]
-    late = ["--query-mean", "running", "--no-smooth"]
-    assert main([*match, "-o", str(whole), *late]) == 0
+    assert main([*match, "-o", str(whole), "--no-smooth"]) == 0
     assert main([*match, "-o", str(live), "--online"]) == 0
-    assert main([*match, "-o", str(tmp_path / "at_once"), *late, "--delay", "0"]) == 0
+    assert main([*match, "-o", str(tmp_path / "at_once"), "--no-smooth", "--delay", "0"]) == 0
     names = ("whole", "live", "at_once")
     batch, online, at_once = (Matches.load(tmp_path / n / "matches.npz") for n in names)
     for column in ("place", "distance_sum", "second", "trust", "probability"):

@@ -164,8 +164,11 @@ def with_match_flags(
         settings = replace(settings, smooth=False)
     changed = settings.replaced(match_flags(args), "the command line")
     _warn_of_no_effect(args, changed, _of_group(_MATCHING))
-    if args.delay and changed.smooth:
+    filters = changed.matching == "filter"
+    if args.delay and filters and changed.smooth:
         warning("--delay has no effect on a drive that is smoothed whole: add --no-smooth")
+    if args.stays_on_map and filters and (changed.smooth or changed.delay):
+        warning("--stays-on-map is for matches at once: add --no-smooth, and no --delay")
     return changed
 
 

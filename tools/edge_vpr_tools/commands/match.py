@@ -116,11 +116,6 @@ def run(args: argparse.Namespace) -> None:
     reference.check_asked(settings)
     asked = reference.matched_with(settings)
     _ = asked.acceptance  # a precision that the table cannot reach is an error before any work
-    if args.stays_on_map and settings.matching == "filter" and settings.smooth:
-        warning(
-            "--stays-on-map accepts nearly every match of a drive that is smoothed whole, wrong "
-            "ones too: add --no-smooth"
-        )
     if args.every is not None and not args.online:
         raise UsageError("--every says when to match online: add --online, or leave it out")
     odometry = None if args.odometry is None else load_odometry(args.odometry)

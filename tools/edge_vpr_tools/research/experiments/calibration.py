@@ -5,8 +5,8 @@ versions: as it was; with a quarter of the places cut out of the map; with a det
 street, as long as a quarter of the drive; with the camera carried to another part of the street and
 back; backwards; and of another street altogether. Matches of a robot have the running mean of the
 query, those of whole drives the drive's own mean. `learn` learns the tables on other streets, in
-the same way; those for robots that stay on the map, from the versions that do. Queries of `nulls`,
-whose windows or pixels are shuffled, judge them only.
+the same way; that for robots that stay on the map, from the drives as they were. Queries of
+`nulls`, whose windows or pixels are shuffled, judge them only.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from edge_vpr import __version__
 from edge_vpr.confidence import (
     DEFAULT_TABLES,
     LEARNT_DELAYS,
-    ON_MAP_TABLES,
+    LIVE_ON_MAP,
     SMOOTHED,
     TABLES,
     Confidence,
@@ -187,8 +187,6 @@ def driven(
 
 WHOLE, CUT, DETOUR, CARRIED = "whole", "a piece cut out", "a detour", "carried off twice"
 BACKWARDS, ANOTHER = "backwards", "another route"
-#: versions of which every window is on the map
-ON_MAP = (WHOLE, CARRIED)
 
 
 def versions_of(
@@ -242,6 +240,8 @@ MATCHINGS: dict[str, dict[str, object]] = {
     },
     SMOOTHED: {"smooth": True, "query_mean": "own"},
 }
+#: the one of live matches without delay
+AT_ONCE = "0"
 
 
 class Sample(NamedTuple):
@@ -279,7 +279,7 @@ def learn(seeds: int, folder: Path, on_start: Callable[[str], None]) -> None:
     """Learn the tables on simulated streets, and write them in the package's format, atomically."""
     rng = np.random.default_rng(_CUTS)
     found: dict[str, list[Sample]] = {name: [] for name in MATCHINGS}
-    on_map: dict[str, list[Sample]] = {name: [] for name in MATCHINGS}
+    on_map: list[Sample] = []
     before: SimulatedRecording | None = None
     for seed in range(FIRST_SEED, FIRST_SEED + seeds):
         on_start(f"street {seed - FIRST_SEED + 1} of {seeds}")
@@ -289,15 +289,15 @@ def learn(seeds: int, folder: Path, on_start: Callable[[str], None]) -> None:
                 for name, changes in MATCHINGS.items():
                     some = sample(with_settings(changed, **changes))
                     found[name].append(some)
-                    if version in ON_MAP:
-                        on_map[name].append(some)
+                    if version == WHOLE and name == AT_ONCE:
+                        on_map.append(some)
         before = street.drives[_ELSEWHERE]
     made = {
         "made_by": f"edge-vpr experiment calibration --seeds {seeds} --table DIR",
         "version": __version__,
         "street_seeds": [FIRST_SEED, FIRST_SEED + seeds - 1],
         TABLES: {name: _table(joined(some)) for name, some in found.items()},
-        ON_MAP_TABLES: {name: _table(joined(some)) for name, some in on_map.items()},
+        LIVE_ON_MAP: _table(joined(on_map)),
     }
     with replacing(folder / DEFAULT_TABLES) as temporary:
         temporary.write_text(json.dumps(made, allow_nan=False) + "\n", encoding="utf-8")
@@ -345,7 +345,7 @@ _LEFT = 20
 
 def described(name: str) -> str:
     """Return one of `MATCHINGS` as the tables name it."""
-    return {SMOOTHED: "smoothed", "0": "live"}.get(name, f"{name} windows late")
+    return {SMOOTHED: "smoothed", AT_ONCE: "live"}.get(name, f"{name} windows late")
 
 
 def judge(
@@ -372,11 +372,12 @@ def judge(
             )
             row = {"map": version, "matching": described(name), LEARNT_ON: learnt_on}
             found = [sample(case) for case in changed]
-            yield {**row, **judged(table, found), **_if_on_map(judged(on_map, found))}
+            stays = _if_on_map(judged(on_map, found)) if name == AT_ONCE else {}
+            yield {**row, **judged(table, found), **stays}
             if version == WHOLE and name in switched_on:
                 row["map"] = SWITCHED_ON
-                waited = first_sure(table, changed), first_sure(on_map, changed)
-                yield {**row, **waited[0], **_if_on_map(waited[1])}
+                stays = _if_on_map(first_sure(on_map, changed)) if name == AT_ONCE else {}
+                yield {**row, **first_sure(table, changed), **stays}
 
 
 def _if_on_map(measured: Row) -> Row:
@@ -472,7 +473,7 @@ def judged_street(seed: int) -> dict[str, list[Case]]:
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Judge every table on all drives of one street."""
-    yield from judge(draw.pair, list(MATCHINGS), ("0",))
+    yield from judge(draw.pair, list(MATCHINGS), (AT_ONCE,))
 
 
 def figure(rows: Rows) -> Figure:

@@ -50,6 +50,7 @@ _SMOOTH = {"smooth": True}
 _LOG = {"counter_code": "log", "score": None}
 _OWN = {**_LOG, "counter_scaling": "own-mean"}
 _CONTRAST = {**_LOG, "counter_scaling": "contrast"}
+_DRIVE_MEAN = {"query_mean": "own"}
 _ROBOT = {**_FILTER, **_CONTRAST, "query_mean": "running"}
 PAPER = "sequences of 5, counts (the paper)"
 VARIANTS: Mapping[str, Mapping[str, Any]] = {
@@ -59,9 +60,14 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "sequences of 10, own mean": {**_OWN, "sequence_length": 10},
     "place filter, counts": _FILTER,
     "place filter, 3-bit log": {**_FILTER, **_LOG},
-    "place filter, own mean": {**_FILTER, **_OWN},
-    "place filter, contrast": {**_FILTER, **_CONTRAST},
-    "place filter, contrast, steps 1,0,1": {**_FILTER, **_CONTRAST, "filter_steps": (1, 0, 1)},
+    "place filter, own mean": {**_FILTER, **_OWN, **_DRIVE_MEAN},
+    "place filter, contrast": {**_FILTER, **_CONTRAST, **_DRIVE_MEAN},
+    "place filter, contrast, steps 1,0,1": {
+        **_FILTER,
+        **_CONTRAST,
+        **_DRIVE_MEAN,
+        "filter_steps": (1, 0, 1),
+    },
     "place filter, running mean (robot)": _ROBOT,
     "place filter, running mean (robot), 4 windows late": {**_ROBOT, "delay": 4},
     "place filter, contrast, smoothed (default)": {**_FILTER, **_CONTRAST, **_SMOOTH},
