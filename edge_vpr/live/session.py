@@ -30,6 +30,7 @@ from edge_vpr.errors import MapError, RecordingError, UsageError, as_path, expec
 from edge_vpr.evaluation.tracks import save_odometry
 from edge_vpr.events import Events, Sensor, join_events
 from edge_vpr.files import work_folder
+from edge_vpr.learning import MapUpdate
 from edge_vpr.live.health import Health
 from edge_vpr.live.links import DescriptorLink, Link, LinkReader, SocketLink, UrlLink, open_link
 from edge_vpr.live.odometer import OdometerReader
@@ -44,7 +45,7 @@ from edge_vpr.recordings.registry import FORMATS
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_parent
 from edge_vpr.route import Odometry
-from edge_vpr.settings import Settings, duration_us, resolve_settings
+from edge_vpr.settings import SETTING_FIELDS, Settings, duration_us, resolve_settings
 from edge_vpr.warm_up import WarmUpStep, localising_steps, synthetic_events, warm_up
 
 # Live matching: decoder, burst filter and localiser in one, from bytes to matches.
@@ -474,10 +475,12 @@ class LiveSession:
     record : path or sequence of paths
         Files of the bytes (``.bin``) or of the events (``.npz``, ``.raw``, ...).
     learn : path, optional
-        Make a map of this drive when the session is closed, and write it here. With `reference`,
-        the drive is matched with that map all the while; no place is added to it.
+        Write a map here when the session is closed: `reference`, which has learnt this drive (see
+        `ReferenceMap.update`). Without `reference`, or with other settings of windows, pixels or
+        codes than it has, it is a new map of this drive. All the while, the drive is matched with
+        `reference` as it was.
     settings : Settings or str, optional
-        Of the new map, or the name of a preset; by default those of `reference`.
+        Of the map to write, or the name of a preset; by default those of `reference`.
     overwrite : bool
         Whether files that exist may be replaced.
     on_overload : {"drop", "wait"}, optional
@@ -503,7 +506,9 @@ class LiveSession:
     unwritten : str
         Which recording was given up and why, if one was.
     learnt : ReferenceMap or None
-        The map of the drive, after `close`.
+        The map that was written, after `close`.
+    update : MapUpdate or None
+        What `reference` has learnt, if it has.
     removed : Removed
         Counts of what was removed as bursts for that map.
     """
@@ -575,6 +580,7 @@ class LiveSession:
         self.stopping = threading.Event()
         self.ended, self.unwritten = False, ""
         self.learnt: ReferenceMap | None = None
+        self.update: MapUpdate[ReferenceMap] | None = None
         self.removed = Removed()
         self._along: list[float] | None = None
         if reference is not None and reference.route is not None:
@@ -936,9 +942,16 @@ class LiveSession:
         if not drive.exists():
             return
         try:
-            self.learnt = ReferenceMap.build(
-                drive, self._settings, odometry=odometry, removed=self.removed
-            )
+            reference = self.reference
+            if reference is not None and _of_map(reference.settings) == _of_map(self._settings):
+                # aligned by whole drives, whatever the settings that it was matched with
+                known = reference.matched_with(self._settings)
+                self.update = known.update(drive, odometry=odometry, removed=self.removed)
+                self.learnt = self.update.reference
+            else:
+                self.learnt = ReferenceMap.build(
+                    drive, self._settings, odometry=odometry, removed=self.removed
+                )
             self.learnt.save(target)
             drive.unlink()
         finally:
@@ -958,6 +971,12 @@ class LiveSession:
             save_odometry(table, odometry)
             words += ["--odometry", printable(table)]
         self._say("drive", f"the drive is kept: {' '.join(words)}")
+
+
+def _of_map(settings: Settings) -> list[Any]:
+    """Return the settings that belong to a map and not to matching with it."""
+    fields = [field for field in SETTING_FIELDS.values() if field.group != "matching"]
+    return [getattr(settings, field.name) for field in fields]
 
 
 class _EventWriter:
