@@ -817,6 +817,7 @@ class LiveSession:
         # before the match is used: a program that fails then has a whole file
         self._write_events(result.events)
         self._lag.look(result.events, self.decoder.reached_us, time.monotonic())
+        self._count_misfits(result)
         if result.matches.size:
             self._look_at_misfit(int(result.matches["misfit"][-1]))
         host_us = int(1e6 * (time.time() - (time.monotonic() - chunk.at_s)))
@@ -838,6 +839,9 @@ class LiveSession:
         self._watch.look(nothing_came=step.result is None)
         reader.send(decoder.to_send(time.monotonic()))
 
+    def _count_misfits(self, result: LiveResult) -> None:
+        self.health.misfits += int(np.count_nonzero(result.matches["misfit"] >= STRANGE))
+
     def _look_at_misfit(self, misfit: int) -> None:
         """Say when views become unlike those of the map, and when they are like them again."""
         if not self._strange and misfit >= STRANGE:
@@ -858,6 +862,7 @@ class LiveSession:
             return nothing
         self.ended = True
         result = self._live_or_raise().finish()
+        self._count_misfits(result)
         self._write_events(result.events)
         self._stack.close()
         self.decoder.health.line_errors = self._reader.line_errors

@@ -439,7 +439,7 @@ def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, 
     events, sent = np.concatenate(list(open_recording(folder / "query.npz"))), tmp_path / "sent.bin"
     known = ReferenceMap.load(folder / "map.npz")
     encoder = open_encoder("evpr", known.pixel_map.sensor)
-    parts = [encoder.encode(events[i : i + 1_000]) for i in range(0, events.size, 1_000)]
+    parts = (encoder.encode(events[i : i + 1_000]) for i in range(0, events.size, 1_000))
     sent.write_bytes(encoder.start() + b"".join(parts))
     words = ["--port", sent, "--protocol", "evpr", "--map", folder / "map.npz", "--learn"]
     assert main([str(word) for word in ("stream", *words, "-o", target)]) == 0
@@ -544,6 +544,21 @@ def test_nothing_is_compiled_once_the_link_is_open():
         capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+
+
+def test_another_place_is_counted_in_the_health(street, tmp_path):
+    """The query in a mirror is no place of the map."""
+    known, sent = ReferenceMap.load(street[0] / "map.npz"), tmp_path / "sent.bin"
+    events = np.concatenate(list(open_recording(street[0] / "query.npz")))
+    sensor = known.pixel_map.sensor
+    events["x"] = sensor.width - 1 - events["x"]
+    encoder = open_encoder("evpr", sensor)
+    parts = (encoder.encode(events[i : i + 1_000]) for i in range(0, events.size, 1_000))
+    sent.write_bytes(encoder.start() + b"".join(parts))
+    with LiveSession(sent, protocol="evpr", reference=known) as session:
+        misfits = sum(match.misfit >= 64 for match in session)
+    assert session.health.misfits == misfits > 0
+    assert str(session.health) == f"{misfits:,} misfits"
 
 
 def test_it_says_once_that_this_place_or_light_is_not_the_map_s():
