@@ -16,10 +16,12 @@ def follow(port: str, protocol: str, map_path: str, goal_m: float, drive: Callab
     route = {"protocol": protocol, "reference": map_path, "every": "50ms", "heartbeat": "500ms"}
     try:
         with LiveSession(port, **route, reconnect=False) as session:
+            if session.reference.route is None:
+                sys.exit(f"{map_path} has no positions: make it with edge-vpr map --track")
             for match in session:  # a heartbeat has the probability 0
                 confident = match.probability >= 0.5 and not match.incomplete
                 drive(FAST if confident else SLOW)
-                if confident and match.probability >= 0.8 and match.along_m >= goal_m:
+                if confident and match.probability >= 0.8 and (match.along_m or 0.0) >= goal_m:
                     return match.along_m
     finally:
         drive(0.0)  # whatever happens

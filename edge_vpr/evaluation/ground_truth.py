@@ -539,7 +539,8 @@ def load_alignment(path: str | Path) -> Alignment:
     if len(header) != 2 or len(columns) != 2 or len(found) != 1:
         raise GroundTruthError(
             f"{path} has the header {','.join(header)!r}: expected query_frame,reference_frame "
-            "or query_s,reference_s, in either order"
+            "or query_s,reference_s, in either order; of tracks give two, the reference's and then "
+            "the query's"
         )
     pairs = table[:, [columns["query"], columns["reference"]]]
     try:

@@ -30,6 +30,7 @@ from edge_vpr.errors import MapError, RecordingError, UsageError, as_path, expec
 from edge_vpr.evaluation.tracks import save_odometry
 from edge_vpr.events import Events, Sensor, join_events
 from edge_vpr.files import work_folder
+from edge_vpr.learning import MapUpdate
 from edge_vpr.live.links import DescriptorLink, Link, LinkReader, SocketLink, UrlLink, open_link
 from edge_vpr.live.odometer import OdometerReader
 from edge_vpr.live.protocols import Decoder, Health, open_decoder
@@ -41,7 +42,7 @@ from edge_vpr.recordings import FORMATS, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_parent
 from edge_vpr.route import Odometry
-from edge_vpr.settings import Settings, duration_us, resolve_settings
+from edge_vpr.settings import SETTING_FIELDS, Settings, duration_us, resolve_settings
 from edge_vpr.warm_up import WarmUpStep, localising_steps, synthetic_events, warm_up
 
 # Live matching: decoder, burst filter and localiser in one, from bytes to matches.
@@ -471,10 +472,12 @@ class LiveSession:
     record : path or sequence of paths
         Files of the bytes (``.bin``) or of the events (``.npz``, ``.raw``, ...).
     learn : path, optional
-        Make a map of this drive when the session is closed, and write it here. With `reference`,
-        the drive is matched with that map all the while; no place is added to it.
+        Write a map here when the session is closed: `reference`, which has learnt this drive (see
+        `ReferenceMap.update`). Without `reference`, or with other settings of windows, pixels or
+        codes than it has, it is a new map of this drive. All the while, the drive is matched with
+        `reference` as it was.
     settings : Settings or str, optional
-        Of the new map, or the name of a preset; by default those of `reference`.
+        Of the map to write, or the name of a preset; by default those of `reference`.
     overwrite : bool
         Whether files that exist may be replaced.
     on_overload : {"drop", "wait"}, optional
@@ -500,7 +503,9 @@ class LiveSession:
     unwritten : str
         Which recording was given up and why, if one was.
     learnt : ReferenceMap or None
-        The map of the drive, after `close`.
+        The map that was written, after `close`.
+    update : MapUpdate or None
+        What `reference` has learnt, if it has.
     removed : Removed
         Counts of what was removed as bursts for that map.
     """
@@ -572,6 +577,7 @@ class LiveSession:
         self.stopping = threading.Event()
         self.ended, self.unwritten = False, ""
         self.learnt: ReferenceMap | None = None
+        self.update: MapUpdate[ReferenceMap] | None = None
         self.removed = Removed()
         self._along: list[float] | None = None
         if reference is not None and reference.route is not None:
@@ -808,6 +814,7 @@ class LiveSession:
         # before the match is used: a program that fails then has a whole file
         self._write_events(result.events)
         self._lag.look(result.events, self.decoder.reached_us, time.monotonic())
+        self._count_misfits(result)
         if result.matches.size:
             self._look_at_misfit(int(result.matches["misfit"][-1]))
         host_us = int(1e6 * (time.time() - (time.monotonic() - chunk.at_s)))
@@ -829,6 +836,9 @@ class LiveSession:
         self._watch.look(nothing_came=step.result is None)
         reader.send(decoder.to_send(time.monotonic()))
 
+    def _count_misfits(self, result: LiveResult) -> None:
+        self.health.misfits += int(np.count_nonzero(result.matches["misfit"] >= STRANGE))
+
     def _look_at_misfit(self, misfit: int) -> None:
         """Say when views become unlike those of the map, and when they are like them again."""
         if not self._strange and misfit >= STRANGE:
@@ -849,6 +859,7 @@ class LiveSession:
             return nothing
         self.ended = True
         result = self._live_or_raise().finish()
+        self._count_misfits(result)
         self._write_events(result.events)
         self._stack.close()
         self.decoder.health.line_errors = self._reader.line_errors
@@ -933,9 +944,16 @@ class LiveSession:
         if not drive.exists():
             return
         try:
-            self.learnt = ReferenceMap.build(
-                drive, self._settings, odometry=odometry, removed=self.removed
-            )
+            reference = self.reference
+            if reference is not None and _of_map(reference.settings) == _of_map(self._settings):
+                # aligned by whole drives, whatever the settings that it was matched with
+                known = reference.matched_with(self._settings)
+                self.update = known.update(drive, odometry=odometry, removed=self.removed)
+                self.learnt = self.update.reference
+            else:
+                self.learnt = ReferenceMap.build(
+                    drive, self._settings, odometry=odometry, removed=self.removed
+                )
             self.learnt.save(target)
             drive.unlink()
         finally:
@@ -955,6 +973,12 @@ class LiveSession:
             save_odometry(table, odometry)
             words += ["--odometry", printable(table)]
         self._say("drive", f"the drive is kept: {' '.join(words)}")
+
+
+def _of_map(settings: Settings) -> list[Any]:
+    """Return the settings that belong to a map and not to matching with it."""
+    fields = [field for field in SETTING_FIELDS.values() if field.group != "matching"]
+    return [getattr(settings, field.name) for field in fields]
 
 
 class _EventWriter:

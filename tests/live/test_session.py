@@ -17,6 +17,7 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from edge_vpr_tools.cli import main
 from streams import Drive, random_events
 
 from edge_vpr import LiveSession
@@ -416,18 +417,35 @@ def test_what_is_recorded_and_learnt_is_complete_when_the_block_ends(route, quer
     assert sorted(path.name for path in tmp_path.iterdir()) == ["events.npz", "map.npz", "raw.bin"]
 
 
-def test_a_known_route_is_matched_while_its_new_map_is_learnt(route, query, tmp_path):
-    """With the settings of the map that is matched with, to which nothing is added."""
+def test_a_known_route_is_matched_while_a_map_with_other_settings_is_made(route, query, tmp_path):
     address, thread = camera("evpr", query)
     places, target = len(route), tmp_path / "new.npz"
+    settings = replace(route.settings, pixels=10)
     with LiveSession(
-        address, protocol="evpr", reference=route, reconnect=False, on_overload="wait", learn=target
-    ) as session:
+        address, protocol="evpr", reference=route, reconnect=False, on_overload="wait",
+        learn=target, settings=settings,
+    ) as session:  # fmt: skip
         found = [match.place for match in session]
     thread.join(timeout=5)
     assert found == offline(route, query)["place"].tolist() and len(route) == places
-    again = ReferenceMap.build(Drive(query, SENSOR), route.settings)
+    again = ReferenceMap.build(Drive(query, SENSOR), settings)
     assert ReferenceMap.load(target) == session.learnt == again
+    assert session.update is None
+
+
+def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, capsys):
+    """As it does from a recording, with its own settings, and not those of matching live."""
+    folder, target = street[0], tmp_path / "learnt.npz"
+    events, sent = np.concatenate(list(open_recording(folder / "query.npz"))), tmp_path / "sent.bin"
+    known = ReferenceMap.load(folder / "map.npz")
+    encoder = open_encoder("evpr", known.pixel_map.sensor)
+    parts = (encoder.encode(events[i : i + 1_000]) for i in range(0, events.size, 1_000))
+    sent.write_bytes(encoder.start() + b"".join(parts))
+    words = ["--port", sent, "--protocol", "evpr", "--map", folder / "map.npz", "--learn"]
+    assert main([str(word) for word in ("stream", *words, "-o", target)]) == 0
+    expected = known.update(folder / "query.npz")
+    assert ReferenceMap.load(target) == expected.reference != known
+    assert f"{target}: {len(known)} places at 150 pixels; {expected}" in capsys.readouterr().out
 
 
 def test_a_map_in_place_of_a_port_is_called_a_map(route, tmp_path):
@@ -526,6 +544,21 @@ def test_nothing_is_compiled_once_the_link_is_open():
         capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+
+
+def test_another_place_is_counted_in_the_health(street, tmp_path):
+    """The query in a mirror is no place of the map."""
+    known, sent = ReferenceMap.load(street[0] / "map.npz"), tmp_path / "sent.bin"
+    events = np.concatenate(list(open_recording(street[0] / "query.npz")))
+    sensor = known.pixel_map.sensor
+    events["x"] = sensor.width - 1 - events["x"]
+    encoder = open_encoder("evpr", sensor)
+    parts = (encoder.encode(events[i : i + 1_000]) for i in range(0, events.size, 1_000))
+    sent.write_bytes(encoder.start() + b"".join(parts))
+    with LiveSession(sent, protocol="evpr", reference=known) as session:
+        misfits = sum(match.misfit >= 64 for match in session)
+    assert session.health.misfits == misfits > 0
+    assert str(session.health) == f"{misfits:,} misfits"
 
 
 def test_it_says_once_that_this_place_or_light_is_not_the_map_s():

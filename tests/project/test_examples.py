@@ -11,6 +11,7 @@ import shutil
 import struct
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,15 @@ def test_a_rover_whose_goal_never_comes_stops_where_the_line_ends(street, rover)
     assert reached is None
     assert speeds[-1] == 0.0
     assert rover.FAST in speeds
+
+
+def test_a_rover_whose_map_has_no_positions_does_not_move(street, rover, tmp_path):
+    known = replace(ReferenceMap.load(street / "map.npz"), route=None)
+    known.save(tmp_path / "map.npz")
+    speeds = []
+    with pytest.raises(SystemExit, match="has no positions"):
+        rover.follow(str(street / "sent.bin"), "evpr", str(tmp_path / "map.npz"), 30, speeds.append)
+    assert speeds == [0.0]
 
 
 def test_the_rover_is_a_page_of_code():

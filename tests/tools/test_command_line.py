@@ -218,6 +218,9 @@ def test_a_truth_that_lacks_something_says_what(drive, tmp_path, capsys):
     words = ["evaluate", results, "--tolerance", "2", "--ground-truth"]
     assert "--frame-period 1/30" in refused(capsys, *words, truth)
     assert "a.nmea is one track: give two" in refused(capsys, *words, "a.nmea")
+    truth.write_text("time_s,position_m\n0,0\n1000,1000\n")
+    assert cli.main([*map(str, words), str(truth)]) == 1
+    assert "of tracks give two, the reference's" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError, printable
 from edge_vpr.settings import duration_us
-from edge_vpr_tools.console import summary
+from edge_vpr_tools.console import summary, warning
 from edge_vpr_tools.flags import (
     DEFAULT_PRESET,
     add_map_flags,
@@ -110,13 +110,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     output.add_argument("--overwrite", action="store_true", help="replace files that exist")
     learning = parser.add_argument_group("learning")
-    learning.add_argument("--learn", action="store_true", help="make a map of this drive")
     learning.add_argument(
-        "-o",
-        "--output",
-        metavar="MAP.npz",
+        "--learn", action="store_true",
+        help="make a map of this drive; with --map, and without other settings than it has, that "
+        "map learns this drive",
+    )  # fmt: skip
+    learning.add_argument(
+        "-o", "--output", metavar="MAP.npz",
         help="with --learn, the map to write; the drive is meanwhile matched with that of --map",
-    )
+    )  # fmt: skip
     add_map_flags(parser)
 
 
@@ -191,11 +193,11 @@ def _check_files(args: argparse.Namespace) -> None:
 
 def _learnt_with(args: argparse.Namespace, reference: ReferenceMap | None) -> Settings | None:
     """Return the settings of the map to learn: those of the flags, or without any of the map."""
-    if not args.learn or (
-        reference and args.preset == DEFAULT_PRESET and not given_map_flags(args)
-    ):
+    if not args.learn:
         return None
-    return map_settings(args)
+    if reference is None or args.preset != DEFAULT_PRESET or given_map_flags(args):
+        return map_settings(args)
+    return reference.settings
 
 
 def run(args: argparse.Namespace) -> None:
@@ -206,9 +208,9 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.progress import warn_if_much
 
     check_arguments(args)
-    reference = None
-    if args.map is not None:
-        reference = ReferenceMap.load(args.map)
+    reference = None if args.map is None else ReferenceMap.load(args.map)
+    learnt_with = _learnt_with(args, reference)
+    if reference is not None:
         flags = with_match_flags(args, reference.settings, online=True)
         reference.check_asked(flags)
         reference = reference.matched_with(flags)
@@ -216,7 +218,7 @@ def run(args: argparse.Namespace) -> None:
         args.port, protocol=args.protocol, reference=reference, every=args.every,
         sensor=args.sensor, baud=args.baud, flow_control=args.flow_control,
         reconnect=not args.once, odometry=args.odometry, burst_filter=args.burst_filter,
-        record=args.record, learn=args.output, settings=_learnt_with(args, reference),
+        record=args.record, learn=args.output, settings=learnt_with,
         overwrite=args.overwrite, on_overload=args.on_overload, max_lag=args.max_lag,
     )  # fmt: skip
     show_session(
@@ -225,6 +227,10 @@ def run(args: argparse.Namespace) -> None:
     )  # fmt: skip
     if session.learnt is not None:
         warn_if_much(session.removed, args.port, "keep them with --bursts keep")
+        update = session.update
+        for concern in () if update is None else update.warnings:
+            warning(concern)
         if not args.json:
             places, pixels = len(session.learnt), len(session.learnt.pixel_map)
-            summary(f"{printable(args.output)}: {places} places at {pixels} pixels")
+            text = f"{printable(args.output)}: {places} places at {pixels} pixels"
+            summary(text if update is None else f"{text}; {update}")
