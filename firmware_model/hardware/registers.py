@@ -36,7 +36,7 @@ class Register(NamedTuple):
 
 REGISTERS = (
     Register("ID", 0x00, "read", f"{ID_VALUE:#x}"),
-    Register("DESIGN", 0x04, "read", "CRC-32 of the design's file: is the map of this design?"),
+    Register("DESIGN", 0x04, "read", "CRC-32 of the design's file: whether a map is for it"),
     Register("CONTROL", 0x08, "write", "bit 0: restart at the start below; places are kept"),
     Register(
         "STATUS",
@@ -49,7 +49,7 @@ REGISTERS = (
     Register("ACTIVITY", 0x18, "read, write", "usual number of events in a window, times 256"),
     Register("EVENT_TIME", 0x20, "write", "time of the next event"),
     Register("EVENT_TIME_HIGH", 0x24, "write", "its upper bits, of clocks above 32 bits"),
-    Register("EVENT_PIXEL", 0x28, "write", "column (16 bits), row (15), ON (1): gives the event"),
+    Register("EVENT_PIXEL", 0x28, "write", "column (16 bits), row (15), ON (1); sends the event"),
     Register("PLACE", 0x30, "write", "next 32 bits of a word of `places.mem`, the lowest first"),
     Register(
         "TABLE_ADDRESS",

@@ -11,7 +11,7 @@ from edge_vpr_tools.flags import add_truth_flags
 
 EXAMPLES = """\
   edge-vpr calibrate tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70
-  edge-vpr calibrate tuesday --ground-truth pairs.csv --tolerance 3 -o monday_sure.npz"""
+  edge-vpr calibrate tuesday --ground-truth pairs.csv --tolerance 3 -o calibrated.npz"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

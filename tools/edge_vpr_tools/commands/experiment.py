@@ -77,7 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--table", metavar="DIR",
         help="calibration only: instead of judging the shipped tables of probabilities, learn new "
-        "ones on so many streets, and write them to this folder",
+        "ones on as many streets as --seeds says, and write them to this folder",
     )  # fmt: skip
 
 

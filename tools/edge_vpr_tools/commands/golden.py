@@ -46,8 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     vectors.add_argument(
         "--ram", metavar="SIZE", default="64KiB",
         help="RAM of the microcontroller: the place filter keeps the distances of a window where "
-        "they fit, 2 bytes per place, and computes them twice where they do not; of a design file "
-        "only if it does not say",
+        "they fit (2 bytes per place), and otherwise computes them twice; keep_distances in a "
+        "design file decides instead",
     )  # fmt: skip
     vectors.add_argument(
         "--vectors", metavar="SIZE", default="all",
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         choices=("corners", "random", "filter", "recording"),
         default=[],
-        help="make this suite only; may be given several times (default: all)",
+        help="make this suite only; may be repeated (default: all)",
     )
     vectors.add_argument("--seed", type=int, default=0, help="seed of the random vectors")
     vectors.add_argument(

@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         action="append",
         help="also write the matched positions as a track: .gpx or .geojson for maps, of a map "
-        "with a GPS log, or .tum for evo, of any map with positions; may be given several times",
+        "with a GPS log, or .tum for evo, of any map with positions; may be repeated",
     )
     online = parser.add_argument_group("online matching")
     online.add_argument(
