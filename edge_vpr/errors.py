@@ -99,7 +99,12 @@ class MissingExtraError(UsageError):
     """An optional library is needed and not installed; the message names the extra."""
 
     def __init__(self, what: str, library: str, extra: str) -> None:
-        super().__init__(
+        # as `args`, by which a worker's process sends it
+        super().__init__(what, library, extra)
+
+    def __str__(self) -> str:
+        what, library, extra = self.args
+        return (
             f"{what} needs the library {library}, which is not installed: "
             f"run {install_command(extra)}"
         )

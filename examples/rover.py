@@ -29,5 +29,7 @@ def follow(port: str, protocol: str, map_path: str, goal_m: float, drive: Callab
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 5:
+        sys.exit(__doc__)
     reached = follow(*sys.argv[1:4], float(sys.argv[4]), drive=lambda speed: print(f"{speed} m/s"))
     print("the line has ended" if reached is None else f"at {reached:.1f} m")

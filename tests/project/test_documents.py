@@ -62,14 +62,6 @@ def names_for(page: str) -> dict[str, Any]:
         return {"x": np.arange(5), "y": np.arange(5), "drives": [(one, "a"), (one, "b")]}
     if page == "docs/firmware.md":
         pytest.importorskip("ziglang", reason="Zig's C compiler is an extra")
-        rng = np.random.default_rng(2)
-        pixels = rng.choice(346 * 260, 150, replace=False)
-        codes = rng.integers(0, 8, (860, 150)).tolist()
-        return {
-            "pixels": [(int(pixel) % 346, int(pixel) // 346) for pixel in pixels],
-            "places": codes,
-            "codes": codes[0],
-        }
     if page == "docs/live.md":
         events = random_events(np.random.default_rng(3), 4_000, Sensor(32, 24), 2_000_000)
         settings = Settings(pixels=20, sigma=1.0, tau_us=100_000)

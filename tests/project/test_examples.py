@@ -7,6 +7,7 @@ import importlib.util
 import json
 import os
 import re
+import runpy
 import shutil
 import struct
 import subprocess
@@ -70,6 +71,12 @@ def test_the_rover_stops_at_its_goal(street, rover):
     reached, speeds = drive_to(30.0, street, rover)
     assert 30.0 <= reached < 40.0
     assert speeds[-1] == 0.0
+
+
+def test_the_rover_says_what_it_takes(monkeypatch):
+    monkeypatch.setattr("sys.argv", ["rover.py", "--help"])
+    with pytest.raises(SystemExit, match="PORT PROTOCOL"):
+        runpy.run_path(str(EXAMPLES / "rover.py"), run_name="__main__")
 
 
 def test_a_rover_whose_goal_never_comes_stops_where_the_line_ends(street, rover):

@@ -33,6 +33,14 @@ def refuse(number):
     return number
 
 
+def lack_a_library(number):
+    from edge_vpr.errors import MissingExtraError
+
+    if number == 3:
+        raise MissingExtraError("a third job", "no_library", "formats")
+    return number
+
+
 def slow_trial(trial):
     """Take a while, so that the worker can be killed meanwhile."""
     import time

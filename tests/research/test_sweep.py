@@ -391,6 +391,8 @@ def test_a_worker_of_this_machine_may_die(tmp_path):
         found = {one.key: one for one in run_all(numbers, sweep_jobs.refuse, workers)}
         assert found[3].error == "internal error, ValueError: three is refused"
         assert "in refuse" in found[3].where
+        found = {one.key: one for one in run_all(numbers, sweep_jobs.lack_a_library, workers)}
+        assert found[3].error.startswith("a third job needs the library no_library, which is not")
     with pytest.raises(UsageError, match="1 or more"), processes(0):
         pass
 

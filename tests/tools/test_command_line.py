@@ -76,6 +76,7 @@ def refused(capsys, *words):
         ("map a.npz -o b.npz --sigma wide", "--sigma: 'wide' is not a number"),
         ("evaluate r --ground-truth t --tolerance nan", "'nan' is not a finite number"),
         ("map a.npz", "required: -o/--output"),
+        ("map", "required: REFERENCE, -o/--output"),
         ("match a.npz b.npz -o", "-o/--output: expected one argument"),
     ],
 )

@@ -45,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "more",
         metavar="DRIVE",
         nargs="*",
+        default=[],  # without it, an error calls them required
         help="recordings of further drives of the route, averaged into the map, which stays as "
         "large",
     )
