@@ -76,6 +76,16 @@ def test_a_page_needs_no_other_file(tmp_path):
     assert re.findall(r"url\((?!#)", text) == []
 
 
+def test_a_figure_is_drawn_on_the_paper_of_its_page(tmp_path):
+    """Its file has white paper, on which a viewer with a dark background shows it too."""
+    svg = re.search("<svg.*</svg>", report(tmp_path / "report.html"), re.DOTALL)[0]
+    assert "fill: var(--paper)" in svg
+    assert "#ffffff" not in svg
+    with figure() as (drawing, axes):
+        axes.plot([0, 1])
+    assert b"fill: #ffffff" in drawn(drawing, "svg")
+
+
 def test_a_page_names_settings_versions_and_inputs(tmp_path):
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", report(tmp_path / "report.html")))
     assert "pixels 150 smooth yes filter_back none clip none filter_steps 1, 0, 1" in text
