@@ -39,7 +39,7 @@ OFF_SENSOR = -1
 OFF_COUNTS = -2
 
 
-@kernel
+@kernel(inner=True)
 def _below(column: Any, limit: int) -> bool:
     highest = np.uint16(0)
     for i in range(column.size):

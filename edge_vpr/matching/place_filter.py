@@ -157,7 +157,7 @@ class StepTable(NamedTuple):
     typical: npt.NDArray[np.int64]
 
 
-@kernel
+@kernel(inner=True)
 def leads_to(
     place: int, next_place: int, first: int, last: int, jumps: npt.NDArray[np.int32]
 ) -> bool:
@@ -712,7 +712,7 @@ def margin_of(metric: Metrics, place: int, second: int) -> int:
     return int(metric[second]) - int(metric[place])
 
 
-@kernel
+@kernel(inner=True)
 def _first_least(metric: Metrics, begin: int, end: int) -> int:
     """Return the first place of the lowest metric in a range; -1 if the range is empty."""
     if begin >= end:

@@ -581,7 +581,7 @@ def match_now(state, step, rows, sums, total, c, length, events, over, row):
     return True
 
 
-@kernel
+@kernel(inner=True)
 def acceptance(row, trust, probability, least_trust):
     """Write the probability, and whether the match is lost.
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from browser import open_browser, program
 from edge_vpr_tools.report.page import MISSED, Page, add_run
-from edge_vpr_tools.report.style import Scale, add_scale, along_route, drawn, figure
+from edge_vpr_tools.report.style import Scale, add_scale, along_route, figure, save
 
 from edge_vpr.evaluation.metrics import RecallDenominator
 from edge_vpr.route import Route
@@ -37,7 +37,7 @@ def report(path):
     page.heading("How many are right")
     wide = [f"a column of some width {i}" for i in range(12)]
     page.table(wide, [[f"{i}.5" for i in range(12)], ["-"] + [""] + ["7"] * 10])
-    page.picture(drawn(drawing, "svg"), 'the "best" matches')
+    page.picture(save(drawing), 'the "best" matches')
     add_run(page, RECORD)
     page.write(path)
     return path.read_text()
@@ -62,7 +62,7 @@ def test_control_characters_are_escaped_in_a_page(tmp_path):
     page.folded(name, f"{name}\nof two lines")
     with figure() as (drawing, axes):
         axes.plot([0, 1])
-    page.picture(drawn(drawing, "svg"), name)
+    page.picture(save(drawing), name)
     page.write(tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert text.replace("\n", "").isprintable()
@@ -74,6 +74,27 @@ def test_a_page_needs_no_other_file(tmp_path):
     text = report(tmp_path / "report.html")
     assert re.findall(r"(?:src|href)=\"(?!data:image/png|#)[^\"]*", text) == []
     assert re.findall(r"url\((?!#)", text) == []
+
+
+def test_a_figure_is_drawn_on_the_paper_of_its_page(tmp_path):
+    """Its file has white paper, on which a viewer with a dark background shows it too."""
+    svg = re.search("<svg.*</svg>", report(tmp_path / "report.html"), re.DOTALL)[0]
+    assert "fill: var(--paper)" in svg
+    assert "#ffffff" not in svg
+    with figure() as (drawing, axes):
+        axes.plot([0, 1])
+    assert b"fill: #ffffff" in save(drawing)
+
+
+def test_all_files_of_a_figure_have_the_layout_of_its_page(tmp_path):
+    """Letters are of another size in each format, so that each would be laid out differently."""
+    with figure() as (drawing, axes):
+        axes.plot([0, 1])
+        axes.set(xlabel="time (s)", ylabel="events")
+    save(drawing)
+    laid_out = axes.get_position().bounds
+    save(drawing, tmp_path / "drive.png", tmp_path / "drive.pdf")
+    assert axes.get_position().bounds == laid_out
 
 
 def test_a_page_names_settings_versions_and_inputs(tmp_path):

@@ -21,7 +21,6 @@ from edge_vpr_tools.report.style import (
     GREEN,
     ORANGE,
     SKY,
-    drawn,
     figure,
     name_label,
     quantity_axis,
@@ -58,17 +57,17 @@ def write_report(found: Profile, folder: Path) -> None:
         page.heading("Accuracy and cost of designs")
         page.table(DESIGNS, designs(found))
         caption = "Share of correct matches of each design against what a match of it took here."
-        _add(page, folder / "accuracy.png", accuracy(found.designs), caption)
+        page.picture(save(accuracy(found.designs), folder / "accuracy.png"), caption)
     energy = found.energy
     if isinstance(energy, Energy) and energy.readings is not None and energy.figures is not None:
         page.heading("Energy")
         readings, of_match = energy.readings, energy.figures
         caption = "Power; idle and load windows are shaded."
-        _add(page, folder / "power.png", power_trace(readings), caption)
+        page.picture(save(power_trace(readings), folder / "power.png"), caption)
         caption = "Load less idle of each pair."
-        _add(page, folder / "pairs.png", differences(readings), caption)
+        page.picture(save(differences(readings), folder / "pairs.png"), caption)
         caption = "Energy of a match against the match rate: at low rates the board at rest is all."
-        _add(page, folder / "rate.png", against_rate(energy, of_match), caption)
+        page.picture(save(against_rate(energy, of_match), folder / "rate.png"), caption)
     provenance = to_json(found.provenance)
     page.heading("Conditions of the measurement")
     page.table(
@@ -81,11 +80,6 @@ def write_report(found: Profile, folder: Path) -> None:
     )
     add_run(page, to_json(found.run))
     page.write(folder / results.REPORT)
-
-
-def _add(page: Page, path: Path, drawing: Figure, caption: str) -> None:
-    save(drawing, path)
-    page.picture(drawn(drawing, "svg"), caption)
 
 
 # Figures of a profile.

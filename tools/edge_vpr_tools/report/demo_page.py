@@ -11,7 +11,7 @@ from edge_vpr.reference_map import write_matched
 from edge_vpr_tools.report import figures
 from edge_vpr_tools.report.figures import over_time
 from edge_vpr_tools.report.page import Page, add_run
-from edge_vpr_tools.report.style import along_route, drawn, save, seconds
+from edge_vpr_tools.report.style import along_route, save, seconds
 from edge_vpr_tools.report.traverse import shown_distances
 from edge_vpr_tools.report.verdict import outcome_of
 from edge_vpr_tools.research.experiments import simulated
@@ -139,7 +139,6 @@ def write_report(
          "A window of fixed N is short where the camera moves fast."),
     ]  # fmt: skip
     for name, drawing, caption in drawings:
-        save(drawing, folder / name)
-        page.picture(drawn(drawing, "svg"), caption)
+        page.picture(save(drawing, folder / name), caption)
     add_run(page, read_json(folder / results.RUN, "the run", "run the demo again"))
     page.write(folder / results.REPORT)

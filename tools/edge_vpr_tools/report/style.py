@@ -160,48 +160,48 @@ def quantity_axis(axis: Axis, unit: str) -> None:
     axis.set_major_formatter(EngFormatter(unit))
 
 
-def save(drawing: Figure, *paths: Path) -> dict[str, bytes]:
+def save(drawing: Figure, *paths: Path) -> bytes:
     """Write a figure to files, each atomically, in the format of its suffix (PNG, PDF or SVG).
 
-    The files of one figure are the same whenever they are written: they hold no date.
+    The files of one figure are the same whenever they are written: they hold no date, and all have
+    the layout of the SVG.
 
     Returns
     -------
-    dict of str to bytes
-        What was written, by format: drawing takes longer than anything else in a report.
+    bytes
+        The figure as SVG, with text as text, for `Page.picture`.
     """
-    found: dict[str, bytes] = {}
     for path in paths:
-        kind = path.suffix.lower().removeprefix(".")
-        if kind not in FORMATS:
+        if _format_of(path) not in FORMATS:
             raise UsageError(
                 f"figure {path} does not end in .{', .'.join(FORMATS)}: name it for example "
                 f"{path.stem}.pdf"
             )
-        if kind not in found:
-            found[kind] = drawn(drawing, kind)
-        with replacing(path) as temporary:
-            temporary.write_bytes(found[kind])
-    return found
-
-
-def drawn(drawing: Figure, kind: str) -> bytes:
-    """Return a figure as the bytes of a file; that of an SVG is also for `Page.picture`.
-
-    Parameters
-    ----------
-    kind : str
-        One of `FORMATS`. The text of an SVG stays text.
-    """
     target = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "edge-vpr", "svg.fonttype": "none", "pdf.fonttype": 42}):
-        if kind == "svg":  # `savefig` would draw everything once more, to lay it out
-            drawing.set_dpi(_DPI)
-            canvas: Any = FigureCanvasSVG(drawing)
-            canvas.print_svg(target, metadata={"Date": None})
-        else:
-            undated = {"CreationDate": None} if kind == "pdf" else None
-            drawing.savefig(target, format=kind, dpi=_DPI, metadata=undated)
+    with mpl.rc_context({"svg.hashsalt": "edge-vpr", "svg.fonttype": "none"}):
+        drawing.set_dpi(_DPI)
+        # `savefig` would draw everything once more, to lay it out
+        canvas: Any = FigureCanvasSVG(drawing)
+        canvas.print_svg(target, metadata={"Date": None})
+    drawing.set_layout_engine("none")  # the layout stays
+    svg = target.getvalue()
+    for path in paths:
+        kind = _format_of(path)
+        with replacing(path) as temporary:
+            temporary.write_bytes(svg if kind == "svg" else _drawn(drawing, kind))
+    return svg
+
+
+def _format_of(path: Path) -> str:
+    return path.suffix.lower().removeprefix(".")
+
+
+def _drawn(drawing: Figure, kind: str) -> bytes:
+    """Return a figure as the bytes of a PNG or PDF file."""
+    target = io.BytesIO()
+    undated = {"CreationDate": None} if kind == "pdf" else None
+    with mpl.rc_context({"pdf.fonttype": 42}):
+        drawing.savefig(target, format=kind, dpi=_DPI, metadata=undated)
     return target.getvalue()
 
 

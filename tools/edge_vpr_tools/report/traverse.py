@@ -32,7 +32,7 @@ from edge_vpr_tools.report.figures import (
     windows_side_by_side,
 )
 from edge_vpr_tools.report.page import MISSED, Page, add_run
-from edge_vpr_tools.report.style import along_route, drawn, save, seconds
+from edge_vpr_tools.report.style import along_route, save, seconds
 from edge_vpr_tools.report.verdict import Outcome, outcome_of
 
 #: a picture shows no more cells than this on a side
@@ -75,8 +75,8 @@ def write_report(
     page = Page("edge-vpr: matches of a drive")
 
     def add(name: str, drawing: Figure, caption: str) -> None:
-        files = save(drawing, *(folder / f"{name}.{kind}" for kind in formats))
-        page.picture(files.get("svg") or drawn(drawing, "svg"), caption)
+        files = (folder / f"{name}.{kind}" for kind in formats)
+        page.picture(save(drawing, *files), caption)
 
     page.verdict(outcome.sentence())
     for text in (*run.get("warnings", ()), *warnings):
@@ -223,7 +223,7 @@ def _add_wrong_windows(
             caption += f" at {outcome.precision:g})"
         if not right.size:
             caption += "; no place of the map is correct"
-        page.picture(drawn(windows_side_by_side(reference, windows), "svg"), f"{caption}.")
+        page.picture(save(windows_side_by_side(reference, windows)), f"{caption}.")
 
 
 def _add_queries(
