@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from firmware_model.model.design import ACTIVITY_COSTS, Design, formats_of, widths_of
+from firmware_model.model.design import Design, formats_of, widths_of
 
 
 class Memory(NamedTuple):
@@ -62,8 +62,8 @@ def memories(design: Design, slow_blocks: bool = False) -> dict[str, Memory]:
     if design.activity_costs:
         kept["place_activity"] = Memory(design.places, bits["place_activity"])
         # a row a quarter of an octave, of 16 octaves
-        width = max(map(max, ACTIVITY_COSTS)).bit_length()
-        kept["costs"] = Memory(64, len(ACTIVITY_COSTS[0]) * width)
+        width = max(map(max, design.costs_by_activity)).bit_length()
+        kept["costs"] = Memory(64, design.forward_steps * width)
     return {
         "displacement": Memory(design.height, bits["address"]),
         "lookup": Memory(design.lookup_depth, bits["owner"] + bits["slot"]),
@@ -187,9 +187,8 @@ def operations(design: Design) -> Operations:
 def _filter_operations(design: Design) -> Operations:
     places, again = design.places, 1 if design.keep_distances else 2
     # steps that lead to a place from within the map
-    forward = len(ACTIVITY_COSTS[0]) if design.activity_costs else len(design.steps)
     row = places if design.activity_costs else 0
-    steps = sum(max(0, places - step) for step in range(forward))
+    steps = sum(max(0, places - step) for step in range(design.forward_steps))
     steps += sum(max(0, places - step) for step in range(1, len(design.back) + 1))
     return Operations(
         absolute_differences=again * places * design.slots + places,

@@ -56,6 +56,9 @@ SIZES = {
     "default_distances_twice": replace(
         _FILTER, code="contrast", activity_costs=True, steps=(), places=20
     ),
+    "places_at_half_windows": replace(
+        _FILTER, code="contrast", activity_costs=2, steps=(), back=(1,), places=20
+    ),
 }  # fmt: skip
 _LARGE = Design(
     width=346, height=260, pixels=150, places=1000, matching="filter", code="contrast",

@@ -23,6 +23,7 @@
 #define FEW_STEPS 3U /* what a match may always follow by, from 0 on */
 #define STEPS_MAX 16U
 #define NEAR 4U      /* steps whose metrics stay in registers: 0 to 3 places */
+#define HALF_STEPS 7U /* of places at half windows: 0 to 6 places */
 #define BLOCK 16U    /* places whose distances are at hand at once */
 #define FAR 0xFFFFU /* metric of a place off the map, and price of a step that there is not */
 #define WEIGHT_BITS 3U
@@ -41,14 +42,26 @@ static const uint8_t activity_costs[ROWS][NEAR] = {
     {9U, 0U, 6U, 20U},   {11U, 0U, 5U, 18U},  {15U, 1U, 5U, 17U},  {19U, 3U, 5U, 16U},
     {22U, 4U, 4U, 15U}};
 
-/* What a step to a place costs, less the least metric: prices wrap where they are below it, and
- * their sum with a metric does not. */
+/* The same of a step of 0 to 6 places at half windows. */
+static const uint8_t half_place_costs[ROWS][HALF_STEPS] = {
+    {4U, 17U, 44U, 63U, 80U, 107U, 120U}, {4U, 15U, 39U, 57U, 73U, 100U, 111U},
+    {4U, 14U, 35U, 51U, 67U, 92U, 103U},  {4U, 12U, 31U, 45U, 60U, 84U, 95U},
+    {4U, 10U, 26U, 40U, 53U, 77U, 87U},   {4U, 8U, 22U, 34U, 46U, 69U, 79U},
+    {4U, 6U, 18U, 28U, 40U, 62U, 70U},    {4U, 4U, 14U, 22U, 33U, 54U, 62U},
+    {5U, 3U, 10U, 17U, 27U, 47U, 55U},    {5U, 1U, 6U, 11U, 20U, 40U, 46U},
+    {6U, 1U, 2U, 7U, 14U, 33U, 39U},      {8U, 1U, 1U, 4U, 10U, 28U, 34U},
+    {12U, 3U, 0U, 2U, 7U, 24U, 29U},      {17U, 6U, 1U, 1U, 5U, 22U, 26U},
+    {23U, 11U, 2U, 1U, 4U, 20U, 24U},     {30U, 16U, 6U, 3U, 5U, 20U, 23U},
+    {37U, 21U, 8U, 4U, 5U, 20U, 22U}};
+
+/* What a step to a place costs. Near prices are less the least metric: they wrap where they are below
+ * it, and their sum with a metric does not. */
 typedef struct {
     const int8_t *place_activity; /* NULL: steps cost the same to all places */
     int32_t activity;             /* of the window, so that it gives the row of a place */
-    uint32_t near[NEAR];          /* of a step of 0, 1 ... if they do */
-    const uint16_t *fixed; /* in the design, of which those beyond begin at NEAR */
-    uint32_t far_count;
+    uint32_t steps;               /* of 0, 1 ... places that have a price */
+    uint32_t near[NEAR];          /* of the first of these if they do */
+    const uint16_t *fixed;        /* of all of these if they do, in the design */
     const uint16_t *back; /* of -1, -2 ... */
     uint32_t back_count;
     uint32_t least;
@@ -97,21 +110,24 @@ static inline uint32_t row_of(int32_t activity, int32_t of_place)
  * and those above it are in the delay line. */
 static uint32_t cheapest(const prices_t *p, const uint16_t *metric, uint32_t at)
 {
-    uint32_t found = p->limit;
-    const bool by_activity = p->place_activity != NULL;
-    const uint32_t row = by_activity ? row_of(p->activity, p->place_activity[at]) : 0U;
-    for (uint32_t i = 0U; (i < NEAR) && (i <= at); i++) {
-        const uint32_t price =
-            by_activity ? ((uint32_t)activity_costs[row][i] - p->least) : p->near[i];
-        found = lesser(found, metric[at - i] + price);
-    }
-    for (uint32_t i = 0U; (i < p->far_count) && ((i + NEAR) <= at); i++) {
-        found = lesser(found, ((uint32_t)metric[at - NEAR - i] + p->fixed[NEAR + i]) - p->least);
+    const uint32_t steps = lesser(p->steps, at + 1U);
+    uint32_t found = p->limit + p->least;
+    if (p->place_activity != NULL) {
+        const uint32_t row = row_of(p->activity, p->place_activity[at]);
+        const uint8_t *const costs =
+            (p->steps == NEAR) ? activity_costs[row] : half_place_costs[row];
+        for (uint32_t i = 0U; i < steps; i++) {
+            found = lesser(found, (uint32_t)metric[at - i] + costs[i]);
+        }
+    } else {
+        for (uint32_t i = 0U; i < steps; i++) {
+            found = lesser(found, (uint32_t)metric[at - i] + p->fixed[i]);
+        }
     }
     for (uint32_t i = 0U; i < p->above; i++) {
-        found = lesser(found, ((uint32_t)p->ahead[i] + p->back[i]) - p->least);
+        found = lesser(found, (uint32_t)p->ahead[i] + p->back[i]);
     }
-    return found;
+    return found - p->least;
 }
 
 /* Move the delay line of the metrics above by one place. */
@@ -176,7 +192,7 @@ static inline void predict_by_activity(const prices_t *p, uint16_t *metric, uint
 static void predict(prices_t *p, uint16_t *metric, const block_t *b)
 {
     uint32_t end = b->end;
-    if (((p->far_count | p->back_count) == 0U) && (end >= NEAR)) {
+    if ((p->steps <= NEAR) && (p->back_count == 0U) && (end >= NEAR)) {
         const uint32_t from = (b->from < (NEAR - 1U)) ? (NEAR - 1U) : b->from;
         if (p->place_activity != NULL) {
             predict_by_activity(p, metric, from, end);
@@ -320,7 +336,7 @@ static void set_prices(const vpr_design_t *d, const vpr_state_t *s, prices_t *p)
     for (uint32_t i = 0U; (i < NEAR) && (d->place_activity == NULL); i++) {
         p->near[i] = ((i < d->steps) ? d->price[i] : FAR) - s->least;
     }
-    p->far_count = (d->steps > NEAR) ? (d->steps - NEAR) : 0U;
+    p->steps = d->steps;
     p->fixed = d->price;
     p->back = d->back_price;
     p->back_count = d->back;

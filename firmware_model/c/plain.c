@@ -42,6 +42,15 @@ static const uint8_t by_activity[17][4] = {
     {5, 1, 10, 26},  {7, 0, 8, 22},   {9, 0, 6, 20},   {11, 0, 5, 18},  {15, 1, 5, 17},
     {19, 3, 5, 16},  {22, 4, 4, 15}};
 
+/* The same of a step of 0 to 6 places, if there are two per window. */
+static const uint8_t at_half_windows[17][7] = {
+    {4, 17, 44, 63, 80, 107, 120}, {4, 15, 39, 57, 73, 100, 111}, {4, 14, 35, 51, 67, 92, 103},
+    {4, 12, 31, 45, 60, 84, 95},   {4, 10, 26, 40, 53, 77, 87},   {4, 8, 22, 34, 46, 69, 79},
+    {4, 6, 18, 28, 40, 62, 70},    {4, 4, 14, 22, 33, 54, 62},    {5, 3, 10, 17, 27, 47, 55},
+    {5, 1, 6, 11, 20, 40, 46},     {6, 1, 2, 7, 14, 33, 39},      {8, 1, 1, 4, 10, 28, 34},
+    {12, 3, 0, 2, 7, 24, 29},      {17, 6, 1, 1, 5, 22, 26},      {23, 11, 2, 1, 4, 20, 24},
+    {30, 16, 6, 3, 5, 20, 23},     {37, 21, 8, 4, 5, 20, 22}};
+
 static uint32_t byte_at(const plain_t *p, uint64_t at)
 {
     if (at >= p->bytes) {
@@ -287,27 +296,24 @@ static int64_t reciprocal_of(const int64_t *distances, uint32_t places)
     return 65536 / ((spread < 1) ? 1 : spread);
 }
 
-static bool has_activity_costs(const plain_t *p)
-{
-    return plain_word(p, ACTIVITY_COSTS) != 0U;
-}
-
 static int64_t steps_of(const plain_t *p)
 {
-    return has_activity_costs(p) ? 4 : (int64_t)plain_word(p, STEPS);
+    const int64_t steps[3] = {plain_word(p, STEPS), 4, 7};
+    return steps[plain_word(p, ACTIVITY_COSTS)];
 }
 
 /* Price of a step forwards, 0 or more, that leads to a place. */
 static int64_t forwards(const plain_t *p, int64_t step, uint32_t place)
 {
-    if (!has_activity_costs(p)) {
+    const uint32_t places_per_window = plain_word(p, ACTIVITY_COSTS);
+    if (places_per_window == 0U) {
         return half_at(p, plain_word(p, PRICES) + ((uint64_t)step * 2U));
     }
     const int64_t byte = byte_at(p, (uint64_t)plain_word(p, PLACE_ACTIVITY) + place);
     int64_t row = 12 + floor_shift(p->activity - ((byte < 128) ? byte : (byte - 256)) + 4, 3U);
     row = (row < 0) ? 0 : row;
     row = (row > 16) ? 16 : row;
-    return by_activity[row][step];
+    return (places_per_window == 1U) ? by_activity[row][step] : at_half_windows[row][step];
 }
 
 /* Price of being at a place, without the evidence. */

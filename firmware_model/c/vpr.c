@@ -44,7 +44,7 @@ enum {
     AT_OWN_MEAN, /* bits of own-mean codes; 0: others */
     AT_ACTIVITY,
     AT_CONTRAST,
-    AT_ACTIVITY_COSTS
+    AT_ACTIVITY_COSTS /* places per window whose costs of steps are by activity; 0: fixed costs */
 };
 
 #define LIMIT 0xFFFFU     /* of what is multiplied */
@@ -129,7 +129,7 @@ static bool within_limits(const uint32_t *image)
                  {AT_STEPS, 0U, STEPS_MAX}, {AT_BACK, 0U, STEPS_MAX},
                  {AT_RESTART, 0U, PRICE_MAX}, {AT_KEEP_DISTANCES, 0U, 1U},
                  {AT_TRUST, 0U, TRUST_MAX}, {AT_OWN_MEAN, 0U, 8U},
-                 {AT_CONTRAST, 0U, 1U},     {AT_ACTIVITY_COSTS, 0U, 1U}};
+                 {AT_CONTRAST, 0U, 1U},     {AT_ACTIVITY_COSTS, 0U, 2U}};
     for (uint32_t i = 0U; i < (sizeof range / sizeof *range); i++) {
         const uint32_t value = image[range[i].word];
         if ((value < range[i].least) || (value > range[i].most)) {
@@ -287,7 +287,8 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->ratio_denominator = image[AT_RATIO_DENOMINATOR];
     d->accept = image[AT_ACCEPT];
     d->code_max = image[AT_CODE_MAX];
-    d->steps = by_activity ? NEAR : image[AT_STEPS];
+    d->steps = by_activity ? ((image[AT_ACTIVITY_COSTS] == 1U) ? NEAR : HALF_STEPS)
+                           : image[AT_STEPS];
     d->back = image[AT_BACK];
     d->restart = image[AT_RESTART];
     d->trust = image[AT_TRUST];

@@ -62,7 +62,7 @@ typedef struct {
     uint32_t ratio_denominator; /* 0: accept by margin */
     uint32_t accept;            /* margin, or numerator of the ratio */
     uint32_t code_max;
-    uint32_t steps;   /* of the place filter; of sequences 0 */
+    uint32_t steps;   /* forward, from 0 places on, of the place filter; of sequences 0 */
     uint32_t back;
     uint32_t restart; /* price of getting anywhere */
     uint32_t trust;   /* least that is accepted */

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from firmware_model.errors import ToolError
 from firmware_model.hardware import sources
-from firmware_model.model.design import ACTIVITY_COSTS, FRACTION_BITS, Design
+from firmware_model.model.design import FRACTION_BITS, Design
 
 #: name of the package, and of its file
 PACKAGE = "vpr_pkg"
@@ -21,7 +21,7 @@ PRICE_BITS = 10
 
 def tables(design: Design) -> tuple[str, ...]:
     """Return the tables that the core of a design reads from files; places are loaded."""
-    adaptive = {"means": design.own_mean, "place_activity": design.activity_costs}
+    adaptive = {"means": design.own_mean, "place_activity": design.activity_costs > 0}
     return (*_TABLES, *(name for name, there in adaptive.items() if there))
 
 
@@ -49,9 +49,9 @@ def constants(design: Design) -> dict[str, int]:
         "LENGTH": design.length,
         "FILTER": int(design.filters),
         "KEEP_DISTANCES": int(design.keep_distances),
-        "STEPS": len(ACTIVITY_COSTS[0]) if design.activity_costs else len(design.steps),
+        "STEPS": design.forward_steps,
         "BACK": len(design.back),
-        "ACTIVITY_COSTS": int(design.activity_costs),
+        "ACTIVITY_COSTS": int(design.activity_costs > 0),
         "STEP_PRICES": _prices(design.steps),
         "BACK_PRICES": _prices(design.back),
         "RESTART": design.restart << FRACTION_BITS,

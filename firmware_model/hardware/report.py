@@ -41,14 +41,14 @@ DOCUMENTED = Design(
 )
 _FILTER = replace(DOCUMENTED, matching="filter", length=1)
 _BY_ACTIVITY = replace(_FILTER, activity_costs=True, steps=())
+_DEFAULT = replace(_BY_ACTIVITY, code="contrast", full_scales=(0,))
 KINDS = {
     "sequences of 5": DOCUMENTED,
     "place filter, fixed costs": _FILTER,
     "place filter, fixed costs, own means": replace(_FILTER, code="own-mean", full_scales=(0,)),
     "place filter, costs by activity": _BY_ACTIVITY,
-    "place filter, costs by activity, contrast codes": replace(
-        _BY_ACTIVITY, code="contrast", full_scales=(0,)
-    ),
+    "place filter, costs by activity, contrast codes": _DEFAULT,
+    "place filter, places at half windows, contrast codes": replace(_DEFAULT, activity_costs=2),
 }
 
 

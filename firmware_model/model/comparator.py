@@ -198,7 +198,7 @@ class SequenceModel:
 # Model of the place filter: one metric for each place, advanced by each window in integers.
 
 
-#: bits of an activity within a row of `ACTIVITY_COSTS`, and the row of the same activity
+#: bits of an activity within a row of `COSTS_BY_ACTIVITY`, and the row of the same activity
 ROW_BITS, SAME_ACTIVITY = 3, 12
 #: activity, in units of 1/16 octave, from which on evidence has weight
 WEIGHT_FROM = -48
@@ -261,7 +261,8 @@ class PlaceFilterModel:
     def steps(self, place: int, activity: int) -> Sequence[int]:
         """Return the prices of steps of 0, 1, 2 ... places to a place, with fraction bits."""
         if self.design.activity_costs:
-            return ACTIVITY_COSTS[row_of_costs(activity - self._place_activity[place])]
+            row = row_of_costs(activity - self._place_activity[place])
+            return self.design.costs_by_activity[row]
         return [price << FRACTION_BITS for price in self.design.steps]
 
     def match(
@@ -318,7 +319,7 @@ class PlaceFilterModel:
 
 
 def row_of_costs(activity: int) -> int:
-    """Return the row of `ACTIVITY_COSTS` of a window's activity less that of a place."""
+    """Return the row of `COSTS_BY_ACTIVITY` of a window's activity less that of a place."""
     row = (activity + (1 << (ROW_BITS - 1))) >> ROW_BITS
     return min(max(row + SAME_ACTIVITY, 0), len(ACTIVITY_COSTS) - 1)
 

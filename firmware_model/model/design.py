@@ -126,6 +126,17 @@ ACTIVITY_COSTS = (
     (5, 1, 10, 26), (7, 0, 8, 22), (9, 0, 6, 20), (11, 0, 5, 18), (15, 1, 5, 17),
     (19, 3, 5, 16), (22, 4, 4, 15),
 )  # fmt: skip
+#: the same of a step of 0 to 6 places, of which a window's way has two
+HALF_PLACE_COSTS = (
+    (4, 17, 44, 63, 80, 107, 120), (4, 15, 39, 57, 73, 100, 111), (4, 14, 35, 51, 67, 92, 103),
+    (4, 12, 31, 45, 60, 84, 95), (4, 10, 26, 40, 53, 77, 87), (4, 8, 22, 34, 46, 69, 79),
+    (4, 6, 18, 28, 40, 62, 70), (4, 4, 14, 22, 33, 54, 62), (5, 3, 10, 17, 27, 47, 55),
+    (5, 1, 6, 11, 20, 40, 46), (6, 1, 2, 7, 14, 33, 39), (8, 1, 1, 4, 10, 28, 34),
+    (12, 3, 0, 2, 7, 24, 29), (17, 6, 1, 1, 5, 22, 26), (23, 11, 2, 1, 4, 20, 24),
+    (30, 16, 6, 3, 5, 20, 23), (37, 21, 8, 4, 5, 20, 22),
+)  # fmt: skip
+#: by the number of places per window
+COSTS_BY_ACTIVITY = {1: ACTIVITY_COSTS, 2: HALF_PLACE_COSTS}
 
 
 # Ranges of the parameters of a design.
@@ -148,7 +159,7 @@ MAX_SIDE = 1 << 15
 MOST_PARTS = 4_096
 
 _TUPLES = ("full_scales", "steps", "back", "ratio")
-_SWITCHES = ("polarity", "activity_costs", "keep_distances")
+_SWITCHES = ("polarity", "keep_distances")
 _CHOICES = {"window": WindowKind, "matching": Matching, "accept": AcceptKind}
 _RANGES = {
     "width": (1, MAX_SIDE),
@@ -187,6 +198,11 @@ def check_parameters(design: Any) -> None:
         value = getattr(design, name)
         if not isinstance(value, bool):
             raise DesignError(f"design: {name} = {_shown(value)}: expected true or false")
+    costs = design.activity_costs
+    if not isinstance(costs, int) or costs not in (0, *COSTS_BY_ACTIVITY):
+        raise DesignError(f"design: activity_costs = {_shown(costs)}: expected false, true or 2")
+    # as files have it
+    object.__setattr__(design, "activity_costs", costs if costs > 1 else bool(costs))
     for name, (low, high) in _RANGES.items():
         value = getattr(design, name)
         if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
@@ -247,9 +263,10 @@ class Design(DesignFile):
         Sequences of L windows, or the place filter (`firmware_model.model.comparator`).
     length : int
         L, windows in a sequence; 0 takes 5. The filter has 1.
-    activity_costs : bool
-        Of the filter, take the prices of steps of 0 to 3 places from `ACTIVITY_COSTS`, by the
-        activity of the window against that of the place.
+    activity_costs : {False, True, 2}
+        Of the filter, take the prices of steps from `COSTS_BY_ACTIVITY`, by the activity of the
+        window against that of the place: with one place per window (true), of 0 to 3 places; or
+        with 2, of 0 to 6.
     steps, back : tuple of int
         Of the filter, the price of a step of 0, 1, 2 ... places in a window, and of -1, -2 ...
         With `activity_costs` there are no `steps`; otherwise none given stands for `STEPS`.
@@ -293,7 +310,7 @@ class Design(DesignFile):
     places: int
     matching: Matching = "sequence"
     length: int = 0
-    activity_costs: bool = False
+    activity_costs: int = False
     steps: tuple[int, ...] = ()
     back: tuple[int, ...] = ()
     restart: int = 16
@@ -405,11 +422,19 @@ class Design(DesignFile):
         return self.code == "contrast"
 
     @property
+    def forward_steps(self) -> int:
+        """Number of priced steps of 0, 1, 2 ... places."""
+        return len(self.costs_by_activity[0]) if self.activity_costs else len(self.steps)
+
+    @property
+    def costs_by_activity(self) -> tuple[tuple[int, ...], ...]:
+        """Prices of steps by activity; a design without `activity_costs` has none."""
+        return COSTS_BY_ACTIVITY.get(self.activity_costs, ())
+
+    @property
     def largest_step(self) -> int:
         """Places by which a match may be further than the one before that it follows."""
-        if self.activity_costs:
-            return len(ACTIVITY_COSTS[0]) - 1
-        return max(len(self.steps), len(STEPS)) - 1
+        return max(self.forward_steps, len(STEPS)) - 1
 
     @property
     def slots(self) -> int:
@@ -505,7 +530,7 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
     if design.activity_costs:
         found |= {"place_activity": UnsignedFormat(PLACE_ACTIVITY_BITS)}
     if design.filters:
-        costs = max(map(max, ACTIVITY_COSTS)) if design.activity_costs else 0
+        costs = max(map(max, design.costs_by_activity), default=0)
         prices = (*design.steps, *design.back, design.restart)
         found |= {
             "distance_total": distance.sum_of(design.places),

@@ -1,6 +1,7 @@
-// Costs of steps of 0 to 3 places to a place, in quarters, by the activity of the window less that
-// of the place that is reached, in sixteenths of an octave: a row of the table for each half octave
-// from -6 to +2, to which the difference is rounded and limited.
+// Costs of steps of 0 to 3 places to a place, or of 0 to 6 places at half windows, in quarters, by
+// the activity of the window less that of the place that is reached, in sixteenths of an octave: a
+// row of the table for each half octave from -6 to +2, to which the difference is rounded and
+// limited.
 //
 // `place_i` stands for two clocks at least. `costs_o` are those of a place that came with an edge at
 // the third edge behind it: its activity, the difference, and the row are a clock each. They stay
@@ -8,6 +9,7 @@
 module vpr_step_costs #(
     localparam int         PLACES     = vpr_pkg::PLACES,
     localparam int         PLACE_BITS = vpr_pkg::PLACE_BITS,
+    localparam int         STEPS      = vpr_pkg::STEPS,
     localparam logic [9:0] RESTART    = vpr_pkg::RESTART,
     localparam int         COST_BITS  = vpr_pkg::COST_BITS,
     parameter  bit         LOADABLE   = 0
@@ -18,14 +20,14 @@ module vpr_step_costs #(
     input  logic [31:0]                load_word_i,
     input  logic [9:0]                 activity_inverse_i,
     input  logic [PLACE_BITS-1:0]      place_i,
-    output logic [4*COST_BITS-1:0]     costs_o
+    output logic [STEPS*COST_BITS-1:0] costs_o
 );
-    localparam int STEPS    = 4;
     localparam int ROWS     = 17;
     localparam int ROW_BITS = 6;
+    localparam int HALF     = 7;  // steps of places at half windows
 
     // rows from +2 octaves down to -6, each of steps of 3, 2, 1 and 0 places
-    localparam logic [ROWS*STEPS*COST_BITS-1:0] TABLE = {
+    localparam logic [ROWS*4*COST_BITS-1:0] WHOLE_TABLE = {
         7'd15, 7'd4,  7'd4,  7'd22,
         7'd16, 7'd5,  7'd3,  7'd19,
         7'd17, 7'd5,  7'd1,  7'd15,
@@ -44,6 +46,28 @@ module vpr_step_costs #(
         7'd66, 7'd43, 7'd22, 7'd4,
         7'd71, 7'd47, 7'd24, 7'd4
     };
+    // of 6, 5 ... 0 places
+    localparam logic [ROWS*HALF*COST_BITS-1:0] HALF_TABLE = {
+        7'd22,   7'd20,   7'd5,    7'd4,    7'd8,    7'd21,   7'd37,
+        7'd23,   7'd20,   7'd5,    7'd3,    7'd6,    7'd16,   7'd30,
+        7'd24,   7'd20,   7'd4,    7'd1,    7'd2,    7'd11,   7'd23,
+        7'd26,   7'd22,   7'd5,    7'd1,    7'd1,    7'd6,    7'd17,
+        7'd29,   7'd24,   7'd7,    7'd2,    7'd0,    7'd3,    7'd12,
+        7'd34,   7'd28,   7'd10,   7'd4,    7'd1,    7'd1,    7'd8,
+        7'd39,   7'd33,   7'd14,   7'd7,    7'd2,    7'd1,    7'd6,
+        7'd46,   7'd40,   7'd20,   7'd11,   7'd6,    7'd1,    7'd5,
+        7'd55,   7'd47,   7'd27,   7'd17,   7'd10,   7'd3,    7'd5,
+        7'd62,   7'd54,   7'd33,   7'd22,   7'd14,   7'd4,    7'd4,
+        7'd70,   7'd62,   7'd40,   7'd28,   7'd18,   7'd6,    7'd4,
+        7'd79,   7'd69,   7'd46,   7'd34,   7'd22,   7'd8,    7'd4,
+        7'd87,   7'd77,   7'd53,   7'd40,   7'd26,   7'd10,   7'd4,
+        7'd95,   7'd84,   7'd60,   7'd45,   7'd31,   7'd12,   7'd4,
+        7'd103,  7'd92,   7'd67,   7'd51,   7'd35,   7'd14,   7'd4,
+        7'd111,  7'd100,  7'd73,   7'd57,   7'd39,   7'd15,   7'd4,
+        7'd120,  7'd107,  7'd80,   7'd63,   7'd44,   7'd17,   7'd4
+    };
+    localparam logic [ROWS*STEPS*COST_BITS-1:0] TABLE = STEPS == HALF
+        ? (ROWS * STEPS * COST_BITS)'(HALF_TABLE) : (ROWS * STEPS * COST_BITS)'(WHOLE_TABLE);
 
     // The address is the difference in quarters of an octave, of 6 bits with sign
     (* ram_style = "block" *)
@@ -58,10 +82,16 @@ module vpr_step_costs #(
         if (10'(cost_at) > RESTART) cost_at = RESTART[COST_BITS-1:0];
     endfunction
 
+    function automatic [STEPS*COST_BITS-1:0] row_at(input integer address);
+        integer step;
+        for (step = 0; step < STEPS; step = step + 1)
+            row_at[COST_BITS*step+:COST_BITS] = cost_at(address, step);
+    endfunction
+
     integer at;
     initial
         for (at = 0; at < (1 << ROW_BITS); at = at + 1)
-            rows[at] = {cost_at(at, 3), cost_at(at, 2), cost_at(at, 1), cost_at(at, 0)};
+            rows[at] = row_at(at);
 
     logic [7:0]          of_place;
     logic [ROW_BITS-1:0] difference_q;

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -608,6 +608,7 @@ def filter_cases(design: Design) -> list[Case]:
         bits = min(design.code_bits, 8)
         adaptive = replace(adaptive, code="own-mean", code_bits=bits, full_scales=(0,))
     by_activity = replace(plain, activity_costs=True, steps=(), back=(), restart=40, exclusion=1)
+    half_places = replace(by_activity, activity_costs=2)
     contrast = replace(adaptive, code="contrast")
     return [
         *(drive(name, variant, route) for name, (variant, route) in _routes(plain).items()),
@@ -625,6 +626,8 @@ def filter_cases(design: Design) -> list[Case]:
         *ram_cases(plain, adaptive),
         *adaptive_event_cases(adaptive),
         long_window(by_activity),
+        *_half_places(half_places),
+        *_tabulated_costs(half_places),
     ]
 
 
@@ -786,7 +789,6 @@ def _activities(design: Design) -> list[Case]:
     back = replace(design, back=(2, 5))
     long = replace(design, places=40, keep_distances=False)
     (other, suffix), (other_back, _) = _other_way(design), _other_way(back)
-    usual = max(counts_at(design, place)[1] for place in range(design.places)) << ACTIVITY_BITS
     variants = {
         "by_activity": (design, walk),
         f"by_activity_{suffix}": (other, walk),
@@ -807,6 +809,43 @@ def _activities(design: Design) -> list[Case]:
         paused = [PAUSE, 0, 1, PAUSE, PAUSE, 2, 2, PAUSE, 6]
         variants["pauses_by_activity"] = design, paused
         variants["pauses_of_free_restart_by_activity"] = replace(design, restart=0), paused
+    return _among_any_activity(design, variants)
+
+
+def _half_places(design: Design) -> list[Case]:
+    """Make the same for places at half windows, by all steps and at both ends of the map."""
+    design = replace(design, places=16)
+    last = design.places - 1
+    walk = [0, 2, 4, 5, 5, 8, 10, 14, last, last, 0, 5, 11, last, 9]
+    back, long = replace(design, back=(2, 5)), replace(design, places=40, keep_distances=False)
+    other, suffix = _other_way(design)
+    other_back, _ = _other_way(back)
+    jumps = [0, 2, 3, 11, 11, 4, 4, last, 0, 0]
+    variants = {
+        "half_places": (design, walk),
+        f"half_places_{suffix}": (other, walk),
+        "half_places_back": (back, [6, 5, 4, 4, 2, 1, 0, 0, 5, 7, 13, 10, 7]),
+        f"half_places_back_{suffix}": (other_back, jumps),
+        # by six places the match follows, by seven it does not
+        "by_six_and_seven": (replace(design, restart=1), [0, 6, 12, 12, 1, 8, 15, 15]),
+        "blocks_of_half_places": (long, [*range(0, 40, 3), 39, 16, 18, 33, 32, 31, 15]),
+        "free_restart_of_half_places": (replace(design, restart=0), jumps),
+        "dear_restart_of_half_places": (replace(design, restart=254), jumps),
+        **{
+            f"{n}_half_places": (replace(design, places=n, exclusion=0), [0, n - 1, n // 2, 0])
+            for n in (1, 3, 6, 7, 8)
+        },
+    }
+    if design.window == "time":
+        variants["pauses_of_half_places"] = design, [PAUSE, 0, 2, PAUSE, PAUSE, 4, 4, PAUSE, 12]
+    return _among_any_activity(design, variants)
+
+
+def _among_any_activity(
+    design: Design, variants: Mapping[str, tuple[Design, list[int]]]
+) -> list[Case]:
+    """Make a drive of each design and route, among places of any activity."""
+    usual = max(counts_at(design, place)[1] for place in range(design.places)) << ACTIVITY_BITS
     cases = []
     for name, (variant, route) in variants.items():
         # both ends, and about the activity of the windows
@@ -898,10 +937,11 @@ def _tabulated_costs(design: Design) -> list[Case]:
 
     Windows show the place apart, and between them have so few events that evidence has no weight.
     Then the best place is this one, and the second best another to which a step leads from it, by
-    as many places as the exclusion zone leaves. The number of events tells the row of the table.
+    as many places as the exclusion zone leaves; or the other way round, if the step costs less. The
+    number of events tells the row of the table.
     """
-    cases = []
-    for zone, reached in enumerate(((0, 1), (2,), (3,))):
+    cases, half = [], "half_" if design.activity_costs == 2 else ""
+    for zone, reached in enumerate(((0, 1), *((step,) for step in range(2, design.forward_steps)))):
         for name, rows, activity in (("low", range(9), -22), ("high", range(8, 17), -84)):
             apart = {_APART: 0} | {_APART + step: activity for step in reached}
             memories = _place_apart(replace(design, exclusion=zone), 127, apart)
@@ -917,7 +957,7 @@ def _tabulated_costs(design: Design) -> list[Case]:
                 ]
                 shown.append(few[which])
                 usual.update(shown[-1])
-            cases.append(_numbers(f"costs_of_{zone + 1}_places_{name}", memories, shown))
+            cases.append(_numbers(f"{half}costs_of_{zone + 1}_places_{name}", memories, shown))
     return cases
 
 

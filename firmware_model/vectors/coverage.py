@@ -51,7 +51,9 @@ FILTER_CORNERS = {
     "busy_at_threshold": "a window that does not pause, and would if 1/256 event more were usual",
     **{f"weight_{n}": f"a window whose evidence has {n}/8 of its weight" for n in range(9)},
     **{
-        f"costs_{n}": f"a place that is reached for the costs of row {n}, not in the first window"
+        f"{half}costs_{n}": f"a place that is reached for the costs of row {n}{at_half}, not in "
+        "the first window"
+        for half, at_half in (("", ""), ("half_", " of places at half windows"))
         for n in range(len(ACTIVITY_COSTS))
     },
     "costs_below": "a place that is reached for the costs of the lowest row, and is below it",
@@ -170,10 +172,11 @@ class FilterCoverage:
     def _see_costs(self, activity: int) -> None:
         """Count the rows of the costs of a window's steps, and the activities of places."""
         found, rows = self.found, len(ACTIVITY_COSTS)
+        half = "half_" if self.machine.design.activity_costs == 2 else ""
         for own in self.machine.memories.place_activity:
             row = row_of_costs(activity - own)
             beyond = ((activity - own + 4) >> 3) + SAME_ACTIVITY
-            found[f"costs_{row}"] += 1
+            found[f"{half}costs_{row}"] += 1
             found["costs_below"] += beyond < 0
             found["costs_above"] += beyond >= rows
             found["least_place_activity"] += own == -128

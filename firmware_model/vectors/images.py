@@ -133,7 +133,7 @@ def adaptive(**changes: object) -> Draft:
 
 def by_activity(**changes: object) -> Draft:
     """Draft an image of `adaptive` whose steps cost what the activities of its places say."""
-    return adaptive(activity_costs=True, steps=[], **changes)
+    return adaptive(**{"activity_costs": True, "steps": []} | changes)
 
 
 _SEQUENCES: dict[str, object] = {"matching": "sequence", "length": 2, "trust": 0}
@@ -150,6 +150,7 @@ def accepted_adaptive() -> Named:
     yield "filter_by_activity", by_activity().pack()
     yield "filter_by_activity_alone", by_activity(code="linear", full_scales=[3, 2]).pack()
     yield "no_steps_back_by_activity", by_activity(back=[]).pack()
+    yield "filter_at_half_windows", by_activity(activity_costs=2).pack()
     yield "contrast", adaptive(code="contrast").pack()
     yield "contrast_of_sequences", adaptive(code="contrast", **_SEQUENCES).pack()
     yield "filter_alone", adaptive(code="linear", full_scales=[3, 2]).pack()
@@ -218,7 +219,7 @@ def refused_adaptive() -> Named:
     yield "activity_costs_and_steps", by_activity().header(steps=1, back=0).pack()
     both = adaptive().header(activity_costs=1).grow(Word.PLACE_ACTIVITY_TABLE, 16)
     yield "steps_and_activity_costs", both.pack()
-    yield "activity_costs_2", by_activity().header(activity_costs=2).pack()
+    yield "activity_costs_3", by_activity().header(activity_costs=3).pack()
     yield "activity_costs_of_sequences", by_activity().header(length=2).pack()
     yield "without_activities", by_activity().header(place_activity_table=0).raw(b"")
     yield _adaptive_words(own_mean=33, code_max=1)

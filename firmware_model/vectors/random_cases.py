@@ -202,7 +202,8 @@ def random_adaptive_design(rng: np.random.Generator) -> Design:
         values |= {
             "matching": "filter",
             "length": 1,
-            "activity_costs": by_activity,
+            # some with two places per window: by a step's cost, which these designs do not need
+            "activity_costs": by_activity * (1 + steps[0] % 2),
             "steps": [] if by_activity else steps,
             "back": rng.integers(0, most + 1, int(rng.integers(0, 4))).tolist(),
             "restart": int(rng.integers(0, most + 1)),

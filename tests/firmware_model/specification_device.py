@@ -19,12 +19,20 @@ Record = tuple[str, Row]
 Ways = list[tuple[int, int, int]]
 NONE = -1
 
-#: section 6, step 1: f[0] to f[3] of the rows
+#: section 6, step 1: f[0] to f[3] of the rows, and f[0] to f[6] with two places per window
 ROWS = (
     (4, 24, 47, 71), (4, 22, 43, 66), (4, 20, 39, 61), (4, 17, 36, 57), (4, 15, 32, 52),
     (4, 12, 28, 48), (4, 10, 24, 43), (4, 7, 20, 38), (4, 5, 17, 34), (4, 3, 13, 30),
     (5, 1, 10, 26), (7, 0, 8, 22), (9, 0, 6, 20), (11, 0, 5, 18), (15, 1, 5, 17), (19, 3, 5, 16),
     (22, 4, 4, 15),
+)  # fmt: skip
+HALF_ROWS = (
+    (4, 17, 44, 63, 80, 107, 120), (4, 15, 39, 57, 73, 100, 111), (4, 14, 35, 51, 67, 92, 103),
+    (4, 12, 31, 45, 60, 84, 95), (4, 10, 26, 40, 53, 77, 87), (4, 8, 22, 34, 46, 69, 79),
+    (4, 6, 18, 28, 40, 62, 70), (4, 4, 14, 22, 33, 54, 62), (5, 3, 10, 17, 27, 47, 55),
+    (5, 1, 6, 11, 20, 40, 46), (6, 1, 2, 7, 14, 33, 39), (8, 1, 1, 4, 10, 28, 34),
+    (12, 3, 0, 2, 7, 24, 29), (17, 6, 1, 1, 5, 22, 26), (23, 11, 2, 1, 4, 20, 24),
+    (30, 16, 6, 3, 5, 20, 23), (37, 21, 8, 4, 5, 20, 22),
 )  # fmt: skip
 
 
@@ -206,7 +214,8 @@ def costs_of(design: dict[str, Any], activity: int, place: int) -> dict[int, int
     """Section 6, step 1: cost of each step to a place of this activity, with fraction bits."""
     if design["activity_costs"]:
         row = min(max((activity - place + 4) >> 3, -12), 4) + 12
-        forward = dict(enumerate(ROWS[row]))
+        rows = HALF_ROWS if design["activity_costs"] == 2 else ROWS
+        forward = dict(enumerate(rows[row]))
     else:
         forward = {i: 4 * cost for i, cost in enumerate(design["steps"])}
     return forward | {-i: 4 * cost for i, cost in enumerate(design["back"], 1)}
@@ -253,7 +262,9 @@ def evidence(distances: Row, reciprocal: int | None, activity: int) -> tuple[Row
 
 def last_step(design: dict[str, Any]) -> int:
     """Section 6, step 4."""
-    return 3 if design["activity_costs"] else max(len(design["steps"]), 3) - 1
+    if design["activity_costs"]:
+        return 6 if design["activity_costs"] == 2 else 3
+    return max(len(design["steps"]), 3) - 1
 
 
 def within_steps(design: dict[str, Any], step: int) -> bool:
@@ -309,7 +320,8 @@ class Drive:
         """Return all ways, with their costs by the distance driven."""
         along, last = self.along, len(self.along) - 1
         spacing = (along[last] - along[0]) // max(last, 1)
-        rate = (1 << 19) // spacing
+        half_windows = self.design["activity_costs"] == 2
+        rate = (1 << (18 if half_windows else 19)) // spacing
 
         def cost(way: int) -> int:
             return (abs(way - driven) * rate) >> 16

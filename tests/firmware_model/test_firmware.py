@@ -494,12 +494,22 @@ MUTATIONS = {
 FILTER_MUTATIONS = {
     "step of two places too dear": ("filter.h", "lower + two)", "lower + two + 40U)"),
     "step of three places too dear": ("filter.h", "lowest + three)", "lowest + three + 40U)"),
-    "steps by one too far": ("filter.h", "metric[at - i] + price", "metric[at] + price"),
-    "far steps by one too near": (
+    "steps by activity from the place itself": (
         "filter.h",
-        "metric[at - NEAR - i]",
-        "metric[at + 1U - NEAR - i]",
+        "metric[at - i] + costs[i]",
+        "metric[at] + costs[i]",
     ),
+    "fixed steps from the place itself": (
+        "filter.h",
+        "metric[at - i] + p->fixed[i]",
+        "metric[at] + p->fixed[i]",
+    ),
+    "places at half windows without their longest step": (
+        "vpr.c",
+        "NEAR : HALF_STEPS)",
+        "NEAR : (HALF_STEPS - 1U))",
+    ),
+    "costs of whole windows at half windows": ("filter.h", "(p->steps == NEAR) ?", "true ?"),
     "steps back see what has changed": (
         "filter.h",
         "(uint32_t)p->ahead[i] + p->back[i]",
@@ -553,6 +563,7 @@ FILTER_MUTATIONS = {
         "above = activity - (0 * of_place)",
     ),
     "one entry of the costs": ("filter.h", "{5U, 1U, 10U, 26U}", "{5U, 1U, 10U, 25U}"),
+    "one entry of the costs at half windows": ("filter.h", "28U, 34U}", "28U, 35U}"),
     "scaled by the spread of this window": (
         "filter.h",
         "(s->reciprocal != 0U)) {",

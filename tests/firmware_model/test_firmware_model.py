@@ -32,7 +32,7 @@ from firmware_model import (
     trace,
 )
 from firmware_model.model.descriptor import ActivityModel
-from firmware_model.model.design import ACTIVITY_COSTS, formats_of, ilog
+from firmware_model.model.design import COSTS_BY_ACTIVITY, formats_of, ilog
 from firmware_model.vectors.random_cases import (
     random_adaptive_design,
     random_design,
@@ -96,7 +96,9 @@ def accepts(design: Design, best: int, second: int) -> bool:
 def by_filter(memories: Memories, codes, events):
     """Matches of each window by the pipeline's place filter."""
     design = memories.design
-    prices = TransitionCosts(design.steps or None, design.back, design.restart)
+    prices = TransitionCosts(
+        design.steps or None, design.back, design.restart, int(design.activity_costs) or 1
+    )
     own = np.array(memories.place_activity, dtype=np.int32) if design.activity_costs else None
     found = PlaceFilter(
         design.places, prices, design.exclusion, memories.activity, place_activity=own
@@ -112,9 +114,9 @@ def by_filter(memories: Memories, codes, events):
 
 
 def test_the_filter_and_own_mean_codes_equal_the_pipeline():
-    """Every window and match over 100 designs with the filter, own-mean codes, or both."""
+    """Every window and match over 160 designs with the filter, own-mean codes, or both."""
     seen = Counter()
-    for seed in range(100):
+    for seed in range(160):
         rng = np.random.default_rng(seed)
         design = random_adaptive_design(rng)
         memories = random_memories(rng, design)
@@ -133,7 +135,8 @@ def test_the_filter_and_own_mean_codes_equal_the_pipeline():
         seen["filter"] += design.filters
         seen["pauses"] += sum(window.paused for window in done.windows)
         seen["contrast"] += design.contrast
-        seen["costs by activity"] += design.activity_costs
+        seen["costs by activity"] += design.activity_costs == 1
+        seen["places at half windows"] += design.activity_costs == 2
         weights = [state.weight for state in done.states if not state.paused]
         seen["less weight"] += sum(weight in range(8) for weight in weights)
         seen["moves"] += sum(not window.paused for window in done.windows)
@@ -146,7 +149,7 @@ def test_the_filter_and_own_mean_codes_equal_the_pipeline():
 
 def test_costs_by_activity_and_logarithms_are_those_of_the_pipeline():
     """The model has its own table and its own way to a logarithm of every size."""
-    assert ACTIVITY_COSTS == activity.ACTIVITY_COSTS
+    assert COSTS_BY_ACTIVITY == activity.COSTS_BY_ACTIVITY
     least = activity.least_events().tolist()
     for log, events in enumerate(least, 1):
         assert ilog(events - 1) < log <= ilog(events)
@@ -353,6 +356,14 @@ def test_a_design_survives_its_file(tmp_path):
         assert Design.load(tmp_path / "design.toml") == design
 
 
+@pytest.mark.parametrize(("costs", "text"), [(0, "false"), (1, "true"), (2, "2")])
+def test_a_file_says_true_of_one_place_per_window_as_files_always_did(tmp_path, costs, text):
+    design = small(matching="filter", activity_costs=costs)
+    design.save(tmp_path / "design.toml")
+    assert f"activity_costs = {text}\n" in (tmp_path / "design.toml").read_text()
+    assert Design.load(tmp_path / "design.toml") == design
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -370,6 +381,8 @@ def test_a_design_survives_its_file(tmp_path):
         ({"matching": "filter", "length": 2}, "leave length out"),
         ({"steps": (0,) * 17}, "at most 16 costs"),
         ({"activity_costs": True}, "matching by sequence"),
+        ({"activity_costs": 3, "matching": "filter"}, "expected false, true or 2"),
+        ({"activity_costs": 2.0, "matching": "filter"}, "expected false, true or 2"),
         ({"activity_costs": True, "matching": "filter", "steps": (1,)}, "instead of steps"),
         ({"back": (255,)}, "from 0 to 254"),
         ({"restart": 255}, "restart = 255"),

@@ -503,8 +503,20 @@ def test_a_suite_that_a_design_has_not_is_refused(tmp_path, capsys):
         ["--polarity", "--window", "count", "--counter-bits", "4", "--matching", "sequence"],
         ["--counter-code", "sqrt", "--counter-scaling", "per-pixel"],
         ["--preset", "paper"],
+        ["--places-per-window", "2"],
+        # fewer steps than the places within which a match follows
+        ["--places-per-window", "2", "--filter-steps", "1,0"],
+        ["--places-per-window", "2", "--window", "count"],
     ],
-    ids=["defaults", "own means, sequences", "codes of each pixel, filter", "counts"],
+    ids=[
+        "defaults",
+        "own means, sequences",
+        "codes of each pixel, filter",
+        "counts",
+        "half windows",
+        "half windows, fixed costs",
+        "half windows by count",
+    ],
 )
 def test_a_map_and_a_recording_make_vectors_that_are_the_pipelines_matches(tmp_path, settings):
     """All windows and matches of a random drive, by counts and by codes."""

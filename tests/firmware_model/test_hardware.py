@@ -44,7 +44,7 @@ from firmware_model.hardware.parameters import (
 from firmware_model.hardware.simulation import Conditions
 from firmware_model.model.comparator import row_of_costs
 from firmware_model.model.descriptor import ActivityModel, Event
-from firmware_model.model.design import ACTIVITY_COSTS, formats_of, ilog
+from firmware_model.model.design import COSTS_BY_ACTIVITY, formats_of, ilog
 from firmware_model.vectors import (
     check_files,
     load_manifest,
@@ -147,7 +147,8 @@ FILTER_CASES = (
     *("by_five_places", "first_busy", "first_pauses", "spread_of_none"),
     *("by_activity", "back_by_activity_of_kept_distances", "pauses_by_activity", "weights"),
     *("contrasts", "contrasts_and_pauses", "contrasts_of_sequences", "contrast_rounded_up"),
-    *("costs_of_1_places_low", "costs_of_1_places_high"),
+    *("costs_of_1_places_low", "costs_of_1_places_high", "half_costs_of_4_places_high"),
+    *("half_places", "half_places_back_of_kept_distances", "3_half_places"),
 )
 
 
@@ -225,9 +226,7 @@ def core_cycles(design, slow_blocks=False):
 def filter_cycles(design, slow_blocks=False):
     """Clocks of the filter after its first window, which takes a pass and two divisions more."""
     levels = (design.lanes - 1).bit_length() + slow_blocks
-    entries = (design.largest_step + 1 if design.activity_costs else len(design.steps)) + len(
-        design.back
-    )
+    entries = design.forward_steps + len(design.back)
     distances = (design.places - 1) * max(design.words, 2) + levels
     kept = 2 * design.places - 4
     metrics = kept if design.keep_distances else distances + design.words
@@ -563,6 +562,7 @@ KINDS = [
     replace(FILTER, window="count", places=1, lanes=9, keep_distances=True, steps=(1,)),
     replace(DESIGN, code="own-mean", code_bits=8),
     replace(BY_ACTIVITY, back=(1, 2), restart=16),
+    replace(BY_ACTIVITY, activity_costs=2, keep_distances=True),
     replace(DESIGN, code="contrast"),
 ]
 
@@ -665,6 +665,7 @@ def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
         ("corners", "tie_of_three", replace(DESIGN, lanes=13, full_scales=(7, 3))),
         ("filter", "own_means", ADAPTIVE),
         ("filter", "by_activity", BY_ACTIVITY),
+        ("filter", "half_places", BY_ACTIVITY),
         ("random", "random_0", replace(FILTER, timestamp_bits=40, places=5)),
     ],
 )
@@ -1061,12 +1062,12 @@ def test_a_logarithm_is_exact_about_every_power_of_two(tmp_path):
     assert simulated(tmp_path, text, ["vpr_logarithm.sv"]) == [[ilog(n)] for n in chosen]
 
 
-#: a line for each activity of a place and of a window: the costs of steps of 0 to 3 places
+#: a line for each activity of a place and of a window: the costs of steps of 0, 1 ... places
 COSTS_BENCH = """
 module bench;
     logic clk = 0;
     logic [9:0] activity;
-    logic [27:0] costs;
+    logic [7*STEPS-1:0] costs;
     vpr_step_costs #(.LOADABLE(1)) step_costs (
         .clk_i(clk), .load_i(1'b0), .load_address_i(20'd0), .load_word_i(32'd0),
         .activity_inverse_i(~activity), .place_i(1'b1), .costs_o(costs)
@@ -1078,8 +1079,9 @@ module bench;
                 step_costs.place_activity.memory[1] = place;
                 activity = window;
                 repeat (3) @(negedge clk);
-                $display("%0d %0d %0d %0d %0d %0d", place, window, costs[6:0], costs[13:7],
-                         costs[20:14], costs[27:21]);
+                $write("%0d %0d", place, window);
+                for (int step = 0; step < STEPS; step++) $write(" %0d", costs[7*step+:7]);
+                $display("");
             end
         $finish;
     end
@@ -1089,13 +1091,15 @@ endmodule
 
 @needs_iverilog
 @pytest.mark.parametrize("restart", [160, 20, 0])
-def test_step_costs_are_those_of_the_models_table(tmp_path, restart):
+@pytest.mark.parametrize("table", COSTS_BY_ACTIVITY.values(), ids=COSTS_BY_ACTIVITY)
+def test_step_costs_are_those_of_the_models_table(tmp_path, table, restart):
     """Of any activity of a window and of some of a place; none is above that of a restart."""
-    units, values = ("vpr_rom.sv", "vpr_step_costs.sv"), {"PLACES": 2, "ACTIVITY_COSTS": 1}
-    found = simulated(tmp_path, COSTS_BENCH, units, RESTART=restart, **values)
+    units, steps = ("vpr_rom.sv", "vpr_step_costs.sv"), len(table[0])
+    values = {"PLACES": 2, "ACTIVITY_COSTS": 1, "STEPS": steps, "RESTART": restart}
+    found = simulated(tmp_path, COSTS_BENCH.replace("STEPS", str(steps)), units, **values)
     assert len(found) == 16 * 737
     for place, window, *costs in found:
-        row = ACTIVITY_COSTS[row_of_costs(window - place)]
+        row = table[row_of_costs(window - place)]
         assert costs == [min(cost, restart) for cost in row]
     assert {row_of_costs(window - place) for place, window, *_ in found} == set(range(17))
 

@@ -54,8 +54,9 @@ def drives():
         steps = tuple(rng.integers(0, 5, int(rng.integers(1, 5))).tolist())
         back = tuple(rng.integers(0, 5, int(rng.integers(0, 3))).tolist())
         design = {
-            "activity_costs": seed % 4 < 2, "steps": () if seed % 4 < 2 else steps, "back": back,
-            "restart": int(rng.integers(0, 20)), "exclusion": int(rng.integers(0, 4)),
+            "activity_costs": (1, 2, 0, 0)[seed % 4], "steps": () if seed % 4 < 2 else steps,
+            "back": back, "restart": int(rng.integers(0, 20)),
+            "exclusion": int(rng.integers(0, 4)),
         }  # fmt: skip
         jumps = [] if seed % 3 else [(places - 1, 0)]
         along = np.cumsum(rng.integers(1, 900, places)) if seed % 2 else None
@@ -73,7 +74,10 @@ def drives():
 def test_smoothing_delay_odometry_and_jumps_are_those_of_the_page(delay):
     """Places, metrics and trust of the pipeline; `None` is the whole drive."""
     for design, distances, events, usual, jumps, along, driven, own in drives():
-        prices = TransitionCosts(design["steps"] or None, design["back"], design["restart"])
+        prices = TransitionCosts(
+            design["steps"] or None, design["back"], design["restart"],
+            design["activity_costs"] or 1,
+        )  # fmt: skip
         place_filter = PlaceFilter(
             distances.shape[1], prices, design["exclusion"], usual,
             place_activity=own if design["activity_costs"] else None,

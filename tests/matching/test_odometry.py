@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.estimate.of_map import design_of
+from edge_vpr_tools.estimate.of_map import design_of, memories_of
 from streams import descriptors
 from test_localiser import PIXEL_MAP, PIXELS, SENSOR
 
 from edge_vpr.errors import GroundTruthError, MapError, UsageError
 from edge_vpr.evaluation.tracks import Track, load_jumps, load_odometry
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.matching.place_filter import TransitionCosts, Transitions
+from edge_vpr.matching.place_filter import PlaceFilter, TransitionCosts, Transitions
 from edge_vpr.pipeline import coded_map
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry, Route
 from edge_vpr.settings import Settings
 from edge_vpr.simulation.drive import wheel_odometry
 from firmware_model.errors import DesignError
+from firmware_model.model.comparator import PlaceFilterModel
 
 
 def write(folder, text, name="file.csv"):
@@ -186,20 +188,42 @@ def test_the_device_refuses_a_map_with_jumps():
         design_of(replace(reference, jumps=np.array([[3, 0]], dtype=np.int32)))
 
 
-def test_a_device_has_half_places_with_fixed_costs_alone(tmp_path, capsys):
+def test_a_device_has_places_at_half_windows(tmp_path, capsys):
     half = map_of_places(np.ones((8, len(PIXELS)), dtype=np.int64), places_per_window=2)
-    with pytest.raises(DesignError, match="for 1 only: map the drive with --filter-steps 1,0,0,0"):
-        design_of(half)
-    fixed = half.matched_with(half.settings.replaced({"filter_steps": (1, 0, 0, 0, 1)}, "test"))
-    design = design_of(fixed)
-    assert (design.places, design.exclusion, design.steps) == (8, 6, (1, 0, 0, 0, 1))
+    design = design_of(half)
+    assert (design.places, design.exclusion, design.activity_costs) == (8, 6, 2)
+    fixed = half.matched_with(half.settings.replaced({"filter_steps": (1, 0)}, "test"))
+    costs, design = TransitionCosts.of(fixed.settings), design_of(fixed)
+    assert (design.activity_costs, design.largest_step) == (False, costs.last)
+    # steps as dear as a restart lead nowhere: a match follows as far as in the pipeline
+    assert design.steps == (1, 0, 16, 16, 16)
     half.save(tmp_path / "half.npz")
     assert main(["estimate", "--map", str(tmp_path / "half.npz"), "--target", "cortex-m4"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    assert "no device has costs of steps by activity for 2 places" in shown
+    assert "place filter of places at half windows" in shown
     assert "a device has no misfit: it accepts matches by trust alone" in shown
-    assert main(["golden", "--map", str(tmp_path / "half.npz"), "-o", str(tmp_path / "v")]) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_fixed_costs_at_half_windows_follow_as_far_on_a_device():
+    """Matches of random distances that often step by three and four places, and their trust."""
+    half = map_of_places(np.ones((40, len(PIXELS)), dtype=np.int64), places_per_window=2)
+    fixed = half.matched_with(half.settings.replaced({"filter_steps": (1, 0)}, "test"))
+    design, settings = design_of(fixed), fixed.settings
+    device = PlaceFilterModel(memories_of(fixed, design))
+    ours = PlaceFilter(40, TransitionCosts.of(settings), settings.exclusion_places)
+    rng, places, followed = np.random.default_rng(4), [], []
+    for window, place in enumerate((np.cumsum(rng.integers(0, 7, 60)) % 40).tolist()):
+        distances = rng.integers(200, 230, 40).astype(np.int32)
+        distances[place] = 0
+        expected = ours.update(distances, 10)
+        found = device.match(window, 0, False, distances.tolist)
+        assert (found.place, found.sum, found.trust) == (
+            expected.place, expected.metric, expected.trust,
+        )  # fmt: skip
+        places.append(found.place)
+        followed.append(device.kept > 0)
+    far = [b - a in (3, 4) for a, b in pairwise(places)]
+    assert sum(far) > 5 and sum(np.array(far) & followed[1:]) > 5
 
 
 def test_a_simulated_wheel_is_a_few_percent_off():

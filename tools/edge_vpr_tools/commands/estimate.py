@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edge_vpr.errors import UsageError
-from edge_vpr.settings import costs_word, duration_us
+from edge_vpr.settings import duration_us
 from edge_vpr_tools.console import say
 
 if TYPE_CHECKING:
@@ -267,7 +267,7 @@ def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
     """
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.estimate.model import Mission
-    from edge_vpr_tools.estimate.of_map import FIXED_COSTS, costs_on_device, design_of, event_rates
+    from edge_vpr_tools.estimate.of_map import design_of, event_rates
     from firmware_model.model.design import Design
 
     if args.map is not None and args.design is not None:
@@ -284,13 +284,6 @@ def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
                 )
         if args.map is not None:
             reference = ReferenceMap.load(args.map)
-            if not costs_on_device(reference):
-                fixed = {"filter_steps": FIXED_COSTS}
-                reference = reference.matched_with(reference.settings.replaced(fixed, "estimate"))
-                say(
-                    "no device has costs of steps by activity for 2 places per window: estimated "
-                    f"with --filter-steps {costs_word(FIXED_COSTS)}"
-                )
             design = design_of(reference, args.lanes)
             rate, share = event_rates(reference)
         else:

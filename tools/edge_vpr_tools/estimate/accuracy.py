@@ -133,7 +133,7 @@ def _draw(drives: Drives, design: Design, pixels: int, seed: int) -> Iterator[_R
         "matching": design.matching,
         "smooth": False,
         "query_mean": "running",
-        "exclusion": design.exclusion,
+        "exclusion": design.exclusion // (int(design.activity_costs) or 1),
         "window": design.window,
         "tau_us": design.tau_us,
         "events_per_pixel": None,
@@ -144,6 +144,7 @@ def _draw(drives: Drives, design: Design, pixels: int, seed: int) -> Iterator[_R
     if design.filters:
         changes |= {
             "filter_steps": None if design.activity_costs else design.steps,
+            "places_per_window": int(design.activity_costs) or 1,
             "filter_back": design.back,
             "filter_restart": max(design.restart, 1),
         }

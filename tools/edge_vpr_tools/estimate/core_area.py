@@ -44,6 +44,7 @@ FITTED_ON = {
     "place filter, own means, 8 lanes": _BOTH,
     "place filter by activity, 8 lanes": replace(_FILTER, activity_costs=True, steps=()),
     "place filter by activity, contrast codes, 8 lanes": _DEFAULT,
+    "place filter at half windows, contrast codes, 8 lanes": replace(_DEFAULT, activity_costs=2),
 }
 #: designs that the fit is judged on
 JUDGED_ON = {
@@ -56,6 +57,9 @@ JUDGED_ON = {
     ),
     "place filter by activity, contrast codes, 60 pixels, 1,500 places, 4 lanes": replace(
         _DEFAULT, pixels=60, places=1500, lanes=4
+    ),
+    "place filter at half windows, contrast codes, 60 pixels, 1,500 places, 4 lanes": replace(
+        _DEFAULT, activity_costs=2, pixels=60, places=1500, lanes=4
     ),
 }
 
@@ -118,13 +122,13 @@ def _fitted() -> tuple[float, ...]:
 def _terms(design: Design) -> tuple[int, ...]:
     """Return what each term of the fit counts, in this order.
 
-    The core, bits of a word, the place filter, step costs by activity, own means, contrast codes,
-    and sums of several windows.
+    The core, bits of a word, the place filter, step costs by activity and at half windows, own
+    means, contrast codes, and sums of several windows.
     """
     several = not design.filters and design.length > 1
     word, contrast = design.lanes * design.code_bits, design.code == "contrast"
-    activity = design.activity_costs
-    return 1, word, design.filters, activity, design.own_mean, contrast, several
+    activity, half = design.activity_costs > 0, design.activity_costs == 2
+    return 1, word, design.filters, activity, half, design.own_mean, contrast, several
 
 
 def measure(designs: Mapping[str, Design]) -> list[Netlist]:

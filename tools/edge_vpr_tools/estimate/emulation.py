@@ -23,7 +23,6 @@ from firmware_model.emulation.build import EMULATED, Target, build
 from firmware_model.emulation.emulator import Emulator
 from firmware_model.emulation.instructions import FirmwareRun, compiler
 from firmware_model.image import stride
-from firmware_model.model.design import ACTIVITY_COSTS
 
 SCALING = Path(__file__).parent / "scaling.csv"
 
@@ -84,20 +83,22 @@ FITTED_ON = tuple(
 )
 
 
-#: the same for the filter: sizes, and costs of steps forward, none of which are by activity, and
-#: back
+#: the same for the filter: sizes, fixed costs of steps forward, or for how many places per window
+#: they are by activity, and costs of steps back
 _FILTERS = tuple(
     Design(
         width=64, height=64, pixels=pixels, places=places, code_bits=4, matching="filter",
-        code="own-mean" if steps else "contrast", activity_costs=steps == 0, steps=(1,) * steps,
+        code="own-mean" if steps else "contrast", activity_costs=activity, steps=(1,) * steps,
         back=(2,) * back, keep_distances=keep,
     )
     for keep in (True, False)
-    for pixels, places, steps, back in (
-        (16, 20, 3, 0), (150, 20, 3, 0), (40, 60, 3, 0), (64, 90, 4, 0), (25, 40, 4, 0),
-        (100, 30, 3, 0), (208, 24, 3, 0), (40, 30, 5, 0), (64, 40, 8, 2), (16, 60, 3, 1),
-        (150, 24, 6, 4), (250, 40, 2, 0), (16, 24, 0, 0), (150, 20, 0, 0), (40, 60, 0, 0),
-        (208, 30, 0, 0), (64, 90, 0, 0), (40, 30, 0, 2),
+    for pixels, places, steps, activity, back in (
+        (16, 20, 3, 0, 0), (150, 20, 3, 0, 0), (40, 60, 3, 0, 0), (64, 90, 4, 0, 0),
+        (25, 40, 4, 0, 0), (100, 30, 3, 0, 0), (208, 24, 3, 0, 0), (40, 30, 5, 0, 0),
+        (64, 40, 8, 0, 2), (16, 60, 3, 0, 1), (150, 24, 6, 0, 4), (250, 40, 2, 0, 0),
+        (16, 24, 0, 1, 0), (150, 20, 0, 1, 0), (40, 60, 0, 1, 0), (208, 30, 0, 1, 0),
+        (64, 90, 0, 1, 0), (40, 30, 0, 1, 2), (25, 60, 0, 2, 0), (150, 40, 0, 2, 0),
+        (64, 30, 0, 2, 3),
     )
 )  # fmt: skip
 
@@ -210,14 +211,14 @@ def _match_terms(design: Design) -> tuple[int, ...]:
 
 
 def _filter_terms(design: Design, rows: int) -> tuple[int, ...]:
-    forward = len(ACTIVITY_COSTS[0]) if design.activity_costs else len(design.steps)
+    forward = design.forward_steps
     places, others = design.places, forward > 4 or len(design.back) > 0
     return (
         1,
         places,
         places * rows,
         places * (rows % 4),
-        places * design.activity_costs,
+        places * (design.activity_costs > 0),
         # up to four steps forward are at hand; others take a loop
         places * others,
         places * others * (forward + len(design.back)),

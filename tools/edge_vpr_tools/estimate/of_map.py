@@ -7,21 +7,10 @@ import numpy as np
 from edge_vpr.descriptors.windows import narrow, place_activity
 from edge_vpr.matching.place_filter import TransitionCosts
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import costs_word
 from firmware_model.errors import DesignError
 from firmware_model.model.design import Design, DeviceCode
 from firmware_model.model.memories import Memories
 from fixedpoint.codes import CounterCode, PixelCodes
-
-#: costs of half steps for windows of a fixed time, where they cannot follow the activity
-FIXED_COSTS = (1, 0, 0, 0, 1)
-
-
-def costs_on_device(reference: ReferenceMap) -> bool:
-    """Return whether a device has the costs of steps of a map."""
-    settings = reference.settings
-    by_activity = settings.matching == "filter" and TransitionCosts.of(settings).forward is None
-    return settings.places_per_window == 1 or not by_activity
 
 
 def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
@@ -49,12 +38,6 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
     code, bits, full_scales = _code_of(reference)
     filters = settings.matching == "filter"
     costs = TransitionCosts.of(settings)
-    if not costs_on_device(reference):
-        raise DesignError(
-            "the map has 2 places per window and costs of steps by activity, which a device has "
-            f"for 1 only: map the drive with --filter-steps {costs_word(FIXED_COSTS)}, or with "
-            "--places-per-window 1"
-        )
     return Design(
         width=reference.pixel_map.sensor.width,
         height=reference.pixel_map.sensor.height,
@@ -69,14 +52,25 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         places=len(reference),
         matching=settings.matching,
         length=0 if filters else settings.sequence_length,
-        activity_costs=filters and costs.forward is None,
-        steps=costs.forward or (),
+        activity_costs=filters and costs.forward is None and settings.places_per_window,
+        steps=_steps_of(costs),
         back=costs.back,
         restart=costs.restart,
         lanes=lanes,
         accept="margin" if filters else "ratio",
         exclusion=settings.exclusion_places,
     )
+
+
+def _steps_of(costs: TransitionCosts) -> tuple[int, ...]:
+    """Return fixed costs of steps forward, up to the longest by which a match follows.
+
+    What costs as much as a restart makes no place cheaper.
+    """
+    steps = costs.forward or ()
+    if costs.places_per_window == 1 or not steps:
+        return steps
+    return steps + (costs.restart,) * (costs.last + 1 - len(steps))
 
 
 def memories_of(reference: ReferenceMap, design: Design) -> Memories:

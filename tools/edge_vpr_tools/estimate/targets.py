@@ -202,7 +202,7 @@ def matching(of: Design) -> str:
     if not of.filters:
         return f"sequences of {of.length}"
     if not of.steps:
-        return "place filter"
+        return "place filter" + " of places at half windows" * (of.activity_costs == 2)
     return f"place filter with fixed costs of {len(of.steps) + len(of.back)} steps"
 
 
