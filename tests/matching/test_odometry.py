@@ -200,7 +200,7 @@ def test_a_device_has_places_at_half_windows(tmp_path, capsys):
     half.save(tmp_path / "half.npz")
     assert main(["estimate", "--map", str(tmp_path / "half.npz"), "--target", "cortex-m4"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    assert "place filter of places at half windows" in shown
+    assert "place filter, places at half windows" in shown
     assert "a device has no misfit: it accepts matches by trust alone" in shown
 
 

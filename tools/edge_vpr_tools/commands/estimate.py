@@ -243,6 +243,7 @@ def question_of(args: argparse.Namespace) -> Question:
     except DesignError as error:
         raise UsageError(str(error)) from error
     beside = sequences_beside(args, design)
+    tried = [each for each in (design, half_places_beside(args, design), beside) if each]
     return Question(
         design=design,
         beside=beside,
@@ -253,7 +254,7 @@ def question_of(args: argparse.Namespace) -> Question:
         budgets=tuple(Budget.parse(text) for text in args.fit),
         measured=measured,
         other=other,
-        tried=tried_designs(args, [design] if beside is None else [design, beside]),
+        tried=tried_designs(args, tried),
         route_places=None if args.route_km is None and args.places is None else design.places,
         events_per_s=args.event_rate,
         matches_per_s=args.match_rate,
@@ -334,7 +335,7 @@ def _of_flags(args: argparse.Namespace, places: int) -> Design:
         flags["counter_code"] = "log"
     sensor = Sensor.parse(flags["sensor"])
     # as the default settings have for each kind of window
-    of_window: dict[str, Any] = {"activity_costs": flags["matching"] == "filter"}
+    of_window: dict[str, Any] = {"activity_costs": int(flags["matching"] == "filter")}
     if flags["window_events"] is not None:
         by_count = replace(PRESETS["default"], window="count")
         count = {"window": "count", "window_events": flags["window_events"]}
@@ -368,20 +369,32 @@ def other_design(name: str) -> Other:
     return Other(name, None if name == "all-pixels" else Design.load(name))
 
 
+def matching_is_chosen(args: argparse.Namespace) -> bool:
+    """Return whether the user chose how designs match; otherwise several ways are compared."""
+    chosen = (args.map, args.design, args.matching, args.sequence_length, args.counter_code)
+    return args.pareto is not None or any(one is not None for one in chosen)
+
+
 def sequences_beside(args: argparse.Namespace, design: Design) -> Design | None:
     """Return a design of the same size with sequences, where the user did not choose the matching.
 
     It has what suits sequences best: plain logarithms, and windows of a number of events where
     designs are tried on drives.
     """
-    chosen = (args.map, args.design, args.matching, args.sequence_length, args.counter_code)
-    if args.pareto is not None or any(one is not None for one in chosen):
+    if matching_is_chosen(args):
         return None
     windows = "count" if args.accuracy_on is not None else design.window
     return replace(
         design, matching="sequence", length=0, code="log", full_scales=(0,), accept="ratio",
-        window=windows, activity_costs=False,
+        window=windows, activity_costs=0,
     )  # fmt: skip
+
+
+def half_places_beside(args: argparse.Namespace, design: Design) -> Design | None:
+    """Return a design with two places per window, where the user did not choose the matching."""
+    if matching_is_chosen(args) or design.activity_costs != 1 or design.tau_us % 2:
+        return None
+    return replace(design, activity_costs=2, exclusion=2 * design.exclusion)
 
 
 def _matches_per_s(every: str, design: Design, selected_per_s: float) -> float:

@@ -129,11 +129,13 @@ def try_designs(
 
 def _draw(drives: Drives, design: Design, pixels: int, seed: int) -> Iterator[_Run]:
     """Map and match one draw of pixels with codes of each width, as a device does."""
+    number = max(int(design.activity_costs), 1)  # places per window
     changes: dict[str, Any] = {
         "matching": design.matching,
+        "places_per_window": number,
         "smooth": False,
         "query_mean": "running",
-        "exclusion": design.exclusion // (int(design.activity_costs) or 1),
+        "exclusion": design.exclusion // number,
         "window": design.window,
         "tau_us": design.tau_us,
         "events_per_pixel": None,

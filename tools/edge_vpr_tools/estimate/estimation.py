@@ -172,7 +172,8 @@ class Question:
     other: Other | None = None  #: A design to compare with.
     #: Evaluated designs, of which the most accurate one that fits is wanted.
     tried: Tried | None = None
-    #: Places of the route that `tried` designs are for; None for those of their own maps.
+    #: Places of the route that `tried` designs are for, at one per window; None for those of their
+    #: own maps.
     route_places: int | None = None
     #: events_per_s, matches_per_s: rates of `tried` designs; None for those of their own drives.
     events_per_s: float | None = None

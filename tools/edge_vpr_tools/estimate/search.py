@@ -322,7 +322,8 @@ class Metrics(NamedTuple):
 class Candidate(DesignOnTarget):
     """One evaluated map, as a device.
 
-    Its design has as many places as the mission's route, if that is given.
+    Its design has as many places as the mission's route, if that is given; or twice as many, with
+    two per window.
     """
 
     #: name, accuracy, queries: see `Evaluated`.
@@ -356,7 +357,8 @@ class Asked:
 
     target: Target
     budgets: Sequence[Budget] = ()
-    places: int | None = None  #: K of the mission's route, in place of each map's.
+    #: Places of the mission's route at one per window, instead of each map's.
+    places: int | None = None
     matches_per_s: float | None = None  #: By default one a window.
     events_per_s: float | None = None  #: By default those of the reference drive.
     cycle_energy: Constant | None = None  #: See `cost`.
@@ -375,7 +377,8 @@ class Asked:
         try:
             design = design_of(reference)
             if self.places is not None:
-                design = replace(design, places=self.places)
+                places = self.places * reference.settings.places_per_window
+                design = replace(design, places=places)
         except DesignError as error:
             raise UsageError(f"{one.name}: {error}") from error
         windows_s = int((reference.places.end_us - reference.places.start_us).sum()) / 1e6
