@@ -104,7 +104,7 @@ class MissingExtraError(UsageError):
 
     def __str__(self) -> str:
         what, library, extra = self.args
-        return (
+        return printable(
             f"{what} needs the library {library}, which is not installed: "
             f"run {install_command(extra)}"
         )

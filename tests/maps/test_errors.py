@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import pickle
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_vpr.errors import LONGEST_MESSAGE, EdgeVprError, UsageError, printable
+from edge_vpr.errors import (
+    LONGEST_MESSAGE,
+    EdgeVprError,
+    MissingExtraError,
+    UsageError,
+    printable,
+)
 
 
 @given(st.text() | st.binary().map(lambda raw: raw.decode("utf-8", errors="surrogateescape")))
@@ -37,3 +45,9 @@ def test_a_long_message_keeps_its_beginning_and_its_remedy():
     assert len(line) <= LONGEST_MESSAGE
     assert line.startswith("file xxx")
     assert line.endswith("xxx is wrong: name another")
+
+
+def test_a_missing_extra_is_one_line_and_the_same_behind_a_pickle():
+    error = MissingExtraError("the file a\x1bb", "no_library", "formats")
+    assert str(error).startswith("the file a\\x1bb needs the library no_library, which is not")
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)

@@ -240,7 +240,7 @@ def _baselines(
     pair: CountedPair, seed: int, is_new: bool, systems: Sequence[str]
 ) -> Iterator[tuple[str, Baseline]]:
     names = [*baseline_names(), *systems] if pair.laid_out else list(_ANYWHERE)
-    for name in names:
+    for name in dict.fromkeys(names):
         if is_new or name in DRAWN:
             baseline = open_baseline(name, seed)
             yield baseline.title, baseline
