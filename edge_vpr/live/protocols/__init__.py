@@ -23,6 +23,20 @@ from edge_vpr.plugins import Registry
 from edge_vpr.recordings.reading import Columns
 from edge_vpr.warm_up import synthetic_events
 
+__all__ = [
+    "PROTOCOLS",
+    "Clock",
+    "Decoder",
+    "Encoder",
+    "Health",
+    "OptionReader",
+    "damaged_sample",
+    "open_decoder",
+    "open_encoder",
+    "parse_protocol",
+    "protocol_names",
+]
+
 # Health: counts of what a stream delivered and lost, in bytes and events.
 
 
