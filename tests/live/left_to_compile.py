@@ -17,7 +17,7 @@ from numba.core.dispatcher import Dispatcher
 from edge_vpr import LiveSession
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.protocols import open_encoder
-from edge_vpr.pipeline import map_traverse
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -69,7 +69,7 @@ def main():
             pixels=20, sigma=1.0, tau_us=100_000, matching=matching, window=window,
             events_per_pixel=1.0,
         )  # fmt: skip
-        reference = map_traverse(Drive(drive, SENSOR), settings)
+        reference = ReferenceMap.build(Drive(drive, SENSOR), settings)
         for burst_filter in ("exact", "causal"):
             for protocol in sys.argv[1:]:
                 near, far = socket.socketpair()
