@@ -721,7 +721,9 @@ def test_the_rovers_question_is_one_command(tmp_path, capsys, monkeypatch):
 
     def street():
         pair = [one.keep() for one in simulate_pair(0, "tiny", length_m=120.0)]
-        return accuracy.Drives("a short street", *pair, truth_of_pair(*pair))
+        return accuracy.Drives(
+            "a short street", lambda draw: accuracy.Pair(*pair, truth_of_pair(*pair))
+        )
 
     monkeypatch.setattr(accuracy, "simulated", street)
     monkeypatch.setattr(accuracy, "PIXELS", (10, 25))
@@ -931,8 +933,8 @@ def test_the_default_is_recommended_where_it_is_better(tmp_path, capsys, monkeyp
 
     It is the answer of docs/estimate.md, where more designs are tried.
     """
-    monkeypatch.setattr(accuracy, "PIXELS", (10, 75, 250))
-    monkeypatch.setattr(accuracy, "BITS", (2, 3))
+    monkeypatch.setattr(accuracy, "PIXELS", (10, 50, 250))
+    monkeypatch.setattr(accuracy, "BITS", (1, 3))
     out = tmp_path / "answer.json"
     rover = ["estimate", "--route-km", "8", "--fit", "64KiB", "--fit", "5mW", "--json", str(out)]
     assert main([*rover, "--accuracy-on", "simulated", "--target", "ice40up5k"]) == 0

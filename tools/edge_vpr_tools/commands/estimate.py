@@ -191,7 +191,7 @@ def tried_designs(args: argparse.Namespace, designs: Sequence[Design]) -> Tried 
 def _drives(args: argparse.Namespace) -> Drives:
     from edge_vpr.recordings import open_recording
     from edge_vpr_tools.estimate import accuracy
-    from edge_vpr_tools.estimate.accuracy import Drives
+    from edge_vpr_tools.estimate.accuracy import Drives, Pair
     from edge_vpr_tools.research.experiments.trial import Kept
     from edge_vpr_tools.runs.truth_files import load_truth
 
@@ -212,7 +212,8 @@ def _drives(args: argparse.Namespace) -> Drives:
     truth_of = partial(
         load_truth, args.ground_truth, tolerance=args.tolerance, rows=None, frame_period=None
     )
-    return Drives(" and ".join(args.accuracy_on), reference, query, truth_of)
+    pair = Pair(reference, query, truth_of)
+    return Drives(" and ".join(args.accuracy_on), lambda draw: pair)
 
 
 # Conversion of the flags of `edge-vpr estimate` to a `Question`.
