@@ -201,6 +201,7 @@ def test_a_device_has_places_at_half_windows(tmp_path, capsys):
     assert main(["estimate", "--map", str(tmp_path / "half.npz"), "--target", "cortex-m4"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "place filter, places at half windows" in shown
+    assert "at 0.2 places per metre (0.04 km)" in shown  # a place per 10 m if one per window
     assert "a device has no misfit: it accepts matches by trust alone" in shown
 
 
