@@ -322,6 +322,9 @@ assert main(simulate) == 0
 drives = [folder + "/pair/reference.npz", folder + "/pair/query.npz"]
 compile_kernels()
 assert main(["-q", "map", drives[0], "-o", folder + "/map.npz", "--tau", "250ms"]) == 0
+ways = [["--odometry", folder + f"/pair/{name}_odometry.csv"] for name in ("reference", "query")]
+metred = folder + "/metred.npz"
+assert main(["-q", "map", drives[0], "-o", metred, "--tau", "250ms", *ways[0]]) == 0
 with open(folder + "/sent.bin", "wb") as sent:
     from edge_vpr.recordings import open_recording
     from edge_vpr.live.protocols import open_encoder
@@ -335,6 +338,9 @@ before = signatures()
 stream = ["stream", "--port", folder + "/sent.bin", "--protocol", "evpr", "--once", "--json"]
 assert main([*stream, "--map", folder + "/map.npz"]) == 0
 assert main([*stream, "--map", folder + "/map.npz", "--delay", "2"]) == 0
+match = ["-q", "match", metred, drives[1], *ways[1], "--no-figures", "-o"]
+assert main([*match, folder + "/recorded"]) == 0
+assert main([*match, folder + "/online", "--online"]) == 0
 print("LATER", sorted(signatures() - before))
 """
 

@@ -23,6 +23,7 @@ from types import SimpleNamespace
 from typing import Any, Literal
 
 import numba
+import numpy as np
 from numba import njit
 from numba.core import caching
 from numba.core.registry import cpu_target
@@ -34,6 +35,7 @@ import edge_vpr
 import fixedpoint
 from edge_vpr import __version__
 from edge_vpr.compiling import checked_code
+from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.errors import EdgeVprError, install_command, printable
 from edge_vpr.live.protocols import PROTOCOLS, open_decoder
 from edge_vpr.live.session import LiveLocaliser
@@ -42,7 +44,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import processor_name
 from edge_vpr.settings import PRESETS, resolve_settings
 from edge_vpr.simulation import SimulatedRecording, simulate_pair
-from edge_vpr.warm_up import WarmUpStep, warm_up
+from edge_vpr.warm_up import WarmUpStep, localising_steps, matching_steps, warm_up
 from edge_vpr_tools.profile.conditions import Conditions
 from edge_vpr_tools.profile.sensors.search import find_sensors
 from edge_vpr_tools.profile.sensors.sensor import ROOT
@@ -146,6 +148,12 @@ def _run(
     if settings.matching == "filter":
         late = replace(reference.settings, smooth=False, delay=1)
         LiveLocaliser(decoder, reference.matched_with(late)).finish()
+        metred = replace(reference, odometer_mm=np.arange(len(reference), dtype=np.int64))
+        bursts = BurstFilter(first.sensor)
+        warm_up([
+            *matching_steps(metred, odometry=True),
+            *localising_steps(metred, schedule, bursts, odometry=True),
+        ])  # fmt: skip
 
 
 def _indexes(folder: Path) -> Iterator[tuple[Path, _State]]:
