@@ -157,7 +157,7 @@ module vpr_core #(
 
     generate
         if (FILTER) begin : g_filter
-            logic [4:0] misfit;
+            logic [4:0] residual;
 
             vpr_filter #(.LOADABLE(LOADABLE)) place_filter (
                 .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[5]), .load_address_i(load_address_i),
@@ -165,11 +165,11 @@ module vpr_core #(
                 .activity_inverse_i(activity_inverse), .idle_o(filter_idle),
                 .distance_start_o(distance_start), .distance_valid_i(distance_valid),
                 .distance_i(distance), .sum_valid_o(sum_valid), .sum_last_o(sum_last), .place_o(place),
-                .sum_o(sum), .misfit_o(misfit), .found_i(ends_search), .best_sum_i(best_sum)
+                .sum_o(sum), .residual_o(residual), .found_i(ends_search), .best_sum_i(best_sum)
             );
             assign sum_complete = 1'b1;
             vpr_trust trust_in_matches (
-                .clk_i(clk_i), .rst_i(rst_i), .became_i(became), .misfit_i(misfit),
+                .clk_i(clk_i), .rst_i(rst_i), .became_i(became), .residual_i(residual),
                 .update_i(ends_search),
                 .best_i(best), .best_sum_i(best_sum), .has_second_i(has_second),
                 .second_sum_i(second_sum), .trust_o(trust), .trusted_o(trusted)

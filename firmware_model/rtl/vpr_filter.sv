@@ -10,7 +10,7 @@
 // window's activity stands (`settled_i`): it says what the evidence weighs, and what steps cost
 // (ACTIVITY_COSTS; otherwise STEP_PRICES).
 //
-// `misfit_o` is the evidence that the metric has, saturated at 23. `found_i` says that the search
+// `residual_o` is the evidence that the metric has, saturated at 23. `found_i` says that the search
 // stands at `best_sum_i`, the least metric. Distances come two clocks apart at least, and so do
 // metrics.
 module vpr_filter #(
@@ -27,7 +27,7 @@ module vpr_filter #(
     localparam int           COST_BITS       = vpr_pkg::COST_BITS,
     localparam int           EVIDENCE_BITS   = vpr_pkg::EVIDENCE_BITS,
     localparam int           METRIC_BITS     = vpr_pkg::METRIC_BITS,
-    localparam int           MISFIT_BITS     = vpr_pkg::MISFIT_BITS,
+    localparam int           RESIDUAL_BITS   = vpr_pkg::RESIDUAL_BITS,
     parameter  bit           LOADABLE        = 0
 ) (
     input  logic                     clk_i,
@@ -47,7 +47,7 @@ module vpr_filter #(
     output logic                     sum_last_o,
     output logic [PLACE_BITS-1:0]    place_o,
     output logic [METRIC_BITS-1:0]   sum_o,
-    output logic [MISFIT_BITS-1:0]   misfit_o,
+    output logic [RESIDUAL_BITS-1:0] residual_o,
     input  logic                     found_i,
     input  logic [METRIC_BITS-1:0]   best_sum_i
 );
@@ -59,7 +59,7 @@ module vpr_filter #(
     // fraction bits of the reciprocal, less those of a metric
     localparam int SHIFT         = RECIPROCAL_BITS - 1 - 2;
     localparam int LEAD_BITS     = $clog2(BACK + 2);
-    localparam logic [MISFIT_BITS-1:0] MISFIT_TOP = MISFIT_BITS'(23);
+    localparam logic [RESIDUAL_BITS-1:0] RESIDUAL_TOP = RESIDUAL_BITS'(23);
 
     localparam logic [1:0] IDLE   = 2'd0;
     localparam logic [1:0] LEAD   = 2'd1;  // metrics of the BACK places ahead of the first
@@ -276,8 +276,8 @@ module vpr_filter #(
         if (valid_q[PREDICTED-1]) begin
             sum_inverse_q <= metric[METRIC_BITS] ? '0 : ~metric[METRIC_BITS-1:0];
             // 24 and above are those with both upper bits, or with more
-            misfit_o <= (against >> MISFIT_BITS) != 0 || &against[MISFIT_BITS-1:MISFIT_BITS-2]
-                ? MISFIT_TOP : MISFIT_BITS'(against);
+            residual_o <= (against >> RESIDUAL_BITS) != 0 || &against[RESIDUAL_BITS-1:RESIDUAL_BITS-2]
+                ? RESIDUAL_TOP : RESIDUAL_BITS'(against);
             place_o <= place_o + 1'b1;
         end
         if (begins) place_o <= '1;

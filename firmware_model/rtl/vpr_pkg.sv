@@ -91,7 +91,7 @@ package vpr_pkg;
     localparam int DISTANCE_TOTAL_BITS = width_of(((64'd1 << DISTANCE_BITS) - 64'd1) * 64'(PLACES));
     localparam int RECIPROCAL_BITS     = 17;
     localparam int EVIDENCE_BITS       = 8;
-    localparam int MISFIT_BITS         = 5;
+    localparam int RESIDUAL_BITS       = 5;
     localparam int TRUST_BITS          = 9;
     localparam int COST_BITS           = ACTIVITY_COSTS ? 7 : 10;  // of a step ahead
 

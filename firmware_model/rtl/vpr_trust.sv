@@ -1,11 +1,11 @@
-// Trust in the filter's matches: their support less their misfit, and at least 0.
+// Trust in the filter's matches: their support less their residual, and at least 0.
 //
 // The support moves by 1/4 of its difference to 16 x margin, from 0 where the place does not follow
 // from the one before by a step, and falls by 1/16 at least where the place stays the same. The
-// misfit is the most evidence against the matched place of this window and the two before, times
+// residual is the most evidence against the matched place of this window and the two before, times
 // 16. Margin and evidence saturate at 23. Below TRUST a match is not trusted.
 //
-// `misfit_i` is that of the place that has become the best (`became_i`). `update_i` begins when the
+// `residual_i` is that of the place that has become the best (`became_i`). `update_i` begins when the
 // match stands; `trust_o` and `trusted_o` are registered at the seventh clock edge behind it, and
 // the eighth, and stay.
 module vpr_trust #(
@@ -15,12 +15,12 @@ module vpr_trust #(
     localparam int         PLACE_BITS  = vpr_pkg::PLACE_BITS,
     localparam int         METRIC_BITS = vpr_pkg::METRIC_BITS,
     localparam int         TRUST_BITS  = vpr_pkg::TRUST_BITS,
-    localparam int         MARGIN_BITS = vpr_pkg::MISFIT_BITS
+    localparam int         MARGIN_BITS = vpr_pkg::RESIDUAL_BITS
 ) (
     input  logic                   clk_i,
     input  logic                   rst_i,
     input  logic                   became_i,
-    input  logic [MARGIN_BITS-1:0] misfit_i,
+    input  logic [MARGIN_BITS-1:0] residual_i,
     input  logic                   update_i,
     input  logic [PLACE_BITS-1:0]  best_i,
     input  logic [METRIC_BITS-1:0] best_sum_i,
@@ -57,7 +57,7 @@ module vpr_trust #(
     wire signed [TRUST_BITS:0] moved = difference_q >>> TRUST_SHIFT;
     wire signed [TRUST_BITS:0] more  = moved + $signed({1'b0, fall});
     wire [TRUST_BITS:0]        lacking = {1'b0, trust_o} - (TRUST_BITS + 1)'(TRUST);
-    // the carry says that the support is not below the misfit
+    // the carry says that the support is not below the residual
     wire [MARGIN_BITS:0]       left =
         {1'b1, support_q[TRUST_BITS-1:FRACTION]} - {1'b0, worst_q};
 
@@ -78,7 +78,7 @@ module vpr_trust #(
         if (phase_q[1] && (!placed_q || beyond_q)) support_q <= '0;
         larger_q     <= former_q > earlier_q ? former_q : earlier_q;
         worst_q      <= newest_q > larger_q ? newest_q : larger_q;
-        if (became_i) newest_q <= misfit_i;
+        if (became_i) newest_q <= residual_i;
         if (phase_q[4]) begin
             // the inverse of the fall, and a carry
             support_q <= TRUST_BITS'(({support_q, 1'b1} + {moves_q, falls_q}) >> 1);
