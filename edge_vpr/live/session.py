@@ -1177,6 +1177,14 @@ def _sensor_of(
     return reference.pixel_map.sensor
 
 
+def _is_recording(path: Path) -> bool:
+    # a .raw without the header of Prophesee can be bytes of a camera
+    if path.suffix == ".raw":
+        with path.open("rb") as file:
+            return file.read(2) == b"% "
+    return path.suffix in _OF_RECORDINGS
+
+
 def _opener(link: Any, baud: int, flow_control: bool) -> tuple[Callable[[], Link], bool]:
     """Return what opens a link, and whether it can be opened again."""
     if isinstance(link, str | os.PathLike):
@@ -1188,7 +1196,7 @@ def _opener(link: Any, baud: int, flow_control: bool) -> tuple[Callable[[], Link
                 f"{address} is a map, and a live session reads the bytes of a camera: give the map "
                 "as reference= (--map), and the camera's port here"
             )
-        if Path(address).is_file() and Path(address).suffix in _OF_RECORDINGS:
+        if Path(address).is_file() and _is_recording(Path(address)):
             raise UsageError(
                 f"{address} is a recording, and a live session reads the bytes of a camera: match "
                 "it with edge-vpr match --online, or play it with edge-vpr bridge"

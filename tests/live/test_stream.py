@@ -846,9 +846,16 @@ def test_a_camera_that_sent_nothing_is_an_error(tmp_path, capsys):
     assert "no bytes came: check that this is the camera's port" in capsys.readouterr().err
 
 
-def test_a_recording_is_no_port(drive, capsys):
-    assert streamed("--port", drive / "query.npz", "--sensor", "64x48") == 2
-    assert "match it with edge-vpr match --online" in capsys.readouterr().err
+def test_a_recording_is_no_port(drive, tmp_path, capsys):
+    raw = tmp_path / "camera.raw"
+    raw.write_bytes(b"% evt 3.0\n% end\n" + bytes(64))
+    for recording in (drive / "query.npz", raw):
+        assert streamed("--port", recording, "--sensor", "64x48") == 2
+        assert "match it with edge-vpr match --online" in capsys.readouterr().err
+    # without the header they can be bytes of a camera
+    raw.write_bytes(np.random.default_rng(0).bytes(30_000))
+    assert streamed("--port", raw, "--sensor", "64x48") == 1
+    assert "bytes are of this protocol" in capsys.readouterr().err
 
 
 def test_events_of_another_sensor_are_told_at_once(sent, capsys):
