@@ -855,7 +855,7 @@ def test_a_recording_is_no_port(drive, tmp_path, capsys):
     # without the header they can be bytes of a camera
     raw.write_bytes(np.random.default_rng(0).bytes(30_000))
     assert streamed("--port", raw, "--sensor", "64x48") == 1
-    assert "bytes are of this protocol" in capsys.readouterr().err
+    assert "of this protocol: check --protocol" in capsys.readouterr().err
 
 
 def test_events_of_another_sensor_are_told_at_once(sent, capsys):
