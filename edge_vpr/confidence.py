@@ -18,6 +18,7 @@ import numpy.typing as npt
 from edge_vpr.archive import EqualByValue, check_array, check_range, damaged
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.settings import Settings
 
 #: tables learnt on simulated streets by `experiment calibration --table`, see docs/trust.md: of
 #: matches that come so many windows late, and of smoothed drives
@@ -186,6 +187,24 @@ class Acceptance:
             )
         if self.precision is not None and self.confidence is not None:
             self.confidence.least_trust(self.precision)
+
+    @classmethod
+    def of(cls, settings: Settings, own: Confidence | None = None) -> Acceptance:
+        """Return what judges matches with these settings.
+
+        Parameters
+        ----------
+        own : Confidence, optional
+            Table of the map; by default a shipped one for the place filter, and none for sequences.
+
+        Raises
+        ------
+        UsageError
+            If the settings want a precision that the table cannot promise.
+        """
+        if own is None and settings.matching == "filter":
+            own = default_confidence(settings.smooth, settings.late, settings.stays_on_map)
+        return cls(own, settings.precision)
 
     def acceptance(
         self, trust: npt.NDArray[np.integer]

@@ -24,7 +24,7 @@ from edge_vpr.archive import (
     read_archive,
     write_archive,
 )
-from edge_vpr.confidence import TRUST_RULE, Acceptance, Confidence, default_confidence
+from edge_vpr.confidence import TRUST_RULE, Acceptance, Confidence
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import (
     Descriptors,
@@ -434,10 +434,7 @@ class MapRecord(EqualByValue):
         UsageError
             If the settings want a precision that the table cannot promise.
         """
-        confidence, asked = self.confidence, self.settings
-        if confidence is None and asked.matching == "filter":
-            confidence = default_confidence(asked.smooth, asked.late, asked.stays_on_map)
-        return Acceptance(confidence, asked.precision)
+        return Acceptance.of(self.settings, self.confidence)
 
     def matched_with(self, settings: Settings) -> Self:
         """Return the map with other settings for matching.

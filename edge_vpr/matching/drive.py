@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.confidence import NO_MISFIT, Acceptance, Confidence, default_confidence, net_trust
+from edge_vpr.confidence import NO_MISFIT, Acceptance, Confidence, net_trust
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, place_activity
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.map_record import MapRecord
@@ -635,9 +635,7 @@ def match_descriptors(
     """
     expect(settings, Settings, "settings", "Settings, as of a map or of resolve_settings")
     check_counts(places, queries)
-    if confidence is None and settings.matching == "filter":
-        confidence = default_confidence(settings.smooth, settings.late, settings.stays_on_map)
-    acceptance = Acceptance(confidence, settings.precision)
+    acceptance = Acceptance.of(settings, confidence)
     if settings.matching == "filter":
         place_filter = filter_of(places, settings, jumps, along_mm)
         index = ReferenceIndex(places.counts)

@@ -11,7 +11,7 @@ from typing import Any, Protocol, TypeVar, cast
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.confidence import Acceptance, default_confidence
+from edge_vpr.confidence import Acceptance
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import (
@@ -211,8 +211,7 @@ def filter_distances(
     of_places, of_queries = activity
     places = _numbered(of_places, np.zeros_like(of_places))
     place_filter = filter_of(places, settings, None, None)
-    table = default_confidence(settings.smooth, settings.late, settings.stays_on_map)
-    accepted = Acceptance(table, settings.precision)
+    accepted = Acceptance.of(settings)
     queries = _numbered(of_queries, query_us)
     return match_by_filter(place_filter, cast(ReferenceIndex, given), queries, settings, accepted)
 
