@@ -380,7 +380,7 @@ class ReferenceMap(MapRecord):
             if getattr(chosen, name) != getattr(self.settings, name)
         }
         for name, value in asked.items():
-            if SETTING_FIELDS[name].group != "matching":
+            if name in chosen.of_map:
                 raise UsageError(
                     f"{by}: setting {name} = {value!r}, and the map was made with "
                     f"{getattr(self.settings, name)!r}: match with the map's, or build another map"

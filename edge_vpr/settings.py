@@ -670,6 +670,15 @@ class Settings:
         return self.query_mean == "running"
 
     @property
+    def of_map(self) -> dict[str, Any]:
+        """Settings that a map is made with, by name: all but those of matching."""
+        return {
+            name: getattr(self, name)
+            for name, setting in SETTING_FIELDS.items()
+            if setting.group != "matching"
+        }
+
+    @property
     def of_trust(self) -> tuple[object, ...]:
         """Settings that the scale of the trust depends on.
 

@@ -42,7 +42,7 @@ from edge_vpr.recordings import FORMATS, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_parent
 from edge_vpr.route import Odometry
-from edge_vpr.settings import SETTING_FIELDS, Settings, duration_us, resolve_settings
+from edge_vpr.settings import Settings, duration_us, resolve_settings
 from edge_vpr.warm_up import WarmUpStep, localising_steps, synthetic_events, warm_up
 
 # Live matching: decoder, burst filter and localiser in one, from bytes to matches.
@@ -945,7 +945,7 @@ class LiveSession:
             return
         try:
             reference = self.reference
-            if reference is not None and _of_map(reference.settings) == _of_map(self._settings):
+            if reference is not None and reference.settings.of_map == self._settings.of_map:
                 # aligned by whole drives, whatever the settings that it was matched with
                 known = reference.matched_with(self._settings)
                 self.update = known.update(drive, odometry=odometry, removed=self.removed)
@@ -973,12 +973,6 @@ class LiveSession:
             save_odometry(table, odometry)
             words += ["--odometry", printable(table)]
         self._say("drive", f"the drive is kept: {' '.join(words)}")
-
-
-def _of_map(settings: Settings) -> list[Any]:
-    """Return the settings that belong to a map and not to matching with it."""
-    fields = [field for field in SETTING_FIELDS.values() if field.group != "matching"]
-    return [getattr(settings, field.name) for field in fields]
 
 
 class _EventWriter:
