@@ -422,6 +422,11 @@ class Design(DesignFile):
         return self.code == "contrast"
 
     @property
+    def places_per_window(self) -> int:
+        """Places in one window's way by its costs of steps; 1 where these are fixed."""
+        return int(self.activity_costs) or 1
+
+    @property
     def forward_steps(self) -> int:
         """Number of priced steps of 0, 1, 2 ... places."""
         return len(self.costs_by_activity[0]) if self.activity_costs else len(self.steps)

@@ -336,7 +336,7 @@ def _of_flags(args: argparse.Namespace, places: int) -> Design:
         flags["counter_code"] = "log"
     sensor = Sensor.parse(flags["sensor"])
     # as the default settings have for each kind of window
-    of_window: dict[str, Any] = {"activity_costs": int(flags["matching"] == "filter")}
+    of_window: dict[str, Any] = {"activity_costs": flags["matching"] == "filter"}
     if flags["window_events"] is not None:
         by_count = replace(PRESETS["default"], window="count")
         count = {"window": "count", "window_events": flags["window_events"]}
@@ -387,7 +387,7 @@ def sequences_beside(args: argparse.Namespace, design: Design) -> Design | None:
     windows = "count" if args.accuracy_on is not None else design.window
     return replace(
         design, matching="sequence", length=0, code="log", full_scales=(0,), accept="ratio",
-        window=windows, activity_costs=0,
+        window=windows, activity_costs=False,
     )  # fmt: skip
 
 

@@ -146,15 +146,14 @@ def _moments(runs: Sequence[_Run]) -> npt.NDArray[np.int64]:
     return found
 
 
-def _draw(drives: Pair, design: Design, pixels: int, seed: int) -> Iterator[_Run]:
+def _draw(pair: Pair, design: Design, pixels: int, seed: int) -> Iterator[_Run]:
     """Map and match one draw of pixels with codes of each width, as a device does."""
-    number = max(int(design.activity_costs), 1)  # places per window
     changes: dict[str, Any] = {
         "matching": design.matching,
-        "places_per_window": number,
+        "places_per_window": design.places_per_window,
         "smooth": False,
         "query_mean": "running",
-        "exclusion": design.exclusion // number,
+        "exclusion": design.exclusion // design.places_per_window,
         "window": design.window,
         "tau_us": design.tau_us,
         "events_per_pixel": None,
@@ -173,9 +172,9 @@ def _draw(drives: Pair, design: Design, pixels: int, seed: int) -> Iterator[_Run
         # the middle of a sequence is most often within the tolerance
         changes |= {"sequence_length": design.length, "anchor": "middle"}
     settings = PRESETS["default"].replaced(changes, "the design").uncoded
-    mapped = ReferenceMap.build(drives.reference, settings)
-    queries = describe(drives.query, mapped.pixel_map, mapped.settings)
-    truth = drives.truth_of(mapped.places.centre_us, queries.centre_us)
+    mapped = ReferenceMap.build(pair.reference, settings)
+    queries = describe(pair.query, mapped.pixel_map, mapped.settings)
+    truth = pair.truth_of(mapped.places.centre_us, queries.centre_us)
     code = {
         "counter_code": "log" if design.own_mean else design.code,
         "counter_scaling": design.code if design.own_mean else "shared",

@@ -163,7 +163,7 @@ def _design(found: Estimation) -> None:
     """Print the design, its sizes, and the mission that the rates are for."""
     asked, size = found.question, found.sizes
     of, mission = found.design, found.mission
-    density = asked.places_per_metre * max(int(of.activity_costs), 1)
+    density = asked.places_per_metre * of.places_per_window
     say(f"{design_text(of)}: {of.slots} counters, of {of.width} x {of.height} pixels")
     say(
         f"{size.place_bytes} bytes per place, {size_text(1e3 * density * size.place_bytes)} "

@@ -202,7 +202,7 @@ def matching(of: Design) -> str:
     if not of.filters:
         return f"sequences of {of.length}"
     if not of.steps:
-        return "place filter" + ", places at half windows" * (of.activity_costs == 2)
+        return "place filter" + ", places at half windows" * (of.places_per_window == 2)
     return f"place filter with fixed costs of {len(of.steps) + len(of.back)} steps"
 
 
@@ -210,7 +210,7 @@ def short_text(of: Design) -> str:
     """Return pixels, codes, places and matching of a design for a cell of a table."""
     by = f"sequences of {of.length}"
     if of.filters:
-        by = "filter" + ", places at half windows" * (of.activity_costs == 2)
+        by = "filter" + ", places at half windows" * (of.places_per_window == 2)
         by += "" if of.keep_distances else ", distances computed twice"
     return (
         f"{of.pixels:,} px, {of.code_bits} bit{'s' * (of.code_bits > 1)} {of.code}, "
