@@ -314,11 +314,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         0 for success, 1 for a failed run, 2 for wrong use, 130 after an interrupt.
     """
-    argv = sys.argv[1:] if argv is None else argv
-    # what compiler and figures make stays until the end: looking for garbage in it, and once more
-    # when the process ends, takes a quarter of a command's time
-    gc.set_threshold(20_000)
-    atexit.register(gc.freeze)
+    if argv is None:  # the process is this command
+        argv = sys.argv[1:]
+        # what compiler and figures make stays until the end: looking for garbage in it, and once
+        # more when the process ends, takes a quarter of a command's time
+        gc.set_threshold(20_000)
+        atexit.register(gc.freeze)
     _open_closed_streams()
     hook = sys.unraisablehook
     sys.unraisablehook = _interrupt_again
