@@ -155,7 +155,7 @@ def _judged(drive: Case, found: Matches, truths: Sequence[GroundTruth]) -> Row:
     confidence = reference.acceptance.confidence
     assert confidence is not None
     accepted = known & (found.trust >= confidence.least_trust(PRECISION))
-    number = reference.settings.places_per_window
+    place_bytes = reference.packed_bytes_per_place + 1
     error = reliability(found.probability[known], wide[known]).expected_calibration_error
     row = {
         "P@100R": None,
@@ -168,8 +168,8 @@ def _judged(drive: Case, found: Matches, truths: Sequence[GroundTruth]) -> Row:
         "accepted at 0.99": int(accepted.sum()),
         "accepted and correct": int((accepted & wide).sum()),
         "places": len(reference),
-        "bytes per window": number * (reference.packed_bytes_per_place + 1),
-        "bytes of the places": len(reference) * (reference.packed_bytes_per_place + 1),
+        "bytes per window": reference.settings.places_per_window * place_bytes,
+        "bytes of the places": len(reference) * place_bytes,
         "differences per window": reference.places.counts.size,
     }
     if len(truths) > 1:  # of a whole drive
