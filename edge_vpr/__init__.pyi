@@ -29,9 +29,9 @@ from .matching.distances import ReferenceIndex as ReferenceIndex
 from .matching.distances import distance_matrix as distance_matrix
 from .matching.drive import match_descriptors as match_descriptors
 from .matching.matches import Matches as Matches
+from .online.localiser import MATCH_DTYPE as MATCH_DTYPE
 from .online.localiser import Localiser as Localiser
-from .online.matcher import MATCH_DTYPE as MATCH_DTYPE
-from .online.matcher import MatchSchedule as MatchSchedule
+from .online.localiser import MatchSchedule as MatchSchedule
 from .pipeline import describe as describe
 from .recordings import Recording as Recording
 from .recordings import open_recording as open_recording

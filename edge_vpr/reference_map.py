@@ -25,8 +25,7 @@ from edge_vpr.learning import MapUpdate, learn_drive
 from edge_vpr.map_record import KIND, MapRecord
 from edge_vpr.matching.drive import match_query
 from edge_vpr.matching.matches import Matches, write_csv
-from edge_vpr.online.localiser import Localiser, OdometryFeed
-from edge_vpr.online.matcher import MatchSchedule
+from edge_vpr.online.localiser import Localiser, MatchSchedule, OdometryFeed
 from edge_vpr.pipeline import (
     EventSource,
     Removed,

@@ -35,8 +35,15 @@ from edge_vpr.live.links import DescriptorLink, Link, LinkReader, SocketLink, Ur
 from edge_vpr.live.odometer import OdometerReader
 from edge_vpr.live.protocols import Decoder, Health, open_decoder
 from edge_vpr.map_record import KIND as MAP_KIND
-from edge_vpr.online.localiser import JUMP_US, MOST_TICKS, Follower, Localiser, Step
-from edge_vpr.online.matcher import MATCH_DTYPE, MatchSchedule
+from edge_vpr.online.localiser import (
+    JUMP_US,
+    MATCH_DTYPE,
+    MOST_TICKS,
+    Follower,
+    Localiser,
+    MatchSchedule,
+    Step,
+)
 from edge_vpr.pipeline import Removed
 from edge_vpr.recordings import FORMATS, write_recording
 from edge_vpr.reference_map import ReferenceMap

@@ -24,17 +24,17 @@ from fixedpoint.own_mean import LEVEL_BITS
 # Vector kernels of online matching: change all sums by +-1, find the smallest.
 #
 # When a counter of the window changes from v to v + 1, its distance to a place changes by +1 if
-# the count in the map is at most v, and by -1 if it is more. Several such steps (arrivals and
+# the count in the map is at most v, and by -1 if it is more. Several such changes (arrivals and
 # expiries at any pixels) are added up in 8-bit lanes and then added to the sums in one pass.
 #
 # The intrinsics emit generic vector IR, which LLVM compiles for any target. Plain loops would be
-# widened to 32 bits or more. With Numba's compiler off, the same steps run in NumPy.
+# widened to 32 bits or more. With Numba's compiler off, the same changes run in NumPy.
 
 
 #: places in one vector; arrays end with this many spare elements
 LANES = 64
-#: steps of one pass; their sum must fit into 8 bits with sign
-MAX_STEPS = 120
+#: changes of one pass; their sum must fit into 8 bits with sign
+MAX_CHANGES = 120
 #: places whose sums stay in the first-level cache between update and search
 BLOCK = 4096
 
@@ -97,17 +97,17 @@ def _least_lane(builder, vector):
 
 
 @intrinsic
-def _vector_step(typing_context, sums, columns, steps, arrivals, expiries, start, stop):
-    """Apply the first `arrivals` and the last `expiries` steps, and find the least sum."""
-    signature = sums.dtype(sums, columns, steps, arrivals, expiries, start, stop)
+def _vector_change(typing_context, sums, columns, changes, arrivals, expiries, start, stop):
+    """Apply the first `arrivals` and the last `expiries` changes, and find the least sum."""
+    signature = sums.dtype(sums, columns, changes, arrivals, expiries, start, stop)
 
     def codegen(context, builder, signature, arguments):
-        sums_a, columns_a, steps_a = (
+        sums_a, columns_a, changes_a = (
             context.make_array(signature.args[i])(context, builder, arguments[i]).data
             for i in range(3)
         )
         arrivals, expiries, start, stop = arguments[3:]
-        end = ir.Constant(_I64, MAX_STEPS)
+        end = ir.Constant(_I64, MAX_CHANGES)
         count_type = ir.IntType(columns.dtype.bitwidth)
         sum_vector = ir.VectorType(ir.IntType(sums.dtype.bitwidth), LANES)
         byte_vector = ir.VectorType(_I8, LANES)
@@ -119,14 +119,14 @@ def _vector_step(typing_context, sums, columns, steps, arrivals, expiries, start
         def one_vector(place, least):
             def add_above(sign):
                 def one_step(o, total):
-                    offset = builder.load(builder.gep(steps_a, [o]))
+                    offset = builder.load(builder.gep(changes_a, [o]))
                     counts = _load(
                         builder,
                         columns_a,
                         builder.add(offset, place),
                         ir.VectorType(count_type, LANES),
                     )
-                    level = builder.load(builder.gep(steps_a, [builder.add(o, end)]))
+                    level = builder.load(builder.gep(changes_a, [builder.add(o, end)]))
                     level = _splat(builder, builder.trunc(level, count_type))
                     # all ones, that is -1, where the map's count is above the level
                     above = builder.sext(builder.icmp_unsigned(">", counts, level), byte_vector)
@@ -192,10 +192,10 @@ def _vector_find(typing_context, sums, start, value):
 
 if config.DISABLE_JIT:
 
-    def change_sums(sums, columns, steps, arrivals, expiries, start, stop):
-        """Apply +-1 steps to ``sums[start:stop]`` and find the smallest, as the kernel below."""
-        for o in (*range(arrivals), *range(MAX_STEPS - expiries, MAX_STEPS)):
-            offset, level = steps[:, o]
+    def change_sums(sums, columns, changes, arrivals, expiries, start, stop):
+        """Apply +-1 changes to ``sums[start:stop]`` and find the smallest, as the kernel below."""
+        for o in (*range(arrivals), *range(MAX_CHANGES - expiries, MAX_CHANGES)):
+            offset, level = changes[:, o]
             column = columns[offset + start : offset + stop]
             change = np.where(column > level, -1, 1) * (1 if o < arrivals else -1)
             sums[start:stop] += change.astype(sums.dtype)  # -1 wraps, as intended
@@ -210,8 +210,8 @@ if config.DISABLE_JIT:
 else:
 
     @kernel(inline="always")
-    def change_sums(sums, columns, steps, arrivals, expiries, start, stop):
-        """Apply +-1 steps to ``sums[start:stop]``, and return the smallest sum.
+    def change_sums(sums, columns, changes, arrivals, expiries, start, stop):
+        """Apply +-1 changes to ``sums[start:stop]``, and return the smallest sum.
 
         Spare elements after `stop` change too; they must be larger than all sums.
 
@@ -221,12 +221,12 @@ else:
             Sums of the places, spare ones, and the smallest of each block.
         columns : ndarray of uint8 or uint16
             Map, one pixel's places after another, ending with LANES spare elements.
-        steps : ndarray of int64, shape (2, MAX_STEPS)
+        changes : ndarray of int64, shape (2, MAX_CHANGES)
             For each step, where in `columns` the count lies that belongs to ``sums[0]``, and the
             smaller of the two counts that the step goes between.
         arrivals, expiries : int
-            The first `arrivals` steps go up, the last `expiries` go down; together at most
-            MAX_STEPS.
+            The first `arrivals` changes go up, the last `expiries` go down; together at most
+            MAX_CHANGES.
         start, stop : int
             `start` is a multiple of LANES.
 
@@ -234,7 +234,7 @@ else:
         -------
         least
         """
-        return _vector_step(sums, columns, steps, arrivals, expiries, start, stop)
+        return _vector_change(sums, columns, changes, arrivals, expiries, start, stop)
 
     @kernel(inline="always")
     def _least(sums, start, stop):
@@ -287,12 +287,12 @@ def least_in(sums, count, start, stop):
 
 
 @kernel(inline="always")
-def update_blocks(sums, columns, steps, arrivals, expiries, count):
-    """Apply steps to the first `count` sums, and store the smallest of each block after them."""
+def update_blocks(sums, columns, changes, arrivals, expiries, count):
+    """Apply changes to the first `count` sums, and store the smallest of each block after them."""
     for start in range(0, count, BLOCK):
         stop = min(start + BLOCK, count)
         sums[count + LANES + start // BLOCK] = change_sums(
-            sums, columns, steps, arrivals, expiries, start, stop
+            sums, columns, changes, arrivals, expiries, start, stop
         )
 
 
@@ -337,24 +337,24 @@ def age(time, slot, bound, moves, totals, tau, n, until):
 
 
 @kernel(inline="always")
-def note_steps(slot, column, before, now, noted, totals, counters, arrays):
-    """Note the steps from one code of a counter to another.
+def note_changes(slot, column, before, now, noted, totals, counters, arrays):
+    """Note the changes from one code of a counter to another.
 
     Parameters
     ----------
     column : int
         Of the lag, counted from the oldest.
     noted : tuple of int
-        Steps up and steps down that are noted already.
+        Changes up and down that are noted already.
     arrays : tuple
-        `columns`, `sums` and `steps` of `SlidingWindows`.
+        `columns`, `sums` and `changes` of `SlidingWindows`.
 
     Returns
     -------
     tuple of int
         As `noted`.
     """
-    total, (columns, sums, steps), (arrivals, expiries) = totals[0], arrays, noted
+    total, (columns, sums, changes), (arrivals, expiries) = totals[0], arrays, noted
     up = 1 if now > before else -1
     for step in range(min(before, now), max(before, now)):
         # if all counts of the map are on one side, all places change by the same amount
@@ -364,22 +364,22 @@ def note_steps(slot, column, before, now, noted, totals, counters, arrays):
         if step < counters[slot].low:
             total.common -= up
             continue
-        if arrivals + expiries == MAX_STEPS:
-            update_blocks(sums, columns, steps, arrivals, expiries, total.sums)
+        if arrivals + expiries == MAX_CHANGES:
+            update_blocks(sums, columns, changes, arrivals, expiries, total.sums)
             arrivals = expiries = 0
         if up > 0:
             at = arrivals
             arrivals += 1
         else:
             expiries += 1
-            at = MAX_STEPS - expiries
-        steps[0, at] = slot * total.stride + column
-        steps[1, at] = step
+            at = MAX_CHANGES - expiries
+        changes[0, at] = slot * total.stride + column
+        changes[1, at] = step
     return arrivals, expiries
 
 
 @kernel(inner=True)
-def take_moves(moves, totals, counts, code, counters, columns, sums, steps):
+def take_moves(moves, totals, counts, code, counters, columns, sums, changes):
     """Update counters and distances by the noted moves; the arrays are those of `s`.
 
     Of own-mean codes, which depend on more than a count, only the counters: see `recode`.
@@ -399,16 +399,16 @@ def take_moves(moves, totals, counts, code, counters, columns, sums, steps):
                 table = counters[slot].table
                 before = np.int64(code[table, min(before, code.shape[1] - 1)])
                 now = np.int64(code[table, min(now, code.shape[1] - 1)])
-            arrays = columns, sums, steps
+            arrays = columns, sums, changes
             column = lags - 1 - lag
-            noted = note_steps(slot, column, before, now, noted, totals, counters, arrays)
+            noted = note_changes(slot, column, before, now, noted, totals, counters, arrays)
     total.moves = 0
     if noted[0] + noted[1] > 0:
-        update_blocks(sums, columns, steps, noted[0], noted[1], total.sums)
+        update_blocks(sums, columns, changes, noted[0], noted[1], total.sums)
 
 
 @kernel(inner=True)
-def recode(own, counts, totals, counters, columns, sums, steps):
+def recode(own, counts, totals, counters, columns, sums, changes):
     """Update own-mean codes and distances by the counters and means; the arrays are those of `s`.
 
     Most codes are the same as before; only those that changed take a pass over the places.
@@ -418,18 +418,18 @@ def recode(own, counts, totals, counters, columns, sums, steps):
     for slot in range(own.codes.shape[1]):
         before, now = own.codes[0, slot], own.codes[1, slot]
         own.codes[0, slot] = now
-        arrays = columns, sums, steps
-        noted = note_steps(slot, 0, before, now, noted, totals, counters, arrays)
+        arrays = columns, sums, changes
+        noted = note_changes(slot, 0, before, now, noted, totals, counters, arrays)
     if noted[0] + noted[1] > 0:
-        update_blocks(sums, columns, steps, noted[0], noted[1], totals[0].sums)
+        update_blocks(sums, columns, changes, noted[0], noted[1], totals[0].sums)
 
 
 @kernel
 def settle(s):
     """Update counters and distances of the state by the noted moves."""
-    take_moves(s.moves, s.totals, s.counts, s.code, s.counters, s.columns, s.sums, s.steps)
+    take_moves(s.moves, s.totals, s.counts, s.code, s.counters, s.columns, s.sums, s.changes)
     if s.own.levels.size > 0:
-        recode(s.own, s.counts, s.totals, s.counters, s.columns, s.sums, s.steps)
+        recode(s.own, s.counts, s.totals, s.counters, s.columns, s.sums, s.changes)
 
 
 @kernel
@@ -535,16 +535,16 @@ def _second(sums, count, best, exclusion, places):
 
 
 @kernel(inner=True)
-def match_now(state, step, rows, sums, total, c, length, events, over, row):
+def match_now(state, step_table, rows, sums, total, c, length, events, over, row):
     """Match by the place filter: write the match, or end the window; or match by sequences.
 
-    Without a filter, `state`, `step` and `rows` are None, and with it `length` is. Numba leaves out
-    what is behind a comparison of an argument that is None, so that only one of the two is
-    compiled.
+    Without a filter, `state`, `step_table` and `rows` are None, and with it `length` is. Numba
+    leaves out what is behind a comparison of an argument that is None, so that only one of the two
+    is compiled.
 
     Parameters
     ----------
-    state, step, rows, sums, total, c, length
+    state, step_table, rows, sums, total, c, length
         Of `OnlineState`, with all moves taken. Changed in place: `rows`, and in `c` the place of
         the last match, or whether the window was a pause.
     events : int
@@ -567,7 +567,7 @@ def match_now(state, step, rows, sums, total, c, length, events, over, row):
     metric, found = rows.metrics[0], rows.columns[0]
     # the common part of all distances changes neither the evidence nor its spread
     distances = sums[: metric.size]
-    matched = match_window(state, StepTable(*step), c.exclusion, distances, events, rows, 0)
+    matched = match_window(state, StepTable(*step_table), c.exclusion, distances, events, rows, 0)
     if over:
         c.paused = is_pause(events, state.numbers[0].mean_activity)
         end_window(state, distances, events, metric, matched)

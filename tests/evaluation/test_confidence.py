@@ -43,8 +43,7 @@ from edge_vpr.live.protocols import open_encoder
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.place_filter import LASTING_BITS, USUAL_FIT
-from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.matcher import filter_state
+from edge_vpr.online.localiser import Localiser, filter_state
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import MOST_DELAY, PRESETS, Settings

@@ -16,8 +16,7 @@ from edge_vpr.descriptors.cleaning import CausalBurstFilter
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.session import LiveLocaliser
-from edge_vpr.online.localiser import JUMP_US, MOST_TICKS, Localiser
-from edge_vpr.online.matcher import MatchSchedule
+from edge_vpr.online.localiser import JUMP_US, MOST_TICKS, Localiser, MatchSchedule
 
 #: a camera that has more pixels than the map's sensor, with fields of the same widths
 CAMERA = Sensor(8, 8)

@@ -26,8 +26,7 @@ from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.bridge import Bridge
 from edge_vpr.live.links import LinkError, open_device_link
 from edge_vpr.live.protocols import open_encoder
-from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.matcher import MatchSchedule
+from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.pipeline import cleaned
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap

@@ -30,8 +30,7 @@ from edge_vpr.live.links import open_device_link
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.session import LiveLocaliser, LiveResult, LiveStatus
 from edge_vpr.matching.matches import Matches, write_csv
-from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.matcher import MATCH_DTYPE, MatchSchedule
+from edge_vpr.online.localiser import MATCH_DTYPE, Localiser, MatchSchedule
 from edge_vpr.pipeline import cleaned
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap

@@ -35,8 +35,7 @@ from edge_vpr.live.protocols.aer import read_layout
 from edge_vpr.live.protocols.layout import Layout
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
-from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.matcher import MatchSchedule
+from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.pipeline import coded_map
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route

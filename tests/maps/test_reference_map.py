@@ -16,7 +16,7 @@ import edge_vpr as ev
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr.live.session import LiveResult
 from edge_vpr.matching.matches import TABLE
-from edge_vpr.online.matcher import MATCH_DTYPE
+from edge_vpr.online.localiser import MATCH_DTYPE
 
 SENSOR = ev.Sensor(16, 12)
 SMALL = {"pixels": 5, "sigma": 1.0, "tau": "100ms"}

@@ -18,8 +18,7 @@ from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.map_record import codes_of
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.matcher import MATCH_DTYPE, MatchSchedule
+from edge_vpr.online.localiser import MATCH_DTYPE, Localiser, MatchSchedule
 from edge_vpr.pipeline import describe
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings

@@ -21,8 +21,14 @@ from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import EVENT_DTYPE, make_events
 from edge_vpr.matching.matches import margin_to_second, ratio_to_second
 from edge_vpr.online.kernels import selected_in_order, write_codes
-from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.matcher import CHUNK_EVENTS, MATCHES_AT_ONCE, MatchSchedule, OwnCodes, follow
+from edge_vpr.online.localiser import (
+    CHUNK_EVENTS,
+    MATCHES_AT_ONCE,
+    Localiser,
+    MatchSchedule,
+    OwnCodes,
+    follow,
+)
 from fixedpoint.own_mean import OwnMeanCode
 
 TABLE = Confidence(

@@ -23,7 +23,7 @@ from edge_vpr_tools.live_view import MatchRows
 from edge_vpr_tools.publish import LineServer
 
 from edge_vpr.live.session import LiveResult
-from edge_vpr.online.matcher import MATCH_DTYPE
+from edge_vpr.online.localiser import MATCH_DTYPE
 
 ADAPTER = Path(__file__).parents[2] / "tools/adapters/ros2"
 

@@ -9,8 +9,7 @@ from edge_vpr_tools.research.experiments.burst_filters import FILTERS, Flashed, 
 from streams import Drive, random_events
 
 from edge_vpr.events import Sensor
-from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.matcher import MatchSchedule
+from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.pipeline import cleaned
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings

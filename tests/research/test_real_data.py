@@ -19,8 +19,7 @@ from edge_vpr.evaluation.calibration import reliability
 from edge_vpr.evaluation.ground_truth import from_tracks
 from edge_vpr.evaluation.metrics import judge_rejection
 from edge_vpr.evaluation.tracks import load_nmea
-from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.matcher import MatchSchedule
+from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS

@@ -36,7 +36,7 @@ from edge_vpr.events import Sensor
 from edge_vpr.live.links import LinkError
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.session import LiveResult
-from edge_vpr.online.matcher import MATCH_DTYPE
+from edge_vpr.online.localiser import MATCH_DTYPE
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings

@@ -28,7 +28,7 @@ from edge_vpr.live.bridge import Bridge
 from edge_vpr.live.links import VirtualLink
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.session import LiveLocaliser
-from edge_vpr.online.matcher import MatchSchedule
+from edge_vpr.online.localiser import MatchSchedule
 
 SENSOR = Sensor(346, 260)
 #: Time of a frame, and frames between two matches.

@@ -27,8 +27,7 @@ from edge_vpr.live.protocols import (
     room_for,
     start_clock,
 )
-from edge_vpr.online.localiser import Follower, Step, follow_kept
-from edge_vpr.online.matcher import CHUNK_EVENTS
+from edge_vpr.online.localiser import CHUNK_EVENTS, Follower, Step, follow_kept
 from edge_vpr.recordings.reading import Columns
 from edge_vpr.warm_up import synthetic_events
 

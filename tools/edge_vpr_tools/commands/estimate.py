@@ -400,7 +400,7 @@ def half_places_beside(args: argparse.Namespace, design: Design) -> Design | Non
 
 def _matches_per_s(every: str, design: Design, selected_per_s: float) -> float:
     """Return the number of matches per second for a value of ``--every``."""
-    from edge_vpr.online.matcher import read_every
+    from edge_vpr.online.localiser import read_every
 
     schedule = read_every(every)
     if schedule is None:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
 from edge_vpr.files import understood
-from edge_vpr.online.matcher import MatchSchedule
+from edge_vpr.online.localiser import MatchSchedule
 from edge_vpr.results import run_record
 from edge_vpr_tools.console import note
 from edge_vpr_tools.profile.conditions import Conditions, void_because

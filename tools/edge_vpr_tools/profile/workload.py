@@ -15,8 +15,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Events
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.matcher import MatchSchedule
+from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.pipeline import EventSource, cleaned, describe_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS

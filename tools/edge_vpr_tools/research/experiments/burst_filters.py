@@ -11,8 +11,7 @@ from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.matching.matches import Matches
-from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.matcher import MatchSchedule
+from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.pipeline import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS

@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.evaluation.tracks import Track
-from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.matcher import MatchSchedule
+from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.pipeline import EventSource, cleaned
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
