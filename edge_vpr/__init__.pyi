@@ -25,6 +25,7 @@ from .events import Sensor as Sensor
 from .events import crop as crop
 from .events import make_events as make_events
 from .live.session import LiveSession as LiveSession
+from .map_record import describe as describe
 from .matching.distances import ReferenceIndex as ReferenceIndex
 from .matching.distances import distance_matrix as distance_matrix
 from .matching.drive import match_descriptors as match_descriptors
@@ -32,7 +33,6 @@ from .matching.matches import Matches as Matches
 from .online.localiser import MATCH_DTYPE as MATCH_DTYPE
 from .online.localiser import Localiser as Localiser
 from .online.localiser import MatchSchedule as MatchSchedule
-from .pipeline import describe as describe
 from .recordings import Recording as Recording
 from .recordings import open_recording as open_recording
 from .recordings import write_recording as write_recording

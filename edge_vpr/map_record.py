@@ -1,6 +1,7 @@
 """The data of a reference map: selected pixels, descriptors of the places, their codes, settings.
 
-All stages of matching take this record. `ReferenceMap` adds building and matching to it.
+How a drive becomes such a record, and another drive its query. All stages of matching take this
+record; `ReferenceMap` adds matching to it.
 """
 
 from __future__ import annotations
@@ -25,9 +26,34 @@ from edge_vpr.archive import (
     write_archive,
 )
 from edge_vpr.confidence import TRUST_RULE, Acceptance, Confidence
-from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.cleaning import can_be_searched, find_hot_pixels
+from edge_vpr.descriptors.counting import (
+    DescriptorStream,
+    EventSource,
+    Removed,
+    WindowSource,
+    check_counted,
+    check_parts,
+    check_sensor,
+    check_windows_only,
+    count_places,
+    count_windows,
+    event_windows,
+    opened,
+    too_short,
+)
+from edge_vpr.descriptors.pixels import (
+    PixelMap,
+    PixelStatistics,
+    informative_pixels,
+    plugin_pixels,
+    select_pixels,
+    shortlist,
+    too_few_pixels,
+)
 from edge_vpr.descriptors.windows import (
     Descriptors,
+    FixedTime,
     activity_of_drive,
     check_descriptors,
     find_pauses,
@@ -38,7 +64,7 @@ from edge_vpr.events import Sensor
 from edge_vpr.plugins import Registry
 from edge_vpr.route import MOST_MM, Route
 from edge_vpr.settings import CODES, PLUGIN, Settings
-from fixedpoint.codes import PixelCodes, packed_bytes
+from fixedpoint.codes import PixelCodes, learn_full_scale, packed_bytes
 from fixedpoint.errors import FixedPointError
 from fixedpoint.own_mean import OwnMeanCode, RunningMean, mean_level
 
@@ -610,3 +636,284 @@ def _period(text: object) -> Fraction | None:
     if not known:
         raise MapError(f"frame_period is {text!r}: expected seconds such as '1/30'")
     return Fraction(str(text))
+
+
+# Descriptors of a drive, with the codes of a map.
+
+
+def describe(
+    recording: EventSource | WindowSource | str | Path,
+    pixel_map: PixelMap,
+    settings: Settings,
+    full_scale: npt.NDArray[np.uint16] | None = None,
+    *,
+    removed: Removed | None = None,
+) -> Descriptors:
+    """Count the events of a drive at the selected pixels, window by window, in one pass.
+
+    Parameters
+    ----------
+    recording : recording or path
+        A path is opened by `open_recording`.
+    settings : Settings
+        Of the map.
+    full_scale : ndarray of uint16, shape (J,), optional
+        Of the map, where its code is scaled to each pixel.
+    removed : Removed, optional
+        Is filled with what was left out.
+
+    Returns
+    -------
+    Descriptors
+        At least one.
+
+    Raises
+    ------
+    MapError
+        If the recording's sensor is not the map's, or the full scales are missing.
+    UsageError
+        If the recording is shorter than a window.
+    """
+    recording = opened(recording)
+    expect(pixel_map, PixelMap, "pixel_map", "a PixelMap, as of select_pixels or of a map")
+    expect(settings, Settings, "settings", "Settings, as of a map or of resolve_settings")
+    check_sensor(recording.sensor, pixel_map.sensor)
+    counters = len(pixel_map) * (2 if settings.polarity else 1)
+    codes = encoder_of(settings, pixel_map, counters, full_scale)
+    counted = count_windows(recording, pixel_map, settings, removed)
+    if codes is None:
+        return counted
+    return replace(counted, counts=narrow(codes.encode(counted.counts)))
+
+
+def describe_query(
+    reference: MapRecord,
+    recording: EventSource | WindowSource,
+    removed: Removed | None = None,
+) -> Descriptors:
+    """Describe a query drive in the same way as the places of a map, with its codes.
+
+    Parameters
+    ----------
+    removed : Removed, optional
+        Filled with how much the cleaning took.
+
+    Returns
+    -------
+    Descriptors
+        At least one.
+
+    Raises
+    ------
+    MapError, UsageError
+        As `count_windows` does.
+    """
+    counted = count_windows(recording, reference.pixel_map, reference.settings, removed)
+    return reference.coded(counted)
+
+
+# Making a map of a reference drive: select pixels, and make its windows places.
+
+
+def map_traverse(
+    recording: EventSource | WindowSource,
+    settings: Settings,
+    *,
+    pixel_map: PixelMap | None = None,
+    hot: npt.NDArray[np.bool_] | None = None,
+    removed: Removed | None = None,
+) -> MapRecord:
+    """Make a reference map of one drive, in one pass over its events or two.
+
+    A second pass is needed for fixed-count windows, for polarity, for several places per window,
+    and if the images of all windows are too large for a temporary file. If a recording has events
+    at few pixels alone, as published counts do, and no more than the settings ask for, all of them
+    are the map's.
+
+    Parameters
+    ----------
+    recording : EventSource or WindowSource
+        For example from `open_recording`.
+    pixel_map : PixelMap, optional
+        Pixels to use; by default they are selected as the settings say.
+    hot : ndarray of bool, shape (height, width), optional
+        Hot pixels; by default they are found, if the settings ask for it and at least half of the
+        pixels fire.
+    removed : Removed, optional
+        Is filled with what was left out.
+
+    Raises
+    ------
+    UsageError
+        If the recording is shorter than a window (than two, where pixels are selected by their
+        variance), or too few pixels can be drawn.
+    RecordingError, EventError
+        If the recording is faulty.
+    """
+    recording = opened(recording)
+    sensor = recording.sensor
+    if removed is not None:
+        expect(removed, Removed, "removed", "Removed() to be filled, or leave it out")
+    if hot is not None:
+        expect(hot, np.ndarray, "hot", "an array of bool, shape (height, width), or a file")
+        if hot.dtype != np.bool_:
+            raise UsageError(f"hot pixels are an array of {hot.dtype}: give one of bool")
+    if hot is not None and hot.shape != (sensor.height, sensor.width):
+        raise UsageError(
+            f"hot pixels are given for {hot.shape[1]}x{hot.shape[0]} pixels and the recording is "
+            f"of a {sensor} sensor: give the list of this camera"
+        )
+    if pixel_map is not None:
+        expect(pixel_map, PixelMap, "pixel_map", "a PixelMap(sensor, x, y)")
+        check_sensor(sensor, pixel_map.sensor)
+        settings = settings.replaced({"pixels": len(pixel_map)}, "the pixel map")
+    check_parts(recording, settings)
+    # the released code selects by clipped counts; with other codes, pixels are selected by plain
+    # counts, so that maps with different codes have the same pixels
+    with PixelStatistics(sensor, clip=settings.clip) as first:
+        if isinstance(recording, WindowSource):
+            check_windows_only(settings)
+            settings = settings.replaced({"tau_us": recording.window_us}, "the published windows")
+            if pixel_map is not None:
+                check_counted(recording, pixel_map, settings)
+            windows = recording.windows()
+        else:
+            everything = PixelMap.all_of(sensor)
+            stream = DescriptorStream(everything, FixedTime(settings.tau_us))
+            windows = event_windows(recording, stream, settings, removed)
+        for window in windows:
+            first.add(window)
+        if first.windows == 0:
+            raise too_short(FixedTime(settings.tau_us))
+        counted = np.ones((sensor.height, sensor.width), dtype=np.bool_)
+        if isinstance(recording, WindowSource):
+            counted = recording.counted
+        # next to pixels that were not counted, all others would look hot
+        searched = settings.remove_hot_pixels and counted.all() and can_be_searched(first.totals)
+        if hot is None and searched:
+            hot = find_hot_pixels(first.totals)
+        elif hot is None:
+            hot = np.zeros_like(counted)
+        by_variance = pixel_map is None and settings.strategy in ("variance", "top", "information")
+        if first.windows == 1 and by_variance:
+            raise UsageError(
+                f"the drive holds one window of {FixedTime(settings.tau_us)}, and pixels can be "
+                "selected only from two windows or more: take shorter windows (--tau), or a "
+                "longer drive"
+            )
+        saliency = first.mean() if settings.strategy == "seed-code" else first.variance()
+        if pixel_map is not None:
+            hot = hot & (pixel_map.table() < 0)
+        elif (given := _given_pixels(first, settings.pixels, hot)) is not None:
+            pixel_map = given
+            settings = settings.replaced({"pixels": len(given)}, "the recording")
+        elif settings.strategy == "information":
+            listed = shortlist(saliency, hot | ~counted)
+            if len(listed) < settings.pixels:
+                varying = int(np.count_nonzero(saliency[hot]))
+                raise too_few_pixels(len(listed), varying, settings.pixels, sensor)
+            pixel_map = _most_informative(first, recording, settings, listed)
+        elif settings.strategy.startswith(PLUGIN):
+            pixel_map = plugin_pixels(first, settings, hot | ~counted)
+        else:
+            pixel_map = select_pixels(
+                saliency,
+                settings.pixels,
+                strategy=settings.strategy,
+                sigma=settings.sigma,
+                rng=np.random.default_rng(settings.seed),
+                exclude=hot | ~counted,
+            )
+        if settings.window == "count" and settings.events_per_pixel is None:
+            settings = _with_mean_count(settings, first, pixel_map)
+        needs_events = (
+            settings.window == "count" or settings.polarity or settings.places_per_window > 1
+        )
+        places = None if needs_events else first.descriptors(pixel_map)
+    if places is None:
+        places = count_places(recording, pixel_map, settings, removed)
+    return coded_map(
+        MapRecord(settings.uncoded, pixel_map, places, saliency.astype(np.float32), hot),
+        settings,
+    )
+
+
+def _given_pixels(
+    first: PixelStatistics, pixels: int, hot: npt.NDArray[np.bool_]
+) -> PixelMap | None:
+    """Return the pixels that fire, if they were selected before: few, and busy.
+
+    Counts are often published at selected pixels alone, which are then all of the map. In a drive
+    that is too short, few pixels fire too, but most of them not even once a window.
+    """
+    totals = first.totals
+    fires = totals > 0
+    few = int(np.count_nonzero(fires))
+    busy = int(totals.sum()) >= few * first.windows
+    if not 0 < few <= pixels or can_be_searched(totals) or not busy or (hot & fires).any():
+        return None
+    y, x = np.nonzero(fires)
+    height, width = totals.shape
+    return PixelMap(Sensor(width, height), x.astype(np.uint16), y.astype(np.uint16))
+
+
+def check_matchable(reference: MapRecord) -> None:
+    """Raise UsageError if a map has fewer places than its sequences have windows."""
+    length, places = reference.settings.windows_per_match, len(reference)
+    if length > places:
+        raise UsageError(
+            f"a sequence of {length} windows does not fit the {places} places of this drive: take "
+            "a shorter sequence (-L), shorter windows (--tau), or a longer drive"
+        )
+
+
+def _most_informative(
+    first: PixelStatistics,
+    recording: EventSource | WindowSource,
+    settings: Settings,
+    listed: PixelMap,
+) -> PixelMap:
+    windows = first.descriptors(listed)
+    if windows is None:  # too large for a temporary file: events are counted again
+        by_time = settings.uncoded.replaced({"window": "time", "polarity": False}, "the shortlist")
+        windows = count_windows(recording, listed, by_time)
+    return informative_pixels(listed, windows.counts, settings.pixels)
+
+
+def coded_map(counted: AnyMap, settings: Settings) -> AnyMap:
+    """Code the counts of a reference map, and compute the parameters of its code from them.
+
+    Parameters
+    ----------
+    counted : MapRecord
+        With counts as they are, at least one place.
+    settings : Settings
+        Of the map to make.
+    """
+    places, windows = counted.places, counted.windows
+    counts, events = places.counts, places.activity
+    full_scale, mean = None, None
+    code = settings.own_mean_code
+    if code is not None:
+        paused = find_pauses(windows.activity, counted.mean_activity)
+        mean = drive_mean(windows.counts, paused, code)
+        coded: npt.NDArray[np.unsignedinteger] = code.encode(counts, mean)
+    else:
+        full_scale = learn_full_scale(windows.counts) if settings.learns_full_scale else None
+        codes = encoder_of(settings, counted.pixel_map, counts.shape[1], full_scale)
+        coded = counts if codes is None else narrow(codes.encode(counts))
+    return replace(
+        counted,
+        settings=settings,
+        places=replace(places, counts=coded, selected=events),
+        full_scale=full_scale,
+        mean=mean,
+    )
+
+
+def _with_mean_count(settings: Settings, first: PixelStatistics, pixel_map: PixelMap) -> Settings:
+    """Set the number of events in a window to the average of a window of tau."""
+    events = int(first.totals[pixel_map.y, pixel_map.x].sum())
+    number = settings.places_per_window  # a window has as many whole parts
+    mean = number * max(1, round(events / first.windows / number))
+    return settings.replaced({"events_per_pixel": mean / len(pixel_map)}, "the reference")

@@ -14,6 +14,15 @@ import numpy.typing as npt
 from edge_vpr.archive import kind_of as archive_kind
 from edge_vpr.archive import read_archive, write_archive
 from edge_vpr.descriptors.cleaning import load_hot_pixels
+from edge_vpr.descriptors.counting import (
+    EventSource,
+    Removed,
+    WindowSource,
+    check_sensor,
+    cleaned,
+    count_places,
+    opened,
+)
 from edge_vpr.descriptors.pixels import PixelMap, load_pixel_map
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError, UsageError, as_path, expect, kind_of
@@ -22,22 +31,10 @@ from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
 from edge_vpr.evaluation.tracks import Track, load_jumps, load_odometry, load_track, with_positions
 from edge_vpr.files import link_if_same
 from edge_vpr.learning import MapUpdate, learn_drive
-from edge_vpr.map_record import KIND, MapRecord
+from edge_vpr.map_record import KIND, MapRecord, check_matchable, describe_query, map_traverse
 from edge_vpr.matching.drive import match_query
 from edge_vpr.matching.matches import Matches, write_csv
 from edge_vpr.online.localiser import Localiser, MatchSchedule, OdometryFeed
-from edge_vpr.pipeline import (
-    EventSource,
-    Removed,
-    WindowSource,
-    check_matchable,
-    check_sensor,
-    cleaned,
-    count_places,
-    describe_query,
-    map_traverse,
-    opened,
-)
 from edge_vpr.recordings import Faults, Recording
 from edge_vpr.registration import Registration, register
 from edge_vpr.results import (

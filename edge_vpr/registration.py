@@ -17,13 +17,18 @@ from typing import Generic
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.counting import DescriptorStream
+from edge_vpr.descriptors.counting import (
+    DescriptorStream,
+    EventSource,
+    WindowSource,
+    check_sensor,
+    event_windows,
+)
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime, WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.map_record import AnyMap, MapRecord
-from edge_vpr.pipeline import EventSource, WindowSource, check_sensor, event_windows
 from fixedpoint.own_mean import OwnMeanCode, mean_level
 
 #: number of windows of the query that are used, and the smallest number that is enough

@@ -11,13 +11,12 @@ import numpy as np
 
 from edge_vpr.compile_report import kernels_shown
 from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
-from edge_vpr.descriptors.counting import count_frame
+from edge_vpr.descriptors.counting import cleaned, count_frame
 from edge_vpr.errors import EdgeVprError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor, make_events
-from edge_vpr.map_record import MapRecord
+from edge_vpr.map_record import MapRecord, describe_query, map_traverse
 from edge_vpr.matching.drive import match_query
 from edge_vpr.online.localiser import CHUNK_EVENTS, Localiser, MatchSchedule
-from edge_vpr.pipeline import cleaned, describe_query, map_traverse
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
 

@@ -1,15 +1,18 @@
-"""Event counters of selected pixels, or of every pixel, and streams of windows."""
+"""Counting: from the events of a recording to windows of counts at the selected pixels."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
+from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import (
     MAX_WINDOWS,
@@ -19,9 +22,12 @@ from edge_vpr.descriptors.windows import (
     Window,
     WindowCounts,
     collect,
+    overlapping,
 )
-from edge_vpr.errors import EventError, UsageError, expect
-from edge_vpr.events import EVENT_DTYPE, Events, check_event_array, check_events
+from edge_vpr.errors import EventError, MapError, UsageError, expect, kind_of
+from edge_vpr.events import EVENT_DTYPE, Events, Sensor, check_event_array, check_events
+from edge_vpr.recordings import open_recording
+from edge_vpr.settings import Settings
 
 # Kernels that count events at selected pixels.
 #
@@ -516,3 +522,292 @@ class CountPixels:
         for name in needed - {"x", "y"}:
             columns[name] = events[name] > 0 if name == "p" else events[name]
         return columns
+
+
+# Inputs of mapping and matching: a recording of events, or counts of finished windows.
+
+
+class EventSource(Protocol):
+    """Interface of a recording: its sensor, and its events in any number of passes."""
+
+    @property
+    def sensor(self) -> Sensor:
+        """Size of the sensor."""
+        ...
+
+    def __iter__(self) -> Iterator[Events]:
+        """Yield event arrays from the start, in time order, on the sensor."""
+        ...
+
+
+@runtime_checkable
+class WindowSource(Protocol):
+    """Interface of counts that were published as finished windows, without events."""
+
+    @property
+    def sensor(self) -> Sensor:
+        """Size of the sensor."""
+        ...
+
+    @property
+    def window_us(self) -> int:
+        """Length of a window in microseconds, rounded."""
+        ...
+
+    @property
+    def counted(self) -> npt.NDArray[np.bool_]:
+        """Mask of the pixels that were counted, shape (height, width)."""
+        ...
+
+    def windows(self) -> Iterator[WindowCounts]:
+        """Yield windows from the start, over all pixels, row by row; zero where not counted."""
+        ...
+
+
+def opened(
+    recording: EventSource | WindowSource | str | Path, frame_period: Fraction | None = None
+) -> EventSource | WindowSource:
+    """Return a recording, or open it if it is a path.
+
+    Parameters
+    ----------
+    frame_period : Fraction, optional
+        Seconds a frame of counts, where the file does not say.
+
+    Raises
+    ------
+    UsageError
+        If it is neither.
+    RecordingError
+        If the file cannot be read.
+    """
+    if isinstance(recording, str | Path):
+        return open_recording(recording, default_frame_period=frame_period)
+    if isinstance(recording, WindowSource):
+        return recording
+    if not hasattr(recording, "sensor") or not hasattr(recording, "__iter__"):
+        raise UsageError(
+            f"the recording is {kind_of(recording)}: give a path, what open_recording returns, or "
+            "an object with a sensor that yields arrays of events"
+        )
+    return recording
+
+
+def check_sensor(recording: Sensor, mapped: Sensor) -> None:
+    """Check that the recording has the sensor of the map; raise MapError if not."""
+    if recording != mapped:
+        raise MapError(
+            f"the recording is of a {recording} sensor and the map of a {mapped} one: use the map "
+            "of this camera, or name the right sensor (--sensor)"
+        )
+
+
+def check_windows_only(settings: Settings) -> None:
+    """Raise UsageError if the settings need events, which published windows do not hold."""
+    if settings.window == "count" or settings.polarity:
+        raise UsageError(
+            "published windows hold no events: fixed-count windows and polarity need a recording "
+            "of events"
+        )
+
+
+def check_counted(source: WindowSource, pixel_map: PixelMap, settings: Settings) -> None:
+    """Check that the published windows have the pixels and the length of those of a map.
+
+    Raises
+    ------
+    MapError
+        If they are of another length, or lack pixels of the map.
+    UsageError
+        If the settings need events.
+    """
+    check_windows_only(settings)
+    if source.window_us != settings.tau_us:
+        raise MapError(
+            f"the published windows last {source.window_us} us and the map's {settings.tau_us} us: "
+            "match windows of one length"
+        )
+    missing = np.count_nonzero(~source.counted[pixel_map.y, pixel_map.x])
+    if missing:
+        raise MapError(
+            f"{missing} of the map's {len(pixel_map)} pixels were not counted in this file: "
+            "map and match windows of the same pixels"
+        )
+
+
+# The events of a recording without bursts, and the number of removed events.
+
+
+@dataclass
+class Removed:
+    """Counts of what cleaning removed in the newest pass over a recording; filled while reading.
+
+    Attributes
+    ----------
+    events : int
+        Read in all.
+    burst_events : int
+        Removed as bursts.
+    """
+
+    events: int = 0
+    burst_events: int = 0
+
+    @property
+    def burst_share(self) -> float:
+        """Share of the events that were removed as bursts."""
+        return self.burst_events / self.events if self.events else 0.0
+
+
+def cleaned(
+    recording: EventSource, settings: Settings, removed: Removed | None = None
+) -> Iterator[Events]:
+    """Yield the events of a recording, without bursts if the settings ask for it.
+
+    Parameters
+    ----------
+    removed : Removed, optional
+        Is filled with what was left out.
+    """
+    removed = Removed() if removed is None else removed
+    removed.events = removed.burst_events = 0
+    bursts = BurstFilter(recording.sensor) if settings.remove_bursts else None
+    for events in recording:
+        removed.events += int(events.size)
+        if bursts is None:
+            yield events
+        else:
+            yield from bursts.pieces(events)
+            removed.burst_events = bursts.removed
+    if bursts is not None:
+        yield bursts.finish()
+        removed.burst_events = bursts.removed
+
+
+def event_windows(
+    recording: EventSource, stream: DescriptorStream, settings: Settings, removed: Removed | None
+) -> Iterator[WindowCounts]:
+    """Yield the windows of a recording's cleaned events.
+
+    Parameters
+    ----------
+    removed : Removed, optional
+        Is filled with what was left out.
+    """
+    for events in cleaned(recording, settings, removed):
+        yield from stream.windows(events)
+    if settings.keep_incomplete:
+        yield from stream.last()
+
+
+# The windows of a drive, counted.
+
+
+def count_windows(
+    recording: EventSource | WindowSource,
+    pixel_map: PixelMap,
+    settings: Settings,
+    removed: Removed | None = None,
+) -> Descriptors:
+    """Count the events of a drive at the selected pixels, window by window, in one pass.
+
+    Parameters
+    ----------
+    removed : Removed, optional
+        Is filled with what was left out.
+
+    Returns
+    -------
+    Descriptors
+        At least one.
+
+    Raises
+    ------
+    MapError
+        If the recording's sensor is not that of the pixels.
+    UsageError
+        If the recording is shorter than a window.
+    """
+    check_sensor(recording.sensor, pixel_map.sensor)
+    if isinstance(recording, WindowSource):
+        check_counted(recording, pixel_map, settings)
+        flat = pixel_map.y.astype(np.int64) * pixel_map.sensor.width + pixel_map.x
+        windows: Iterator[WindowCounts] = (
+            window._replace(counts=window.counts[flat]) for window in recording.windows()
+        )
+    else:
+        stream = DescriptorStream(pixel_map, window_of(settings), polarity=settings.polarity)
+        windows = event_windows(recording, stream, settings, removed)
+    counted = collect(windows, len(pixel_map) * (2 if settings.polarity else 1))
+    if len(counted) == 0:
+        raise too_short(window_of(settings))
+    return replace(counted, selected=counted.activity)
+
+
+def count_places(
+    recording: EventSource | WindowSource,
+    pixel_map: PixelMap,
+    settings: Settings,
+    removed: Removed | None = None,
+) -> Descriptors:
+    """Count the windows of a drive that can be places: as `count_windows`, or overlapping ones.
+
+    With N places per window, a window starts at each N-th part of a window. It is as long as any
+    other. Every N-th place is therefore a place of the map with one place per window.
+
+    Raises
+    ------
+    UsageError
+        If the recording is shorter than a window, holds no events, or a window has no whole parts.
+    """
+    number = settings.places_per_window
+    if number == 1:
+        return count_windows(recording, pixel_map, settings, removed)
+    check_parts(recording, settings)
+    part: dict[str, object] = {"places_per_window": 1, "tau_us": max(settings.tau_us // number, 1)}
+    if settings.events_per_pixel is not None:
+        part["events_per_pixel"] = settings.events_per_pixel / number
+    pieces = count_windows(
+        recording, pixel_map, settings.replaced(part, "parts of a window"), removed
+    )
+    found = overlapping(pieces, number, keep_incomplete=settings.keep_incomplete)
+    if len(found) == 0:
+        raise too_short(window_of(settings))
+    return found
+
+
+def check_parts(recording: EventSource | WindowSource, settings: Settings) -> None:
+    """Raise UsageError unless places can start at the parts of a window that the settings say."""
+    number = settings.places_per_window
+    if number == 1:
+        return
+    where = f"setting places_per_window = {number}"
+    if isinstance(recording, WindowSource):
+        raise UsageError(
+            f"{where} needs events, and published windows hold counts: set places_per_window to 1"
+        )
+    if settings.window == "time" and settings.tau_us % number:
+        raise UsageError(
+            f"{where} with windows of {settings.tau_us} us: expected an even number of microseconds"
+        )
+    by_count = settings.window == "count" and settings.events_per_pixel is not None
+    if by_count and settings.events_per_window % number:
+        raise UsageError(
+            f"{where} with windows of {settings.events_per_window} events: expected an even "
+            "number; set events_per_pixel to auto, or to another value"
+        )
+
+
+def window_of(settings: Settings) -> Window:
+    """Return the kind and length of window of the settings."""
+    if settings.window == "time":
+        return FixedTime(settings.tau_us)
+    return FixedCount(settings.events_per_window)
+
+
+def too_short(window: Window) -> UsageError:
+    """Return the error of a recording without a whole window."""
+    return UsageError(
+        f"the recording is shorter than one window of {window}: "
+        "take shorter windows, or a longer drive"
+    )

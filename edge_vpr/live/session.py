@@ -26,6 +26,7 @@ from edge_vpr.archive import kind_of
 from edge_vpr.compile_report import COMPILE_ALL, compiling_reported
 from edge_vpr.confidence import STRANGE, STRANGE_TEXT
 from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
+from edge_vpr.descriptors.counting import Removed
 from edge_vpr.errors import MapError, RecordingError, UsageError, as_path, expect, printable
 from edge_vpr.evaluation.tracks import save_odometry
 from edge_vpr.events import Events, Sensor, join_events
@@ -44,7 +45,6 @@ from edge_vpr.online.localiser import (
     MatchSchedule,
     Step,
 )
-from edge_vpr.pipeline import Removed
 from edge_vpr.recordings import FORMATS, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_parent

@@ -30,7 +30,7 @@ from edge_vpr.archive import (
 from edge_vpr.compiling import BoxedState, KernelState, entry, kernel, plain
 from edge_vpr.confidence import TRUST_TOP, Confidence
 from edge_vpr.descriptors.cleaning import CausalBurstFilter, keep
-from edge_vpr.descriptors.counting import check_columns
+from edge_vpr.descriptors.counting import check_columns, window_of
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import MAX_WINDOWS, Descriptors, FixedTime, Window, narrow
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError, expect
@@ -69,7 +69,6 @@ from edge_vpr.online.kernels import (
     write_codes,
     write_distances,
 )
-from edge_vpr.pipeline import window_of
 from edge_vpr.route import MOST_MM, Odometer, Odometry
 from edge_vpr.settings import Settings, duration_us
 from fixedpoint.codes import PixelCodes

@@ -14,6 +14,7 @@ import pytest
 from edge_vpr_tools.cli import main
 from streams import Drive, random_events
 
+from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.evaluation.tracks import load_odometry
 from edge_vpr.events import Sensor
 from edge_vpr.live.bridge import Bridge
@@ -21,7 +22,6 @@ from edge_vpr.live.links import open_device_link
 from edge_vpr.live.odometer import OdometerLine
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.online.localiser import Localiser, MatchSchedule, OdometryFeed
-from edge_vpr.pipeline import cleaned
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry

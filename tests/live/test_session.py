@@ -21,13 +21,13 @@ from edge_vpr_tools.cli import main
 from streams import Drive, random_events
 
 from edge_vpr import LiveSession
+from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.bridge import Bridge
 from edge_vpr.live.links import LinkError, open_device_link
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.online.localiser import Localiser, MatchSchedule
-from edge_vpr.pipeline import cleaned
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route

@@ -23,6 +23,7 @@ from edge_vpr_tools import live_view
 from edge_vpr_tools.cli import main
 from streams import Drive, random_events
 
+from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults
@@ -31,7 +32,6 @@ from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.session import LiveLocaliser, LiveResult, LiveStatus
 from edge_vpr.matching.matches import Matches, write_csv
 from edge_vpr.online.localiser import MATCH_DTYPE, Localiser, MatchSchedule
-from edge_vpr.pipeline import cleaned
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route

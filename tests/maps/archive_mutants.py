@@ -33,10 +33,10 @@ from edge_vpr.evaluation.tracks import load_jumps, load_odometry, load_track
 from edge_vpr.events import Sensor
 from edge_vpr.live.protocols.aer import read_layout
 from edge_vpr.live.protocols.layout import Layout
+from edge_vpr.map_record import coded_map
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser, MatchSchedule
-from edge_vpr.pipeline import coded_map
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings, resolve_settings

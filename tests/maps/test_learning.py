@@ -14,10 +14,10 @@ import pytest
 from edge_vpr_tools.cli import main
 
 from edge_vpr import ReferenceMap, UsageError
+from edge_vpr.descriptors.counting import count_windows
 from edge_vpr.descriptors.windows import activity_of_drive, find_pauses
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.learning import MOST_DRIVES, learn_drive
-from edge_vpr.pipeline import count_windows
 from edge_vpr.simulation import SimulatedRecording, simulate_pair
 
 Places = npt.NDArray[np.int64]

@@ -16,7 +16,7 @@ from edge_vpr.descriptors.pixels import PixelStatistics
 from edge_vpr.descriptors.windows import WindowCounts
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.pipeline import describe
+from edge_vpr.map_record import describe
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 

@@ -14,9 +14,9 @@ from test_localiser import PIXEL_MAP, PIXELS, SENSOR
 
 from edge_vpr.errors import GroundTruthError, MapError, UsageError
 from edge_vpr.evaluation.tracks import Track, load_jumps, load_odometry
+from edge_vpr.map_record import coded_map
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.place_filter import PlaceFilter, TransitionCosts, Transitions
-from edge_vpr.pipeline import coded_map
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry, Route
 from edge_vpr.settings import Settings

@@ -17,9 +17,9 @@ from test_localiser import PIXEL_MAP, PIXELS, SENSOR, feed
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import make_events
+from edge_vpr.map_record import coded_map, describe_query
 from edge_vpr.matching.drive import match_descriptors, match_query
 from edge_vpr.online.localiser import Localiser, MatchSchedule, OdometryFeed
-from edge_vpr.pipeline import coded_map, describe_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings

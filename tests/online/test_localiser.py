@@ -16,10 +16,9 @@ from edge_vpr.confidence import NO_MISFIT
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.map_record import codes_of
+from edge_vpr.map_record import codes_of, describe
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.online.localiser import MATCH_DTYPE, Localiser, MatchSchedule
-from edge_vpr.pipeline import describe
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 

@@ -24,7 +24,7 @@ from test_rooms import STAGES
 from edge_vpr.events import Sensor
 from edge_vpr.live.protocols import Health, open_encoder
 from edge_vpr.live.session import LiveMatch
-from edge_vpr.pipeline import map_traverse
+from edge_vpr.map_record import map_traverse
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import OnlineMetrics, ReferenceMap
 from edge_vpr.run_log import log_warning, logged_run

@@ -46,7 +46,7 @@ STAGES = [
     *("errors", "run_log", "files", "plugins", "compile_report", "compiling", "archive"),
     *("settings", "events", "results"),
     *("confidence", "route", "recordings", "descriptors", "map_record", "matching"),
-    *("pipeline", "registration", "evaluation", "simulation", "online", "learning"),
+    *("registration", "evaluation", "simulation", "online", "learning"),
     *("reference_map", "warm_up", "live"),
 ]
 

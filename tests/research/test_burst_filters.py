@@ -8,9 +8,9 @@ import numpy as np
 from edge_vpr_tools.research.experiments.burst_filters import FILTERS, Flashed, matched
 from streams import Drive, random_events
 
+from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.events import Sensor
 from edge_vpr.online.localiser import Localiser, MatchSchedule
-from edge_vpr.pipeline import cleaned
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 

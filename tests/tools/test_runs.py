@@ -17,8 +17,8 @@ from edge_vpr_tools.runs.mapping import calibrate, map_recording
 from edge_vpr_tools.runs.truth_files import load_truth
 from test_commands import drive  # noqa: F401
 
+from edge_vpr.map_record import describe_query, map_traverse
 from edge_vpr.matching.drive import match_query
-from edge_vpr.pipeline import describe_query, map_traverse
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import MatchResult, ReferenceMap
 from edge_vpr.results import to_json

@@ -21,8 +21,8 @@ from byte_to_match import WARM, byte_to_match
 from table import machine
 
 from edge_vpr.events import Events, make_events
+from edge_vpr.map_record import coded_map
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.pipeline import coded_map
 from edge_vpr.reference_map import ReferenceMap
 
 EVENTS_PER_SECOND, SECONDS, PLACES = 1_000_000, 6, 1_000

@@ -19,7 +19,7 @@ import numpy as np
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.pipeline import coded_map
+from edge_vpr.map_record import coded_map
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS

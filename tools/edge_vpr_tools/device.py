@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.counting import EventSource, check_sensor, cleaned
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events
-from edge_vpr.pipeline import EventSource, check_sensor, cleaned
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_parent
 from edge_vpr_tools.estimate.model import flash_bytes

@@ -22,6 +22,7 @@ from rich.table import Table
 from rich.text import Text
 
 from edge_vpr.confidence import STRANGE, STRANGE_TEXT
+from edge_vpr.descriptors.counting import Removed
 from edge_vpr.errors import MissingExtraError, RecordingError, printable
 from edge_vpr.events import Sensor
 from edge_vpr.live.session import (
@@ -33,7 +34,6 @@ from edge_vpr.live.session import (
     ends_early,
     nothing_valid,
 )
-from edge_vpr.pipeline import Removed
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.console import error_line, is_quiet, stopped_by_signals, warning
 from edge_vpr_tools.progress import status, warn_if_much

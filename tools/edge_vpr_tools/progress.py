@@ -10,8 +10,8 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from edge_vpr.descriptors.counting import Removed, WindowSource
 from edge_vpr.events import Events
-from edge_vpr.pipeline import Removed, WindowSource
 from edge_vpr.settings import Settings
 from edge_vpr.simulation import SimulatedRecording
 from edge_vpr.warm_up import WarmUpStep, warm_up

@@ -76,7 +76,7 @@ STAGES = {
         "Maps and matches of whole drives",
         "From a recording to a map, and from a map and a recording to matches.",
         names=("edge_vpr.registration.register", "edge_vpr.registration.Registration"),
-        exported=("pipeline", "reference_map", "route"),
+        exported=("map_record", "reference_map", "route"),
     ),
     "settings": Stage(
         "Settings",

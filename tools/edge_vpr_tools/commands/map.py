@@ -95,10 +95,10 @@ def run(args: argparse.Namespace) -> None:
     import numpy as np
 
     from edge_vpr.archive import kind_of
+    from edge_vpr.descriptors.counting import Removed
     from edge_vpr.evaluation.tracks import load_track
     from edge_vpr.files import check_output
     from edge_vpr.map_record import KIND
-    from edge_vpr.pipeline import Removed
     from edge_vpr.reference_map import ReferenceMap, removed_record
     from edge_vpr.results import check_parent, run_record, write_json
     from edge_vpr_tools.inputs import describe_faults, open_source
@@ -178,8 +178,8 @@ def _mapped(
 ) -> MapRun:
     """Make the map of the reference drive."""
     from edge_vpr.descriptors.cleaning import load_hot_pixels
+    from edge_vpr.descriptors.counting import WindowSource
     from edge_vpr.evaluation.tracks import load_odometry
-    from edge_vpr.pipeline import WindowSource
     from edge_vpr.warm_up import mapping_steps
     from edge_vpr_tools.progress import tracked, warmed_up
     from edge_vpr_tools.runs.mapping import map_recording

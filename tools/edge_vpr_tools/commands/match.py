@@ -88,8 +88,8 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.evaluation.match_tracks import check_track_file
     from edge_vpr.evaluation.tracks import load_odometry
     from edge_vpr.map_record import KIND as MAP_KIND
+    from edge_vpr.map_record import describe_query
     from edge_vpr.matching.drive import query_distances
-    from edge_vpr.pipeline import describe_query
     from edge_vpr.reference_map import OnlineMetrics, ReferenceMap, write_queries
     from edge_vpr.warm_up import matching_steps
     from edge_vpr_tools.inputs import describe_faults, open_source

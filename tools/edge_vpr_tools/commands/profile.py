@@ -93,7 +93,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def load_of(args: argparse.Namespace) -> Load:
     """Open the map and the recording that the flags name, or simulate a street."""
-    from edge_vpr.pipeline import check_sensor, cleaned, describe_query
+    from edge_vpr.descriptors.counting import check_sensor, cleaned
+    from edge_vpr.map_record import describe_query
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.inputs import open_from
     from edge_vpr_tools.profile.workload import Load, of_map, simulated_load

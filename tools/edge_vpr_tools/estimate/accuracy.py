@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.counting import EventSource
 from edge_vpr.errors import GroundTruthError, UsageError
+from edge_vpr.map_record import coded_map, describe
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.pipeline import EventSource, coded_map, describe
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair

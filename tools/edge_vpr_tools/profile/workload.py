@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.counting import EventSource, cleaned
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Events
+from edge_vpr.map_record import describe_query
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.online.localiser import Localiser, MatchSchedule
-from edge_vpr.pipeline import EventSource, cleaned, describe_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair

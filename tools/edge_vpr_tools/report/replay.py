@@ -21,13 +21,14 @@ from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
 from edge_vpr import results
+from edge_vpr.descriptors.counting import EventSource, WindowSource
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import local_metres
 from edge_vpr.files import replacing
+from edge_vpr.map_record import describe_query
 from edge_vpr.matching.drive import anchor_offset, query_distances
 from edge_vpr.matching.matches import Matches
-from edge_vpr.pipeline import EventSource, WindowSource, describe_query
 from edge_vpr.reference_map import ReferenceMap, read_queries
 from edge_vpr.route import Odometry
 from edge_vpr_tools.report.figures import Window, dot_sizes, draw_window, total_counts

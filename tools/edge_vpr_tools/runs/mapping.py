@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.confidence import Confidence
+from edge_vpr.descriptors.counting import EventSource, Removed, WindowSource
 from edge_vpr.evaluation.calibration import learn_confidence, reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.matching.matches import Matches
-from edge_vpr.pipeline import EventSource, Removed, WindowSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings

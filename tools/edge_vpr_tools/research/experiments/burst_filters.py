@@ -8,11 +8,11 @@ from functools import partial
 import numpy as np
 
 from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
+from edge_vpr.descriptors.counting import EventSource
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser, MatchSchedule
-from edge_vpr.pipeline import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.research.experiments.drives import Pair, walks

@@ -32,6 +32,7 @@ from edge_vpr.confidence import (
     Confidence,
     default_confidence,
 )
+from edge_vpr.descriptors.counting import count_windows
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.calibration import learn_confidence, reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
@@ -39,7 +40,6 @@ from edge_vpr.evaluation.metrics import judge_rejection
 from edge_vpr.files import replacing
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
-from edge_vpr.pipeline import count_windows
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import QUERY, REFERENCE, Drive, Light, SimulatedRecording, simulate_pair

@@ -12,8 +12,8 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.map_record import coded_map, describe
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.pipeline import coded_map, describe
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.research.experiments.drives import Pair, recorded_drives
 from edge_vpr_tools.research.experiments.experiment import Draw, Experiment, Row, Rows

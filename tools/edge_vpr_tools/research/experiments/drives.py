@@ -13,13 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.cleaning import find_hot_pixels
-from edge_vpr.descriptors.counting import DescriptorStream
+from edge_vpr.descriptors.counting import DescriptorStream, EventSource, WindowSource, cleaned
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime, PublishedWindows, Window
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_alignment, load_alignment
 from edge_vpr.evaluation.tracks import Track, load_nmea
-from edge_vpr.pipeline import EventSource, WindowSource, cleaned
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulation import SimulatedRecording, simulate_pair

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from edge_vpr.pipeline import EventSource
+from edge_vpr.descriptors.counting import EventSource
 from edge_vpr.simulation import REFERENCE, simulate_pair
 from edge_vpr_tools.research.experiments.drives import Pair, event_drives, simulated_events
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from edge_vpr.descriptors.counting import EventSource
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import Track, load_track
-from edge_vpr.pipeline import EventSource
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair

@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.counting import DescriptorStream
+from edge_vpr.descriptors.counting import DescriptorStream, EventSource, WindowSource
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedTime, WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.pipeline import EventSource, WindowSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.registration import register
 from edge_vpr_tools.research.baselines import map_all_pixels

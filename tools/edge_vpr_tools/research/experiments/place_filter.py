@@ -15,12 +15,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from edge_vpr.descriptors.counting import count_windows
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.map_record import coded_map
 from edge_vpr.matching.drive import match_query
 from edge_vpr.matching.matches import Matches
-from edge_vpr.pipeline import coded_map, count_windows
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import PRESETS, Score, Settings

@@ -23,9 +23,9 @@ from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.map_record import coded_map
 from edge_vpr.matching.drive import anchor_offset, match_query
 from edge_vpr.matching.matches import Matches
-from edge_vpr.pipeline import coded_map
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.report.tables import TableView

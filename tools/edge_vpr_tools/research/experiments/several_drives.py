@@ -11,12 +11,12 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import NamedTuple
 
+from edge_vpr.descriptors.counting import count_windows
 from edge_vpr.evaluation.ground_truth import from_tracks
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.tracks import with_positions
 from edge_vpr.learning import learn_drive
 from edge_vpr.matching.drive import match_query
-from edge_vpr.pipeline import count_windows
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import SimulatedRecording, simulate_pair

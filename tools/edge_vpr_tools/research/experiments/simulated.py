@@ -12,9 +12,9 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.counting import EventSource, cleaned
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.online.localiser import Localiser, MatchSchedule
-from edge_vpr.pipeline import EventSource, cleaned
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import SimulatedRecording, simulate_pair

@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.counting import EventSource, count_windows
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Events, Sensor
+from edge_vpr.map_record import describe_query
 from edge_vpr.matching.drive import anchor_offset, match_descriptors
 from edge_vpr.matching.matches import Matches
-from edge_vpr.pipeline import EventSource, count_windows, describe_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.research.baselines import map_all_pixels

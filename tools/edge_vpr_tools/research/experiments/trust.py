@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from edge_vpr.confidence import SMOOTHED
+from edge_vpr.descriptors.counting import count_windows
 from edge_vpr.evaluation.tracks import distances, with_positions
-from edge_vpr.pipeline import count_windows
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.research.experiments import calibration
