@@ -83,7 +83,7 @@ def plain(kernel: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-def entry(kernel: Callable[..., Any], *given: object) -> Callable[..., Any]:
+def specialise(kernel: Callable[..., Any], *given: object) -> Callable[..., Any]:
     """Return the compiled code of a kernel for arguments of the types of these.
 
     A kernel finds the types of its arguments at each call, which takes 1 us for a box, and longer

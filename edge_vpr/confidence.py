@@ -203,7 +203,7 @@ class Acceptance:
             If the settings want a precision that the table cannot promise.
         """
         if own is None and settings.matching == "filter":
-            own = default_confidence(settings.smooth, settings.late, settings.stays_on_map)
+            own = default_confidence(settings.smooth, settings.match_delay, settings.stays_on_map)
         return cls(own, settings.precision)
 
     def acceptance(
@@ -235,7 +235,7 @@ _NAMES = ("trust", "probability", "matches")
 
 @cache
 def default_confidence(
-    smoothed: bool = False, late: int = 0, stays_on_map: bool = False
+    smoothed: bool = False, delay: int = 0, stays_on_map: bool = False
 ) -> Confidence:
     """Return a shipped table of the place filter, which was learnt on simulated streets.
 
@@ -243,7 +243,7 @@ def default_confidence(
     ----------
     smoothed : bool
         Of drives that were smoothed whole.
-    late : int
+    delay : int
         If not, the number of windows by which matches come late. The table is that of the largest
         learnt number that is not larger.
     stays_on_map : bool
@@ -255,11 +255,11 @@ def default_confidence(
     MapError
         If the package's file is damaged.
     """
-    name = SMOOTHED if smoothed else str(max(n for n in LEARNT_DELAYS if n <= late))
+    name = SMOOTHED if smoothed else str(max(n for n in LEARNT_DELAYS if n <= delay))
     with damaged(DEFAULT_TABLES, "install edge-vpr again"):
         text = files("edge_vpr").joinpath(DEFAULT_TABLES).read_text(encoding="utf-8")
         shipped = json.loads(text)
-        live = not smoothed and not late
+        live = not smoothed and not delay
         table = shipped[LIVE_ON_MAP] if stays_on_map and live else shipped[TABLES][name]
         return Confidence(
             np.array(table["trust"], dtype=np.int64),

@@ -658,8 +658,8 @@ class Settings:
         return self.exclusion * self.places_per_window
 
     @property
-    def late(self) -> int:
-        """Number of windows by which a match comes late; 0 for a drive that is smoothed whole."""
+    def match_delay(self) -> int:
+        """Number of windows that a match waits for; 0 for a drive that is smoothed whole."""
         return self.delay if self.matching == "filter" and not self.smooth else 0
 
     @property
@@ -689,7 +689,7 @@ class Settings:
             return (*shared, self.sequence_length)
         return (
             *shared, self.filter_steps, self.filter_back, self.filter_restart, self.smooth,
-            self.late,
+            self.match_delay,
         )  # fmt: skip
 
     @property

@@ -140,7 +140,7 @@ def smoothed(
     settings, places = reference.settings, reference.places.counts.tolist()
     forward = forward_costs(settings)
     distances = [[naive.sad(place, code) for place in places] for code in coded]
-    late = settings.late
+    late = settings.match_delay
 
     def decided(known: int) -> tuple[Rows, list[set[tuple[int, int]]], Rows]:
         """Smooth the drive as far as it is known."""

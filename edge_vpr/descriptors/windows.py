@@ -282,12 +282,12 @@ def join(parts: Sequence[Descriptors]) -> Descriptors:
     )
 
 
-# Activity of a window: how many events it has against the usual number, and whether it is a pause.
+# Activity of a window: how many events it has against the mean number, and whether it is a pause.
 
 
-#: a window with no event, or less than 1/16 of the usual number, is a pause: it has no evidence
+#: a window with no event, or less than 1/16 of the mean number, is a pause: it has no evidence
 PAUSE_SHIFT = 4
-#: the usual number moves by 1/64 of the difference in each window; it has 8 fraction bits
+#: the mean number moves by 1/64 of the difference in each window; it has 8 fraction bits
 ACTIVITY_SHIFT, ACTIVITY_BITS = 6, 8
 _LEAST_EVENTS = least_events()
 
@@ -308,9 +308,9 @@ def log_activity(events: int) -> int:
 
 @kernel(inline="always")
 def activity_of(events: int, mean_activity: int) -> int:
-    """Return the logarithm of a window's events less that of the usual number, in 1/16 octave.
+    """Return the logarithm of a window's events less that of the mean number, in 1/16 octave.
 
-    A window without events has the lowest activity: in a long stop, the usual number falls to 0.
+    A window without events has the lowest activity: in a long stop, the mean number falls to 0.
     """
     if events == 0:
         return -LOG_TOP
@@ -348,7 +348,7 @@ def is_pause(events: int, mean_activity: int) -> bool:
 
 @kernel(inline="always")
 def mean_activity_after(mean_activity: int, events: int) -> int:
-    """Return the usual number of events after a window, in units of 1/256 event."""
+    """Return the mean number of events after a window, in units of 1/256 event."""
     # the shift rounds down, negative numbers too
     return mean_activity + (
         ((min(events, EVENTS_TOP) << ACTIVITY_BITS) - mean_activity) >> ACTIVITY_SHIFT

@@ -291,7 +291,7 @@ class LiveLocaliser:
         if 0 <= whole_us <= before_us:
             self._since += self._selected - before
         settings = self._settings
-        windows = settings.windows_per_match + settings.late
+        windows = settings.windows_per_match + settings.match_delay
         if settings.window == "time":
             return whole_us < 0 or before_us - whole_us < windows * settings.tau_us
         return since < windows * settings.events_per_window
@@ -787,7 +787,7 @@ class LiveSession:
         if result is None or not result.matches.size or self.reference is None:
             return []
         self._beat_s = time.monotonic()
-        along, late = self._along, self.reference.settings.late > 0
+        along, late = self._along, self.reference.settings.match_delay > 0
         found = []
         for row in result.matches.tolist():
             t, place, best, second, after, ratio, _, _, trust, misfit, probability, lost = row

@@ -27,8 +27,8 @@ from edge_vpr.matching.distances import (
 from edge_vpr.matching.matches import CANDIDATES, Matches, margin_to_second
 from edge_vpr.matching.place_filter import (
     LASTING_NEIGHBOURS,
+    MISFIT_ZERO,
     TRUST_BITS,
-    USUAL_FIT,
     FilterMatch,
     HeldWindows,
     Metrics,
@@ -53,7 +53,7 @@ from edge_vpr.settings import Anchor, Settings
 
 
 #: Distance driven since the window before, in millimetres; None where it is not known.
-Way = int | None
+Travelled = int | None
 #: Columns of `FilterMatch`, shape (m, 7), and costs of the best path through each place, (m, K).
 Late = tuple[npt.NDArray[np.int64], Metrics]
 
@@ -72,7 +72,7 @@ class BackwardPass:
         self._onward = np.zeros(transitions.places, dtype=np.int16)
         self._ahead = np.empty(transitions.places, dtype=np.int16)
 
-    def add_to(self, rows: WindowRows, ways: Sequence[Way]) -> None:
+    def add_to(self, rows: WindowRows, travelled: Sequence[Travelled]) -> None:
         """Add the costs of the rest of the drive to the metrics of the n windows before it.
 
         Parameters
@@ -81,24 +81,27 @@ class BackwardPass:
             Of n windows; their metrics become the costs of the best path through each place, and
             their columns the matches by these, with the margin as trust and `window_misfit` as
             misfit.
-        ways : sequence of int or None
+        travelled : sequence of int or None
             Of each window.
         """
-        for first, last in reversed(list(runs(ways, len(ways)))):
+        for first, last in reversed(list(runs(travelled, len(travelled)))):
             smooth_windows(
                 self._onward, self._ahead, self._transitions.by_step, self._exclusion,
                 rows.part(first, last),
             )  # fmt: skip
-            way = ways[first]
-            if way is not None:
-                _travel_back(self._transitions, self._ahead, way, self._onward)
+            distance = travelled[first]
+            if distance is not None:
+                _travel_back(self._transitions, self._ahead, distance, self._onward)
 
 
 def _travel_back(
-    transitions: Transitions, ahead: npt.NDArray[np.int16], way: int, onward: npt.NDArray[np.int16]
+    transitions: Transitions,
+    ahead: npt.NDArray[np.int16],
+    distance: int,
+    onward: npt.NDArray[np.int16],
 ) -> None:
     """Write the cost of going on by odometry instead of steps; see `go_back`."""
-    onward[:] = transitions.by_distance(ahead.astype(np.int32), way, back=True)
+    onward[:] = transitions.by_distance(ahead.astype(np.int32), distance, back=True)
 
 
 class FixedLag:
@@ -115,16 +118,16 @@ class FixedLag:
     def __init__(self, transitions: Transitions, exclusion: int, delay: int) -> None:
         self._transitions, self._exclusion, self._delay = transitions, exclusion, delay
         self._held = HeldWindows.empty(delay, transitions)
-        self._ways: deque[Way] = deque()  # of the windows that are held
+        self._travelled: deque[Travelled] = deque()  # of the windows that are held
 
-    def add(self, rows: WindowRows, ways: Sequence[Way]) -> Late:
+    def add(self, rows: WindowRows, travelled: Sequence[Travelled]) -> Late:
         """Add the next n windows, and match those that have N after them.
 
         Parameters
         ----------
         rows : WindowRows
             Of these windows, by the place filter.
-        ways : sequence of int or None
+        travelled : sequence of int or None
             Of each window.
 
         Returns
@@ -134,34 +137,34 @@ class FixedLag:
         metrics : ndarray of int32, shape (m, K)
             Cost of the best path through each place.
         """
-        return self._match(rows, ways, self._delay)
+        return self._match(rows, travelled, self._delay)
 
     def finish(self) -> Late:
         """Match the last windows, which have fewer than N after them; returns as `add`."""
         return self._match(WindowRows.empty(0, self._transitions.places), [], 0)
 
-    def _match(self, rows: WindowRows, ways: Sequence[Way], delay: int) -> Late:
-        self._ways.extend(ways)
-        number = max(len(self._ways) - delay, 0)
+    def _match(self, rows: WindowRows, travelled: Sequence[Travelled], delay: int) -> Late:
+        self._travelled.extend(travelled)
+        number = max(len(self._travelled) - delay, 0)
         columns = np.empty((number, 7), dtype=np.int64)
         metrics = np.empty((number, self._transitions.places), dtype=np.int32)
-        if all(way is None for way in self._ways):
+        if all(distance is None for distance in self._travelled):
             match_late(
                 self._held, self._transitions.by_step, self._exclusion, rows, delay, True, False,
                 columns, metrics,
             )  # fmt: skip
             for _ in range(number):
-                self._ways.popleft()
+                self._travelled.popleft()
             return columns, metrics
-        for i in range(len(ways)):
+        for i in range(len(travelled)):
             match_late(
                 self._held, self._transitions.by_step, self._exclusion, rows.part(i, i + 1),
                 self._delay + 1, False, False, columns[:0], metrics[:0],
             )  # fmt: skip
-            j = number - (len(ways) - i)
+            j = number - (len(travelled) - i)
             if j >= 0:
                 self._match_first(columns[j : j + 1], metrics[j : j + 1])
-        if not ways:
+        if not travelled:
             for j in range(number):
                 self._match_first(columns[j : j + 1], metrics[j : j + 1])
         return columns, metrics
@@ -172,22 +175,22 @@ class FixedLag:
         first, windows, place = held.numbers[0].tolist()[:3]
         held.onward[:] = 0
         for i in range(windows - 1, 0, -1):
-            at, way = (first + i) % len(held.metrics), self._ways[i]
+            at, distance = (first + i) % len(held.metrics), self._travelled[i]
             go_back(held.onward, held.ahead, transitions.by_step, held.costs[at], held.evidence[at])
-            if way is not None:
-                _travel_back(transitions, held.ahead, way, held.onward)
-        way = self._ways.popleft()
-        travelled = way is not None and place >= 0
-        if way is not None and place >= 0:
-            held.follows[:] = transitions.following(place, way)
+            if distance is not None:
+                _travel_back(transitions, held.ahead, distance, held.onward)
+        distance = self._travelled.popleft()
+        by_distance = distance is not None and place >= 0
+        if distance is not None and place >= 0:
+            held.follows[:] = transitions.following(place, distance)
         match_late(
             held, transitions.by_step, self._exclusion, WindowRows.empty(0, transitions.places),
-            windows - 1, False, travelled, columns, metrics,
+            windows - 1, False, by_distance, columns, metrics,
         )  # fmt: skip
 
 
-def runs(ways: Sequence[Way], most: int) -> Iterator[tuple[int, int]]:
-    """Yield begin and end of runs of windows in which only the first has a known distance.
+def runs(travelled: Sequence[Travelled], most: int) -> Iterator[tuple[int, int]]:
+    """Yield the start and end of runs of windows in which only the first has a known distance.
 
     Parameters
     ----------
@@ -195,9 +198,9 @@ def runs(ways: Sequence[Way], most: int) -> Iterator[tuple[int, int]]:
         Largest number of windows in a run.
     """
     begin = 0
-    while begin < len(ways):
+    while begin < len(travelled):
         end = begin + 1
-        while end < len(ways) and end - begin < most and ways[end] is None:
+        while end < len(travelled) and end - begin < most and travelled[end] is None:
             end += 1
         yield begin, end
         begin = end
@@ -275,12 +278,14 @@ def filter_drive(
         If the map takes no odometry.
     """
     n = len(queries)
-    ways: list[Way] = [None] * n
+    travelled: list[Travelled] = [None] * n
     if odometry is not None:
         place_filter.transitions.check_odometry()
-        travelled, known = odometry.of_windows(queries.end_us)
-        ways = [way if sure else None for way, sure in zip(travelled.tolist(), known, strict=True)]
-    drive, found = _Drive(place_filter, index, queries, ways), _Found.empty(n, metrics)
+        driven, known = odometry.of_windows(queries.end_us)
+        travelled = [
+            mm if is_known else None for mm, is_known in zip(driven.tolist(), known, strict=True)
+        ]
+    drive, found = _Drive(place_filter, index, queries, travelled), _Found.empty(n, metrics)
     if smooth:
         _smooth(drive, found)
         return FilteredDrive(found.columns, found.candidates)
@@ -289,7 +294,7 @@ def filter_drive(
         if lag is None:
             found.put(first, rows.columns, rows.metrics)
         else:
-            found.put_late(last - delay, *lag.add(rows, ways[first:last]))
+            found.put_late(last - delay, *lag.add(rows, travelled[first:last]))
     if lag is not None:
         found.put_late(n, *lag.finish())
     return FilteredDrive(found.columns, found.candidates)
@@ -300,14 +305,14 @@ class _Drive(NamedTuple):
 
     Attributes
     ----------
-    ways : list of int or None
+    travelled : list of int or None
         Distance driven before each window.
     """
 
     place_filter: PlaceFilter
     reference: ReferenceIndex
     queries: Descriptors
-    ways: list[Way]
+    travelled: list[Travelled]
 
     @property
     def block(self) -> int:
@@ -317,11 +322,11 @@ class _Drive(NamedTuple):
     def advance(self, begin: int, end: int) -> Iterator[tuple[int, int, WindowRows]]:
         """Advance from window `begin` to before `end`; yield a few windows at a time."""
         events = self.queries.activity
-        for i, j in runs(self.ways[begin:end], self.block):
+        for i, j in runs(self.travelled[begin:end], self.block):
             first, last = begin + i, begin + j
-            way = self.ways[first]
-            if way is not None:
-                self.place_filter.predict_travelled(way)
+            distance = self.travelled[first]
+            if distance is not None:
+                self.place_filter.predict_travelled(distance)
             distances = self.reference.rows(self.queries.counts[first:last])
             yield first, last, self.place_filter.update_windows(distances, events[first:last])
 
@@ -362,10 +367,10 @@ class _Found(NamedTuple):
 def _smooth(drive: _Drive, found: _Found) -> None:
     """Smooth the whole drive, segment by segment from the last one.
 
-    The forward pass keeps the filter's state at the begin of each segment, from which the backward
+    The forward pass keeps the filter's state at the start of each segment, from which the backward
     pass repeats it. What lies in memory at a time is one segment, and a state for each.
     """
-    place_filter, n = drive.place_filter, len(drive.ways)
+    place_filter, n = drive.place_filter, len(drive.travelled)
     length = max(_SEGMENT_VALUES // drive.reference.places, math.isqrt(n), 1)
     begins = list(range(0, n, length))
     states = []
@@ -374,24 +379,24 @@ def _smooth(drive: _Drive, found: _Found) -> None:
         for _ in drive.advance(begin, begin + length):
             pass
     onward = BackwardPass(place_filter.transitions, place_filter.exclusion)
-    residual, told = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.bool_)
+    residual, informative = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.bool_)
     for begin in reversed(begins):
         if begin != begins[-1]:
             metric, numbers = states.pop()
             place_filter.resume(metric.astype(np.int32), numbers)
         end = min(begin + length, n)
         rows = drive.rows(begin, end)
-        onward.add_to(rows, drive.ways[begin:end])
+        onward.add_to(rows, drive.travelled[begin:end])
         residual[begin:end] = rows.evidence[np.arange(end - begin), rows.columns[:, 0]]
-        told[begin:end] = rows.factor > 0
+        informative[begin:end] = rows.factor > 0
         for first in range(0, end - begin, drive.block):
             some = rows.part(first, min(first + drive.block, end - begin))
             found.put(begin + first, some.columns, some.metrics)
         del rows, some  # else two segments are in memory while the next one is computed
     residual = _largest_around(residual)
-    trust = _mean_trust(found.columns, drive.ways, place_filter.transitions)
+    trust = _mean_trust(found.columns, drive.travelled, place_filter.transitions)
     found.columns[:, 5] = np.maximum(trust - (residual << TRUST_BITS), 0)
-    found.columns[:, 6] = _mean_misfit(found.columns[:, 6], told)
+    found.columns[:, 6] = _mean_misfit(found.columns[:, 6], informative)
 
 
 def _largest_around(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
@@ -403,14 +408,14 @@ def _largest_around(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
 
 
 def _mean_trust(
-    columns: npt.NDArray[np.int64], ways: Sequence[Way], transitions: Transitions
+    columns: npt.NDArray[np.int64], travelled: Sequence[Travelled], transitions: Transitions
 ) -> npt.NDArray[np.int64]:
     """Return the mean trust of each window and its neighbours, with 0 for those beyond a jump."""
     place, margin = columns[:, 0].tolist(), columns[:, 5]
     total = np.concatenate([[0], np.cumsum(margin)])
     chain = np.zeros(len(place), dtype=np.int64)  # runs without a jump
     for j in range(1, len(place)):
-        chain[j] = chain[j - 1] + (not transitions.lead_to(place[j - 1], place[j], ways[j]))
+        chain[j] = chain[j - 1] + (not transitions.lead_to(place[j - 1], place[j], travelled[j]))
     at = np.arange(len(place))
     first = np.maximum(at - NEIGHBOURS, np.searchsorted(chain, chain, side="left"))
     last = np.minimum(at + NEIGHBOURS, np.searchsorted(chain, chain, side="right") - 1)
@@ -418,16 +423,18 @@ def _mean_trust(
 
 
 def _mean_misfit(
-    misfit: npt.NDArray[np.int64], told: npt.NDArray[np.bool_]
+    misfit: npt.NDArray[np.int64], informative: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.int64]:
     """Return the misfit of smoothed matches, from that of each window that is not a pause."""
     n = len(misfit)
-    totals = [np.concatenate([[0], np.cumsum(column)]) for column in (misfit * told, told)]
+    totals = [
+        np.concatenate([[0], np.cumsum(column)]) for column in (misfit * informative, informative)
+    ]
     first = np.maximum(np.arange(n) - LASTING_NEIGHBOURS, 0)
     last = np.minimum(np.arange(n) + LASTING_NEIGHBOURS + 1, n)
     summed, number = (total[last] - total[first] for total in totals)
     mean = (summed << TRUST_BITS) // np.maximum(number, 1)
-    return np.where(number > 0, np.maximum(mean - USUAL_FIT, 0), 0)
+    return np.where(number > 0, np.maximum(mean - MISFIT_ZERO, 0), 0)
 
 
 # Sequences: distances of L successive windows added along the diagonal (method.md section 5).
@@ -537,7 +544,7 @@ def sequence_matches(
         K.
     query_us : ndarray of int64, shape (Q,)
         Centre of each query window.
-    acceptance : Judge
+    acceptance : Acceptance
         Gives the probability of the margin to the second.
     """
     best, best_sum, second, second_sum, ties, candidates = (
@@ -640,7 +647,7 @@ def match_descriptors(
         place_filter = filter_of(places, settings, jumps, along_mm)
         index = ReferenceIndex(places.counts)
         return match_by_filter(place_filter, index, queries, settings, acceptance, odometry)
-    check_no_ways(jumps, odometry is not None)
+    check_no_transitions(jumps, odometry is not None)
     length = settings.sequence_length
     check_length(length, len(places), len(queries))
     index = ReferenceIndex(places.counts)
@@ -685,7 +692,7 @@ def filter_of(
     )  # fmt: skip
 
 
-def check_no_ways(jumps: npt.NDArray[np.int32] | None, odometry: bool) -> None:
+def check_no_transitions(jumps: npt.NDArray[np.int32] | None, odometry: bool) -> None:
     """Raise UsageError if sequences are asked to use jumps or odometry.
 
     Parameters
@@ -713,7 +720,7 @@ def match_by_filter(
 ) -> Matches:
     """Match every query window by a filter before its first window; see `filter_drive`."""
     found = filter_drive(
-        place_filter, index, queries, odometry, smooth=settings.smooth, delay=settings.late
+        place_filter, index, queries, odometry, smooth=settings.smooth, delay=settings.match_delay
     )
     place, metric, second, second_metric, ties, trust, misfit = found.columns.T
     probability, lost = acceptance.acceptance(net_trust(trust, misfit))
@@ -803,10 +810,10 @@ def drive_distances(
         place_filter = filter_of(places, settings, jumps, along_mm)
         filter_drive(
             place_filter, index, queries, odometry,
-            smooth=settings.smooth, delay=settings.late, metrics=out,
+            smooth=settings.smooth, delay=settings.match_delay, metrics=out,
         )  # fmt: skip
         return out
-    check_no_ways(jumps, odometry is not None)
+    check_no_transitions(jumps, odometry is not None)
     length = settings.sequence_length
     check_length(length, len(places), len(queries))
     distances = index.matrix(queries.counts)

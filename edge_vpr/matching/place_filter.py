@@ -41,8 +41,8 @@ Narrow = npt.NDArray[np.int16]
 FRACTION_BITS = 2
 #: largest metric: 10 bits
 METRIC_TOP = (1 << 10) - 1
-#: a match follows from the one before over so many windows' ways at least, even if no step is so
-#: long
+#: a match follows from the one before over as many windows' distances at least, even if no step is
+#: as long
 LEAST_LAST = 2
 #: costs of steps where windows have a fixed count, by the number of places per window
 COUNT_COSTS = {1: (1, 0, 0, 1), 2: (1, 0, 0, 0, 0, 1)}
@@ -50,7 +50,7 @@ COUNT_COSTS = {1: (1, 0, 0, 1), 2: (1, 0, 0, 0, 0, 1)}
 
 @dataclass(frozen=True)
 class TransitionCosts:
-    """Costs of moves from place to place in one window.
+    """Costs of steps from place to place in one window.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class TransitionCosts:
     restart : int
         Cost of getting anywhere else: the robot was carried, or the filter is wrong.
     places_per_window : {1, 2}
-        How many places are one window's way.
+        How many places the robot passes in one window.
 
     Raises
     ------
@@ -137,7 +137,7 @@ class StepTable(NamedTuple):
         Of a step of ``first``, ``first + 1`` ... places, with fraction bits. Several rows are those
         of `COSTS_BY_ACTIVITY`; one row is for any activity.
     first, last : int
-        Smallest step, and the largest after which an answer follows from the one before.
+        Smallest step, and the largest after which a match follows from the one before.
     restart : int
         With fraction bits.
     jumps : ndarray of int32, shape (n, 2)
@@ -282,7 +282,7 @@ def predict_travelled(
     metric : ndarray of int32, shape (K,)
         Cost of each place.
     along : ndarray of int64, shape (K,)
-        Millimetres that the reference had driven at each place, not falling.
+        Millimetres that the reference had driven at each place, never decreasing.
     travelled : int
         Millimetres since the window before; below 0 backwards.
     rate_and_spacing : tuple of int
@@ -294,7 +294,7 @@ def predict_travelled(
     -------
     ndarray of int32, shape (K,)
         ``min(min_j (M[j] + |along[k] - along[j] - travelled| * rate), min M + restart) - min M``,
-        rounded down. A jump is a way of one mean spacing.
+        rounded down. A jump is one mean spacing long.
     """
     rate, spacing = rate_and_spacing
     least, places = np.int64(metric.min()), metric.size
@@ -318,13 +318,13 @@ def predict_travelled(
         begin, end = jumps[n, 0], jumps[n, 1]
         for source in range(max(begin - JUMP_REACH + 1, 0), begin + 1):
             for k in range(end, min(end + JUMP_REACH, places)):
-                way = along[begin] - along[source] + spacing + along[k] - along[end]
-                cost = ((metric[source] - least) << RATE_BITS) + abs(way - travelled) * rate
+                length = along[begin] - along[source] + spacing + along[k] - along[end]
+                cost = ((metric[source] - least) << RATE_BITS) + abs(length - travelled) * rate
                 prediction[k] = min(prediction[k], cost)
     return (prediction >> RATE_BITS).astype(np.int32)
 
 
-#: with odometry, the cost of being one window's mean way off from where the distance leads
+#: with odometry, the cost of being one window's mean distance off from where the distance leads
 OFF_BY_A_WINDOW = 2
 _NO_JUMPS = np.zeros((0, 2), dtype=np.int32)
 
@@ -342,21 +342,21 @@ class Transitions:
         Pairs of places: from the first, one step leads to the second too, as where a loop closes
         or two routes meet. Steps of more places may pass the pair.
     along_mm : ndarray of int64, shape (K,), optional
-        Millimetres that the reference had driven at each place, not falling: what odometry of a
-        query is compared with.
+        Millimetres that the reference had driven at each place, never decreasing: what odometry of
+        a query is compared with.
     typical : ndarray of int64, shape (K,), optional
         See `distances.typical_distances`; 0 by default.
 
     Raises
     ------
     UsageError
-        If there is no place, or a jump or a way is none of this map.
+        If there is no place, or a jump or a distance is not of this map.
 
     Examples
     --------
     >>> costs, jumps = TransitionCosts((1, 0, 1), restart=5), np.array([[3, 0]], dtype=np.int32)
-    >>> moves = Transitions(4, costs, jumps=jumps)
-    >>> moves.by_steps(np.array([9, 9, 9, 0], dtype=np.int32)).tolist()  # back at the start
+    >>> transitions = Transitions(4, costs, jumps=jumps)
+    >>> transitions.by_steps(np.array([9, 9, 9, 0], dtype=np.int32)).tolist()  # back at the start
     [0, 4, 9, 4]
     """
 
@@ -388,8 +388,8 @@ class Transitions:
         if along_mm is not None:
             check_along(along_mm, places)
             self._spacing = int(along_mm[-1] - along_mm[0]) // max(places - 1, 1)
-            way = max(self._spacing, 1) * costs.places_per_window
-            self._rate = (OFF_BY_A_WINDOW << FRACTION_BITS << RATE_BITS) // way
+            per_window = max(self._spacing, 1) * costs.places_per_window
+            self._rate = (OFF_BY_A_WINDOW << FRACTION_BITS << RATE_BITS) // per_window
 
     def check_odometry(self) -> None:
         """Raise UsageError if the map does not hold the distances between its places."""
@@ -433,8 +433,8 @@ class Transitions:
         follows = (off * self._rate) >> RATE_BITS < self.by_step.restart
         for begin, end in self.jumps[self._jumps_near(place, JUMP_REACH)].tolist():
             beyond = slice(end, end + JUMP_REACH)
-            way = along[begin] - along[place] + self._spacing + along[beyond] - along[end]
-            cost = (np.abs(way - travelled) * self._rate) >> RATE_BITS
+            length = along[begin] - along[place] + self._spacing + along[beyond] - along[end]
+            cost = (np.abs(length - travelled) * self._rate) >> RATE_BITS
             follows[beyond] |= cost < self.by_step.restart
         return np.asarray(follows)
 
@@ -487,10 +487,13 @@ def check_along(along_mm: npt.NDArray[np.int64], places: int) -> None:
     """Check that there is a distance driven for each place, which never decreases."""
     if along_mm.shape != (places,) or (np.diff(along_mm) < 0).any():
         raise UsageError(
-            f"way to each of {places} places: expected as many millimetres, which do not fall"
+            f"distances to {along_mm.shape} places: expected one for each of {places} places, in "
+            "millimetres, that never decrease"
         )
     if not 0 <= along_mm[0] <= along_mm[-1] <= MOST_MM:
-        raise UsageError(f"way of {along_mm[0]} to {along_mm[-1]} mm: expected 0 to {MOST_MM}")
+        raise UsageError(
+            f"distances of {along_mm[0]} to {along_mm[-1]} mm: expected 0 to {MOST_MM}"
+        )
 
 
 def _limited(travelled_mm: int) -> int:
@@ -572,9 +575,9 @@ def residual_of(evidence: int) -> int:
 
 #: the running misfit moves by 1/16 of the difference in each window, and has 4 more fraction bits
 LASTING_SHIFT, LASTING_BITS = 4, 4
-#: running misfit at the begin, and where the misfit of a match is 0: windows of drives along the
+#: running misfit at the start, and where the misfit of a match is 0: windows of drives along the
 #: map in its own light are lower on average
-USUAL_FIT = -80
+MISFIT_ZERO = -80
 #: a smoothed drive has the mean of so many windows before and after a match
 LASTING_NEIGHBOURS = 16
 
@@ -595,7 +598,7 @@ def window_misfit(
     typical : ndarray of int64, shape (K,)
         Places without contrast are nearer to any view; this is subtracted.
     factor : int
-        Of the evidence, see `WindowRows`; 0 of a window that says nothing.
+        Of the evidence, see `WindowRows`; 0 of a pause.
 
     Returns
     -------
@@ -622,7 +625,7 @@ def lasting_misfit_after(before: int, misfit: int, factor: int) -> int:
 @kernel(inline="always")
 def shown_misfit(lasting: int) -> int:
     """Return the misfit that a match is given with, in units of 1/16 of a metric, as trust has."""
-    return max((lasting >> LASTING_BITS) - USUAL_FIT, 0)
+    return max((lasting >> LASTING_BITS) - MISFIT_ZERO, 0)
 
 
 @kernel
@@ -893,7 +896,7 @@ def match_window(
     Returns
     -------
     place, support, residual, lasting : int
-        See `judge`.
+        See `write_trust`.
     """
     now, row = state.numbers[0], rows.columns[i]
     metric, evidence = rows.metrics[i], rows.evidence[i]
@@ -914,13 +917,13 @@ def match_window(
     margin = write_match(metric, place, second, ties, row)
     factor = scale * weight
     by_distance = now.predicted_for == BY_DISTANCE
-    kept = judge(now, steps, by_distance, state.follows, margin, evidence, factor, row)
+    kept = write_trust(now, steps, by_distance, state.follows, margin, evidence, factor, row)
     rows.activity[i], rows.factor[i] = activity, factor
     return kept
 
 
 @kernel(inline="always")
-def judge(
+def write_trust(
     now: Any,
     steps: StepTable,
     by_distance: bool,
@@ -1070,8 +1073,8 @@ def go_back(
     move(ahead, steps, costs, np.bool_(True), onward)
 
 
-#: State of `HeldWindows`: number of the first window, how many there are, and what `NUMBER_NAMES`
-#: tells of the match before them
+#: State of `HeldWindows`: number of the first window, how many there are, and the
+#: `NUMBER_NAMES` of the match before them
 HELD = np.dtype([(name, np.int64) for name in ("first", "windows", *NUMBER_NAMES[2:])])
 
 
@@ -1105,7 +1108,7 @@ class HeldWindows(NamedTuple):
     def empty(cls, delay: int, transitions: Transitions) -> HeldWindows:
         """Return room for windows that wait for `delay` others."""
         room, places = delay + 1, transitions.places
-        numbers = np.array([(0, 0, -1, 0, 0, 0, USUAL_FIT << LASTING_BITS)], dtype=HELD)
+        numbers = np.array([(0, 0, -1, 0, 0, 0, MISFIT_ZERO << LASTING_BITS)], dtype=HELD)
         steps = transitions.by_step.costs.shape[1]
         return cls(
             numbers.view(np.recarray),
@@ -1127,7 +1130,7 @@ def match_late(
     rows: WindowRows,
     delay: int,
     backward: bool,
-    travelled: bool,
+    by_distance: bool,
     columns: npt.NDArray[np.int64],
     metrics: Metrics,
 ) -> int:
@@ -1141,7 +1144,7 @@ def match_late(
         N; 0 at the end of a drive.
     backward : bool
         Whether `onward` has yet to be computed, by steps. If not, there is one window to match.
-    travelled : bool
+    by_distance : bool
         Whether `follows` is known.
     columns : ndarray of int64, shape (n + N, 7)
         Of `FilterMatch`; written to.
@@ -1178,8 +1181,8 @@ def match_late(
         for k in range(places):
             metric[k] = held.metrics[at, k]
         margin = match_summed(metric, onward, exclusion, row)
-        kept = judge(
-            now, steps, travelled, held.follows, margin, held.evidence[at], held.factor[at], row
+        kept = write_trust(
+            now, steps, by_distance, held.follows, margin, held.evidence[at], held.factor[at], row
         )
         now.residual_before = now.residual
         now.place, now.support, now.residual, now.lasting_misfit = kept
@@ -1259,7 +1262,7 @@ class PlaceFilter:
     ) -> None:
         self.transitions = Transitions(places, costs, place_activity, jumps, along_mm, typical)
         self.exclusion = exclusion
-        begin = (0, mean_activity, -1, 0, 0, 0, USUAL_FIT << LASTING_BITS, NOT_PREDICTED)
+        begin = (0, mean_activity, -1, 0, 0, 0, MISFIT_ZERO << LASTING_BITS, NOT_PREDICTED)
         numbers = np.array([begin], dtype=NUMBERS)
         metric, prediction = np.zeros(places, dtype=np.int32), np.zeros(places, dtype=np.int16)
         self.state = FilterState(

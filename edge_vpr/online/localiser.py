@@ -27,7 +27,7 @@ from edge_vpr.archive import (
     whole_number,
     write_archive,
 )
-from edge_vpr.compiling import BoxedState, KernelState, entry, kernel, plain
+from edge_vpr.compiling import BoxedState, KernelState, kernel, plain, specialise
 from edge_vpr.confidence import TRUST_TOP, Confidence
 from edge_vpr.descriptors.cleaning import CausalBurstFilter, keep
 from edge_vpr.descriptors.counting import check_columns, window_of
@@ -37,15 +37,15 @@ from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError, expe
 from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Events, Sensor, check_event_array
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.distances import aligned_zeros
-from edge_vpr.matching.drive import FixedLag, Late, check_no_ways, filter_of
+from edge_vpr.matching.drive import FixedLag, Late, check_no_transitions, filter_of
 from edge_vpr.matching.place_filter import (
     LASTING_BITS,
     METRIC_TOP,
+    MISFIT_ZERO,
     NUMBER_NAMES,
     RECIPROCAL_BITS,
     RESIDUAL_TOP,
     TRUST_BITS,
-    USUAL_FIT,
     FilterMatch,
     FilterState,
     PlaceFilter,
@@ -373,11 +373,11 @@ class MatchSchedule:
         """
         if isinstance(when, MatchSchedule):
             return when
-        text = when or ("window" if settings.late else default)
+        text = when or ("window" if settings.match_delay else default)
         schedule = read_every(text)
-        if schedule is not None and settings.late:
+        if schedule is not None and settings.match_delay:
             raise UsageError(
-                f"--every {text} with a delay of {settings.late} windows, which gives a "
+                f"--every {text} with a delay of {settings.match_delay} windows, which gives a "
                 "match at the end of each window: leave --every out, or set --delay 0"
             )
         return schedule or cls.window(settings)
@@ -749,7 +749,7 @@ class MatchRun:
 
     def _hold(self, state: OnlineState) -> None:
         self.state, self.boxed = state, KernelState(state).boxed
-        self._follow: Callable[..., Stop] = entry(follow, self.boxed, _NO_EVENTS, GO_ON)
+        self._follow: Callable[..., Stop] = specialise(follow, self.boxed, _NO_EVENTS, GO_ON)
 
     @property
     def next_tick(self) -> int:
@@ -1035,7 +1035,7 @@ def filter_state(arrays: Arrays) -> list[int]:
     shape = (earlier if numbers.shape == (earlier,) else earlier + 1,)
     check_array(numbers, "filter_state", (np.int64,), shape)
     found: list[int] = numbers.tolist()
-    return found if len(found) > earlier else [*found[:-1], USUAL_FIT << LASTING_BITS, found[-1]]
+    return found if len(found) > earlier else [*found[:-1], MISFIT_ZERO << LASTING_BITS, found[-1]]
 
 
 # The place filter event by event, with matches that come some windows late.
@@ -1069,7 +1069,7 @@ class DelayedRun(FilterRun):
             )
         super().__init__(reference, window, schedule)
         self._lag = FixedLag(
-            self.place_filter.transitions, settings.exclusion_places, settings.late
+            self.place_filter.transitions, settings.exclusion_places, settings.match_delay
         )
         self._given: np.void | None = None  # by the kernel, of the window that ends
         self._undecided: deque[np.void | None] = deque()  # None of a window that was skipped
@@ -1206,10 +1206,10 @@ class Localiser:
             )
         self._run: MatchRun
         if filtered:
-            filter_run = DelayedRun if settings.late else FilterRun
+            filter_run = DelayedRun if settings.match_delay else FilterRun
             self._run = filter_run(reference, self._window, self.every)
         else:
-            check_no_ways(reference.jumps, odometry=False)
+            check_no_transitions(reference.jumps, odometry=False)
             self._run = MatchRun(reference, self._window, self.every, recent)
 
     def __len__(self) -> int:
@@ -1241,7 +1241,7 @@ class Localiser:
     @property
     def filled(self) -> float:
         """Share of these windows that is complete, 0 to 1."""
-        windows = self.settings.windows_per_match + self.settings.late
+        windows = self.settings.windows_per_match + self.settings.match_delay
         if isinstance(self._window, FixedTime):
             return min(1.0, self._run.now_us / (windows * self._window.tau_us))
         return min(1.0, self.selected / (windows * self._window.events))
@@ -1391,7 +1391,7 @@ class Localiser:
         """
         run = self._run
         if not isinstance(run, FilterRun):
-            check_no_ways(None, odometry=True)
+            check_no_transitions(None, odometry=True)
             return NO_MATCHES
         expect(distance_m, (int, float, np.number), "distance_m", "metres as a number")
         if not abs(distance_m) * 1e3 <= MOST_MM:
@@ -1595,7 +1595,7 @@ class Follower:
         parts = self._bursts.box.boxed, self._run.boxed, *decoder
         known, its_parts, code = self._bound
         if kernel is not known or parts != its_parts:
-            code = partial(entry(kernel, *parts, sample), *parts)
+            code = partial(specialise(kernel, *parts, sample), *parts)
             self._bound = kernel, parts, code
         return code
 

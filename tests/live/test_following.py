@@ -11,7 +11,7 @@ from streams import random_events
 from test_filter_run import map_of as filtered_map
 from test_localiser import PIXELS, SENSOR, map_of
 
-from edge_vpr.compiling import KernelState, entry, kernel
+from edge_vpr.compiling import KernelState, kernel, specialise
 from edge_vpr.descriptors.cleaning import CausalBurstFilter
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.protocols import open_decoder, open_encoder
@@ -75,7 +75,7 @@ class Separate:
             self.whole_us = self.reached
         if 0 <= whole_us <= before_us:
             self.since += sum((x, y) in PIXELS for x, y in kept[["x", "y"]].tolist())
-        windows = chosen.windows_per_match + chosen.late
+        windows = chosen.windows_per_match + chosen.match_delay
         if chosen.window == "time":
             whole = 0 <= whole_us <= before_us - windows * chosen.tau_us
         else:
@@ -212,5 +212,5 @@ def test_code_for_the_types_of_arguments_gives_what_the_kernel_gives():
         return box.value[0].sum() + len(data)
 
     box = KernelState((np.arange(5),)).boxed
-    code = entry(total, box, b"")
+    code = specialise(total, box, b"")
     assert code(box, b"abc") == total(box, b"abc") == 13

@@ -105,7 +105,7 @@ def _cannot_match(reference: ReferenceMap, queries: int) -> bool:
 def _table(reference: ReferenceMap) -> list[tuple[int, float, int]] | None:
     found, settings = reference.confidence, reference.settings
     if found is None and settings.matching == "filter":
-        found = default_confidence(settings.smooth, settings.late, settings.stays_on_map)
+        found = default_confidence(settings.smooth, settings.match_delay, settings.stays_on_map)
     if found is None:
         return None
     return list(
@@ -131,7 +131,7 @@ def _compare_matches(
 ) -> None:
     settings, places = reference.settings, reference.places.counts.tolist()
     if settings.matching == "filter":
-        if settings.smooth or settings.late:
+        if settings.smooth or settings.match_delay:
             rows = filter_oracle.smoothed(reference, coded, events)
         else:
             begin = filter_oracle.begin_of(reference)

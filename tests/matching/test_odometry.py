@@ -172,10 +172,10 @@ def test_without_odometry_the_way_is_that_of_the_track():
     assert metered.along_mm.tolist() == [0, 7, 14, 21, 28]
 
 
-def test_moves_of_a_map_that_has_no_ways_refuse_odometry():
+def test_a_map_without_distances_refuses_odometry():
     with pytest.raises(UsageError, match="make it with the reference drive's --odometry"):
         Transitions(3, TransitionCosts()).by_distance(np.zeros(3, dtype=np.int32), 5)
-    with pytest.raises(UsageError, match="expected as many millimetres"):
+    with pytest.raises(UsageError, match="expected one for each of 3 places"):
         Transitions(3, TransitionCosts(), along_mm=np.arange(2))
     with pytest.raises(UsageError, match="jump from place 0 to 3"):
         Transitions(3, TransitionCosts(), jumps=np.array([[0, 3]], dtype=np.int32))

@@ -164,7 +164,7 @@ class MatchRows:
     def __init__(self, reference: ReferenceMap | None = None) -> None:
         self._names: tuple[str, ...] = ()
         self._where: list[list[float | None]] = []
-        self._late = reference is not None and reference.settings.late > 0
+        self._late = reference is not None and reference.settings.match_delay > 0
         self._texts: dict[int, str] = {}  # of `_where`, made when a place is first matched
         if reference is not None and reference.route is not None:
             route = reference.route

@@ -196,7 +196,7 @@ def _match_online(
     if args.anchor is not None:
         raise UsageError("--online matches belong to the newest window: leave --anchor out")
     causal = reference.causal()
-    every = args.every or ("window" if causal.settings.late else "event")
+    every = args.every or ("window" if causal.settings.match_delay else "event")
     recording = open_from(args, args.recording, default_period=reference.frame_period)
     bursts = BurstFilter(reference.pixel_map.sensor)
     warmed_up(

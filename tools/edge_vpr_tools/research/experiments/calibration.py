@@ -368,7 +368,8 @@ def judge(
             changed = [with_settings(case, **MATCHINGS[name]) for case in cases]
             settings = changed[0].reference.settings
             table, on_map = (
-                default_confidence(settings.smooth, settings.late, stays) for stays in (False, True)
+                default_confidence(settings.smooth, settings.match_delay, stays)
+                for stays in (False, True)
             )
             row = {"map": version, "matching": described(name), LEARNT_ON: learnt_on}
             found = [sample(case) for case in changed]
@@ -433,7 +434,7 @@ def first_sure(table: Confidence, cases: Sequence[Case]) -> dict[str, float | in
     waits: dict[float, list[tuple[float, bool]]] = {0.95: [], 0.99: []}
     starts = 0
     for case in cases:
-        windows, late = len(case.counted), case.reference.settings.late
+        windows, late = len(case.counted), case.reference.settings.match_delay
         for start in range(0, windows - _LEFT, START_EVERY):
             if not case.truth.known[start]:
                 continue

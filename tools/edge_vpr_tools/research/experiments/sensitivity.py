@@ -30,7 +30,7 @@ from edge_vpr.matching.place_filter import (
     EVIDENCE_TOP,
     LASTING_BITS,
     METRIC_TOP,
-    USUAL_FIT,
+    MISFIT_ZERO,
     TransitionCosts,
     Transitions,
     WindowRows,
@@ -122,7 +122,7 @@ def match_with(
     transitions = transitions_of(counted, constants)
     exclusion = coded.settings.exclusion_places
     cap, doubted = (round(of * EVIDENCE_TOP) for of in (constants.cap, constants.doubted))
-    typical, misfit = typical_distances(coded.places.counts), USUAL_FIT << LASTING_BITS
+    typical, misfit = typical_distances(coded.places.counts), MISFIT_ZERO << LASTING_BITS
     mean, scale = activity_of_drive(coded.places.activity), 0
     rows = WindowRows.empty(*distances.shape)
     rows.factor[:] = 0  # the misfit of late matches, which nobody reads
