@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import EqualByValue, check_array, check_range, damaged
+from edge_vpr.compiling import kernel
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.settings import Settings
@@ -56,6 +57,36 @@ def net_trust(trust: npt.NDArray[np.int64], misfit: npt.NDArray[np.int64]) -> np
     """
     limited = np.minimum(trust, TRUST_TOP) - (misfit << MISFIT_SHIFT)
     return np.where(misfit < 0, trust, limited)
+
+
+@kernel(inner=True)
+def accept_match(row, trust, probability, least_trust):  # type: ignore[no-untyped-def]
+    """Write the probability of one match, and whether it is lost; `Acceptance.accept` for a kernel.
+
+    Parameters
+    ----------
+    row : record of MATCH_DTYPE
+        With its trust and misfit.
+    trust : ndarray of int64, shape (m,)
+        Of `Confidence`; m is 0 where nothing is known.
+    probability : ndarray of float64, shape (m,)
+        Of `Confidence`.
+    least_trust : int
+        Least `net_trust` of a match that is not lost.
+    """
+    net = row["trust"]
+    if row["misfit"] >= 0:  # as `net_trust`
+        net = min(net, TRUST_TOP) - (row["misfit"] << MISFIT_SHIFT)
+    row["probability"], row["lost"] = np.nan, net < least_trust
+    first, last = 0, trust.size - 1  # binary search: the step lies between these two
+    if last >= 0:
+        while first < last:
+            middle = (first + last + 1) // 2
+            if trust[middle] <= net:
+                first = middle
+            else:
+                last = middle - 1
+        row["probability"] = probability[first]
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +221,7 @@ class Acceptance:
 
     @classmethod
     def of(cls, settings: Settings, own: Confidence | None = None) -> Acceptance:
-        """Return what judges matches with these settings.
+        """Return the acceptance of matches with these settings.
 
         Parameters
         ----------
@@ -206,15 +237,15 @@ class Acceptance:
             own = default_confidence(settings.smooth, settings.match_delay, settings.stays_on_map)
         return cls(own, settings.precision)
 
-    def acceptance(
-        self, trust: npt.NDArray[np.integer]
+    def accept(
+        self, trust: npt.NDArray[np.int64], misfit: npt.NDArray[np.int64]
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
         """Return the probability of each match (NaN if not known), and whether it is lost.
 
         Parameters
         ----------
-        trust : ndarray of int, shape (n,)
-            `net_trust` of each match.
+        trust, misfit : ndarray of int64, shape (n,)
+            See `net_trust`.
 
         Returns
         -------
@@ -224,10 +255,11 @@ class Acceptance:
         """
         if self.confidence is None:
             return np.full(trust.shape, np.nan), np.zeros(trust.shape, dtype=np.bool_)
-        probability = self.confidence.probability_of(trust)
+        net = net_trust(trust, misfit)
+        probability = self.confidence.probability_of(net)
         if self.precision is None:
             return probability, np.zeros(trust.shape, dtype=np.bool_)
-        return probability, trust < self.confidence.least_trust(self.precision)
+        return probability, net < self.confidence.least_trust(self.precision)
 
 
 _NAMES = ("trust", "probability", "matches")

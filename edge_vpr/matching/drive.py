@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.confidence import NO_MISFIT, Acceptance, Confidence, net_trust
+from edge_vpr.confidence import NO_MISFIT, Acceptance, Confidence
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, place_activity
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.map_record import MapRecord
@@ -59,16 +59,10 @@ Late = tuple[npt.NDArray[np.int64], Metrics]
 
 
 class BackwardPass:
-    """Cost of going on from each place, from the last window of a drive back to the first.
+    """Cost of going on from each place, from the last window of a drive back to the first."""
 
-    Parameters
-    ----------
-    exclusion : int
-        See `PlaceFilter`.
-    """
-
-    def __init__(self, transitions: Transitions, exclusion: int) -> None:
-        self._transitions, self._exclusion = transitions, exclusion
+    def __init__(self, transitions: Transitions) -> None:
+        self._transitions = transitions
         self._onward = np.zeros(transitions.places, dtype=np.int16)
         self._ahead = np.empty(transitions.places, dtype=np.int16)
 
@@ -86,7 +80,7 @@ class BackwardPass:
         """
         for first, last in reversed(list(runs(travelled, len(travelled)))):
             smooth_windows(
-                self._onward, self._ahead, self._transitions.by_step, self._exclusion,
+                self._onward, self._ahead, self._transitions.table,
                 rows.part(first, last),
             )  # fmt: skip
             distance = travelled[first]
@@ -109,14 +103,12 @@ class FixedLag:
 
     Parameters
     ----------
-    exclusion : int
-        See `PlaceFilter`.
     delay : int
         N.
     """
 
-    def __init__(self, transitions: Transitions, exclusion: int, delay: int) -> None:
-        self._transitions, self._exclusion, self._delay = transitions, exclusion, delay
+    def __init__(self, transitions: Transitions, delay: int) -> None:
+        self._transitions, self._delay = transitions, delay
         self._held = HeldWindows.empty(delay, transitions)
         self._travelled: deque[Travelled] = deque()  # of the windows that are held
 
@@ -150,7 +142,7 @@ class FixedLag:
         metrics = np.empty((number, self._transitions.places), dtype=np.int32)
         if all(distance is None for distance in self._travelled):
             match_late(
-                self._held, self._transitions.by_step, self._exclusion, rows, delay, True, False,
+                self._held, self._transitions.table, rows, delay, True, False,
                 columns, metrics,
             )  # fmt: skip
             for _ in range(number):
@@ -158,7 +150,7 @@ class FixedLag:
             return columns, metrics
         for i in range(len(travelled)):
             match_late(
-                self._held, self._transitions.by_step, self._exclusion, rows.part(i, i + 1),
+                self._held, self._transitions.table, rows.part(i, i + 1),
                 self._delay + 1, False, False, columns[:0], metrics[:0],
             )  # fmt: skip
             j = number - (len(travelled) - i)
@@ -176,7 +168,7 @@ class FixedLag:
         held.onward[:] = 0
         for i in range(windows - 1, 0, -1):
             at, distance = (first + i) % len(held.metrics), self._travelled[i]
-            go_back(held.onward, held.ahead, transitions.by_step, held.costs[at], held.evidence[at])
+            go_back(held.onward, held.ahead, transitions.table, held.costs[at], held.evidence[at])
             if distance is not None:
                 _travel_back(transitions, held.ahead, distance, held.onward)
         distance = self._travelled.popleft()
@@ -184,7 +176,7 @@ class FixedLag:
         if distance is not None and place >= 0:
             held.follows[:] = transitions.following(place, distance)
         match_late(
-            held, transitions.by_step, self._exclusion, WindowRows.empty(0, transitions.places),
+            held, transitions.table, WindowRows.empty(0, transitions.places),
             windows - 1, False, by_distance, columns, metrics,
         )  # fmt: skip
 
@@ -289,7 +281,7 @@ def filter_drive(
     if smooth:
         _smooth(drive, found)
         return FilteredDrive(found.columns, found.candidates)
-    lag = FixedLag(place_filter.transitions, place_filter.exclusion, delay) if delay else None
+    lag = FixedLag(place_filter.transitions, delay) if delay else None
     for first, last, rows in drive.advance(0, n):
         if lag is None:
             found.put(first, rows.columns, rows.metrics)
@@ -378,7 +370,7 @@ def _smooth(drive: _Drive, found: _Found) -> None:
         states.append((place_filter.state.metric.astype(np.uint16), place_filter.numbers))
         for _ in drive.advance(begin, begin + length):
             pass
-    onward = BackwardPass(place_filter.transitions, place_filter.exclusion)
+    onward = BackwardPass(place_filter.transitions)
     residual, informative = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.bool_)
     for begin in reversed(begins):
         if begin != begins[-1]:
@@ -553,7 +545,8 @@ def sequence_matches(
     offset = anchor_offset(settings.sequence_length, settings.anchor)
     query = np.arange(len(best), dtype=np.int64) + offset
     trust = margin_to_second(best_sum, second_sum)
-    probability, lost = acceptance.acceptance(trust)
+    misfit = np.full(trust.shape, NO_MISFIT, dtype=np.int64)
+    probability, lost = acceptance.accept(trust, misfit)
     return Matches(
         settings=settings,
         places_in_map=places,
@@ -566,7 +559,7 @@ def sequence_matches(
         ties=ties,
         candidates=np.where(candidates < 0, -1, candidates + offset),
         trust=trust,
-        misfit=np.full(trust.shape, NO_MISFIT, dtype=np.int64),
+        misfit=misfit,
         probability=probability,
         lost=lost,
     )
@@ -589,7 +582,7 @@ def match_query(
         reference.places,
         queries,
         reference.settings,
-        reference.acceptance.confidence,
+        reference.confidence,
         jumps=reference.jumps,
         along_mm=reference.along_mm,
         odometry=odometry,
@@ -656,7 +649,7 @@ def match_descriptors(
     parts = []
     for j in range(0, n, block):
         distances = index.matrix(queries.counts[j : min(j + block, n) + length - 1])
-        parts.append(BestSequences.of(sequence_sums(distances, length), settings.exclusion))
+        parts.append(BestSequences.of(sequence_sums(distances, length), settings.exclusion_places))
     return sequence_matches(parts, settings, len(places), queries.centre_us, acceptance)
 
 
@@ -723,7 +716,7 @@ def match_by_filter(
         place_filter, index, queries, odometry, smooth=settings.smooth, delay=settings.match_delay
     )
     place, metric, second, second_metric, ties, trust, misfit = found.columns.T
-    probability, lost = acceptance.acceptance(net_trust(trust, misfit))
+    probability, lost = acceptance.accept(trust, misfit)
     return Matches(
         settings=settings,
         places_in_map=index.places,

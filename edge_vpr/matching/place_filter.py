@@ -128,8 +128,8 @@ RATE_BITS = 16
 JUMP_REACH = 8
 
 
-class StepTable(NamedTuple):
-    """The part of `Transitions` that a kernel needs to predict by steps.
+class FilterTable(NamedTuple):
+    """What the kernels of the filter read of a map and its settings.
 
     Attributes
     ----------
@@ -146,6 +146,8 @@ class StepTable(NamedTuple):
         Of each place, see `place_activity`.
     typical : ndarray of int64, shape (K,)
         Of each place, see `distances.typical_distances`.
+    exclusion : int
+        The second-best place is more than this many places from the best.
     """
 
     costs: Metrics
@@ -155,6 +157,7 @@ class StepTable(NamedTuple):
     jumps: npt.NDArray[np.int32]
     activity: npt.NDArray[np.int32]
     typical: npt.NDArray[np.int64]
+    exclusion: int
 
 
 @kernel(inner=True)
@@ -172,7 +175,7 @@ def leads_to(
 
 
 @kernel(inner=True)
-def write_costs(steps: StepTable, activity: int, costs: Narrow) -> None:
+def write_costs(table: FilterTable, activity: int, costs: Narrow) -> None:
     """Write the cost of each step to each place, in a window of this activity.
 
     Parameters
@@ -182,13 +185,13 @@ def write_costs(steps: StepTable, activity: int, costs: Narrow) -> None:
     costs : ndarray of int16, shape (steps, K)
         Written to.
     """
-    places, last_row = costs.shape[1], len(steps.costs) - 1
+    places, last_row = costs.shape[1], len(table.costs) - 1
     rows = np.empty(places if last_row > 0 else 0, dtype=np.int16)
     for k in range(rows.size):
-        row = (activity - steps.activity[k] + (1 << (ROW_BITS - 1))) >> ROW_BITS
+        row = (activity - table.activity[k] + (1 << (ROW_BITS - 1))) >> ROW_BITS
         rows[k] = min(max(row + SAME_ROW, 0), last_row)
     for i in range(costs.shape[0]):
-        of_row, written = steps.costs[:, i], costs[i]
+        of_row, written = table.costs[:, i], costs[i]
         if last_row > 0:
             for k in range(places):
                 written[k] = of_row[rows[k]]
@@ -199,7 +202,7 @@ def write_costs(steps: StepTable, activity: int, costs: Narrow) -> None:
 
 
 @kernel(inner=True)
-def move(metric: Narrow, steps: StepTable, costs: Narrow, back: bool, prediction: Narrow) -> None:
+def move(metric: Narrow, table: FilterTable, costs: Narrow, back: bool, prediction: Narrow) -> None:
     """Write the cheapest cost of each place one window later, or earlier.
 
     All sums fit into 16 bits: a metric with its evidence, and a cost, are below 2,500.
@@ -222,11 +225,11 @@ def move(metric: Narrow, steps: StepTable, costs: Narrow, back: bool, prediction
     least = metric[0]
     for k in range(places):
         least = min(least, metric[k])
-    restarted = np.int16(least + steps.restart)
+    restarted = np.int16(least + table.restart)
     for k in range(places):
         prediction[k] = restarted
     for i in range(costs.shape[0]):
-        step = steps.first + i
+        step = table.first + i
         number = max(places - abs(step), 0)
         before, reached = min(max(-step, 0), places), min(max(step, 0), places)
         found, source = (before, reached) if back else (reached, before)
@@ -235,9 +238,9 @@ def move(metric: Narrow, steps: StepTable, costs: Narrow, back: bool, prediction
         moved, stayed = prediction[found : found + number], metric[source : source + number]
         for k in range(number):
             moved[k] = min(moved[k], np.int16(stayed[k] + cost[k]))
-        for j in range(len(steps.jumps)):
+        for j in range(len(table.jumps)):
             for over in range(step):
-                begin, end = steps.jumps[j, 0] - (step - 1 - over), steps.jumps[j, 1] + over
+                begin, end = table.jumps[j, 0] - (step - 1 - over), table.jumps[j, 1] + over
                 if begin >= 0 and end < places:
                     to, other = (begin, end) if back else (end, begin)
                     jumped = np.int16(metric[other] + costs[i, end])
@@ -247,7 +250,7 @@ def move(metric: Narrow, steps: StepTable, costs: Narrow, back: bool, prediction
 
 
 @kernel(inline="always")
-def predict(metric: Metrics, steps: StepTable, activity: int, prediction: Narrow) -> None:
+def predict(metric: Metrics, table: FilterTable, activity: int, prediction: Narrow) -> None:
     """Write the cheapest cost of each place after a window of this activity; see `move`.
 
     Parameters
@@ -260,14 +263,14 @@ def predict(metric: Metrics, steps: StepTable, activity: int, prediction: Narrow
     before = np.empty(metric.size, dtype=np.int16)
     for k in range(metric.size):
         before[k] = metric[k]
-    costs = np.empty((steps.costs.shape[1], metric.size), dtype=np.int16)
-    write_costs(steps, activity, costs)
+    costs = np.empty((table.costs.shape[1], metric.size), dtype=np.int16)
+    write_costs(table, activity, costs)
     # not a constant, for which Numba would compile another version
-    move(before, steps, costs, np.bool_(False), prediction)
+    move(before, table, costs, np.bool_(False), prediction)
 
 
 @kernel
-def predict_travelled(
+def predict_by_distance(
     metric: Metrics,
     along: npt.NDArray[np.int64],
     travelled: int,
@@ -346,6 +349,8 @@ class Transitions:
         a query is compared with.
     typical : ndarray of int64, shape (K,), optional
         See `distances.typical_distances`; 0 by default.
+    exclusion : int
+        See `FilterTable`.
 
     Raises
     ------
@@ -355,8 +360,10 @@ class Transitions:
     Examples
     --------
     >>> costs, jumps = TransitionCosts((1, 0, 1), restart=5), np.array([[3, 0]], dtype=np.int32)
-    >>> transitions = Transitions(4, costs, jumps=jumps)
-    >>> transitions.by_steps(np.array([9, 9, 9, 0], dtype=np.int32)).tolist()  # back at the start
+    >>> transitions, prediction = Transitions(4, costs, jumps=jumps), np.empty(4, dtype=np.int16)
+    >>> metric = np.array([9, 9, 9, 0], dtype=np.int32)  # at the end, which leads to the start
+    >>> plain(predict)(metric, transitions.table, 0, prediction)
+    >>> prediction.tolist()
     [0, 4, 9, 4]
     """
 
@@ -368,6 +375,7 @@ class Transitions:
         jumps: npt.NDArray[np.int32] | None = None,
         along_mm: npt.NDArray[np.int64] | None = None,
         typical: npt.NDArray[np.int64] | None = None,
+        exclusion: int = 3,
     ) -> None:
         if places < 1:
             raise UsageError(f"a map of {places} places: expected at least 1")
@@ -379,9 +387,9 @@ class Transitions:
         check_activity(place_activity, places)
         if typical is None:
             typical = np.zeros(places, dtype=np.int64)
-        self.by_step = StepTable(
+        self.table = FilterTable(
             costs.scaled, costs.first, costs.last, costs.restart << FRACTION_BITS, self.jumps,
-            place_activity, typical,
+            place_activity, typical, exclusion,
         )  # fmt: skip
         self._along = along_mm
         self._spacing = self._rate = 0
@@ -394,12 +402,6 @@ class Transitions:
     def check_odometry(self) -> None:
         """Raise UsageError if the map does not hold the distances between its places."""
         self._checked_along()
-
-    def by_steps(self, metric: Metrics, activity: int = 0) -> Metrics:
-        """Return the cost of each place after a window of this activity, shape (K,)."""
-        prediction = np.empty(metric.size, dtype=np.int16)
-        predict(metric, self.by_step, activity, prediction)
-        return prediction.astype(np.int32)
 
     def by_distance(self, metric: Metrics, travelled_mm: int, *, back: bool = False) -> Metrics:
         """Return the cost of each place after a distance of `travelled_mm`, shape (K,).
@@ -420,9 +422,9 @@ class Transitions:
         if back:  # the same distance on the route in the opposite direction
             metric, along = np.ascontiguousarray(metric[::-1]), along[-1] - along[::-1]
             jumps = self.places - 1 - jumps[:, ::-1]
-        found = predict_travelled(
+        found = predict_by_distance(
             metric, along, _limited(travelled_mm), (self._rate, self._spacing),
-            self.by_step.restart, jumps,
+            self.table.restart, jumps,
         )  # fmt: skip
         return np.ascontiguousarray(found[::-1]) if back else found
 
@@ -430,19 +432,19 @@ class Transitions:
         """Return which places can be reached over a distance without a restart, shape (K,)."""
         along, travelled = self._checked_along(), _limited(travelled_mm)
         off = np.abs(along - along[place] - travelled)
-        follows = (off * self._rate) >> RATE_BITS < self.by_step.restart
+        follows = (off * self._rate) >> RATE_BITS < self.table.restart
         for begin, end in self.jumps[self._jumps_near(place, JUMP_REACH)].tolist():
             beyond = slice(end, end + JUMP_REACH)
             length = along[begin] - along[place] + self._spacing + along[beyond] - along[end]
             cost = (np.abs(length - travelled) * self._rate) >> RATE_BITS
-            follows[beyond] |= cost < self.by_step.restart
+            follows[beyond] |= cost < self.table.restart
         return np.asarray(follows)
 
     def lead_to(self, place: int, next_place: int, travelled_mm: int | None) -> bool:
         """Return whether `next_place` can be reached from `place` without a restart."""
-        steps = self.by_step
+        table = self.table
         if travelled_mm is None:
-            follows = plain(leads_to)(place, next_place, steps.first, steps.last, steps.jumps)
+            follows = plain(leads_to)(place, next_place, table.first, table.last, table.jumps)
             return bool(follows)
         return bool(self.following(place, travelled_mm)[next_place])
 
@@ -816,8 +818,7 @@ class WindowRows(NamedTuple):
 @kernel
 def update_windows(
     state: FilterState,
-    steps: StepTable,
-    exclusion: int,
+    table: FilterTable,
     distances: npt.NDArray[np.integer],
     events: npt.NDArray[np.int64],
     rows: WindowRows,
@@ -828,8 +829,6 @@ def update_windows(
     ----------
     state : FilterState
         Before the first window; after the call, after the last.
-    exclusion : int
-        Of `PlaceFilter`.
     distances : ndarray of int, shape (n, K)
         Of each window to each place.
     events : ndarray of int64, shape (n,)
@@ -838,7 +837,7 @@ def update_windows(
         Written to.
     """
     for i in range(len(distances)):
-        found = match_window(state, steps, exclusion, distances[i], events[i], rows, i)
+        found = match_window(state, table, distances[i], events[i], rows, i)
         end_window(state, distances[i], events[i], rows.metrics[i], found)
 
 
@@ -873,8 +872,7 @@ def end_window(
 @kernel(inline="always")
 def match_window(
     state: FilterState,
-    steps: StepTable,
-    exclusion: int,
+    table: FilterTable,
     distances: npt.NDArray[np.integer],
     events: int,
     rows: WindowRows,
@@ -903,7 +901,7 @@ def match_window(
     activity = activity_of(events, now.mean_activity)
     if now.predicted_for != activity and now.predicted_for != BY_DISTANCE:
         if now.place >= 0:
-            predict(state.metric, steps, activity, state.prediction)
+            predict(state.metric, table, activity, state.prediction)
         now.predicted_for = activity
     scale, weight = now.reciprocal, 0
     if not is_pause(events, now.mean_activity):
@@ -913,11 +911,11 @@ def match_window(
     evidence_of(distances, scale, weight, evidence)
     for k in range(metric.size):
         metric[k] = min(state.prediction[k] + np.int32(evidence[k]), METRIC_TOP)
-    place, second, ties = least_and_second(metric, exclusion)
+    place, second, ties = least_and_second(metric, table.exclusion)
     margin = write_match(metric, place, second, ties, row)
     factor = scale * weight
     by_distance = now.predicted_for == BY_DISTANCE
-    kept = write_trust(now, steps, by_distance, state.follows, margin, evidence, factor, row)
+    kept = write_trust(now, table, by_distance, state.follows, margin, evidence, factor, row)
     rows.activity[i], rows.factor[i] = activity, factor
     return kept
 
@@ -925,7 +923,7 @@ def match_window(
 @kernel(inline="always")
 def write_trust(
     now: Any,
-    steps: StepTable,
+    table: FilterTable,
     by_distance: bool,
     follows: npt.NDArray[np.bool_],
     margin: int,
@@ -959,11 +957,11 @@ def write_trust(
     if by_distance:
         led_to = follows[place]
     else:
-        led_to = before >= 0 and leads_to(before, place, steps.first, steps.last, steps.jumps)
+        led_to = before >= 0 and leads_to(before, place, table.first, table.last, table.jumps)
     support = support_after(now.support if led_to else 0, place == before, margin)
     residual = residual_of(evidence[place])
     row[5] = trust_of(support, max(residual, now.residual, now.residual_before))
-    of_window = window_misfit(evidence, place, steps.typical, factor)
+    of_window = window_misfit(evidence, place, table.typical, factor)
     lasting = lasting_misfit_after(now.lasting_misfit, of_window, factor)
     row[6] = shown_misfit(lasting)
     return place, support, residual, lasting
@@ -994,8 +992,7 @@ def write_match(
 def smooth_windows(
     onward: Narrow,
     ahead: Narrow,
-    steps: StepTable,
-    exclusion: int,
+    table: FilterTable,
     rows: WindowRows,
 ) -> None:
     """Add the costs of the rest of the drive to the metrics of n windows, from the last window.
@@ -1012,13 +1009,13 @@ def smooth_windows(
         and its columns the matches by these, with the margin as trust, in units of 1/16 of a
         metric, and `window_misfit` as misfit.
     """
-    costs = np.empty((steps.costs.shape[1], onward.size), dtype=np.int16)
+    costs = np.empty((table.costs.shape[1], onward.size), dtype=np.int16)
     for i in range(len(rows.metrics) - 1, -1, -1):
         row, evidence = rows.columns[i], rows.evidence[i]
-        row[5] = match_summed(rows.metrics[i], onward, exclusion, row) << TRUST_BITS
-        row[6] = window_misfit(evidence, row[0], steps.typical, rows.factor[i])
-        write_costs(steps, np.int64(rows.activity[i]), costs)
-        go_back(onward, ahead, steps, costs, evidence)
+        row[5] = match_summed(rows.metrics[i], onward, table.exclusion, row) << TRUST_BITS
+        row[6] = window_misfit(evidence, row[0], table.typical, rows.factor[i])
+        write_costs(table, np.int64(rows.activity[i]), costs)
+        go_back(onward, ahead, table, costs, evidence)
 
 
 @kernel(inline="always")
@@ -1051,7 +1048,7 @@ def match_summed(
 def go_back(
     onward: Narrow,
     ahead: Narrow,
-    steps: StepTable,
+    table: FilterTable,
     costs: Narrow,
     evidence: npt.NDArray[np.uint8],
 ) -> None:
@@ -1070,7 +1067,7 @@ def go_back(
     """
     for k in range(ahead.size):
         ahead[k] = np.int16(onward[k] + np.int16(evidence[k]))
-    move(ahead, steps, costs, np.bool_(True), onward)
+    move(ahead, table, costs, np.bool_(True), onward)
 
 
 #: State of `HeldWindows`: number of the first window, how many there are, and the
@@ -1109,7 +1106,7 @@ class HeldWindows(NamedTuple):
         """Return room for windows that wait for `delay` others."""
         room, places = delay + 1, transitions.places
         numbers = np.array([(0, 0, -1, 0, 0, 0, MISFIT_ZERO << LASTING_BITS)], dtype=HELD)
-        steps = transitions.by_step.costs.shape[1]
+        steps = transitions.table.costs.shape[1]
         return cls(
             numbers.view(np.recarray),
             np.empty((room, places), dtype=np.int32),
@@ -1125,8 +1122,7 @@ class HeldWindows(NamedTuple):
 @kernel
 def match_late(
     held: HeldWindows,
-    steps: StepTable,
-    exclusion: int,
+    table: FilterTable,
     rows: WindowRows,
     delay: int,
     backward: bool,
@@ -1165,7 +1161,7 @@ def match_late(
                 held.metrics[at, k] = rows.metrics[added, k]
                 held.evidence[at, k] = rows.evidence[added, k]
             held.factor[at] = rows.factor[added]
-            write_costs(steps, np.int64(rows.activity[added]), held.costs[at])
+            write_costs(table, np.int64(rows.activity[added]), held.costs[at])
             now.windows += 1
             added += 1
         if now.windows <= delay:
@@ -1175,14 +1171,14 @@ def match_late(
                 onward[k] = 0
             for later in range(now.first + now.windows - 1, now.first, -1):
                 at = later % room
-                go_back(onward, held.ahead, steps, held.costs[at], held.evidence[at])
+                go_back(onward, held.ahead, table, held.costs[at], held.evidence[at])
         at = now.first % room
         row, metric = columns[matched], metrics[matched]
         for k in range(places):
             metric[k] = held.metrics[at, k]
-        margin = match_summed(metric, onward, exclusion, row)
+        margin = match_summed(metric, onward, table.exclusion, row)
         kept = write_trust(
-            now, steps, by_distance, held.follows, margin, held.evidence[at], held.factor[at], row
+            now, table, by_distance, held.follows, margin, held.evidence[at], held.factor[at], row
         )
         now.residual_before = now.residual
         now.place, now.support, now.residual, now.lasting_misfit = kept
@@ -1260,8 +1256,9 @@ class PlaceFilter:
         along_mm: npt.NDArray[np.int64] | None = None,
         typical: npt.NDArray[np.int64] | None = None,
     ) -> None:
-        self.transitions = Transitions(places, costs, place_activity, jumps, along_mm, typical)
-        self.exclusion = exclusion
+        self.transitions = Transitions(
+            places, costs, place_activity, jumps, along_mm, typical, exclusion
+        )
         begin = (0, mean_activity, -1, 0, 0, 0, MISFIT_ZERO << LASTING_BITS, NOT_PREDICTED)
         numbers = np.array([begin], dtype=NUMBERS)
         metric, prediction = np.zeros(places, dtype=np.int32), np.zeros(places, dtype=np.int16)
@@ -1289,7 +1286,7 @@ class PlaceFilter:
         """
         distances, state = self._checked(distances[np.newaxis]), self.state
         rows = WindowRows.empty(1, len(self))
-        match_window(state, self.transitions.by_step, self.exclusion, distances[0], events, rows, 0)
+        match_window(state, self.transitions.table, distances[0], events, rows, 0)
         return FilterMatch(*rows.columns[0].tolist())
 
     def update(self, distances: npt.NDArray[np.integer], events: int) -> FilterMatch:
@@ -1319,9 +1316,7 @@ class PlaceFilter:
         """
         distances = self._checked(distances)
         rows = WindowRows.empty(*distances.shape)
-        update_windows(
-            self.state, self.transitions.by_step, self.exclusion, distances, events, rows
-        )
+        update_windows(self.state, self.transitions.table, distances, events, rows)
         return rows
 
     @property

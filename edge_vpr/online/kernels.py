@@ -8,13 +8,13 @@ from numba import config, types
 from numba.extending import intrinsic
 
 from edge_vpr.compiling import kernel
-from edge_vpr.confidence import MISFIT_SHIFT, NO_MISFIT, TRUST_TOP
+from edge_vpr.confidence import NO_MISFIT
 from edge_vpr.descriptors.windows import is_pause
 from edge_vpr.errors import EventError
 from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, check_events
 from edge_vpr.matching.place_filter import (
     FilterState,
-    StepTable,
+    FilterTable,
     WindowRows,
     end_window,
     match_window,
@@ -479,7 +479,7 @@ def sequence_match(sums, total, c, length, row):
     length : int
         L.
     row : record of MATCH_DTYPE
-        Written to, but for what `acceptance` and the kernel write.
+        Written to, but for what `accept_match` and the kernel write.
 
     Returns
     -------
@@ -535,16 +535,16 @@ def _second(sums, count, best, exclusion, places):
 
 
 @kernel(inner=True)
-def match_now(state, step_table, rows, sums, total, c, length, events, over, row):
+def match_now(state, filter_table, rows, sums, total, c, length, events, over, row):
     """Match by the place filter: write the match, or end the window; or match by sequences.
 
-    Without a filter, `state`, `step_table` and `rows` are None, and with it `length` is. Numba
+    Without a filter, `state`, `filter_table` and `rows` are None, and with it `length` is. Numba
     leaves out what is behind a comparison of an argument that is None, so that only one of the two
     is compiled.
 
     Parameters
     ----------
-    state, step_table, rows, sums, total, c, length
+    state, filter_table, rows, sums, total, c, length
         Of `OnlineState`, with all moves taken. Changed in place: `rows`, and in `c` the place of
         the last match, or whether the window was a pause.
     events : int
@@ -552,7 +552,7 @@ def match_now(state, step_table, rows, sums, total, c, length, events, over, row
     over : bool
         Whether the window ends now: the filter advances, and no match is written.
     row : record of MATCH_DTYPE
-        Written to, but for what `acceptance` and the kernel write.
+        Written to, but for what `accept_match` and the kernel write.
 
     Returns
     -------
@@ -567,7 +567,7 @@ def match_now(state, step_table, rows, sums, total, c, length, events, over, row
     metric, found = rows.metrics[0], rows.columns[0]
     # the common part of all distances changes neither the evidence nor its spread
     distances = sums[: metric.size]
-    matched = match_window(state, StepTable(*step_table), c.exclusion, distances, events, rows, 0)
+    matched = match_window(state, FilterTable(*filter_table), distances, events, rows, 0)
     if over:
         c.paused = is_pause(events, state.numbers[0].mean_activity)
         end_window(state, distances, events, metric, matched)
@@ -579,36 +579,6 @@ def match_now(state, step_table, rows, sums, total, c, length, events, over, row
     row["place"], row["second"], row["trust"], row["misfit"] = best, second, found[5], found[6]
     write_distances(row, least, second_least, 1)
     return True
-
-
-@kernel(inner=True)
-def acceptance(row, trust, probability, least_trust):
-    """Write the probability, and whether the match is lost.
-
-    Parameters
-    ----------
-    row : record of MATCH_DTYPE
-        With its trust and misfit.
-    trust : ndarray of int64, shape (m,)
-        Lowest net trust of each step of the probability.
-    probability : ndarray of float64, shape (m,)
-        Steps of `Confidence`; m is 0 where nothing is known.
-    least_trust : int
-        Net, of a match that is not lost.
-    """
-    net = row["trust"]
-    if row["misfit"] >= 0:  # as `net_trust`
-        net = min(net, TRUST_TOP) - (row["misfit"] << MISFIT_SHIFT)
-    row["probability"], row["lost"] = np.nan, net < least_trust
-    first, last = 0, trust.size - 1  # binary search: the step lies between these two
-    if last >= 0:
-        while first < last:
-            middle = (first + last + 1) // 2
-            if trust[middle] <= net:
-                first = middle
-            else:
-                last = middle - 1
-        row["probability"] = probability[first]
 
 
 # Checks and selection of events: time order, sensor, selected pixels.

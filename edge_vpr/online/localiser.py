@@ -28,7 +28,7 @@ from edge_vpr.archive import (
     write_archive,
 )
 from edge_vpr.compiling import BoxedState, KernelState, kernel, plain, specialise
-from edge_vpr.confidence import TRUST_TOP, Confidence
+from edge_vpr.confidence import TRUST_TOP, Confidence, accept_match
 from edge_vpr.descriptors.cleaning import CausalBurstFilter, keep
 from edge_vpr.descriptors.counting import check_columns, window_of
 from edge_vpr.descriptors.pixels import PixelMap
@@ -48,15 +48,14 @@ from edge_vpr.matching.place_filter import (
     TRUST_BITS,
     FilterMatch,
     FilterState,
+    FilterTable,
     PlaceFilter,
-    StepTable,
     WindowRows,
 )
 from edge_vpr.online.kernels import (
     BLOCK,
     LANES,
     MAX_CHANGES,
-    acceptance,
     advance,
     age,
     check_order,
@@ -485,9 +484,12 @@ class OnlineState(NamedTuple):
 
     Attributes
     ----------
-    state : FilterState or None
-        Of the place filter; None where sequences are matched, as are the next two.
-    step_table : StepTable or None
+    windows : SlidingWindows
+        Counters of the newest windows, and their distances to all places.
+    filter : FilterState or None
+        Of the place filter, which shares its arrays; None where sequences are matched, as are the
+        next two.
+    filter_table : FilterTable or None
         Of `Transitions`.
     rows : WindowRows or None
         Of one window; scratch of the place filter.
@@ -507,9 +509,9 @@ class OnlineState(NamedTuple):
         Matches are written here.
     """
 
-    s: SlidingWindows
-    state: FilterState | None
-    step_table: StepTable | None
+    windows: SlidingWindows
+    filter: FilterState | None
+    filter_table: FilterTable | None
     rows: WindowRows | None
     length: int | None
     control: npt.NDArray[np.void]
@@ -524,7 +526,7 @@ class OnlineState(NamedTuple):
     def begin(
         cls,
         reference: MapRecord,
-        s: SlidingWindows,
+        windows: SlidingWindows,
         schedule: MatchSchedule,
         recent: int = 0,
         place_filter: PlaceFilter | None = None,
@@ -533,7 +535,7 @@ class OnlineState(NamedTuple):
 
         Parameters
         ----------
-        s : SlidingWindows
+        windows : SlidingWindows
             Of this map.
         schedule : MatchSchedule
             When to give a match.
@@ -560,15 +562,15 @@ class OnlineState(NamedTuple):
             )
             if acceptance.precision is not None:
                 first.least_trust = acceptance.confidence.least_trust(acceptance.precision)
-        state = step_table = rows = None
+        filter_state = filter_table = rows = None
         length = settings.windows_per_match if place_filter is None else None
         if place_filter is not None:
-            state, step_table = place_filter.state, place_filter.transitions.by_step
+            filter_state, filter_table = place_filter.state, place_filter.transitions.table
             rows = WindowRows.empty(1, len(place_filter))
         return cls(
-            s,
-            state,
-            step_table,
+            windows,
+            filter_state,
+            filter_table,
             rows,
             length,
             control,
@@ -617,7 +619,7 @@ def follow(box, events, until):
         Time of the last event, selected or not.
     """
     f = OnlineState(*box.value)
-    s, c, out = SlidingWindows(*f.s), f.control[0], f.out
+    s, c, out = SlidingWindows(*f.windows), f.control[0], f.out
     if events.size > 0:
         last = events[events.size - 1]["t"]
         selected = selected_in_order(f.table, events, c.floor, c.off_slots, f.slots, f.times)
@@ -631,7 +633,7 @@ def follow(box, events, until):
     moves, totals, counts, code, counters = s.moves, s.totals, s.counts, s.code, s.counters
     columns, sums, changes = s.columns, s.sums, s.changes
     own = OwnCodes(*s.own)
-    state, step_table, rows, length = f.state, f.step_table, f.rows, f.length
+    state, filter_table, rows, length = f.filter, f.filter_table, f.rows, f.length
     tau, n, windows, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
     given, i, end = 0, c.read, c.selected
     # counted down, because a division would take as long as the rest of an event's processing
@@ -680,11 +682,11 @@ def follow(box, events, until):
         if own.levels.size > 0:
             recode(own, counts, totals, counters, columns, sums, changes)
         row, in_window = out[given], bound[0] - bound[1]
-        if match_now(state, step_table, rows, sums, totals[0], c, length, in_window, over, row):
+        if match_now(state, filter_table, rows, sums, totals[0], c, length, in_window, over, row):
             row["time_us"], row["events"] = now, in_window
             # start of a fixed-count window: the time of its oldest event
             row["start_us"] = seen_until - tau if tau > 0 else ring_time[bound[1] & mask]
-            acceptance(row, f.trust, f.probability, c.least_trust)
+            accept_match(row, f.trust, f.probability, c.least_trust)
             given += 1
         why = WINDOW_OVER
         if over:
@@ -802,7 +804,7 @@ class MatchRun:
             if why == DONE:
                 return found
             if why == RING_FULL:
-                self._hold(self.state._replace(s=grown(self.state.s)))
+                self._hold(self.state._replace(windows=grown(self.state.windows)))
             elif why == WINDOW_OVER:
                 self._window_over()
             stop = self._follow(self.boxed, _NO_EVENTS, GO_ON)
@@ -822,9 +824,9 @@ class MatchRun:
 
     def settled(self) -> SlidingWindows:
         """Return the windows, with counters and distances of the present time."""
-        advance(self.state.s, self.now_us)
-        settle(self.state.s)
-        return self.state.s
+        advance(self.state.windows, self.now_us)
+        settle(self.state.windows)
+        return self.state.windows
 
     def distance_sums(self) -> npt.NDArray[np.int64]:
         """Return the distance of the sequence that ends at each place, shape (K - L + 1,)."""
@@ -857,7 +859,7 @@ class MatchRun:
             )
         wide = np.promote_types(self.places.dtype, narrow(counts).dtype)
         self.places = np.concatenate([self.places.astype(wide), counts[None].astype(wide)])
-        self._hold(self.state._replace(s=with_distances(self.settled(), self.places)))
+        self._hold(self.state._replace(windows=with_distances(self.settled(), self.places)))
 
     def verify(self) -> None:
         """Recompute counters and distances from the events in the windows, and compare.
@@ -899,7 +901,7 @@ class MatchRun:
         self._control["now"], self._control["floor"] = now_us, floor_us
         tick, place = arrays[self.schedule_name].tolist()
         self._control["next_tick"], self._control["last_reported"] = tick, place
-        s, first = self.state.s, int(arrays["bound"][-1])
+        s, first = self.state.windows, int(arrays["bound"][-1])
         while s.slot.size < arrays["slot"].size:
             s = grown(s)
         at = np.arange(first, first + arrays["slot"].size) & (s.slot.size - 1)
@@ -907,7 +909,7 @@ class MatchRun:
         s.time[at] = arrays["time"]
         s.bound[:] = arrays["bound"]
         s.counts[:] = recount(s)
-        self._hold(self.state._replace(s=with_distances(s, self.places)))
+        self._hold(self.state._replace(windows=with_distances(s, self.places)))
 
 
 # The place filter event by event: within windows, and at the end of each window.
@@ -956,11 +958,11 @@ class FilterRun(MatchRun):
             self.place_filter.predict_travelled(travelled)
 
     def _set_window_end(self) -> None:
-        s = self.state.s
+        s = self.state.windows
         self._control["window_end"] = (self._windows + 1) * (s.tau or s.n)
 
     def _window_over(self) -> None:
-        s, read = self.state.s, self.odometer.fresh
+        s, read = self.state.windows, self.odometer.fresh
         self._windows += 1
         self.odometer.end_window()
         if self.mean is not None and self._code is not None and not self._control["paused"]:
@@ -983,7 +985,7 @@ class FilterRun(MatchRun):
                 until = self.state.times[read]
             if c["interval"]:
                 until = min(until, c["next_tick"])
-            self._windows = max(self._windows, int(until) // self.state.s.tau - 1)
+            self._windows = max(self._windows, int(until) // self.state.windows.tau - 1)
 
     def to_arrays(self) -> Arrays:
         """Return the arrays that `resume` needs, for an archive."""
@@ -1018,7 +1020,7 @@ class FilterRun(MatchRun):
             check_range(arrays["filter_mean"], "filter_mean", 0, np.iinfo(np.int32).max)
             self.mean.total = arrays["filter_mean"].copy()
             self.mean.windows = int(arrays["filter_mean_windows"][0])
-            self.state.s.own.means[:] = self.mean.mean
+            self.state.windows.own.means[:] = self.mean.mean
         super().resume(arrays, now_us, floor_us)
 
 
@@ -1068,9 +1070,7 @@ class DelayedRun(FilterRun):
                 "match every window, or set delay to 0"
             )
         super().__init__(reference, window, schedule)
-        self._lag = FixedLag(
-            self.place_filter.transitions, settings.exclusion_places, settings.match_delay
-        )
+        self._lag = FixedLag(self.place_filter.transitions, settings.match_delay)
         self._given: np.void | None = None  # by the kernel, of the window that ends
         self._undecided: deque[np.void | None] = deque()  # None of a window that was skipped
         self._decided: list[np.void] = []
@@ -1106,7 +1106,7 @@ class DelayedRun(FilterRun):
             row["trust"], row["misfit"] = match.trust, match.misfit
             plain(write_distances)(row, match.metric, match.second_metric, 1)
             trust, probability = self.state.trust, self.state.probability
-            plain(acceptance)(row, trust, probability, self._control["least_trust"])
+            plain(accept_match)(row, trust, probability, self._control["least_trust"])
             self._decided.append(row)
 
     def _drained(self) -> Found:
@@ -1231,7 +1231,7 @@ class Localiser:
     @property
     def map_bytes(self) -> int:
         """Size of the map in the form that is searched, in bytes."""
-        return self._run.state.s.columns.nbytes
+        return self._run.state.windows.columns.nbytes
 
     @property
     def complete(self) -> bool:
@@ -1322,7 +1322,7 @@ class Localiser:
     @property
     def selected(self) -> int:
         """Events at the selected pixels so far."""
-        return int(self._run.state.s.bound[0])
+        return int(self._run.state.windows.bound[0])
 
     def advance(self, until_us: int) -> npt.NDArray[np.void]:
         """Advance the time without events to T = `until_us`, and return the matches due until then.

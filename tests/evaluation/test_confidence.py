@@ -28,6 +28,7 @@ from edge_vpr import LiveSession
 from edge_vpr.confidence import (
     DEFAULT_TABLES,
     LEARNT_DELAYS,
+    NO_MISFIT,
     Acceptance,
     Confidence,
     default_confidence,
@@ -210,12 +211,12 @@ def test_found_at_99_percent_counts_queries_that_are_not_on_the_map():
 
 
 def test_matches_by_sequences_have_no_probability_until_they_are_calibrated():
-    trust = np.array([3, 4])
-    probability, lost = Acceptance(None).acceptance(trust)
+    trust, misfit = np.array([3, 4]), np.array([NO_MISFIT, NO_MISFIT])
+    probability, lost = Acceptance(None).accept(trust, misfit)
     assert np.isnan(probability).all() and not lost.any()
     with pytest.raises(UsageError, match="calibrate the map"):
         Acceptance(None, 0.9)
-    probability, lost = Acceptance(table((0, 0.5, 9), (4, 0.95, 9)), 0.9).acceptance(trust)
+    probability, lost = Acceptance(table((0, 0.5, 9), (4, 0.95, 9)), 0.9).accept(trust, misfit)
     assert (probability.tolist(), lost.tolist()) == ([0.5, 0.95], [True, False])
 
 

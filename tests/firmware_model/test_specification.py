@@ -83,7 +83,7 @@ def test_smoothing_delay_odometry_and_jumps_are_those_of_the_page(delay):
             jumps=np.array(jumps, dtype=np.int32).reshape(-1, 2), along_mm=along,
         )  # fmt: skip
         rows, late = [], []
-        lag = FixedLag(place_filter.transitions, design["exclusion"], delay or 0)
+        lag = FixedLag(place_filter.transitions, delay or 0)
         for row, count, way in zip(distances, events, driven, strict=True):
             if way is not None:
                 place_filter.predict_travelled(way)
@@ -102,7 +102,7 @@ def test_smoothing_delay_odometry_and_jumps_are_those_of_the_page(delay):
         else:
             parts = [np.concatenate(column) for column in zip(*rows, strict=True)]
             every = WindowRows(*parts)
-            BackwardPass(place_filter.transitions, design["exclusion"]).add_to(every, driven)
+            BackwardPass(place_filter.transitions).add_to(every, driven)
             against = every.evidence[np.arange(len(driven)), every.columns[:, 0]].astype(np.int64)
             trust = _mean_trust(every.columns, driven, place_filter.transitions)
             trust = np.maximum(trust - (_largest_around(against) << TRUST_BITS), 0)

@@ -16,7 +16,7 @@ from test_filter_run import with_ways
 from test_localiser import CODED, PIXEL_MAP, PIXELS, SENSOR, feed, map_of
 
 from edge_vpr.compiling import KernelState
-from edge_vpr.confidence import Acceptance, Confidence, net_trust
+from edge_vpr.confidence import Acceptance, Confidence
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import EVENT_DTYPE, make_events
 from edge_vpr.matching.matches import margin_to_second, ratio_to_second
@@ -124,7 +124,7 @@ def test_the_kernel_judges_matches_as_the_table_of_the_map_does(kind, precision,
     object.__setattr__(reference, "confidence", table)
     found = Localiser(reference).update(random_events(rng, 900, SENSOR, 5_000))
     acceptance = Acceptance(reference.acceptance.confidence, precision)
-    probability, lost = acceptance.acceptance(net_trust(found["trust"], found["misfit"]))
+    probability, lost = acceptance.accept(found["trust"], found["misfit"])
     assert len(set(found["trust"].tolist())) > 5
     assert np.array_equal(found["probability"], probability, equal_nan=True)
     assert found["lost"].tolist() == lost.tolist()

@@ -145,7 +145,7 @@ def outcome_of(
     try:
         if confidence is None:
             return Outcome(matches, None, everything, truth, found)
-        _, lost = Acceptance(confidence, USUAL_PRECISION).acceptance(matches.net_trust)
+        _, lost = Acceptance(confidence, USUAL_PRECISION).accept(matches.trust, matches.misfit)
     except UsageError:  # a map's own table, which was calibrated with too few matches
         return Outcome(matches, None, everything, truth, found)
     return Outcome(matches, USUAL_PRECISION, ~lost, truth, found)

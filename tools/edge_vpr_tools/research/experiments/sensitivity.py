@@ -103,9 +103,10 @@ def transitions_of(counted: Counted, constants: Constants) -> Transitions:
     """Return the moves along a map, with costs of these constants."""
     default = TransitionCosts.of(counted.settings.replaced(VARIANTS[ROBOT], "variant"))
     activity = place_activity(counted.reference.places.activity)
-    found = Transitions(len(counted.reference), default, activity)
-    table = found.by_step
-    found.by_step = table._replace(
+    exclusion = counted.settings.exclusion_places
+    found = Transitions(len(counted.reference), default, activity, exclusion=exclusion)
+    table = found.table
+    found.table = table._replace(
         costs=np.rint(constants.steps * table.costs).astype(np.int32),
         restart=round(constants.restart * table.restart),
     )
@@ -120,7 +121,6 @@ def match_with(
     queries = coded.coded(counted.queries)
     distances = ReferenceIndex(coded.places.counts).rows(queries.counts)
     transitions = transitions_of(counted, constants)
-    exclusion = coded.settings.exclusion_places
     cap, doubted = (round(of * EVIDENCE_TOP) for of in (constants.cap, constants.doubted))
     typical, misfit = typical_distances(coded.places.counts), MISFIT_ZERO << LASTING_BITS
     mean, scale = activity_of_drive(coded.places.activity), 0
@@ -133,7 +133,7 @@ def match_with(
         activity = activity_of(events, mean)
         rows.activity[i] = activity
         if i:
-            predict(metric, transitions.by_step, activity, prediction)
+            predict(metric, transitions.table, activity, prediction)
         pause = is_pause(events, mean)
         weight = 0.0 if pause else constants.weight * weight_of(activity)
         if not pause and scale == 0:
@@ -146,7 +146,7 @@ def match_with(
         rows.evidence[i] = np.minimum(evidence, EVIDENCE_TOP)
         metric = np.minimum(prediction + rows.evidence[i], METRIC_TOP).astype(np.int32)
         rows.metrics[i] = metric
-        write_match(metric, *least_and_second(metric, exclusion), rows.columns[i])
+        write_match(metric, *least_and_second(metric, transitions.table.exclusion), rows.columns[i])
         if moves and not pause:
             whole, place = weight_of(activity), int(rows.columns[i, 0])
             against = ((unweighted.astype(np.int64) * whole) >> WEIGHT_BITS).astype(np.uint8)
@@ -155,16 +155,14 @@ def match_with(
         if not pause:
             scale = reciprocal_of_spread(distances[i])
         mean = mean_activity_after(mean, events)
-    return {delay: _late(rows, transitions, exclusion, delay) for delay in delays}
+    return {delay: _late(rows, transitions, delay) for delay in delays}
 
 
-def _late(
-    rows: WindowRows, transitions: Transitions, exclusion: int, delay: int
-) -> npt.NDArray[np.int64]:
+def _late(rows: WindowRows, transitions: Transitions, delay: int) -> npt.NDArray[np.int64]:
     """Return the place of each window, decided some windows later."""
     if not delay:
         return rows.columns[:, 0].copy()
-    lag = FixedLag(transitions, exclusion, delay)
+    lag = FixedLag(transitions, delay)
     columns, _ = lag.add(rows, [None] * len(rows.columns))
     return np.concatenate([columns, lag.finish()[0]])[:, 0]
 
