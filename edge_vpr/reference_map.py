@@ -354,6 +354,10 @@ class ReferenceMap(MapRecord):
         asked = self._with(self._asked(settings, changes, "localiser"), "localiser")
         return Localiser(asked.causal(), every=every, recent=recent)
 
+    def changed(self, changes: dict[str, Any], by: str) -> Self:
+        """Return the map with other settings of matching, by name; `by` is named in errors."""
+        return self._with(self._asked(None, changes, by), by)
+
     def causal(self) -> Self:
         """Return the map with settings that need no windows after the one to match."""
         settings = replace(self.settings, query_mean="running", smooth=False)

@@ -359,7 +359,7 @@ class LiveMatch(NamedTuple):
     probability : float
         Of being correct; NaN if the map does not know it.
     lost : bool
-        Whether the match is below the precision that the settings ask for.
+        Whether the match is below the precision that the settings ask for; never without one.
     along_m : float or None
         Metres along the route; None where the map has no position.
     host_us : int
@@ -493,6 +493,9 @@ class LiveSession:
         Bytes that have waited longer than this for a host that is too slow are dropped.
     on_message : callable, optional
         Called with each `Message`; by default problems go to the logger ``edge_vpr.live``.
+    **changes
+        Single settings of matching that replace those of `reference`, such as ``precision=0.99``,
+        by which other matches are marked `lost`, or ``delay=4``.
 
     Raises
     ------
@@ -538,6 +541,7 @@ class LiveSession:
         on_overload: Literal["drop", "wait"] | None = None,
         max_lag: str = "500ms",
         on_message: Callable[[Message], object] | None = None,
+        **changes: Any,
     ) -> None:
         expect(protocol, str, "protocol", "its name, such as 'edvs'")
         for name, text in (("every", every), ("heartbeat", heartbeat), ("max_lag", max_lag)):
@@ -549,6 +553,11 @@ class LiveSession:
             reference = ReferenceMap.load(reference)
         if reference is not None:
             expect(reference, ReferenceMap, "reference", "a ReferenceMap or the path of one")
+            settings = reference.settings if settings is None else settings
+            if changes:
+                reference = reference.changed(changes, "LiveSession")
+        elif changes:
+            raise UsageError(f"{', '.join(changes)}: nothing is matched without reference=")
         self.reference = reference
         self.sensor = _sensor_of(sensor, reference)
         self.decoder = open_decoder(protocol, self.sensor)
@@ -575,8 +584,6 @@ class LiveSession:
             check_parent(path)
             if path.exists() and not overwrite:
                 raise UsageError(f"{path} exists: name another file, or pass overwrite=True")
-        if settings is None and reference is not None:
-            settings = reference.settings
         if not isinstance(settings, Settings):
             settings = resolve_settings("default" if settings is None else settings)
         self._settings = settings

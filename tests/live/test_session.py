@@ -447,6 +447,26 @@ def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, 
     assert f"{target}: {len(known)} places at 150 pixels; {expected}" in capsys.readouterr().out
 
 
+def test_a_precision_marks_the_matches_below_it_as_lost(street, tmp_path):
+    """As for a recording; without one, no match is ever lost."""
+    folder, sent = street[0], tmp_path / "sent.bin"
+    known = ReferenceMap.load(folder / "map.npz")
+    encoder, query = open_encoder("evpr", known.pixel_map.sensor), folder / "query.npz"
+    sent.write_bytes(encoder.start() + b"".join(encoder.encode(e) for e in open_recording(query)))
+    lost = {}
+    for asked in ({}, {"precision": 0.9}):
+        with LiveSession(sent, protocol="evpr", reference=known, **asked) as session:
+            lost[len(asked)] = [match.lost for match in session]
+    expected = known.localiser("50ms", precision=0.9)
+    found = [expected.update(part) for part in cleaned(open_recording(query), known.settings)]
+    assert lost[1] == np.concatenate(found)["lost"].tolist()
+    assert 0 < sum(lost[1]) < len(lost[1]) and not any(lost[0])
+    with pytest.raises(UsageError, match="LiveSession has the unknown setting 'hartbeat'"):
+        LiveSession(sent, protocol="evpr", reference=known, hartbeat="500ms")
+    with pytest.raises(UsageError, match="setting tau_us = 1, and the map was made with"):
+        LiveSession(sent, protocol="evpr", reference=known, tau_us=1)
+
+
 def test_a_map_in_place_of_a_port_is_called_a_map(route, tmp_path):
     route.save(tmp_path / "map.npz")
     with pytest.raises(UsageError, match=r"map.npz is a map, .* give the map as reference="):
@@ -510,6 +530,7 @@ def test_a_session_is_used_once(route):
         ({"record": 5}, "path of a file to record is an int"),
         ({"learn": 5}, "path of the map to learn is an int"),
         ({"odometry": 5}, "odometry is an int (5): give"),
+        ({"precision": 0.9}, "precision: nothing is matched without reference="),
     ],
 )
 def test_wrong_arguments_are_one_sentence(given, says):
