@@ -13,10 +13,11 @@ from typing import Generic, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.codes import drive_mean
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, find_pauses
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import Track, distances
-from edge_vpr.map_record import AnyMap, MapRecord, drive_mean
+from edge_vpr.map_record import AnyMap, MapRecord
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import match_query
 from edge_vpr.route import Odometry

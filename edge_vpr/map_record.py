@@ -27,6 +27,7 @@ from edge_vpr.archive import (
 )
 from edge_vpr.confidence import TRUST_RULE, Acceptance, Confidence
 from edge_vpr.descriptors.cleaning import can_be_searched, find_hot_pixels
+from edge_vpr.descriptors.codes import codes_of, drive_mean, encode_own, encode_running, encoder_of
 from edge_vpr.descriptors.counting import (
     DescriptorStream,
     EventSource,
@@ -59,14 +60,13 @@ from edge_vpr.descriptors.windows import (
     find_pauses,
     narrow,
 )
-from edge_vpr.errors import MapError, UsageError, expect, kind_of
+from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.events import Sensor
-from edge_vpr.plugins import Registry
 from edge_vpr.route import MOST_MM, Route
-from edge_vpr.settings import CODES, PLUGIN, Settings
+from edge_vpr.settings import PLUGIN, Settings
 from fixedpoint.codes import PixelCodes, learn_full_scale, packed_bytes
 from fixedpoint.errors import FixedPointError
-from fixedpoint.own_mean import OwnMeanCode, RunningMean, mean_level
+from fixedpoint.own_mean import OwnMeanCode
 
 # Checks of parts of a reference map that kernels use as indices.
 
@@ -118,190 +118,6 @@ def check_codes(
         raise MapError(
             f"counter {j} holds the code {counts[:, j].max()}: expected codes up to {top[j]}"
         )
-
-
-# Tables of the counter code that the settings choose.
-#
-# The codes themselves are in `fixedpoint.codes`, which the hardware model uses too. Clipping is the
-# linear code up to the clip.
-
-
-FullScale = npt.NDArray[np.uint16]
-
-
-def codes_of(
-    settings: Settings, counters: int, full_scale: FullScale | None = None
-) -> PixelCodes | None:
-    """Return the code of each counter; None if descriptors hold counts.
-
-    Parameters
-    ----------
-    counters : int
-        J, or with polarity 2 J.
-    full_scale : ndarray of uint16, shape (counters,), optional
-        What the reference map learned, needed where the settings scale the code to each pixel.
-
-    Raises
-    ------
-    MapError
-        If the full scales are needed and missing, or not one a counter.
-    """
-    code = settings.shared_code
-    if code is None:
-        return None
-    if settings.own_mean_code is not None:
-        raise MapError(
-            f"{settings.counter_scaling} codes need the mean of a drive: take ReferenceMap.match, "
-            "or counts with settings.uncoded"
-        )
-    if not settings.learns_full_scale:
-        return PixelCodes.shared(code, counters)
-    if full_scale is None or full_scale.shape != (counters,):
-        raise MapError(
-            f"the code of {counters} counters is scaled to each pixel and "
-            f"{0 if full_scale is None else full_scale.size} scales are given: pass those of the "
-            "reference map"
-        )
-    return PixelCodes.scaled(code.kind, code.bits, full_scale)
-
-
-# Codes of another package: any function of the counts of a window.
-
-
-#: An entry point of this group names a function of counts, shape (n, J), with polarity (n, 2 J),
-#: and of their `PixelMap`, which returns whole numbers of 0 or more, shape (n, D).
-GROUP = "edge_vpr.codes"
-_PLUGINS = Registry(GROUP, {})
-#: so that no sum of absolute differences of two descriptors overflows
-_LARGEST = (1 << 16) - 1
-
-
-@dataclass(frozen=True, eq=False)
-class PluginCode:
-    """Descriptors by the function of another package, in place of a table for each counter."""
-
-    name: str  #: Without ``plugin:``.
-    pixel_map: PixelMap  #: J pixels, in the order of the counts.
-
-    def encode(self, counts: npt.NDArray[np.integer]) -> npt.NDArray[np.integer]:
-        """Return the descriptors of windows, shape (n, D), with values from 0 to 65,535.
-
-        Parameters
-        ----------
-        counts : ndarray of int, shape (n, J)
-            With polarity (n, 2 J).
-
-        Raises
-        ------
-        UsageError
-            If no package registers the name, its import fails, or the function returns something
-            else.
-        """
-        function = _PLUGINS.load(self.name)
-        if function is None:
-            known = [PLUGIN + each for each in _PLUGINS.names()]
-            raise UsageError(
-                f"counter_code {PLUGIN}{self.name} is registered by no installed package: choose "
-                f"from {', '.join([*CODES, *known])}"
-            )
-        found = function(counts, self.pixel_map)
-        if not isinstance(found, np.ndarray) or not np.issubdtype(found.dtype, np.integer):
-            raise UsageError(
-                f"counter code {self.name} returns {kind_of(found)} of "
-                f"{getattr(found, 'dtype', 'no dtype')}: expected an array of whole numbers, so "
-                "round it"
-            )
-        if found.ndim != 2 or len(found) != len(counts) or not found.shape[1]:
-            raise UsageError(
-                f"counter code {self.name} returns shape {found.shape} for {len(counts)} windows: "
-                f"expected ({len(counts)}, D) with D of 1 or more, so correct it"
-            )
-        if found.min() < 0 or found.max() > _LARGEST:
-            raise UsageError(
-                f"counter code {self.name} returns values from {found.min()} to {found.max()}: "
-                f"expected 0 to {_LARGEST:,}, so scale them"
-            )
-        return found
-
-
-def encoder_of(
-    settings: Settings, pixel_map: PixelMap, counters: int, full_scale: FullScale | None = None
-) -> PixelCodes | PluginCode | None:
-    """Return what turns counts into descriptors, if it needs no mean; None for counts themselves.
-
-    Parameters
-    ----------
-    counters, full_scale
-        Of `codes_of`.
-    """
-    if settings.plugin_code is not None:
-        return PluginCode(settings.plugin_code, pixel_map)
-    return codes_of(settings, counters, full_scale)
-
-
-# Own-mean codes of descriptors, with the mean of a drive or a running mean.
-
-
-def drive_mean(
-    counts: npt.NDArray[np.integer], paused: npt.NDArray[np.bool_], code: OwnMeanCode
-) -> npt.NDArray[np.int32]:
-    """Return the mean logarithm of each counter over the windows of a drive, without pauses.
-
-    Parameters
-    ----------
-    counts : ndarray of int, shape (n, J)
-        Of each window.
-    paused : ndarray of bool, shape (n,)
-        If all are pauses, they count all the same.
-
-    Returns
-    -------
-    ndarray of int32, shape (J,)
-        In units of 1/256 octave.
-    """
-    moving = counts if paused.all() else counts[~paused]
-    return mean_level(code.level(moving))
-
-
-def encode_own(counted: Descriptors, code: OwnMeanCode, mean_activity: int) -> Descriptors:
-    """Code a recorded query with its mean over the whole drive.
-
-    Parameters
-    ----------
-    counted : Descriptors
-        Counts.
-    mean_activity : int
-        Selected events that a window of the reference has, see `Activity`.
-    """
-    own = drive_mean(counted.counts, find_pauses(counted.activity, mean_activity), code)
-    return _replaced(counted, code.encode(counted.counts, own))
-
-
-def encode_running(
-    counted: Descriptors, code: OwnMeanCode, mean: npt.NDArray[np.int32], mean_activity: int
-) -> Descriptors:
-    """Code each window of a query with the running mean of the windows before it, as on a robot.
-
-    Parameters
-    ----------
-    counted : Descriptors
-        Counts.
-    mean : ndarray of int32, shape (J,)
-        Of the reference: where the running mean starts.
-    mean_activity : int
-        Selected events that a window of the reference has, see `Activity`.
-    """
-    running, coded = RunningMean(mean), np.empty(counted.counts.shape, dtype=np.uint8)
-    paused = find_pauses(counted.activity, mean_activity)
-    for i, counts in enumerate(counted.counts):
-        coded[i] = code.encode(counts, running.mean)
-        if not paused[i]:
-            running.update(code.level(counts))
-    return _replaced(counted, coded)
-
-
-def _replaced(counted: Descriptors, coded: npt.NDArray[np.uint8]) -> Descriptors:
-    return replace(counted, counts=coded, selected=counted.activity)
 
 
 # The data of a map: checks, codes of queries, save, load.
@@ -794,36 +610,12 @@ def map_traverse(
             hot = find_hot_pixels(first.totals)
         elif hot is None:
             hot = np.zeros_like(counted)
-        by_variance = pixel_map is None and settings.strategy in ("variance", "top", "information")
-        if first.windows == 1 and by_variance:
-            raise UsageError(
-                f"the drive holds one window of {FixedTime(settings.tau_us)}, and pixels can be "
-                "selected only from two windows or more: take shorter windows (--tau), or a "
-                "longer drive"
-            )
         saliency = first.mean() if settings.strategy == "seed-code" else first.variance()
         if pixel_map is not None:
             hot = hot & (pixel_map.table() < 0)
-        elif (given := _given_pixels(first, settings.pixels, hot)) is not None:
-            pixel_map = given
-            settings = settings.replaced({"pixels": len(given)}, "the recording")
-        elif settings.strategy == "information":
-            listed = shortlist(saliency, hot | ~counted)
-            if len(listed) < settings.pixels:
-                varying = int(np.count_nonzero(saliency[hot]))
-                raise too_few_pixels(len(listed), varying, settings.pixels, sensor)
-            pixel_map = _most_informative(first, recording, settings, listed)
-        elif settings.strategy.startswith(PLUGIN):
-            pixel_map = plugin_pixels(first, settings, hot | ~counted)
         else:
-            pixel_map = select_pixels(
-                saliency,
-                settings.pixels,
-                strategy=settings.strategy,
-                sigma=settings.sigma,
-                rng=np.random.default_rng(settings.seed),
-                exclude=hot | ~counted,
-            )
+            pixel_map = _choose_pixels(first, recording, settings, saliency, hot, ~counted)
+            settings = settings.replaced({"pixels": len(pixel_map)}, "the recording")
         if settings.window == "count" and settings.events_per_pixel is None:
             settings = _with_mean_count(settings, first, pixel_map)
         needs_events = (
@@ -835,6 +627,43 @@ def map_traverse(
     return coded_map(
         MapRecord(settings.uncoded, pixel_map, places, saliency.astype(np.float32), hot),
         settings,
+    )
+
+
+def _choose_pixels(
+    first: PixelStatistics,
+    recording: EventSource | WindowSource,
+    settings: Settings,
+    saliency: npt.NDArray[np.float64],
+    hot: npt.NDArray[np.bool_],
+    uncounted: npt.NDArray[np.bool_],
+) -> PixelMap:
+    """Choose the pixels of a map by the strategy of its settings."""
+    if first.windows == 1 and settings.strategy in ("variance", "top", "information"):
+        raise UsageError(
+            f"the drive holds one window of {FixedTime(settings.tau_us)}, and pixels can be "
+            "selected only from two windows or more: take shorter windows (--tau), or a "
+            "longer drive"
+        )
+    given = _given_pixels(first, settings.pixels, hot)
+    if given is not None:
+        return given
+    excluded = hot | uncounted
+    if settings.strategy == "information":
+        listed = shortlist(saliency, excluded)
+        if len(listed) < settings.pixels:
+            varying = int(np.count_nonzero(saliency[hot]))
+            raise too_few_pixels(len(listed), varying, settings.pixels, recording.sensor)
+        return _most_informative(first, recording, settings, listed)
+    if settings.strategy.startswith(PLUGIN):
+        return plugin_pixels(first, settings, excluded)
+    return select_pixels(
+        saliency,
+        settings.pixels,
+        strategy=settings.strategy,
+        sigma=settings.sigma,
+        rng=np.random.default_rng(settings.seed),
+        exclude=excluded,
     )
 
 

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import descriptors
 
+from edge_vpr.descriptors.codes import drive_mean, encode_own, encode_running
 from edge_vpr.descriptors.windows import find_pauses
-from edge_vpr.map_record import drive_mean, encode_own, encode_running
 from fixedpoint.errors import FixedPointError
 from fixedpoint.own_mean import OwnMeanCode, RunningMean, mean_level
 

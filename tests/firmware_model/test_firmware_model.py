@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from designs import random_stream, wrapped
 
+from edge_vpr.descriptors.codes import encode_running
 from edge_vpr.descriptors.counting import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Activity, FixedCount, FixedTime
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.map_record import encode_running
 from edge_vpr.matching.distances import best_matches, distance_matrix
 from edge_vpr.matching.drive import sequence_sums
 from edge_vpr.matching.place_filter import PlaceFilter, TransitionCosts

@@ -11,13 +11,13 @@ from streams import descriptors, random_events, with_sums
 
 from edge_vpr.archive import read_archive
 from edge_vpr.confidence import default_confidence
+from edge_vpr.descriptors.codes import codes_of
 from edge_vpr.descriptors.counting import window_of
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import EdgeVprError
 from edge_vpr.events import TIME_LIMIT_US, Sensor, make_events
 from edge_vpr.live.protocols.layout import Field, Layout, LayoutEncoder
-from edge_vpr.map_record import codes_of
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser

@@ -13,10 +13,11 @@ from numba import config
 from streams import Drive, as_tuples, cut_up, descriptors, random_events, with_sums
 
 from edge_vpr.confidence import NO_MISFIT
+from edge_vpr.descriptors.codes import codes_of
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.map_record import codes_of, describe
+from edge_vpr.map_record import describe
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.online.localiser import MATCH_DTYPE, Localiser, MatchSchedule
 from edge_vpr.reference_map import ReferenceMap

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.codes import encoder_of
 from edge_vpr.descriptors.counting import EventSource, WindowSource, count_windows
 from edge_vpr.descriptors.pixels import (
     PixelMap,
@@ -17,7 +18,7 @@ from edge_vpr.descriptors.pixels import (
 from edge_vpr.descriptors.windows import WindowCounts, narrow
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.map_record import coded_map, describe, encoder_of
+from edge_vpr.map_record import coded_map, describe
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import CODES, PLUGIN, PRESETS, STRATEGIES, Settings
 from edge_vpr_tools.research.baselines.baseline import Described, Images, VectorBaseline

@@ -1,0 +1,198 @@
+"""Codes of descriptors: what a window's counts become before they are compared.
+
+The codes of single counters are in `fixedpoint`, which the hardware model uses too; here they are
+those that the settings choose, for all counters of a map. A code of another package is any function
+of the counts of a window.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import Descriptors, find_pauses
+from edge_vpr.errors import MapError, UsageError, kind_of
+from edge_vpr.plugins import Registry
+from edge_vpr.settings import CODES, PLUGIN, Settings
+from fixedpoint.codes import PixelCodes
+from fixedpoint.own_mean import OwnMeanCode, RunningMean, mean_level
+
+FullScale = npt.NDArray[np.uint16]
+
+
+def codes_of(
+    settings: Settings, counters: int, full_scale: FullScale | None = None
+) -> PixelCodes | None:
+    """Return the code of each counter; None if descriptors hold counts.
+
+    Parameters
+    ----------
+    counters : int
+        J, or with polarity 2 J.
+    full_scale : ndarray of uint16, shape (counters,), optional
+        What the reference map learned, needed where the settings scale the code to each pixel.
+
+    Raises
+    ------
+    MapError
+        If the full scales are needed and missing, or not one a counter.
+    """
+    code = settings.shared_code
+    if code is None:
+        return None
+    if settings.own_mean_code is not None:
+        raise MapError(
+            f"{settings.counter_scaling} codes need the mean of a drive: take ReferenceMap.match, "
+            "or counts with settings.uncoded"
+        )
+    if not settings.learns_full_scale:
+        return PixelCodes.shared(code, counters)
+    if full_scale is None or full_scale.shape != (counters,):
+        raise MapError(
+            f"the code of {counters} counters is scaled to each pixel and "
+            f"{0 if full_scale is None else full_scale.size} scales are given: pass those of the "
+            "reference map"
+        )
+    return PixelCodes.scaled(code.kind, code.bits, full_scale)
+
+
+# Codes of another package: any function of the counts of a window.
+
+
+#: An entry point of this group names a function of counts, shape (n, J), with polarity (n, 2 J),
+#: and of their `PixelMap`, which returns whole numbers of 0 or more, shape (n, D).
+GROUP = "edge_vpr.codes"
+_PLUGINS = Registry(GROUP, {})
+#: so that no sum of absolute differences of two descriptors overflows
+_LARGEST = (1 << 16) - 1
+
+
+@dataclass(frozen=True, eq=False)
+class PluginCode:
+    """Descriptors by the function of another package, in place of a table for each counter."""
+
+    name: str  #: Without ``plugin:``.
+    pixel_map: PixelMap  #: J pixels, in the order of the counts.
+
+    def encode(self, counts: npt.NDArray[np.integer]) -> npt.NDArray[np.integer]:
+        """Return the descriptors of windows, shape (n, D), with values from 0 to 65,535.
+
+        Parameters
+        ----------
+        counts : ndarray of int, shape (n, J)
+            With polarity (n, 2 J).
+
+        Raises
+        ------
+        UsageError
+            If no package registers the name, its import fails, or the function returns something
+            else.
+        """
+        function = _PLUGINS.load(self.name)
+        if function is None:
+            known = [PLUGIN + each for each in _PLUGINS.names()]
+            raise UsageError(
+                f"counter_code {PLUGIN}{self.name} is registered by no installed package: choose "
+                f"from {', '.join([*CODES, *known])}"
+            )
+        found = function(counts, self.pixel_map)
+        if not isinstance(found, np.ndarray) or not np.issubdtype(found.dtype, np.integer):
+            raise UsageError(
+                f"counter code {self.name} returns {kind_of(found)} of "
+                f"{getattr(found, 'dtype', 'no dtype')}: expected an array of whole numbers, so "
+                "round it"
+            )
+        if found.ndim != 2 or len(found) != len(counts) or not found.shape[1]:
+            raise UsageError(
+                f"counter code {self.name} returns shape {found.shape} for {len(counts)} windows: "
+                f"expected ({len(counts)}, D) with D of 1 or more, so correct it"
+            )
+        if found.min() < 0 or found.max() > _LARGEST:
+            raise UsageError(
+                f"counter code {self.name} returns values from {found.min()} to {found.max()}: "
+                f"expected 0 to {_LARGEST:,}, so scale them"
+            )
+        return found
+
+
+def encoder_of(
+    settings: Settings, pixel_map: PixelMap, counters: int, full_scale: FullScale | None = None
+) -> PixelCodes | PluginCode | None:
+    """Return what turns counts into descriptors, if it needs no mean; None for counts themselves.
+
+    Parameters
+    ----------
+    counters, full_scale
+        Of `codes_of`.
+    """
+    if settings.plugin_code is not None:
+        return PluginCode(settings.plugin_code, pixel_map)
+    return codes_of(settings, counters, full_scale)
+
+
+# Own-mean codes of descriptors, with the mean of a drive or a running mean.
+
+
+def drive_mean(
+    counts: npt.NDArray[np.integer], paused: npt.NDArray[np.bool_], code: OwnMeanCode
+) -> npt.NDArray[np.int32]:
+    """Return the mean logarithm of each counter over the windows of a drive, without pauses.
+
+    Parameters
+    ----------
+    counts : ndarray of int, shape (n, J)
+        Of each window.
+    paused : ndarray of bool, shape (n,)
+        If all are pauses, they count all the same.
+
+    Returns
+    -------
+    ndarray of int32, shape (J,)
+        In units of 1/256 octave.
+    """
+    moving = counts if paused.all() else counts[~paused]
+    return mean_level(code.level(moving))
+
+
+def encode_own(counted: Descriptors, code: OwnMeanCode, mean_activity: int) -> Descriptors:
+    """Code a recorded query with its mean over the whole drive.
+
+    Parameters
+    ----------
+    counted : Descriptors
+        Counts.
+    mean_activity : int
+        Selected events that a window of the reference has, see `Activity`.
+    """
+    own = drive_mean(counted.counts, find_pauses(counted.activity, mean_activity), code)
+    return _replaced(counted, code.encode(counted.counts, own))
+
+
+def encode_running(
+    counted: Descriptors, code: OwnMeanCode, mean: npt.NDArray[np.int32], mean_activity: int
+) -> Descriptors:
+    """Code each window of a query with the running mean of the windows before it, as on a robot.
+
+    Parameters
+    ----------
+    counted : Descriptors
+        Counts.
+    mean : ndarray of int32, shape (J,)
+        Of the reference: where the running mean starts.
+    mean_activity : int
+        Selected events that a window of the reference has, see `Activity`.
+    """
+    running, coded = RunningMean(mean), np.empty(counted.counts.shape, dtype=np.uint8)
+    paused = find_pauses(counted.activity, mean_activity)
+    for i, counts in enumerate(counted.counts):
+        coded[i] = code.encode(counts, running.mean)
+        if not paused[i]:
+            running.update(code.level(counts))
+    return _replaced(counted, coded)
+
+
+def _replaced(counted: Descriptors, coded: npt.NDArray[np.uint8]) -> Descriptors:
+    return replace(counted, counts=coded, selected=counted.activity)
