@@ -48,10 +48,10 @@ class WindowState(NamedTuple):
         Of the distances of this window; None in a pause.
     least : int or None
         Least metric.
-    margin, kept, support, misfit : int or None
+    margin, kept, support, worst_residual : int or None
         Margin of the match; the support that it began with, 0 behind a jump; its support; and the
         largest evidence against a match of this window and the two before. Its trust is
-        ``max(support - 16 * misfit, 0)``.
+        ``max(support - 16 * worst_residual, 0)``.
     """
 
     window: int
@@ -68,7 +68,7 @@ class WindowState(NamedTuple):
     margin: int | None = None
     kept: int | None = None
     support: int | None = None
-    misfit: int | None = None
+    worst_residual: int | None = None
 
 
 @dataclass
@@ -184,7 +184,7 @@ class Machine:
             return state._replace(reciprocal=None)
         state = state._replace(
             least=min(model.metrics), margin=model.margin, kept=model.kept,
-            support=model.support, misfit=model.worst,
+            support=model.support, worst_residual=model.worst,
         )  # fmt: skip
         if state.paused:
             return state._replace(reciprocal=None)

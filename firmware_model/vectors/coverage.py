@@ -81,11 +81,11 @@ FILTER_CORNERS = {
     "trusted_at_threshold": "a match whose trust is the least that is accepted",
     "distrusted_at_threshold": "a match that is rejected for a trust less by one",
     "margin_limited": "a match with a margin that is above the largest that counts",
-    "misfit_limited": "a match with the largest misfit, whose trust is above 0 without it",
-    "misfit_of_this_window": "a match with less trust for its own misfit alone, and some left",
-    "misfit_of_the_window_before": "the same for the misfit of the match before",
-    "misfit_of_two_windows_before": "the same for the misfit of the match before that one",
-    "trust_of_nothing": "a match whose misfit is above its support",
+    "residual_limited": "a match with the largest residual, whose trust is above 0 without it",
+    "residual_of_this_window": "a match with less trust for its own residual alone, and some left",
+    "residual_of_the_window_before": "the same for the residual of the match before",
+    "residual_of_two_windows_before": "the same for the residual of the match before that one",
+    "trust_of_nothing": "a match whose residual is above its support",
     "code_at_the_bottom": "an own-mean code of 0 that would be below it",
     "code_at_the_top": "the largest own-mean code, that would be above it",
     "window_mean_below_nothing": "a window of contrast codes whose mean is negative",
@@ -99,7 +99,7 @@ FILTER_CORNERS = {
 
 
 _OF_RESIDUALS = (
-    "misfit_of_this_window", "misfit_of_the_window_before", "misfit_of_two_windows_before",
+    "residual_of_this_window", "residual_of_the_window_before", "residual_of_two_windows_before",
 )  # fmt: skip
 
 
@@ -211,7 +211,7 @@ class FilterCoverage:
         worst = max(residuals)
         if match.second_sum is not None:
             found["margin_limited"] += match.second_sum - match.sum > MARGIN_TOP
-        found["misfit_limited"] += residuals[0] == RESIDUAL_TOP and model.support > 0
+        found["residual_limited"] += residuals[0] == RESIDUAL_TOP and model.support > 0
         found["trust_of_nothing"] += model.support < worst << TRUST_BITS
         for name, residual in zip(_OF_RESIDUALS, residuals, strict=True):
             found[name] += (

@@ -36,7 +36,7 @@ UNITS = {
     "sum, second_sum": "units of code; of the filter metrics, 1/4 unit of cost (2 fraction bits)",
     "margin": "that of sum",
     "trust, support, kept": "1/16 of a metric, 1/64 unit of cost",
-    "misfit": "that of a metric",
+    "worst_residual": "that of a metric",
     "reciprocal": "1/65536 per unit of code",
     "spread": "units of code",
 }
@@ -46,7 +46,7 @@ UNITS = {
 POWER_ON = (
     "each case by itself: counters, events counted and numbers of windows 0; the first window "
     "opens at start; the usual number is activity, the running means are means; the filter has "
-    "seen no window and no place, and trust and misfits are 0. Memories that are written before "
+    "seen no window and no place, and trust and residuals are 0. Memories that are written before "
     "they are read may hold anything"
 )
 ORDER = (

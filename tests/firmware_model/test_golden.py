@@ -243,9 +243,9 @@ def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path):
             weight = min(max((state["activity"] + 48) // 2, 0), 8)
             assert state["weight"] == (0 if state["paused"] else weight)
             assert state["window_mean"] == 0 or case.design.code == "contrast"
-            trust = max(state["support"] - 16 * state["misfit"], 0)
+            trust = max(state["support"] - 16 * state["worst_residual"], 0)
             assert (state["least"], trust) == (match["sum"], match["trust"])
-            assert 0 <= state["misfit"] <= 23
+            assert 0 <= state["worst_residual"] <= 23
             alone = match["second"] == -1
             assert state["margin"] == (1023 if alone else match["second_sum"] - match["sum"])
             if state["paused"]:
