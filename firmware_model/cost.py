@@ -162,8 +162,8 @@ def operations(design: Design) -> Operations:
 
     With the filter, the count is for a window that is neither the first nor a pause. For each place
     it has a term of two sums (all distances, and their deviations from the mean), the difference to
-    the smallest distance and its product, the price of each step and their minimum, the evidence,
-    its weight and its limits, and the search by a delay line. Where prices are by activity, their
+    the smallest distance and its product, the cost of each step and their minimum, the evidence,
+    its weight and its limits, and the search by a delay line. Where costs are by activity, their
     row is a difference of activities and its limits. In addition there are two products of the
     acceptance and three divisions.
 
@@ -192,14 +192,14 @@ def _filter_operations(design: Design) -> Operations:
     steps += sum(max(0, places - step) for step in range(1, len(design.back) + 1))
     return Operations(
         absolute_differences=again * places * design.slots + places,
-        # distances; both sums over places; the price of a step, less the least metric; the
-        # difference to the least distance, and the evidence; the row of the prices
+        # distances; both sums over places; the cost of a step, less the least metric; the
+        # difference to the least distance, and the evidence; the row of the costs
         additions=again * places * (design.slots - 1)
         + 2 * (places - 1)
         + 2 * steps
         + 2 * places
         + row,
-        # least distance; least price, and restart; limits of evidence and metric; search; those of
+        # least distance; least cost, and restart; limits of evidence and metric; search; those of
         # the row; accept
         comparisons=(places - 1) + steps + 2 * places + 3 * places + 2 * row + 1,
         multiplications=2 * places + (2 if design.accept == "ratio" else 0),

@@ -32,8 +32,8 @@ from pathlib import Path
 
 from firmware_model.emulation.build import SOURCES
 from firmware_model.errors import ToolError
-from firmware_model.image import HEADER_WORDS, TABLES, Word, image, prices, ram_bytes, stride
-from firmware_model.model.design import FRACTION_BITS, MAX_PRICE, Design
+from firmware_model.image import HEADER_WORDS, TABLES, Word, image, ram_bytes, step_costs, stride
+from firmware_model.model.design import FRACTION_BITS, MAX_COST, Design
 from firmware_model.model.memories import Memories
 from firmware_model.vectors.case import choose_pixels
 
@@ -101,7 +101,7 @@ _LEVEL_MAX = 4096
 #: names and types of the tables, in their order in the image
 _TABLES = (
     ("displacement", "H"), ("lookup", "IHH"), ("code", "B"), ("code_table", "B"), ("places", "B"),
-    ("price", "H"), ("mean", "H"), ("place_activity", "b"),
+    ("cost", "H"), ("mean", "H"), ("place_activity", "b"),
 )  # fmt: skip
 _C_TYPES = {"B": "uint8_t", "b": "int8_t", "H": "uint16_t", "I": "uint32_t", "IHH": "vpr_entry_t"}
 _DRIVER = """
@@ -266,7 +266,7 @@ def _ranges(design: Design) -> list[tuple[str, int, int]]:
         ("displacement", design.height, design.lookup_depth - 1),
         ("code", codes, _LEVEL_MAX if design.own_mean else design.code_max),
         ("code_table", design.slots, len(design.full_scales) - 1),
-        ("price", len(prices(design)), MAX_PRICE << FRACTION_BITS),
+        ("cost", len(step_costs(design)), MAX_COST << FRACTION_BITS),
     ]
     found += [("mean", design.slots, _LEVEL_MAX)] * design.own_mean
     return [one for one in found if one[1]]

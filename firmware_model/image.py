@@ -42,7 +42,7 @@ class Word(IntEnum):
     CODE_TABLE = 22
     WHICH_CODE_TABLE = 23
     PLACES_TABLE = 24
-    PRICE_TABLE = 25
+    COST_TABLE = 25
     MEAN_TABLE = 26
     PLACE_ACTIVITY_TABLE = 27
     STEPS = 28
@@ -63,7 +63,7 @@ TABLES = (
     Word.CODE_TABLE,
     Word.WHICH_CODE_TABLE,
     Word.PLACES_TABLE,
-    Word.PRICE_TABLE,
+    Word.COST_TABLE,
     Word.MEAN_TABLE,
     Word.PLACE_ACTIVITY_TABLE,
 )
@@ -103,7 +103,7 @@ def image(memories: Memories) -> bytes:
         b"".join(map(_words if design.own_mean else bytes, memories.codes)),
         bytes(memories.tables),
         b"".join(bytes(place).ljust(row, b"\0") for place in memories.places),
-        _words(prices(design)),
+        _words(step_costs(design)),
         _words(memories.mean),
         struct.pack(f"{len(memories.place_activity)}b", *memories.place_activity),
     ]
@@ -152,10 +152,10 @@ def image(memories: Memories) -> bytes:
     return struct.pack(f"<{HEADER_WORDS}I", *words) + body
 
 
-def prices(design: Design) -> list[int]:
-    """Return the prices of steps with fraction bits, forward, then back; none for sequences."""
+def step_costs(design: Design) -> list[int]:
+    """Return the costs of steps with fraction bits, forward, then back; none for sequences."""
     found = (*design.steps, *design.back) if design.filters else ()
-    return [price << FRACTION_BITS for price in found]
+    return [cost << FRACTION_BITS for cost in found]
 
 
 def _words(values: Sequence[int]) -> bytes:

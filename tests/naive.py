@@ -365,44 +365,44 @@ STEPS = {
 
 
 @cache
-def step_prices(row: int, per_window: int = 1) -> list[int]:
-    """Prices of steps of 0, 1 ... places where the activity is ``row / 2 - 6`` octaves higher.
+def step_costs(row: int, per_window: int = 1) -> list[int]:
+    """Costs of steps of 0, 1 ... places where the activity is ``row / 2 - 6`` octaves higher.
 
     A share of the steps is expected to be of each, with so many octaves of activity.
     """
     spread, steps = STEPS[per_window]
-    prices = {}
+    costs = {}
     for each in range(17):
-        prices[each] = [
+        costs[each] = [
             (each / 2 - 6 - math.log2(speed)) ** 2 / 2 / spread**2 - math.log(share)
             for speed, share in steps
         ]
-    lowest = min(map(min, prices.values()))
-    lower = max(min(prices[row]) - lowest - 1, 0)  # the cheapest step costs 1 at most
-    return [round(4 * (price - lowest - lower)) for price in prices[row]]
+    lowest = min(map(min, costs.values()))
+    lower = max(min(costs[row]) - lowest - 1, 0)  # the cheapest step costs 1 at most
+    return [round(4 * (cost - lowest - lower)) for cost in costs[row]]
 
 
-Prices = dict[int, int]
+Costs = dict[int, int]
 
 
-def prices_to(
+def costs_to(
     places: Sequence[int],
     now: int,
     forward: Sequence[int] | None,
     back: Sequence[int],
     per_window: int = 1,
-) -> list[Prices]:
-    """Prices of the steps that reach each place in a window; `places` and `now` are activities."""
-    prices = {-1 - i: 4 * price for i, price in enumerate(back)}
+) -> list[Costs]:
+    """Costs of the steps that reach each place in a window; `places` and `now` are activities."""
+    costs = {-1 - i: 4 * cost for i, cost in enumerate(back)}
     if forward is not None:
-        return [prices | {i: 4 * price for i, price in enumerate(forward)} for _ in places]
+        return [costs | {i: 4 * cost for i, cost in enumerate(forward)} for _ in places]
     rows = [min(max((now - place + 4) // 8, -12), 4) + 12 for place in places]
-    return [prices | dict(enumerate(step_prices(row, per_window))) for row in rows]
+    return [costs | dict(enumerate(step_costs(row, per_window))) for row in rows]
 
 
 def steps_that_follow(
     forward: Sequence[int] | None, back: Sequence[int], per_window: int = 1
-) -> Prices:
+) -> Costs:
     """Steps after which a match follows from the one before."""
     last = 3 * per_window if forward is None else max(len(forward) - 1, 2 * per_window)
     return dict.fromkeys(range(-len(back), last + 1), 0)
@@ -425,7 +425,7 @@ def place_filter(
 ) -> list[tuple[list[int], int, int, int]]:
     """Metrics, best, second and trust after each window; ``distances[j]`` are those of window j.
 
-    `places` are the activities of the places; without `forward`, prices depend on them. It goes on
+    `places` are the activities of the places; without `forward`, costs depend on them. It goes on
     from `begin`: metrics, scale (0: none yet), place and support of a window before, and the
     residuals of it and the one before it.
     """
@@ -435,7 +435,7 @@ def place_filter(
     for j, d in enumerate(distances):
         least, way = min(metric), travelled[j] if travelled else None
         now = activity(events[j], usual)
-        ways = ways_of_steps(prices_to(places or [0] * k, now, forward, back, per_window), jumps)
+        ways = ways_of_steps(costs_to(places or [0] * k, now, forward, back, per_window), jumps)
         if way is not None:
             ways = ways_of_odometry(along, way, jumps, per_window)
         predicted = [
@@ -546,7 +546,7 @@ def smoothed_filter(
     places: Sequence[int] = (),
     per_window: int = 1,
 ) -> tuple[list[list[int]], list[set[tuple[int, int]]], list[list[int]]]:
-    """Forward metric of each window plus the price of the cheapest way on from each place.
+    """Forward metric of each window plus the cost of the best path on from each place.
 
     And the pairs of places that may follow each other up to each window, and its evidence.
     """
@@ -556,7 +556,7 @@ def smoothed_filter(
     for d, count, way in zip(distances, events, travelled, strict=True):
         some, scale = evidence_of(d, count, usual, scale)
         evidence.append(some)
-        steps = prices_to(places or [0] * k, activity(count, usual), forward, back, per_window)
+        steps = costs_to(places or [0] * k, activity(count, usual), forward, back, per_window)
         steps, known = ways_of_steps(steps, jumps), []
         if way is not None:
             steps = known = ways_of_odometry(along, way, jumps, per_window)
@@ -568,9 +568,9 @@ def smoothed_filter(
     onward, summed = [0] * k, []
     for j in reversed(range(len(distances))):
         summed.append([m + o for m, o in zip(metrics[j], onward, strict=True)])
-        price = [e + o for e, o in zip(evidence[j], onward, strict=True)]
+        cost = [e + o for e, o in zip(evidence[j], onward, strict=True)]
         onward = [
-            min([4 * restart] + [price[to] - min(price) + c for i, to, c in ways[j] if i == place])
+            min([4 * restart] + [cost[to] - min(cost) + c for i, to, c in ways[j] if i == place])
             for place in range(k)
         ]
     return summed[::-1], follow, evidence
@@ -619,24 +619,24 @@ def delayed_trust(
 
 
 def ways_of_steps(
-    prices: Sequence[Prices], jumps: Sequence[tuple[int, int]]
+    costs: Sequence[Costs], jumps: Sequence[tuple[int, int]]
 ) -> list[tuple[int, int, int]]:
-    """Place, place after one window, and price; a jump is one step, others lead up to it and on.
+    """Place, place after one window, and cost; a jump is one step, others lead up to it and on.
 
-    `prices` are those of the steps that reach each place.
+    `costs` are those of the steps that reach each place.
     """
     ways = [
-        (to - step, to, price)
-        for to, steps in enumerate(prices)
-        for step, price in steps.items()
-        if 0 <= to - step < len(prices)
+        (to - step, to, cost)
+        for to, steps in enumerate(costs)
+        for step, cost in steps.items()
+        if 0 <= to - step < len(costs)
     ]
     for a, b in jumps:
         ways += [
-            (i, to, prices[to][a - i + 1 + to - b])
+            (i, to, costs[to][a - i + 1 + to - b])
             for i in range(a + 1)
-            for to in range(b, len(prices))
-            if a - i + 1 + to - b in prices[to]
+            for to in range(b, len(costs))
+            if a - i + 1 + to - b in costs[to]
         ]
     return ways
 
@@ -644,7 +644,7 @@ def ways_of_steps(
 def ways_of_odometry(
     along: Sequence[int], travelled: int, jumps: Sequence[tuple[int, int]], per_window: int = 1
 ) -> list[tuple[int, int, int]]:
-    """Place, place after a known way, and price: 2 for each mean way of a window that it is off."""
+    """Place, place after a known distance, and cost: 2 for each mean distance of a window off."""
     places = len(along)
     spacing = (along[-1] - along[0]) // (places - 1)
     rate = 2 * 4 * 2**16 // (spacing * per_window)

@@ -1,7 +1,7 @@
 /* The place filter: one metric a place, advanced in place, window by window. Part of vpr.c.
  *
- * Prices come with their fraction bits. No sum here is above 32 bits: distances have 16 and there
- * are as many places at most, metrics have 10 and prices less, the reciprocal has 17.
+ * Costs come with their fraction bits. No sum here is above 32 bits: distances have 16 and there
+ * are as many places at most, metrics have 10 and costs less, the reciprocal has 17.
  */
 #ifndef VPR_FILTER_H
 #define VPR_FILTER_H
@@ -25,7 +25,7 @@
 #define NEAR 4U      /* steps whose metrics stay in registers: 0 to 3 places */
 #define HALF_STEPS 7U /* of places at half windows: 0 to 6 places */
 #define BLOCK 16U    /* places whose distances are at hand at once */
-#define FAR 0xFFFFU /* metric of a place off the map, and price of a step that there is not */
+#define FAR 0xFFFFU /* metric of a place off the map, and cost of a step that there is not */
 #define WEIGHT_BITS 3U
 #define WEIGHT_TOP 8U
 #define WEIGHT_FROM 48 /* activity below the usual from which on evidence has weight */
@@ -33,7 +33,7 @@
 #define ROW_BITS 3U
 #define ROW_ORIGIN 100 /* the row of the same activity is 12 times 8 from the first; half of 8 rounds */
 
-/* Prices of a step of 0, 1, 2 and 3 places, with fraction bits, by the activity of the window
+/* Costs of a step of 0, 1, 2 and 3 places, with fraction bits, by the activity of the window
  * against that of the place that is reached: from 6 octaves below to 2 above, in half octaves. */
 static const uint8_t activity_costs[ROWS][NEAR] = {
     {4U, 24U, 47U, 71U}, {4U, 22U, 43U, 66U}, {4U, 20U, 39U, 61U}, {4U, 17U, 36U, 57U},
@@ -54,12 +54,12 @@ static const uint8_t half_place_costs[ROWS][HALF_STEPS] = {
     {23U, 11U, 2U, 1U, 4U, 20U, 24U},     {30U, 16U, 6U, 3U, 5U, 20U, 23U},
     {37U, 21U, 8U, 4U, 5U, 20U, 22U}};
 
-/* What a step to a place costs. Near prices are less the least metric: they wrap where they are below
+/* What a step to a place costs. Near costs are less the least metric: they wrap where they are below
  * it, and their sum with a metric does not. */
 typedef struct {
     const int8_t *place_activity; /* NULL: steps cost the same to all places */
     int32_t activity;             /* of the window, so that it gives the row of a place */
-    uint32_t steps;               /* of 0, 1 ... places that have a price */
+    uint32_t steps;               /* of 0, 1 ... places that have a cost */
     uint32_t near[NEAR];          /* of the first of these if they do */
     const uint16_t *fixed;        /* of all of these if they do, in the design */
     const uint16_t *back; /* of -1, -2 ... */
@@ -68,7 +68,7 @@ typedef struct {
     uint32_t limit;            /* what any place costs at most: a restart */
     uint32_t above;            /* metrics in `ahead` */
     uint16_t ahead[STEPS_MAX]; /* of the places above the present one, before they changed */
-} prices_t;
+} costs_t;
 
 /* Places next to one another, and the distances to them. */
 typedef struct {
@@ -99,16 +99,16 @@ static uint32_t moved(uint32_t value, uint32_t target, uint32_t shift)
     return value - (((value - target) + ((1U << shift) - 1U)) >> shift);
 }
 
-/* The row of prices of steps to a place of this activity. */
+/* The row of costs of steps to a place of this activity. */
 static inline uint32_t row_of(int32_t activity, int32_t of_place)
 {
     const int32_t above = activity - of_place;
     return (above > 0) ? lesser((uint32_t)above >> ROW_BITS, ROWS - 1U) : 0U;
 }
 
-/* Price of the cheapest way to a place by any step: metrics at and below it have not changed yet,
+/* Cost of the cheapest path to a place by any step: metrics at and below it have not changed yet,
  * and those above it are in the delay line. */
-static uint32_t cheapest(const prices_t *p, const uint16_t *metric, uint32_t at)
+static uint32_t cheapest(const costs_t *p, const uint16_t *metric, uint32_t at)
 {
     const uint32_t steps = lesser(p->steps, at + 1U);
     uint32_t found = p->limit + p->least;
@@ -131,7 +131,7 @@ static uint32_t cheapest(const prices_t *p, const uint16_t *metric, uint32_t at)
 }
 
 /* Move the delay line of the metrics above by one place. */
-static void shift_ahead(prices_t *p, uint16_t metric)
+static void shift_ahead(costs_t *p, uint16_t metric)
 {
     if (p->above < p->back_count) {
         p->above++;
@@ -143,7 +143,7 @@ static void shift_ahead(prices_t *p, uint16_t metric)
 }
 
 /* The same for places from the fourth on, in a design without other steps than the near ones. */
-static inline void predict_near(const prices_t *p, uint16_t *metric, uint32_t from, uint32_t end)
+static inline void predict_near(const costs_t *p, uint16_t *metric, uint32_t from, uint32_t end)
 {
     const uint32_t limit = p->limit;
     const uint32_t stay = p->near[0];
@@ -155,9 +155,9 @@ static inline void predict_near(const prices_t *p, uint16_t *metric, uint32_t fr
     uint32_t lower = metric[end - 3U];
     for (uint32_t at = end - 1U; at >= from; at--) {
         const uint32_t lowest = metric[at - 3U];
-        uint32_t price = lesser(lesser(limit, here + stay), below + one);
-        price = lesser(lesser(price, lower + two), lowest + three);
-        metric[at] = (uint16_t)price;
+        uint32_t path = lesser(lesser(limit, here + stay), below + one);
+        path = lesser(lesser(path, lower + two), lowest + three);
+        metric[at] = (uint16_t)path;
         here = below;
         below = lower;
         lower = lowest;
@@ -165,7 +165,7 @@ static inline void predict_near(const prices_t *p, uint16_t *metric, uint32_t fr
 }
 
 /* The same where steps cost what the activities of the window and of the place say. */
-static inline void predict_by_activity(const prices_t *p, uint16_t *metric, uint32_t from,
+static inline void predict_by_activity(const costs_t *p, uint16_t *metric, uint32_t from,
                                        uint32_t end)
 {
     const int8_t *const place_activity = p->place_activity;
@@ -178,9 +178,9 @@ static inline void predict_by_activity(const prices_t *p, uint16_t *metric, uint
     for (uint32_t at = end - 1U; at >= from; at--) {
         const uint8_t *const costs = activity_costs[row_of(activity, place_activity[at])];
         const uint32_t lowest = metric[at - 3U];
-        uint32_t price = lesser(lesser(limit, here + costs[0]), below + costs[1]);
-        price = lesser(lesser(price, lower + costs[2]), lowest + costs[3]);
-        metric[at] = (uint16_t)(price - least);
+        uint32_t path = lesser(lesser(limit, here + costs[0]), below + costs[1]);
+        path = lesser(lesser(path, lower + costs[2]), lowest + costs[3]);
+        metric[at] = (uint16_t)(path - least);
         here = below;
         below = lower;
         lower = lowest;
@@ -189,7 +189,7 @@ static inline void predict_by_activity(const prices_t *p, uint16_t *metric, uint
 
 /* Put the prediction in the place of the metric, from the last place of a block to the first: steps
  * lead from lower places, which have not changed by then. */
-static void predict(prices_t *p, uint16_t *metric, const block_t *b)
+static void predict(costs_t *p, uint16_t *metric, const block_t *b)
 {
     uint32_t end = b->end;
     if ((p->steps <= NEAR) && (p->back_count == 0U) && (end >= NEAR)) {
@@ -274,7 +274,7 @@ static uint32_t total_of(const block_t *b, uint32_t *nearest)
  * distances, for the spread, which only the first window needs beforehand, and for the metrics. If
  * the distances are not kept, each pass computes them again, a block at a time. `scale`
  * is set. */
-static void advance_by_evidence(const vpr_design_t *d, vpr_state_t *s, prices_t *p, scale_t *scale)
+static void advance_by_evidence(const vpr_design_t *d, vpr_state_t *s, costs_t *p, scale_t *scale)
 {
     enum { FOR_MEAN, FOR_SPREAD, FOR_METRICS, PASSES };
     uint16_t room[BLOCK];
@@ -312,7 +312,7 @@ static void advance_by_evidence(const vpr_design_t *d, vpr_state_t *s, prices_t 
 }
 
 /* Advance by a window that pauses, without evidence. */
-static void advance_paused(const vpr_design_t *d, vpr_state_t *s, prices_t *p)
+static void advance_paused(const vpr_design_t *d, vpr_state_t *s, costs_t *p)
 {
     const block_t all = {0U, d->place_count, s->distance};
     predict(p, s->metric, &all);
@@ -328,17 +328,17 @@ static uint32_t weight_of(int32_t activity)
     return (above > 0) ? lesser((uint32_t)above >> 1, WEIGHT_TOP) : 0U;
 }
 
-/* Prices of this window's steps. */
-static void set_prices(const vpr_design_t *d, const vpr_state_t *s, prices_t *p)
+/* Costs of this window's steps. */
+static void set_costs(const vpr_design_t *d, const vpr_state_t *s, costs_t *p)
 {
     p->place_activity = d->place_activity;
     p->activity = s->activity + ROW_ORIGIN;
     for (uint32_t i = 0U; (i < NEAR) && (d->place_activity == NULL); i++) {
-        p->near[i] = ((i < d->steps) ? d->price[i] : FAR) - s->least;
+        p->near[i] = ((i < d->steps) ? d->cost[i] : FAR) - s->least;
     }
     p->steps = d->steps;
-    p->fixed = d->price;
-    p->back = d->back_price;
+    p->fixed = d->cost;
+    p->back = d->back_cost;
     p->back_count = d->back;
     p->above = 0U;
     p->least = s->least;
@@ -422,14 +422,14 @@ static void trust(const vpr_design_t *d, vpr_state_t *s, uint32_t residual, vpr_
 /* Advance by the window that ended last, and search it. */
 static void filter_places(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
 {
-    prices_t prices;
-    set_prices(d, s, &prices);
+    costs_t costs;
+    set_costs(d, s, &costs);
     s->least = VPR_NONE;
     scale_t scale = {VPR_NONE, 0U, 0U, weight_of(s->activity)};
     if (s->paused) {
-        advance_paused(d, s, &prices);
+        advance_paused(d, s, &costs);
     } else {
-        advance_by_evidence(d, s, &prices, &scale);
+        advance_by_evidence(d, s, &costs, &scale);
     }
     search_places(d, s->metric, m);
     trust(d, s, s->paused ? 0U : residual_of(d, s, &scale, m->place), m);

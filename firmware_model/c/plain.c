@@ -22,7 +22,7 @@ enum {
     CODES = 22,
     WHICH_CODES = 23,
     MAP = 24,
-    PRICES = 25,
+    COSTS = 25,
     MEANS = 26,
     PLACE_ACTIVITY = 27,
     STEPS = 28,
@@ -35,7 +35,7 @@ enum {
     ACTIVITY_COSTS = 36
 };
 
-/* Prices of a step of 0 to 3 places, a row each half octave of activity. */
+/* Costs of a step of 0 to 3 places, a row each half octave of activity. */
 static const uint8_t by_activity[17][4] = {
     {4, 24, 47, 71}, {4, 22, 43, 66}, {4, 20, 39, 61}, {4, 17, 36, 57}, {4, 15, 32, 52},
     {4, 12, 28, 48}, {4, 10, 24, 43}, {4, 7, 20, 38},  {4, 5, 17, 34},  {4, 3, 13, 30},
@@ -302,12 +302,12 @@ static int64_t steps_of(const plain_t *p)
     return steps[plain_word(p, ACTIVITY_COSTS)];
 }
 
-/* Price of a step forwards, 0 or more, that leads to a place. */
+/* Cost of a step forwards, 0 or more, that leads to a place. */
 static int64_t forwards(const plain_t *p, int64_t step, uint32_t place)
 {
     const uint32_t places_per_window = plain_word(p, ACTIVITY_COSTS);
     if (places_per_window == 0U) {
-        return half_at(p, plain_word(p, PRICES) + ((uint64_t)step * 2U));
+        return half_at(p, plain_word(p, COSTS) + ((uint64_t)step * 2U));
     }
     const int64_t byte = byte_at(p, (uint64_t)plain_word(p, PLACE_ACTIVITY) + place);
     int64_t row = 12 + floor_shift(p->activity - ((byte < 128) ? byte : (byte - 256)) + 4, 3U);
@@ -316,7 +316,7 @@ static int64_t forwards(const plain_t *p, int64_t step, uint32_t place)
     return (places_per_window == 1U) ? by_activity[row][step] : at_half_windows[row][step];
 }
 
-/* Price of being at a place, without the evidence. */
+/* Cost of being at a place, without the evidence. */
 static int64_t predicted(const plain_t *p, const int64_t *metric, int64_t least, uint32_t place)
 {
     const int64_t back = plain_word(p, BACK);
@@ -324,11 +324,11 @@ static int64_t predicted(const plain_t *p, const int64_t *metric, int64_t least,
     for (int64_t step = -back; step < steps_of(p); step++) {
         const int64_t from = (int64_t)place - step;
         const uint64_t at = ((uint64_t)plain_word(p, STEPS) - 1U - (uint64_t)step) * 2U;
-        const int64_t price = (step < 0) ? (int64_t)half_at(p, plain_word(p, PRICES) + at)
+        const int64_t cost = (step < 0) ? (int64_t)half_at(p, plain_word(p, COSTS) + at)
                                          : forwards(p, step, place);
         if ((from >= 0) && (from < (int64_t)plain_word(p, PLACES)) &&
-            ((metric[from] - least + price) < cheapest)) {
-            cheapest = metric[from] - least + price;
+            ((metric[from] - least + cost) < cheapest)) {
+            cheapest = metric[from] - least + cost;
         }
     }
     return (p->place < 0) ? 0 : cheapest;

@@ -33,10 +33,10 @@ enum {
     AT_CODE_TABLE,
     AT_WHICH_CODE_TABLE,
     AT_PLACES_TABLE,
-    AT_PRICE_TABLE,
+    AT_COST_TABLE,
     AT_MEAN_TABLE,
     AT_PLACE_ACTIVITY_TABLE,
-    AT_STEPS, /* prices of the place filter; 0: sequences, or costs by activity */
+    AT_STEPS, /* costs of the place filter; 0: sequences, or costs by activity */
     AT_BACK,
     AT_RESTART,
     AT_KEEP_DISTANCES,
@@ -53,7 +53,7 @@ enum {
 #define ROW_SHIFT 16U
 #define PIXEL_MASK 0x7FFFFFFFU
 #define ON_SHIFT 31U
-#define PRICE_MAX 1016U
+#define COST_MAX 1016U
 #define TRUST_MAX 368U
 #define LEVEL_MAX 4096U /* logarithm of 65,536 in units of 1/256 octave */
 #define LEVEL_BITS 8U
@@ -127,7 +127,7 @@ static bool within_limits(const uint32_t *image)
                  {AT_CODE_MAX, 1U, 255U},   {AT_CODES, 1U, 16U},
                  {AT_RATIO_DENOMINATOR, 0U, LIMIT},
                  {AT_STEPS, 0U, STEPS_MAX}, {AT_BACK, 0U, STEPS_MAX},
-                 {AT_RESTART, 0U, PRICE_MAX}, {AT_KEEP_DISTANCES, 0U, 1U},
+                 {AT_RESTART, 0U, COST_MAX}, {AT_KEEP_DISTANCES, 0U, 1U},
                  {AT_TRUST, 0U, TRUST_MAX}, {AT_OWN_MEAN, 0U, 8U},
                  {AT_CONTRAST, 0U, 1U},     {AT_ACTIVITY_COSTS, 0U, 2U}};
     for (uint32_t i = 0U; i < (sizeof range / sizeof *range); i++) {
@@ -266,8 +266,8 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->level = (image[AT_OWN_MEAN] != 0U)
                    ? (const uint16_t *)(const void *)&bytes[image[AT_CODE_TABLE]]
                    : NULL;
-    d->price = (const uint16_t *)(const void *)&bytes[image[AT_PRICE_TABLE]];
-    d->back_price = &d->price[image[AT_STEPS]];
+    d->cost = (const uint16_t *)(const void *)&bytes[image[AT_COST_TABLE]];
+    d->back_cost = &d->cost[image[AT_STEPS]];
     d->place_activity =
         by_activity ? (const int8_t *)(const void *)&bytes[image[AT_PLACE_ACTIVITY_TABLE]] : NULL;
     d->mean = (const uint16_t *)(const void *)&bytes[image[AT_MEAN_TABLE]];
@@ -297,7 +297,7 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->keep_distances = image[AT_KEEP_DISTANCES] != 0U;
     return lookup_sound(d, image[AT_WIDTH], image[AT_PIXELS]) && codes_sound(d, image[AT_CODES]) &&
            at_most(d->code_table, d->slots, image[AT_CODES] - 1U) &&
-           words_at_most(d->price, image[AT_STEPS] + d->back, PRICE_MAX) &&
+           words_at_most(d->cost, image[AT_STEPS] + d->back, COST_MAX) &&
            places_sound(d, d->code_max);
 }
 

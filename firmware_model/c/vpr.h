@@ -44,8 +44,8 @@ typedef struct {
     const uint16_t *level;        /* [count_max + 1]: its logarithm, of own-mean codes; else NULL */
     const uint8_t *code_table;    /* [slots]: which of the tables a counter uses */
     const uint8_t *places;        /* [places][stride]: codes, padded with zeros */
-    const uint16_t *price;        /* [steps]: of a step of 0, 1 ... places, if not by activity */
-    const uint16_t *back_price;   /* [back]: of a step of -1, -2 ... */
+    const uint16_t *cost;         /* [steps]: of a step of 0, 1 ... places, if not by activity */
+    const uint16_t *back_cost;    /* [back]: of a step of -1, -2 ... */
     const int8_t *place_activity; /* [places], if steps cost what it says; else NULL */
     const uint16_t *mean;         /* [slots]: where running means start; of other codes unused */
     uint32_t height;
@@ -64,7 +64,7 @@ typedef struct {
     uint32_t code_max;
     uint32_t steps;   /* forward, from 0 places on, of the place filter; of sequences 0 */
     uint32_t back;
-    uint32_t restart; /* price of getting anywhere */
+    uint32_t restart; /* cost of getting anywhere */
     uint32_t trust;   /* least that is accepted */
     uint32_t activity; /* where the usual number of events starts, in units of 1/256 */
     bool contrast;     /* own-mean codes are less the mean of their window, too */

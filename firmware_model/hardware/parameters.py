@@ -15,8 +15,8 @@ from firmware_model.model.design import FRACTION_BITS, Design
 PACKAGE = "vpr_pkg"
 #: tables that the core reads from files; places are loaded at run time
 _TABLES = ("displacement", "lookup", "codes", "code_tables")
-#: bits of a price in a list of prices
-PRICE_BITS = 10
+#: bits of each cost in `STEP_COSTS` and `BACK_COSTS`
+FIXED_COST_BITS = 10
 
 
 def tables(design: Design) -> tuple[str, ...]:
@@ -52,8 +52,8 @@ def constants(design: Design) -> dict[str, int]:
         "STEPS": design.forward_steps,
         "BACK": len(design.back),
         "ACTIVITY_COSTS": int(design.activity_costs > 0),
-        "STEP_PRICES": _prices(design.steps),
-        "BACK_PRICES": _prices(design.back),
+        "STEP_COSTS": _costs(design.steps),
+        "BACK_COSTS": _costs(design.back),
         "RESTART": design.restart << FRACTION_BITS,
         "TRUST": design.trust,
         "EXCLUSION": design.exclusion,
@@ -93,9 +93,9 @@ def package_with(values: Mapping[str, int]) -> str:
     return text
 
 
-def _prices(prices: tuple[int, ...]) -> int:
-    shifts = ((price << FRACTION_BITS, at * PRICE_BITS) for at, price in enumerate(prices))
-    return sum(price << shift for price, shift in shifts)
+def _costs(costs: tuple[int, ...]) -> int:
+    shifts = ((cost << FRACTION_BITS, at * FIXED_COST_BITS) for at, cost in enumerate(costs))
+    return sum(cost << shift for cost, shift in shifts)
 
 
 # Boards with open tools: top module, pins, and the commands for synthesis and placement.

@@ -209,7 +209,7 @@ STANDING_SHIFT = 4
 
 
 class PlaceFilterModel:
-    """Metrics of all places: the price of the cheapest way to be there now.
+    """Metrics of all places: the cost of the cheapest path that ends there now.
 
     Attributes
     ----------
@@ -240,30 +240,30 @@ class PlaceFilterModel:
         self.spread, self.margin, self.kept, self.worst = 0, 0, 0, 0
 
     def predictions(self, activity: int) -> list[int]:
-        """Return the price of being at each place after a window, without its evidence."""
+        """Return the cost of being at each place after a window, without its evidence."""
         if self.place < 0:
             return [0] * self.design.places
         least = min(self.metrics)
         return [self.prediction(place, activity, least) for place in range(self.design.places)]
 
     def prediction(self, place: int, activity: int, least: int) -> int:
-        """Return the price of being at one place; `least` is the lowest metric."""
+        """Return the cost of being at one place; `least` is the lowest metric."""
         cheapest = self.design.restart << FRACTION_BITS
-        back = (price << FRACTION_BITS for price in self.design.back)
-        for origin, price in (
-            *((place - step, price) for step, price in enumerate(self.steps(place, activity))),
-            *((place + step, price) for step, price in enumerate(back, 1)),
+        back = (cost << FRACTION_BITS for cost in self.design.back)
+        for origin, cost in (
+            *((place - step, cost) for step, cost in enumerate(self.steps(place, activity))),
+            *((place + step, cost) for step, cost in enumerate(back, 1)),
         ):
             if 0 <= origin < self.design.places:
-                cheapest = min(cheapest, self.metrics[origin] - least + price)
+                cheapest = min(cheapest, self.metrics[origin] - least + cost)
         return cheapest
 
     def steps(self, place: int, activity: int) -> Sequence[int]:
-        """Return the prices of steps of 0, 1, 2 ... places to a place, with fraction bits."""
+        """Return the costs of steps of 0, 1, 2 ... places to a place, with fraction bits."""
         if self.design.activity_costs:
             row = row_of_costs(activity - self._place_activity[place])
             return self.design.costs_by_activity[row]
-        return [price << FRACTION_BITS for price in self.design.steps]
+        return [cost << FRACTION_BITS for cost in self.design.steps]
 
     def match(
         self, number: int, activity: int, paused: bool, distances: Callable[[], Iterable[int]]

@@ -99,7 +99,7 @@ def _toml(value: Any) -> str:
 # Largest values of what a device computes, and fraction bits of its numbers.
 
 
-#: fraction bits of the filter's metrics, evidence and prices
+#: fraction bits of the filter's metrics, evidence and costs
 FRACTION_BITS = 2
 #: largest metric and largest evidence
 METRIC_TOP, EVIDENCE_TOP = (1 << 10) - 1, (1 << 8) - 1
@@ -149,10 +149,10 @@ AcceptKind = Literal["margin", "ratio"]
 
 #: largest number of code tables in a design
 MAX_TABLES = 16
-#: largest number of priced steps in each direction
+#: largest number of steps in each direction
 MAX_STEPS = 16
-#: largest price: with its fraction bits, it is below the largest metric
-MAX_PRICE = (METRIC_TOP >> FRACTION_BITS) - 1
+#: largest cost: with its fraction bits, it is below the largest metric
+MAX_COST = (METRIC_TOP >> FRACTION_BITS) - 1
 #: an event has 15 bits for the row, and one for the polarity
 MAX_SIDE = 1 << 15
 #: largest length of a list, checked first
@@ -170,7 +170,7 @@ _RANGES = {
     "timestamp_bits": (2, 64),
     "places": (1, 1 << 24),
     "length": (0, 1 << 12),
-    "restart": (0, MAX_PRICE),
+    "restart": (0, MAX_COST),
     "trust": (0, TRUST_TOP),
     "lanes": (1, 1 << 10),
     "exclusion": (0, 1 << 15),
@@ -264,14 +264,14 @@ class Design(DesignFile):
     length : int
         L, windows in a sequence; 0 takes 5. The filter has 1.
     activity_costs : {False, True, 2}
-        Of the filter, take the prices of steps from `COSTS_BY_ACTIVITY`, by the activity of the
+        Of the filter, take the costs of steps from `COSTS_BY_ACTIVITY`, by the activity of the
         window against that of the place: with one place per window (true), of 0 to 3 places; or
         with 2, of 0 to 6.
     steps, back : tuple of int
-        Of the filter, the price of a step of 0, 1, 2 ... places in a window, and of -1, -2 ...
+        Of the filter, the cost of a step of 0, 1, 2 ... places in a window, and of -1, -2 ...
         With `activity_costs` there are no `steps`; otherwise none given stands for `STEPS`.
     restart : int
-        Of the filter, the price of getting to any place.
+        Of the filter, the cost of getting to any place.
     keep_distances : bool
         Of the filter, keep the distances of a window in memory; or compute them twice, which takes
         no memory and more time.
@@ -392,11 +392,11 @@ class Design(DesignFile):
         if not (self.activity_costs or self.steps):
             object.__setattr__(self, "steps", STEPS)
         for name in ("steps", "back"):
-            prices = getattr(self, name)
-            if len(prices) > MAX_STEPS or not all(0 <= price <= MAX_PRICE for price in prices):
+            costs = getattr(self, name)
+            if len(costs) > MAX_STEPS or not all(0 <= cost <= MAX_COST for cost in costs):
                 raise DesignError(
-                    f"design: {name} = {list(prices)}: expected at most {MAX_STEPS} costs from 0 "
-                    f"to {MAX_PRICE}"
+                    f"design: {name} = {list(costs)}: expected at most {MAX_STEPS} costs from 0 "
+                    f"to {MAX_COST}"
                 )
 
     def _code(self, scale: int) -> CounterCode | OwnMeanCode:
@@ -428,12 +428,12 @@ class Design(DesignFile):
 
     @property
     def forward_steps(self) -> int:
-        """Number of priced steps of 0, 1, 2 ... places."""
+        """Number of steps of 0, 1, 2 ... places that have a cost."""
         return len(self.costs_by_activity[0]) if self.activity_costs else len(self.steps)
 
     @property
     def costs_by_activity(self) -> tuple[tuple[int, ...], ...]:
-        """Prices of steps by activity; a design without `activity_costs` has none."""
+        """Costs of steps by activity; a design without `activity_costs` has none."""
         return COSTS_BY_ACTIVITY.get(self.activity_costs, ())
 
     @property
@@ -535,14 +535,14 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
     if design.activity_costs:
         found |= {"place_activity": UnsignedFormat(PLACE_ACTIVITY_BITS)}
     if design.filters:
-        costs = max(map(max, design.costs_by_activity), default=0)
-        prices = (*design.steps, *design.back, design.restart)
+        by_activity = max(map(max, design.costs_by_activity), default=0)
+        fixed = (*design.steps, *design.back, design.restart)
         found |= {
             "distance_total": distance.sum_of(design.places),
             "reciprocal": holding(1 << RECIPROCAL_BITS),
             "evidence": holding(EVIDENCE_TOP),
             "weight": holding(1 << WEIGHT_BITS),
-            "price": holding(max(costs, max(prices) << FRACTION_BITS)),
+            "cost": holding(max(by_activity, max(fixed) << FRACTION_BITS)),
             "prediction": holding(METRIC_TOP),
             "metric": holding(METRIC_TOP),
             "trust": holding(TRUST_TOP),

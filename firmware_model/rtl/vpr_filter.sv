@@ -8,7 +8,7 @@
 // is no evidence, and there are no distances. The spread of this window is divided after its match;
 // until then the unit is not `idle_o`, and no window may end. No pass for metrics begins before the
 // window's activity stands (`settled_i`): it says what the evidence weighs, and what steps cost
-// (ACTIVITY_COSTS; otherwise STEP_PRICES).
+// (ACTIVITY_COSTS; otherwise STEP_COSTS).
 //
 // `residual_o` is the evidence that the metric has, saturated at 23. `found_i` says that the search
 // stands at `best_sum_i`, the least metric. Distances come two clocks apart at least, and so do
@@ -19,7 +19,7 @@ module vpr_filter #(
     localparam int           STEPS           = vpr_pkg::STEPS,
     localparam int           BACK            = vpr_pkg::BACK,
     localparam bit           ACTIVITY_COSTS  = vpr_pkg::ACTIVITY_COSTS,
-    localparam logic [159:0] STEP_PRICES     = vpr_pkg::STEP_PRICES,
+    localparam logic [159:0] STEP_COSTS      = vpr_pkg::STEP_COSTS,
     localparam logic [9:0]   RESTART         = vpr_pkg::RESTART,
     localparam int           PLACE_BITS      = vpr_pkg::PLACE_BITS,
     localparam int           DISTANCE_BITS   = vpr_pkg::DISTANCE_BITS,
@@ -217,8 +217,8 @@ module vpr_filter #(
         end else begin : g_fixed
             genvar step;
             for (step = 0; step < STEPS; step = step + 1) begin : g_step
-                localparam logic [9:0] PRICE = STEP_PRICES[10*step+:10];
-                assign costs[COST_BITS*step+:COST_BITS] = PRICE < RESTART ? PRICE : RESTART;
+                localparam logic [9:0] COST = STEP_COSTS[10*step+:10];
+                assign costs[COST_BITS*step+:COST_BITS] = COST < RESTART ? COST : RESTART;
             end
             wire unused = &{1'b0, load_i, load_address_i, load_word_i};
         end

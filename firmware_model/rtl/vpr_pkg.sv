@@ -27,12 +27,12 @@ package vpr_pkg;
     localparam int           LENGTH         = 1;      // windows of a sequence; 1 with the filter
     localparam bit           FILTER         = 1'd0;   // the place filter; else sequences
     localparam bit           KEEP_DISTANCES = 1'd0;
-    localparam int           STEPS          = 1;      // prices of steps ahead, from 0 places on
+    localparam int           STEPS          = 1;      // costs of steps ahead, from 0 places on
     localparam int           BACK           = 0;      // and of steps back
-    localparam bit           ACTIVITY_COSTS = 1'd0;   // the activity makes the prices ahead
-    localparam logic [159:0] STEP_PRICES    = 160'd0; // else these, of 10 bits each
-    localparam logic [159:0] BACK_PRICES    = 160'd0;
-    localparam logic [9:0]   RESTART        = 10'd0;  // price
+    localparam bit           ACTIVITY_COSTS = 1'd0;   // the activity makes the costs ahead
+    localparam logic [159:0] STEP_COSTS     = 160'd0; // else these, of 10 bits each
+    localparam logic [159:0] BACK_COSTS     = 160'd0;
+    localparam logic [9:0]   RESTART        = 10'd0;  // cost
     localparam logic [8:0]   TRUST          = 9'd0;   // below which a match is not trusted
     localparam int           EXCLUSION      = 0;      // places on each side of the best's zone
     localparam bit           BY_MARGIN      = 1'd0;   // accepted by MARGIN; else by the ratio

@@ -1,4 +1,4 @@
-// Price of the cheapest way to a place: by a step of 0, 1 ... places from a lower one, by a step
+// Cost of the cheapest path to a place: by a step of 0, 1 ... places from a lower one, by a step
 // back from a higher one, or by a restart, which costs the same for all. The metrics of the window
 // before come in the order of places, with `shift_i`; `metric_i` is that of the place BACK ahead, or
 // there is none (`off_i`). `clear_i` forgets those before. `costs_i` are those of steps of 0, 1 ...
@@ -12,7 +12,7 @@ module vpr_prediction #(
     localparam int           STEPS       = vpr_pkg::STEPS,
     localparam int           BACK        = vpr_pkg::BACK,
     localparam int           COST_BITS   = vpr_pkg::COST_BITS,
-    localparam logic [159:0] BACK_PRICES = vpr_pkg::BACK_PRICES,
+    localparam logic [159:0] BACK_COSTS = vpr_pkg::BACK_COSTS,
     localparam logic [9:0]   RESTART     = vpr_pkg::RESTART,
     localparam int           METRIC_BITS = vpr_pkg::METRIC_BITS
 ) (
@@ -29,7 +29,7 @@ module vpr_prediction #(
     localparam int ENTRIES = STEPS + BACK;
     localparam int LEVELS  = $clog2(ENTRIES + 1);
     localparam int WIDE    = 1 << LEVELS;
-    // no way is dearer than a restart: what is dearer saturates before a price is added
+    // no path is dearer than a restart: what is dearer saturates before a cost is added
     localparam int BITS    = RESTART == 0 ? 1 : $clog2(RESTART + 1);
     // nor does a step cost more than it
     localparam int SUM_BITS = BITS + 1;
@@ -68,11 +68,11 @@ module vpr_prediction #(
                     wire [SUM_BITS-1:0] right =
                         g_level[level-1].nearest[(2*node+1)*SUM_BITS+:SUM_BITS];
                     always_ff @(posedge clk_i) found <= right < left ? right : left;
-                end else if (node < ENTRIES) begin : g_price
+                end else if (node < ENTRIES) begin : g_cost
                     wire [BITS-1:0] cost;
                     if (node < BACK) begin : g_back
-                        localparam logic [9:0] PRICE = BACK_PRICES[10*(BACK-1-node)+:10];
-                        assign cost = BITS'(PRICE < RESTART ? PRICE : RESTART);
+                        localparam logic [9:0] COST = BACK_COSTS[10*(BACK-1-node)+:10];
+                        assign cost = BITS'(COST < RESTART ? COST : RESTART);
                     end else begin : g_ahead
                         assign cost = BITS'(costs_i[COST_BITS*(node-BACK)+:COST_BITS]);
                     end

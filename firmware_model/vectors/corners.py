@@ -676,7 +676,7 @@ def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
         "dear_steps": (dear, [0, 0, 5, 5, 11, 0, 3, 3]),
         "four_steps": (replace(forward, steps=(1, 0, 0, 1)), walk),
         "by_three_places": (replace(forward, steps=(1, 0, 0, 1)), [0, 3, 6, 9, 9, 0, 3, 3]),
-        # the price is below the least metric, which a jump has raised
+        # the cost is below the least metric, which a jump has raised
         "by_three_places_after_jumps": (
             replace(forward, steps=(9, 9, 9, 0)),
             [0, 3, 6, 0, 3, 6, 11, 2, 5, 8],

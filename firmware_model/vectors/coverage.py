@@ -144,7 +144,7 @@ class FilterCoverage:
             paused
             and not first
             and predictions.index(min(predictions))
-            in {place for place, price in enumerate(predictions) if price == limit}
+            in {place for place, cost in enumerate(predictions) if cost == limit}
         )
         if design.activity_costs and not first:
             self._see_costs(window.activity)

@@ -113,8 +113,8 @@ def deep_draft(depth: int) -> Draft:
 # Images with the place filter and own-mean codes: each field at its limits and beyond.
 
 
-#: largest activity, price and logarithm that an image may have
-_ACTIVITY, _PRICE, _LEVEL = 0x7FFF_FF00, 1016, 4096
+#: largest activity, cost and logarithm that an image may have
+_ACTIVITY, _COST, _LEVEL = 0x7FFF_FF00, 1016, 4096
 
 
 def adaptive(**changes: object) -> Draft:
@@ -157,14 +157,14 @@ def accepted_adaptive() -> Named:
     yield "own_mean_alone", adaptive(**_SEQUENCES).pack()
     yield _adaptive_words(steps=1)
     yield _adaptive_words(back=0)
-    yield from each(_adaptive_words, "restart", 0, _PRICE)
+    yield from each(_adaptive_words, "restart", 0, _COST)
     yield _adaptive_words(keep_distances=1)
     yield from each(_adaptive_words, "trust", 0, 0x170)
     yield from each(_adaptive_words, "activity", 0, _ACTIVITY)
     # a metric has 10 bits, so that its product with any ratio fits
     yield _adaptive_words(accept=1, ratio_denominator=0xFFFF)
     yield "sixteen_steps", _many(16, 16).pack()
-    yield "price_at_its_limit", adaptive().poke(Word.PRICE_TABLE, "H", 3, _PRICE).pack()
+    yield "cost_at_its_limit", adaptive().poke(Word.COST_TABLE, "H", 3, _COST).pack()
     yield "level_at_its_limit", adaptive().poke(Word.CODE_TABLE, "H", 3, _LEVEL).pack()
     many = adaptive().header(count_max=0xFFFF).grow(Word.CODE_TABLE, 1 << 17)
     yield "largest_counts_of_own_means", many.pack()
@@ -179,7 +179,7 @@ def accepted_adaptive() -> Named:
 
 
 def _many(steps: int, back: int) -> Draft:
-    return adaptive().header(steps=steps, back=back).grow(Word.PRICE_TABLE, 2 * (steps + back))
+    return adaptive().header(steps=steps, back=back).grow(Word.COST_TABLE, 2 * (steps + back))
 
 
 def _cut_means() -> bytes:
@@ -207,7 +207,7 @@ def refused_adaptive() -> Named:
     yield "seventeen_back", _many(1, 17).pack()
     yield from each(_adaptive_words, "steps", 0xFFFF_FFFF, 0)
     yield from each(_adaptive_words, "length", 2, 6)
-    yield _adaptive_words(restart=_PRICE + 1)
+    yield _adaptive_words(restart=_COST + 1)
     yield _adaptive_words(keep_distances=2)
     yield _adaptive_words(trust=0x171)
     yield from each(_adaptive_words, "own_mean", 9, 3, 1)
@@ -229,10 +229,10 @@ def refused_adaptive() -> Named:
     yield "two_tables_of_own_means", two.pack()
     # header words of parts that the design does not have must be zero
     for word in ("back", "restart", "keep_distances", "trust", "activity"):
-        changed = base().grow(Word.PRICE_TABLE, 16).header(**{word: 1})
+        changed = base().grow(Word.COST_TABLE, 16).header(**{word: 1})
         yield f"sequences_with_{word}", changed.pack()
     for name, table, count, most in (
-        ("price", Word.PRICE_TABLE, 4, _PRICE),
+        ("cost", Word.COST_TABLE, 4, _COST),
         ("level", Word.CODE_TABLE, 4, _LEVEL),
         ("mean", Word.MEAN_TABLE, 6, _LEVEL),
     ):
@@ -246,7 +246,7 @@ def refused_adaptive() -> Named:
     yield "level_65_535_beyond", last.poke(Word.CODE_TABLE, "H", 0xFFFF, _LEVEL + 1).pack()
     # tables that begin at the end of the image, so that their entries lie behind it
     for name, table in (
-        ("prices", Word.PRICE_TABLE),
+        ("costs", Word.COST_TABLE),
         ("means", Word.MEAN_TABLE),
         ("activities", Word.PLACE_ACTIVITY_TABLE),
     ):
@@ -255,9 +255,9 @@ def refused_adaptive() -> Named:
         behind = TABLES[TABLES.index(table) :]
         draft.header(**{word.name.lower(): len(whole) for word in behind})
         yield f"{name}_behind_the_image", draft.raw(whole[HEADER_WORDS * 4 :])
-    # nine prices reach into the means, whose values would be valid prices
-    yield "prices_reach_the_means", adaptive().header(steps=5, back=4).pack()
-    yield "back_price_beyond", by_activity().poke(Word.PRICE_TABLE, "H", 0, _PRICE + 1).pack()
+    # nine costs reach into the means, whose values would be valid costs
+    yield "costs_reach_the_means", adaptive().header(steps=5, back=4).pack()
+    yield "back_cost_beyond", by_activity().poke(Word.COST_TABLE, "H", 0, _COST + 1).pack()
     yield "activities_end_behind_the_image", _cut_activities()
     yield "means_end_behind_the_image", _cut_means()
     levels = adaptive().header(count_max=8)
@@ -309,7 +309,7 @@ def _unaligned() -> bytes:
     whole = draft.pack()
     at = draft.words[Word.PLACES_TABLE]
     end = len(whole) + 16
-    draft.header(places_table=at + 8, price_table=end, mean_table=end, bytes=end)
+    draft.header(places_table=at + 8, cost_table=end, mean_table=end, bytes=end)
     draft.header(place_activity_table=end)
     return draft.raw(whole[HEADER_WORDS * 4 : at] + bytes(8) + whole[at:] + bytes(8))
 

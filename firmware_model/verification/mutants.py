@@ -507,7 +507,7 @@ def _logarithms() -> list[LongWindow]:
     """Make windows that show each sixteenth of the highest octave of event numbers, and its edge.
 
     The usual number is the least of this logarithm, or less by one; or the window has more events
-    than 23 bits can count. The metric of the only place is the price of staying there.
+    than 23 bits can count. The metric of the only place is the cost of staying there.
     """
     design = replace(
         FILTER, code="linear", code_bits=1, full_scales=(1,), places=1, activity_costs=True,
@@ -530,7 +530,7 @@ def _logarithms() -> list[LongWindow]:
     ):
         # before the empty window, behind which it is less by 1/64
         activity = -(-(usual << ACTIVITY_BITS + ACTIVITY_SHIFT) // ((1 << ACTIVITY_SHIFT) - 1))
-        # the row of this activity is the last that has its price of staying
+        # the row of this activity is the last that has its cost of staying
         memories = Memories(
             design, stream.pixels, [[0] * design.slots], activity=activity,
             place_activity=[edge + 21],

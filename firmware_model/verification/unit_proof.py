@@ -148,7 +148,7 @@ def search(size: Size, *, induction: bool = True) -> Unit:
 
 #: the search of the broken versions
 SMALL_SEARCH = search(_SMALL, induction=False)
-#: each prediction is the price of the cheapest way, and at most that of a restart; with steps of 0,
+#: each prediction is the cost of the cheapest path, and at most that of a restart; with steps of 0,
 #: 1 and 2 places of any costs, and one back
 PREDICTION = Unit(
     "vpr_prediction",
@@ -156,7 +156,7 @@ PREDICTION = Unit(
         "STEPS": 3,
         "BACK": 1,
         "COST_BITS": 4,
-        "BACK_PRICES": 3,
+        "BACK_COSTS": 3,
         "RESTART": 9,
         "METRIC_BITS": 4,
     },

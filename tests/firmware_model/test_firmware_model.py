@@ -96,12 +96,12 @@ def accepts(design: Design, best: int, second: int) -> bool:
 def by_filter(memories: Memories, codes, events):
     """Matches of each window by the pipeline's place filter."""
     design = memories.design
-    prices = TransitionCosts(
+    costs = TransitionCosts(
         design.steps or None, design.back, design.restart, int(design.activity_costs) or 1
     )
     own = np.array(memories.place_activity, dtype=np.int32) if design.activity_costs else None
     found = PlaceFilter(
-        design.places, prices, design.exclusion, memories.activity, place_activity=own
+        design.places, costs, design.exclusion, memories.activity, place_activity=own
     )
     distances, matches = distance_matrix(np.array(memories.places), codes), []
     for j, window in enumerate(events.tolist()):

@@ -438,7 +438,7 @@ def values_of_package(tmp_path, design):
 
 #: quantities of the model that the package has by another name, and those that are made of others
 SAME = {"sequence": "sum", "prediction": "metric"}
-INNER = {"event_log", "weight", "place_activity", "level_total", "price"}
+INNER = {"event_log", "weight", "place_activity", "level_total", "cost"}
 
 
 @needs_iverilog

@@ -73,12 +73,12 @@ def drives():
 def test_smoothing_delay_odometry_and_jumps_are_those_of_the_page(delay):
     """Places, metrics and trust of the pipeline; `None` is the whole drive."""
     for design, distances, events, usual, jumps, along, driven, own in drives():
-        prices = TransitionCosts(
+        costs = TransitionCosts(
             design["steps"] or None, design["back"], design["restart"],
             design["activity_costs"] or 1,
         )  # fmt: skip
         place_filter = PlaceFilter(
-            distances.shape[1], prices, design["exclusion"], usual,
+            distances.shape[1], costs, design["exclusion"], usual,
             place_activity=own if design["activity_costs"] else None,
             jumps=np.array(jumps, dtype=np.int32).reshape(-1, 2), along_mm=along,
         )  # fmt: skip

@@ -113,7 +113,7 @@ def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
     delay=st.sampled_from([None, None, 1, 3]),
 )
 @settings(max_examples=60)
-def test_a_smoothed_drive_has_the_price_of_the_best_path_through_each_place(
+def test_a_smoothed_drive_has_the_cost_of_the_best_path_through_each_place(
     seed, places, windows, costd, jumps, spacing, delay
 ):
     """Smoothed whole, or as far as the windows go that a match waits for."""
@@ -302,7 +302,7 @@ def test_a_large_margin_is_not_remembered_for_long():
     assert falls[0] == falls[1] and falls[0][5] > 200
 
 
-def test_steps_back_are_followed_only_where_they_are_priced():
+def test_steps_back_are_followed_only_where_they_have_a_cost():
     path = [*range(10, 25), *range(24, 5, -1)]
     distances = drive_through(40, path, np.random.default_rng(2), noise=8)
     forward = PlaceFilter(40, replace(STEADY, restart=60))
@@ -379,7 +379,7 @@ def test_the_activity_of_a_place_is_a_byte(events):
 @pytest.mark.parametrize("number", COSTS_BY_ACTIVITY)
 def test_the_costs_by_activity_are_those_of_their_formula(number):
     assert activity_costs(number).tolist() == [list(row) for row in COSTS_BY_ACTIVITY[number]]
-    told = [naive.step_prices(row, number) for row in range(17)]
+    told = [naive.step_costs(row, number) for row in range(17)]
     assert told == activity_costs(number).tolist()
 
 
@@ -393,7 +393,7 @@ def test_a_pause_has_less_than_a_sixteenth_of_the_usual_events():
     "costs",
     [{"forward": ()}, {"forward": (-1,)}, {"back": (300,)}, {"restart": 255}],
 )
-def test_prices_that_do_not_fit_are_refused(costs):
+def test_costs_that_do_not_fit_are_refused(costs):
     with pytest.raises(UsageError, match="expected 0 to 254"):
         TransitionCosts(**costs)
 
@@ -409,7 +409,7 @@ def test_distances_must_be_one_a_place_and_whole():
         PlaceFilter(2, TransitionCosts(), place_activity=np.array([0, 128], dtype=np.int32))
 
 
-def test_prices_follow_the_kind_of_window_unless_they_are_given():
+def test_costs_follow_the_kind_of_window_unless_they_are_given():
     assert TransitionCosts.of(Settings()).forward is None
     assert TransitionCosts.of(Settings()).last == 3
     assert TransitionCosts((0,)).last == 2

@@ -397,7 +397,7 @@ def test_instructions_of_the_filter_are_predicted_within_a_tenth(target, tmp_pat
 
 
 def test_counts_of_a_filter_by_hand():
-    """Four pixels, three places, steps of 0 and 1: distances, both sums, prices, evidence."""
+    """Four pixels, three places, steps of 0 and 1: distances, both sums, costs, evidence."""
     design = Design(
         width=8, height=8, pixels=4, places=3, matching="filter", steps=(1, 0), lanes=2,
         accept="margin", keep_distances=True,
@@ -406,7 +406,7 @@ def test_counts_of_a_filter_by_hand():
     # 12 of distances, 3 of deviations; 9 in distances, 2 + 2 in sums over places, two each of the
     # 5 steps that lead from a place to a place, and two a place for the evidence
     assert (work.absolute_differences, work.additions) == (12 + 3, 9 + 4 + 2 * 5 + 2 * 3)
-    # the least distance, prices, two limits and three of the search a place, and the acceptance;
+    # the least distance, costs, two limits and three of the search a place, and the acceptance;
     # the evidence and its weight
     assert (work.comparisons, work.multiplications) == (2 + 5 + 6 + 9 + 1, 3 + 3)
     # two steps more lead to one place and to none; the row of costs is a difference of two limits

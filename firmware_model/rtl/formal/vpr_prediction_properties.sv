@@ -1,6 +1,6 @@
 // What vpr_prediction must compute, for any metrics at any times: properties for yosys-smtbmc.
 //
-// The metrics of the last places are kept here as they came, and the cheapest way is taken from them
+// The metrics of the last places are kept here as they came, and the cheapest path is taken from them
 // with as many bits as it may need. Metrics come two clocks apart at least, and the costs of steps
 // are any, but those of the clock that counts are not above RESTART. The entries are seen through a
 // port that the proof's script adds.
@@ -63,8 +63,8 @@ module vpr_prediction_properties #(
         assume (costs[3:0] <= RESTART && costs[7:4] <= RESTART && costs[11:8] <= RESTART);
     end
 
-    function automatic [WIDE-1:0] way(input is, input [METRIC_BITS-1:0] from, input [WIDE-1:0] price);
-        way = is ? WIDE'(from) - WIDE'(least) + price : '1;
+    function automatic [WIDE-1:0] path(input is, input [METRIC_BITS-1:0] from, input [WIDE-1:0] cost);
+        path = is ? WIDE'(from) - WIDE'(least) + cost : '1;
     endfunction
     function automatic [WIDE-1:0] lesser(input [WIDE-1:0] a, input [WIDE-1:0] b);
         lesser = b < a ? b : a;
@@ -72,8 +72,8 @@ module vpr_prediction_properties #(
 
     // the newest is the place ahead
     wire [WIDE-1:0] moving = lesser(
-        lesser(way(there[0], come_0, 3), way(there[1], come_1, WIDE'(costs[3:0]))),
-        lesser(way(there[2], come_2, WIDE'(costs[7:4])), way(there[3], come_3, WIDE'(costs[11:8]))));
+        lesser(path(there[0], come_0, 3), path(there[1], come_1, WIDE'(costs[3:0]))),
+        lesser(path(there[2], come_2, WIDE'(costs[7:4])), path(there[3], come_3, WIDE'(costs[11:8]))));
     wire [WIDE-1:0] cheapest = lesser(moving, WIDE'(RESTART));
 
     logic [WIDE-1:0]    due_1, due_2, due_3, due_4, due_5;

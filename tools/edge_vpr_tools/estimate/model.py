@@ -18,7 +18,7 @@ from edge_vpr_tools.estimate.emulation import predict
 from edge_vpr_tools.estimate.targets import Constant, Spread, Target, constants
 from firmware_model.cost import Memory, cycles, memories, operations
 from firmware_model.emulation.instructions import TABLE
-from firmware_model.image import ALIGNMENT, HEADER_WORDS, prices, ram_bytes, stride
+from firmware_model.image import ALIGNMENT, HEADER_WORDS, ram_bytes, step_costs, stride
 from firmware_model.model.design import Design
 from fixedpoint.codes import packed_bytes
 
@@ -221,7 +221,7 @@ def flash_bytes(design: Design) -> int:
         len(design.full_scales) * (design.count_max + 1) * (2 if design.own_mean else 1),
         design.slots,
         design.places * stride(design),
-        2 * len(prices(design)),
+        2 * len(step_costs(design)),
         2 * design.slots if design.own_mean else 0,
         design.places if design.activity_costs else 0,
     )
