@@ -117,7 +117,7 @@ def filtered(
     """Place, metric, second, its metric and trust after each window."""
     settings, places = reference.settings, reference.places.counts.tolist()
     forward = forward_costs(settings)
-    told = naive.place_filter(
+    matched = naive.place_filter(
         [[naive.sad(place, code) for place in places] for code in coded],
         events, forward, settings.filter_back, settings.filter_restart, zone_of(settings),
         begin.mean_activity, begin.filtered,
@@ -126,7 +126,7 @@ def filtered(
     )  # fmt: skip
     return [
         (best, metric[best], second, metric[second] if second >= 0 else -1, trust)
-        for metric, best, second, trust in told
+        for metric, best, second, trust in matched
     ]
 
 
@@ -151,12 +151,12 @@ def smoothed(
             place_activities(reference), settings.places_per_window,
         )  # fmt: skip
 
-    told, follow, evidence = decided(len(coded))
+    matched, follow, evidence = decided(len(coded))
     if late:
         whole = len(coded)
-        told = [decided(min(j + late + 1, whole))[0][j] for j in range(whole)]
+        matched = [decided(min(j + late + 1, whole))[0][j] for j in range(whole)]
     rows, margins = [], []
-    for metric in told:
+    for metric in matched:
         best, second, _ = naive.best_and_second(metric, zone_of(settings))
         least = metric[second] if second >= 0 else -1
         margins.append(least - metric[best] if second >= 0 else METRIC_TOP)

@@ -245,7 +245,7 @@ def distance(kind: str, a: Sequence[float], b: Sequence[float]) -> float:
 def pixel_crossings(
     logs: Sequence[float], on: float, off: float
 ) -> list[tuple[int, float, float, bool]]:
-    """One simulated pixel: (step, remembered level, way from there to the crossing, ON)."""
+    """One simulated pixel: (step, remembered level, rise from there to the crossing, ON)."""
     found, level = [], logs[0]
     for step in range(1, len(logs)):
         move = logs[step] - level
@@ -262,9 +262,9 @@ def pixel_events(
     """Time and polarity of one simulated pixel's events, the logarithm a line between two times."""
     logs = [math.log(value) for value in light]
     events: list[tuple[int, bool]] = []
-    for step, level, way, polarity in pixel_crossings(logs, on, off):
+    for step, level, rise, polarity in pixel_crossings(logs, on, off):
         was, now, start = logs[step - 1], logs[step], times[step - 1]
-        share = (level + way - was) / (now - was) if now != was else 1.0
+        share = (level + rise - was) / (now - was) if now != was else 1.0
         t = start + int((times[step] - start) * min(max(share, 0.0), 1.0))
         if not events or t - events[-1][0] >= refractory:
             events.append((t, polarity))
@@ -431,15 +431,17 @@ def place_filter(
     """
     k = len(distances[0])
     metric, scale, last, support, residuals = begin or ([0] * k, 0, None, 0, [])
-    told = []
+    matches = []
     for j, d in enumerate(distances):
-        least, way = min(metric), travelled[j] if travelled else None
+        least, driven = min(metric), travelled[j] if travelled else None
         now = activity(events[j], usual)
-        ways = ways_of_steps(costs_to(places or [0] * k, now, forward, back, per_window), jumps)
-        if way is not None:
-            ways = ways_of_odometry(along, way, jumps, per_window)
+        transitions = transitions_by_steps(
+            costs_to(places or [0] * k, now, forward, back, per_window), jumps
+        )
+        if driven is not None:
+            transitions = transitions_by_odometry(along, driven, jumps, per_window)
         predicted = [
-            min([4 * restart] + [metric[i] - least + c for i, to, c in ways if to == place])
+            min([4 * restart] + [metric[i] - least + c for i, to, c in transitions if to == place])
             for place in range(k)
         ]
         if j == 0 and begin is None:
@@ -449,13 +451,15 @@ def place_filter(
         usual = usual_after(usual, events[j])
         best, second, _ = best_and_second(metric, exclusion)
         margin = metric[second] - metric[best] if second >= 0 else 1023
-        if way is None:
-            ways = ways_of_steps([steps_that_follow(forward, back, per_window)] * k, jumps)
-        follows = any((i, to) == (last, best) and c < 4 * restart for i, to, c in ways)
+        if driven is None:
+            transitions = transitions_by_steps(
+                [steps_that_follow(forward, back, per_window)] * k, jumps
+            )
+        follows = any((i, to) == (last, best) and c < 4 * restart for i, to, c in transitions)
         support = next_support(support if follows else 0, margin, best == last)
         residuals, last = [*residuals, evidence[best]][-3:], best
-        told.append((metric, best, second, trust(support, residuals)))
-    return told
+        matches.append((metric, best, second, trust(support, residuals)))
+    return matches
 
 
 def evidence_of(
@@ -497,7 +501,7 @@ def misfits_of_windows(
     typical_of: Sequence[int],
 ) -> list[int | None]:
     """Evidence against each match, less its advantage over the mean place; None in pauses."""
-    scale, told = 0, []
+    scale, misfits = 0, []
     for d, count, best in zip(distances, events, matched, strict=True):
         weight = min(max((activity(count, usual) + 48) // 2, 0), 8)
         before, (evidence, scale) = scale, evidence_of(d, count, usual, scale)
@@ -506,17 +510,17 @@ def misfits_of_windows(
         nearer = typical_of[best] * factor // 2**17
         advantage = sum(evidence) // len(evidence) - evidence[best] + nearer
         misfit = min(evidence[best], 23) - min(max(advantage, -23), 23)
-        told.append(misfit if factor else None)
-    return told
+        misfits.append(misfit if factor else None)
+    return misfits
 
 
 def misfit(of_windows: Sequence[int | None]) -> list[int]:
     """Running mean of 16 times the misfits of windows, above that of a usual drive."""
-    mean, told = -80 * 16, []
+    mean, misfits = -80 * 16, []
     for one in of_windows:
         mean += 0 if one is None else (256 * one - mean) // 16
-        told.append(max(mean // 16 + 80, 0))
-    return told
+        misfits.append(max(mean // 16 + 80, 0))
+    return misfits
 
 
 def net_trust(trust_of: int, misfit_of: int) -> int:
@@ -526,11 +530,11 @@ def net_trust(trust_of: int, misfit_of: int) -> int:
 
 def smoothed_misfit(of_windows: Sequence[int | None]) -> list[int]:
     """Mean of 16 times the misfits of 33 windows, above that of a usual drive."""
-    told = []
+    misfits = []
     for j in range(len(of_windows)):
         known = [one for one in of_windows[max(j - 16, 0) : j + 17] if one is not None]
-        told.append(max(16 * sum(known) // len(known) + 80, 0) if known else 0)
-    return told
+        misfits.append(max(16 * sum(known) // len(known) + 80, 0) if known else 0)
+    return misfits
 
 
 def smoothed_filter(
@@ -550,27 +554,30 @@ def smoothed_filter(
 
     And the pairs of places that may follow each other up to each window, and its evidence.
     """
-    k, scale, evidence, ways, follow = len(distances[0]), 0, [], [], []
+    k, scale, evidence, transitions, follow = len(distances[0]), 0, [], [], []
     given = (forward, back, restart, 0, usual, None, jumps, along, travelled, places, per_window)
     metrics = [metric for metric, *_ in place_filter(distances, events, *given)]
-    for d, count, way in zip(distances, events, travelled, strict=True):
+    for d, count, driven in zip(distances, events, travelled, strict=True):
         some, scale = evidence_of(d, count, usual, scale)
         evidence.append(some)
         steps = costs_to(places or [0] * k, activity(count, usual), forward, back, per_window)
-        steps, known = ways_of_steps(steps, jumps), []
-        if way is not None:
-            steps = known = ways_of_odometry(along, way, jumps, per_window)
-        ways.append(steps)
+        steps, known = transitions_by_steps(steps, jumps), []
+        if driven is not None:
+            steps = known = transitions_by_odometry(along, driven, jumps, per_window)
+        transitions.append(steps)
         usual = usual_after(usual, count)
         follows = steps_that_follow(forward, back, per_window)
-        known = known or ways_of_steps([follows] * k, jumps)
+        known = known or transitions_by_steps([follows] * k, jumps)
         follow.append({(i, to) for i, to, c in known if c < 4 * restart})
     onward, summed = [0] * k, []
     for j in reversed(range(len(distances))):
         summed.append([m + o for m, o in zip(metrics[j], onward, strict=True)])
         cost = [e + o for e, o in zip(evidence[j], onward, strict=True)]
         onward = [
-            min([4 * restart] + [cost[to] - min(cost) + c for i, to, c in ways[j] if i == place])
+            min(
+                [4 * restart]
+                + [cost[to] - min(cost) + c for i, to, c in transitions[j] if i == place]
+            )
             for place in range(k)
         ]
     return summed[::-1], follow, evidence
@@ -618,37 +625,37 @@ def delayed_trust(
     return trusts
 
 
-def ways_of_steps(
+def transitions_by_steps(
     costs: Sequence[Costs], jumps: Sequence[tuple[int, int]]
 ) -> list[tuple[int, int, int]]:
     """Place, place after one window, and cost; a jump is one step, others lead up to it and on.
 
     `costs` are those of the steps that reach each place.
     """
-    ways = [
+    transitions = [
         (to - step, to, cost)
         for to, steps in enumerate(costs)
         for step, cost in steps.items()
         if 0 <= to - step < len(costs)
     ]
     for a, b in jumps:
-        ways += [
+        transitions += [
             (i, to, costs[to][a - i + 1 + to - b])
             for i in range(a + 1)
             for to in range(b, len(costs))
             if a - i + 1 + to - b in costs[to]
         ]
-    return ways
+    return transitions
 
 
-def ways_of_odometry(
+def transitions_by_odometry(
     along: Sequence[int], travelled: int, jumps: Sequence[tuple[int, int]], per_window: int = 1
 ) -> list[tuple[int, int, int]]:
     """Place, place after a known distance, and cost: 2 for each mean distance of a window off."""
     places = len(along)
     spacing = (along[-1] - along[0]) // (places - 1)
     rate = 2 * 4 * 2**16 // (spacing * per_window)
-    ways = [
+    transitions = [
         (i, k, abs(along[k] - along[i] - travelled) * rate // 2**16)
         for i in range(places)
         for k in range(places)
@@ -656,9 +663,9 @@ def ways_of_odometry(
     for a, b in jumps:
         for i in range(max(a - 7, 0), a + 1):
             for k in range(b, min(b + 8, places)):
-                way = along[a] - along[i] + spacing + along[k] - along[b]
-                ways.append((i, k, abs(way - travelled) * rate // 2**16))
-    return ways
+                length = along[a] - along[i] + spacing + along[k] - along[b]
+                transitions.append((i, k, abs(length - travelled) * rate // 2**16))
+    return transitions
 
 
 def isotonic(values: Sequence[float], weights: Sequence[float]) -> list[float]:

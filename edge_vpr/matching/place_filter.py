@@ -1269,7 +1269,7 @@ class PlaceFilter:
     def __len__(self) -> int:
         return len(self.state.metric)
 
-    def answer(self, distances: npt.NDArray[np.integer], events: int) -> FilterMatch:
+    def match(self, distances: npt.NDArray[np.integer], events: int) -> FilterMatch:
         """Return the match for an unfinished window, without advancing.
 
         Parameters

@@ -16,7 +16,7 @@ from typing import Any
 Row = list[int]
 Record = tuple[str, Row]
 #: origins, target and cost
-Ways = list[tuple[int, int, int]]
+Transitions = list[tuple[int, int, int]]
 NONE = -1
 
 #: section 6, step 1: f[0] to f[3] of the rows, and f[0] to f[6] with two places per window
@@ -146,15 +146,17 @@ class Device:
             for k in range(length - 1, len(self.places))
         }
         best, second, ties = search(sums, self.design["exclusion"])
-        return [*self.told(sums, best, second, ties), int(self.accepted(sums, best, second))]
+        return [*self.places_of(sums, best, second, ties), int(self.accepted(sums, best, second))]
 
     def filtered(self, codes: Row, activity: int, pause: bool) -> Row:
         """Section 6."""
         places = range(len(self.places))
         predicted = [0] * len(places)
         if self.place is not None:
-            ways = ways_of_steps(self.design, len(places), activity, self.place_activity)
-            predicted = predict(self.metrics, ways, 4 * self.design["restart"])
+            transitions = transitions_by_steps(
+                self.design, len(places), activity, self.place_activity
+            )
+            predicted = predict(self.metrics, transitions, 4 * self.design["restart"])
         against = [0] * len(places)
         if not pause:
             distances = self.distances(codes)
@@ -169,10 +171,10 @@ class Device:
         trust = max(self.support - 16 * max(residual, *self.residuals), 0)
         self.place, self.residuals = best, (residual, self.residuals[0])
         accepted = trust >= self.design["trust"] and self.accepted(metric, best, second)
-        return [*self.told(metric, best, second, ties), int(accepted), trust]
+        return [*self.places_of(metric, best, second, ties), int(accepted), trust]
 
     @staticmethod
-    def told(metric: dict[int, int], best: int, second: int | None, ties: int) -> Row:
+    def places_of(metric: dict[int, int], best: int, second: int | None, ties: int) -> Row:
         """Section 9."""
         if second is None:
             return [best, metric[best], NONE, NONE, ties]
@@ -221,31 +223,31 @@ def costs_of(design: dict[str, Any], activity: int, place: int) -> dict[int, int
     return forward | {-i: 4 * cost for i, cost in enumerate(design["back"], 1)}
 
 
-def ways_of_steps(
+def transitions_by_steps(
     design: dict[str, Any],
     places: int,
     activity: int,
     place_activity: Sequence[int],
     jumps: Sequence[tuple[int, int]] = (),
-) -> Ways:
+) -> Transitions:
     """Section 6, step 1; section 11, jumps."""
-    ways = []
+    transitions = []
     for k in range(places):
         of_place = place_activity[k] if design["activity_costs"] else 0
         for step, cost in costs_of(design, activity, of_place).items():
             if 0 <= k - step < places:
-                ways.append((k - step, k, cost))
+                transitions.append((k - step, k, cost))
             for a, b in jumps:
                 o = k - b
                 if 0 <= o < step and a - (step - 1 - o) >= 0:
-                    ways.append((a - (step - 1 - o), k, cost))
-    return ways
+                    transitions.append((a - (step - 1 - o), k, cost))
+    return transitions
 
 
-def predict(metrics: Row, ways: Ways, restart: int) -> Row:
+def predict(metrics: Row, transitions: Transitions, restart: int) -> Row:
     """Section 6, step 1."""
     predicted, least = [restart] * len(metrics), min(metrics)
-    for j, k, cost in ways:
+    for j, k, cost in transitions:
         predicted[k] = min(predicted[k], metrics[j] - least + cost)
     return predicted
 
@@ -281,7 +283,8 @@ def support_after(kept: int, margin: int, stands: bool) -> int:
 class Drive:
     """Section 11: a drive of n windows on a computer, by the rest of the drive too.
 
-    `distances` of each window to each place, its number of events, and its way; None if not known.
+    `distances` of each window to each place, its number of events, and the distance driven before
+    it; None if not known.
     """
 
     def __init__(
@@ -299,48 +302,48 @@ class Drive:
         self.driven = driven or [None] * len(distances)
         self.metrics: list[Row] = []
         self.evidence: list[Row] = []
-        self.ways: list[Ways] = []
+        self.transitions: list[Transitions] = []
         reciprocal, places = None, len(distances[0])
         for w, row in enumerate(distances):
             pause, activity = pause_and_activity(counted[w], usual)
             usual += (min(counted[w], (1 << 23) - 1) * 256 - usual) >> 6
-            way = self.driven[w]
-            by_steps = ways_of_steps(design, places, activity, place_activity, jumps)
-            self.ways.append(by_steps if way is None else self.by_odometry(way))
+            driven = self.driven[w]
+            by_steps = transitions_by_steps(design, places, activity, place_activity, jumps)
+            self.transitions.append(by_steps if driven is None else self.by_odometry(driven))
             against = [0] * places
             if not pause:
                 against, reciprocal = evidence(row, reciprocal, activity)
             predicted = [0] * places
             if w:
-                predicted = predict(self.metrics[-1], self.ways[w], 4 * design["restart"])
+                predicted = predict(self.metrics[-1], self.transitions[w], 4 * design["restart"])
             self.metrics.append([min(p + e, 1023) for p, e in zip(predicted, against, strict=True)])
             self.evidence.append(against)
 
-    def by_odometry(self, driven: int) -> Ways:
-        """Return all ways, with their costs by the distance driven."""
+    def by_odometry(self, driven: int) -> Transitions:
+        """Return all transitions, with their costs by the distance driven."""
         along, last = self.along, len(self.along) - 1
         spacing = (along[last] - along[0]) // max(last, 1)
         half_windows = self.design["activity_costs"] == 2
         rate = (1 << (18 if half_windows else 19)) // spacing
 
-        def cost(way: int) -> int:
-            return (abs(way - driven) * rate) >> 16
+        def cost(length: int) -> int:
+            return (abs(length - driven) * rate) >> 16
 
         every = range(last + 1)
-        ways = [(j, k, cost(along[k] - along[j])) for j in every for k in every]
+        transitions = [(j, k, cost(along[k] - along[j])) for j in every for k in every]
         for a, b in self.jumps:
             for j in range(max(a - 7, 0), a + 1):
                 for k in range(b, min(b + 7, last) + 1):
-                    way = along[a] - along[j] + spacing + along[k] - along[b]
-                    ways.append((j, k, cost(way)))
-        return ways
+                    length = along[a] - along[j] + spacing + along[k] - along[b]
+                    transitions.append((j, k, cost(length)))
+        return transitions
 
     def whole(self, w: int, last: int) -> Row:
         """Cost of the whole path through each place in window w."""
         onward = [0] * len(self.metrics[0])
         for v in range(last, w, -1):
             total = [e + g for e, g in zip(self.evidence[v], onward, strict=True)]
-            mirrored = [(k, j, cost) for j, k, cost in self.ways[v]]
+            mirrored = [(k, j, cost) for j, k, cost in self.transitions[v]]
             onward = predict(total, mirrored, 4 * self.design["restart"])
         return [m + g for m, g in zip(self.metrics[w], onward, strict=True)]
 
@@ -348,7 +351,9 @@ class Drive:
         """Return whether a match of window w follows the one before."""
         if self.driven[w] is not None:
             restart = 4 * self.design["restart"]
-            return any((j, k) == (before, place) and cost < restart for j, k, cost in self.ways[w])
+            return any(
+                (j, k) == (before, place) and cost < restart for j, k, cost in self.transitions[w]
+            )
         if within_steps(self.design, place - before):
             return True
         return any(
@@ -371,7 +376,7 @@ class Drive:
         n = len(self.metrics)
         found = self.matches(lambda _: n - 1)
         chained = [w > 0 and self.follows(w, found[w - 1][0], found[w][0]) for w in range(n)]
-        told = []
+        matches = []
         for w, (best, metric, _) in enumerate(found):
             first, last = w, w
             while first > max(w - 4, 0) and chained[first]:
@@ -381,17 +386,17 @@ class Drive:
             margins = sum(16 * margin for _, _, margin in found[first : last + 1])
             near = range(max(w - 4, 0), min(w + 4, n - 1) + 1)
             residual = max(self.evidence[v][found[v][0]] for v in near)
-            told.append((best, metric, max(margins // 9 - 16 * residual, 0)))
-        return told
+            matches.append((best, metric, max(margins // 9 - 16 * residual, 0)))
+        return matches
 
     def delayed(self, delay: int) -> list[tuple[int, int, int]]:
         """Place, cost and trust of each window, so many windows late; 0: as section 6."""
-        support, residuals, told, before = 0, (0, 0), [], None
+        support, residuals, matches, before = 0, (0, 0), [], None
         found = self.matches(lambda w: min(w + delay, len(self.metrics) - 1))
         for w, (best, metric, margin) in enumerate(found):
             follows = before is not None and self.follows(w, before, best)
             support = support_after(support if follows else 0, margin, best == before)
             residual = min(self.evidence[w][best], 23)
-            told.append((best, metric, max(support - 16 * max(residual, *residuals), 0)))
+            matches.append((best, metric, max(support - 16 * max(residual, *residuals), 0)))
             before, residuals = best, (residual, residuals[0])
-        return told
+        return matches

@@ -84,11 +84,11 @@ def test_smoothing_delay_odometry_and_jumps_are_those_of_the_page(delay):
         )  # fmt: skip
         rows, late = [], []
         lag = FixedLag(place_filter.transitions, delay or 0)
-        for row, count, way in zip(distances, events, driven, strict=True):
-            if way is not None:
-                place_filter.predict_travelled(way)
+        for row, count, distance in zip(distances, events, driven, strict=True):
+            if distance is not None:
+                place_filter.predict_travelled(distance)
             rows.append(place_filter.update_windows(row[None], count[None]))
-            late.append(lag.add(rows[-1], [way])[0])
+            late.append(lag.add(rows[-1], [distance])[0])
         page = Drive(
             design, distances.tolist(), events.tolist(), usual, jumps,
             () if along is None else along.tolist(), driven, own.tolist(),

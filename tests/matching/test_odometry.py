@@ -115,8 +115,8 @@ def test_places_that_look_alike_are_told_apart_by_the_way():
     # read in the middle of each window of a millisecond
     times = np.arange(len(path), dtype=np.int64) * 1_000 + 500
     odometry = Odometry(times, path * 2_000)
-    told = match_descriptors(places, queries, settings, along_mm=along, odometry=odometry)
-    assert told.place.tolist() == path.tolist()
+    matched = match_descriptors(places, queries, settings, along_mm=along, odometry=odometry)
+    assert matched.place.tolist() == path.tolist()
     assert match_descriptors(places, queries, settings).place.tolist() != path.tolist()
 
 
@@ -230,11 +230,11 @@ def test_fixed_costs_at_half_windows_follow_as_far_on_a_device():
 def test_a_simulated_wheel_is_a_few_percent_off():
     times = np.arange(0, 100_000_001, 20_000, dtype=np.int64)
     track = Track(times, (times / 1e6 * 6)[:, None])
-    ways = [
+    lengths = [
         wheel_odometry(track, np.random.default_rng(seed)).distance_mm[-1] / 600_000
         for seed in range(30)
     ]
-    assert 0.005 < np.std(ways) < 0.04 and abs(np.mean(ways) - 1) < 0.02
+    assert 0.005 < np.std(lengths) < 0.04 and abs(np.mean(lengths) - 1) < 0.02
 
 
 def test_sequences_take_neither_jumps_nor_odometry(tmp_path, capsys):

@@ -46,48 +46,48 @@ EVENTS = [0, 1, 3, 9, 12, 17, 25, 60, 90, 200, 800, 9_000, 2**23, 2**40]
     places=st.integers(1, 30),
     windows=st.integers(1, 12),
     largest=st.sampled_from([1, 7, 300, 2**31]),
-    costd=costs,
+    steps=costs,
     exclusion=st.integers(0, 4),
     mean_activity=st.sampled_from([0, 256 * 100, 256 * 3000]),
     jumps=st.integers(0, 3),
     spacing=st.sampled_from([0, 1, 7, 1_000, MOST_MM // 100]),
 )
-def test_metrics_answers_and_trust_equal_the_oracle(
-    seed, places, windows, largest, costd, exclusion, mean_activity, jumps, spacing
+def test_metrics_matches_and_trust_equal_the_oracle(
+    seed, places, windows, largest, steps, exclusion, mean_activity, jumps, spacing
 ):
     rng = np.random.default_rng(seed)
     distances = rng.integers(0, largest + 1, (windows, places))
     events = rng.choice(EVENTS, windows)
     pairs = random_jumps(rng, places, jumps)
-    along, travelled = random_ways(rng, places, windows, spacing)
+    along, travelled = random_distances(rng, places, windows, spacing)
     seen = rng.integers(-128, 128, places).astype(np.int32)
     typical = rng.integers(-largest, largest + 1, places)
     found = PlaceFilter(
-        places, costd, exclusion, mean_activity, place_activity=seen, jumps=pairs, along_mm=along,
+        places, steps, exclusion, mean_activity, place_activity=seen, jumps=pairs, along_mm=along,
         typical=typical,
     )  # fmt: skip
     matched, misfits = [], []
-    told = naive.place_filter(
-        distances.tolist(), events.tolist(), costd.forward, costd.back, costd.restart,
+    expected = naive.place_filter(
+        distances.tolist(), events.tolist(), steps.forward, steps.back, steps.restart,
         exclusion, mean_activity, jumps=pairs.tolist(),
         along=[] if along is None else along.tolist(), travelled=travelled, places=seen.tolist(),
-        per_window=costd.places_per_window,
+        per_window=steps.places_per_window,
     )  # fmt: skip
-    for row, count, way, (metric, best, second, trust) in zip(
-        distances, events, travelled, told, strict=True
+    for row, count, distance, (metric, best, second, trust) in zip(
+        distances, events, travelled, expected, strict=True
     ):
-        if way is not None:
-            found.predict_travelled(way)
-        found.answer(row, int(rng.choice(EVENTS)))  # fewer events so far, or more
-        before = found.answer(row, int(count))
-        answer = found.update(row, int(count))
-        assert before == answer  # asking changes nothing, and tells what advancing will
+        if distance is not None:
+            found.predict_travelled(distance)
+        found.match(row, int(rng.choice(EVENTS)))  # fewer events so far, or more
+        before = found.match(row, int(count))
+        match = found.update(row, int(count))
+        assert before == match  # asking changes nothing
         assert found.state.metric.tolist() == metric
-        assert (answer.place, answer.second, answer.trust) == (best, second, trust)
-        assert answer.ties == metric.count(metric[best]) - 1
+        assert (match.place, match.second, match.trust) == (best, second, trust)
+        assert match.ties == metric.count(metric[best]) - 1
         assert max(metric) <= METRIC_TOP
-        matched.append(answer.place)
-        misfits.append(answer.misfit)
+        matched.append(match.place)
+        misfits.append(match.misfit)
     given = distances.tolist(), events.tolist(), mean_activity, matched, typical.tolist()
     assert misfits == naive.misfit(naive.misfits_of_windows(*given))
 
@@ -95,26 +95,26 @@ def test_metrics_answers_and_trust_equal_the_oracle(
 def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
     distances = np.array([[0, 10**6, 0, 0], [9, 5, 40, 7], [9, 5, 40, 7]])
     found = PlaceFilter(4, TransitionCosts())
-    told = naive.place_filter(distances.tolist(), [50] * 3, None, (), 16, 3, 0)
-    for row, (metric, best, _, trust) in zip(distances, told, strict=True):
-        answer = found.update(row, 50)
+    expected = naive.place_filter(distances.tolist(), [50] * 3, None, (), 16, 3, 0)
+    for row, (metric, best, _, trust) in zip(distances, expected, strict=True):
+        match = found.update(row, 50)
         assert found.state.metric.tolist() == metric
-        assert (answer.place, answer.trust) == (best, trust)
-    assert len(set(told[1][0])) > 1  # evidence counted, though the window before had none
+        assert (match.place, match.trust) == (best, trust)
+    assert len(set(expected[1][0])) > 1  # evidence counted, though the window before had none
 
 
 @given(
     seed=st.integers(0, 2**32),
     places=st.integers(1, 20),
     windows=st.integers(1, 8),
-    costd=costs,
+    steps=costs,
     jumps=st.integers(0, 3),
     spacing=st.sampled_from([0, 7, 1_000]),
     delay=st.sampled_from([None, None, 1, 3]),
 )
 @settings(max_examples=60)
 def test_a_smoothed_drive_has_the_cost_of_the_best_path_through_each_place(
-    seed, places, windows, costd, jumps, spacing, delay
+    seed, places, windows, steps, jumps, spacing, delay
 ):
     """Smoothed whole, or as far as the windows go that a match waits for."""
     rng = np.random.default_rng(seed)
@@ -122,38 +122,38 @@ def test_a_smoothed_drive_has_the_cost_of_the_best_path_through_each_place(
     mapped = replace(descriptors(reference), selected=rng.choice(EVENTS, places))
     events = rng.choice(EVENTS, windows)
     pairs = random_jumps(rng, places, jumps)
-    along, travelled = random_ways(rng, places, windows, spacing)
+    along, travelled = random_distances(rng, places, windows, spacing)
     odometry = None if along is None else readings(travelled)
     if odometry is not None:
         travelled = [None, *np.diff(odometry.distance_mm).tolist()]
     chosen = Settings(
         matching="filter", pixels=3, smooth=delay is None, delay=delay or 0,
-        filter_steps=costd.forward, filter_back=costd.back, filter_restart=costd.restart,
-        exclusion=1, places_per_window=costd.places_per_window,
+        filter_steps=steps.forward, filter_back=steps.back, filter_restart=steps.restart,
+        exclusion=1, places_per_window=steps.places_per_window,
     )  # fmt: skip
     counted = replace(descriptors(queries), selected=events)
     found = match_descriptors(
         mapped, counted, chosen, jumps=pairs, along_mm=along, odometry=odometry
     )
     distances = [[naive.sad(p, q) for p in reference.tolist()] for q in queries.tolist()]
-    number = costd.places_per_window
+    number = steps.places_per_window
     of_places = place_activity(mapped.activity, number).tolist()
     mean_activity = activity_of_drive(mapped.activity[::number])
-    ways = [] if along is None else along.tolist()
+    along_of = [] if along is None else along.tolist()
 
     def smoothed(known):
         """Smooth the drive as far as it is known."""
         return naive.smoothed_filter(
-            distances[:known], events[:known].tolist(), costd.forward, costd.back,
-            costd.restart, mean_activity, pairs.tolist(), ways, travelled[:known],
+            distances[:known], events[:known].tolist(), steps.forward, steps.back,
+            steps.restart, mean_activity, pairs.tolist(), along_of, travelled[:known],
             of_places, number,
         )  # fmt: skip
 
-    told, follow, evidence = smoothed(windows)
+    expected, follow, evidence = smoothed(windows)
     if delay is not None:
-        told = [smoothed(j + delay + 1)[0][j] for j in range(windows)]
+        expected = [smoothed(j + delay + 1)[0][j] for j in range(windows)]
     margins = []
-    for j, metric in enumerate(told):
+    for j, metric in enumerate(expected):
         best, second, ties = naive.best_and_second(metric, number)
         assert (found.place[j], found.second[j], found.ties[j]) == (best, second, ties)
         assert found.distance_sum[j] == metric[best]
@@ -170,9 +170,9 @@ def test_a_smoothed_drive_has_the_cost_of_the_best_path_through_each_place(
 
 def readings(travelled):
     """An odometer read once in each window of a millisecond."""
-    way = np.cumsum([0, *(step or 0 for step in travelled[1:])])
+    driven = np.cumsum([0, *(step or 0 for step in travelled[1:])])
     times = np.arange(len(travelled)) * 1_000 + 500
-    return Odometry(times, way.astype(np.int64))
+    return Odometry(times, driven.astype(np.int64))
 
 
 @pytest.mark.parametrize(
@@ -218,13 +218,13 @@ def random_jumps(rng, places, number):
     return pairs[pairs[:, 0] != pairs[:, 1]]
 
 
-def random_ways(rng, places, windows, spacing):
-    """Ways to places that are about `spacing` mm apart, and a query's; None where not known."""
+def random_distances(rng, places, windows, spacing):
+    """Distances to places about `spacing` mm apart, and those of a query; None if not known."""
     along = np.cumsum(rng.integers(0, 2 * spacing + 1, places))
     if places < 2 or along[-1] - along[0] < places - 1:
         return None, [None] * windows
     travelled = rng.integers(-spacing, 4 * spacing, windows).tolist()
-    return along, [way if rng.random() < 0.7 else None for way in travelled]
+    return along, [mm if rng.random() < 0.7 else None for mm in travelled]
 
 
 def drive_through(places: int, path: list[int], rng, noise: int = 2) -> np.ndarray:
@@ -234,7 +234,7 @@ def drive_through(places: int, path: list[int], rng, noise: int = 2) -> np.ndarr
     return distances
 
 
-def test_one_wrong_window_does_not_move_the_answer():
+def test_one_wrong_window_does_not_move_the_match():
     path = list(range(20))
     distances = drive_through(40, path, np.random.default_rng(0))
     distances[10, 35] = 0  # for one window, another place looks best
@@ -259,12 +259,12 @@ def test_after_being_carried_off_it_finds_itself_again():
     path = [*range(15), *range(60, 80)]
     found = PlaceFilter(100, STEADY)
     distances = drive_through(100, path, np.random.default_rng(1))
-    answers = [found.update(row, 1) for row in distances]
-    places = [answer.place for answer in answers]
+    matches = [found.update(row, 1) for row in distances]
+    places = [match.place for match in matches]
     assert places[:15] == path[:15]
     jump = next(i for i in range(15, len(path)) if places[i] == path[i])
     assert jump <= 20 and places[jump:] == path[jump:]
-    assert answers[jump].trust < answers[14].trust  # a jump is not trusted at once
+    assert matches[jump].trust < matches[14].trust  # a jump is not trusted at once
 
 
 def test_a_view_that_stays_the_same_wins_no_trust():
@@ -311,7 +311,7 @@ def test_steps_back_are_followed_only_where_they_have_a_cost():
     assert [forward.update(row, 1).place for row in distances] != path
 
 
-def test_while_the_camera_stands_the_answer_stays():
+def test_while_the_camera_stands_the_match_stays():
     rng = np.random.default_rng(3)
     moving = drive_through(50, list(range(10)), rng)
     standing = rng.integers(0, 3, (6, 50))  # without events all places look alike
@@ -323,7 +323,7 @@ def test_while_the_camera_stands_the_answer_stays():
     assert [found.update(row, 160).place for row in after] == list(range(10, 15))
 
 
-def test_a_stop_of_hours_without_an_event_does_not_move_the_answer():
+def test_a_stop_of_hours_without_an_event_does_not_move_the_match():
     """The usual number falls to 0, and a window without events must not count as usual then."""
     found = PlaceFilter(50, TransitionCosts(), mean_activity=256 * 160)
     for row in drive_through(50, list(range(10)), np.random.default_rng(3)):
@@ -379,8 +379,8 @@ def test_the_activity_of_a_place_is_a_byte(events):
 @pytest.mark.parametrize("number", COSTS_BY_ACTIVITY)
 def test_the_costs_by_activity_are_those_of_their_formula(number):
     assert activity_costs(number).tolist() == [list(row) for row in COSTS_BY_ACTIVITY[number]]
-    told = [naive.step_costs(row, number) for row in range(17)]
-    assert told == activity_costs(number).tolist()
+    expected = [naive.step_costs(row, number) for row in range(17)]
+    assert expected == activity_costs(number).tolist()
 
 
 def test_a_pause_has_less_than_a_sixteenth_of_the_usual_events():
@@ -430,20 +430,20 @@ def test_matches_of_a_traverse_are_those_of_the_oracle(seed, places, queries):
     chosen = replace(PRESETS["default"], smooth=False)
     found = match_descriptors(descriptors(reference), descriptors(query), chosen)
     matrix = naive.distance_matrix(query.tolist(), reference.tolist())
-    told = naive.place_filter(
+    expected = naive.place_filter(
         matrix, query.sum(axis=1).tolist(), None, (), 16, 3,
         256 * int(reference.sum()) // places,
         places=place_activity(reference.sum(axis=1)).tolist(),
     )  # fmt: skip
-    assert found.place.tolist() == [best for _, best, _, _ in told]
-    assert found.distance_sum.tolist() == [metric[best] for metric, best, _, _ in told]
-    assert found.trust.tolist() == [trust for *_, trust in told]
+    assert found.place.tolist() == [best for _, best, _, _ in expected]
+    assert found.distance_sum.tolist() == [metric[best] for metric, best, _, _ in expected]
+    assert found.trust.tolist() == [trust for *_, trust in expected]
     of_windows = naive.misfits_of_windows(
         matrix, query.sum(axis=1).tolist(), 256 * int(reference.sum()) // places,
         found.place.tolist(), naive.typical(reference.tolist()),
     )  # fmt: skip
     assert found.misfit.tolist() == naive.misfit(of_windows)
     assert found.query.tolist() == list(range(queries))
-    for i, (metric, *_) in enumerate(told):
+    for i, (metric, *_) in enumerate(expected):
         nearest = sorted(range(places), key=lambda k: (metric[k], k))[:25]
         assert found.candidates[i][found.candidates[i] >= 0].tolist() == nearest

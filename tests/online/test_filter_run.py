@@ -68,18 +68,19 @@ def oracle_after_each_event(reference, events):
         counted.append(naive.lagged_counts(selected, t + 1, 1, counters, tau, n)[0])
         coded = in_code(reference, counted)
         distances = [[naive.sad(place, code) for place in places] for code in coded]
-        told = naive.place_filter(
+        expected = naive.place_filter(
             distances, list(map(sum, counted)), forward_costs(chosen), (), chosen.filter_restart,
             zone_of(chosen), usual_of(reference), places=place_activities(reference),
             per_window=chosen.places_per_window,
         )  # fmt: skip
         misfit = naive.misfit(
             naive.misfits_of_windows(
-                distances, list(map(sum, counted)), usual_of(reference), [one[1] for one in told],
+                distances, list(map(sum, counted)), usual_of(reference),
+                [one[1] for one in expected],
                 naive.typical(places),
             )
         )[-1]  # fmt: skip
-        metric, best, second, trust = told[-1]
+        metric, best, second, trust = expected[-1]
         second_metric = metric[second] if second >= 0 else -1
         rows.append((t, best, metric[best], second, second_metric, sum(counted[-1]), trust, misfit))
     return rows
@@ -184,7 +185,7 @@ def random_odometry(rng, until):
 
 
 def with_ways(rng, reference):
-    """A map with a way to each place, and a jump where it has two places."""
+    """A map with a distance to each place, and a jump where it has two places."""
     places = len(reference)
     pairs = np.array([[places - 1, 0]], dtype=np.int32)[: places - 1]
     return replace(
@@ -312,16 +313,16 @@ def test_a_silence_says_the_same_whether_it_is_passed_over_or_not():
     reference = random_map(rng, 20, 9, tau_us=100, counter_code="log", counter_scaling="own-mean")
     events = np.concatenate([random_events(rng, 500, SENSOR, 1_000) for _ in range(2)])
     events["t"][500:] += 300_000
-    told = [
+    expected = [
         without_ratio(localiser.update(events))
         for localiser in (
             Localiser(reference, every=MatchSchedule(events=1)),
             Localiser(reference, every=MatchSchedule(events=1, interval_us=299_950)),
         )
     ]
-    ticks = [row for row in told[1] if row not in told[0]]
+    ticks = [row for row in expected[1] if row not in expected[0]]
     assert len(ticks) <= 1
-    assert [row for row in told[1] if row not in ticks] == told[0]
+    assert [row for row in expected[1] if row not in ticks] == expected[0]
 
 
 def test_what_only_sequences_can_do_is_refused():
