@@ -71,13 +71,13 @@ def activity_costs(places_per_window: int = 1) -> npt.NDArray[np.int64]:
     """Compute `COSTS_BY_ACTIVITY` from `SHARES`, and from the speed that each step stands for.
 
     A step costs ``-ln(share)``, and that of a normal distribution: the logarithm of the activity
-    has a standard deviation of `OCTAVES` around that of the windows' ways that the step is long, or
-    of 0.3 for standing. The cheapest step of a row costs at most 1.
+    has a standard deviation of `OCTAVES` around that of the step's length in windows, or of 0.3 for
+    standing. The cheapest step of a row costs at most 1.
 
     Parameters
     ----------
     places_per_window : {1, 2}
-        How many places are one window's way.
+        Number of places that start in one window of the reference.
 
     Returns
     -------

@@ -62,7 +62,7 @@ class TransitionCosts:
     restart : int
         Cost of getting anywhere else: the robot was carried, or the filter is wrong.
     places_per_window : {1, 2}
-        How many places the robot passes in one window.
+        Number of places that start in one window of the reference.
 
     Raises
     ------

@@ -126,7 +126,7 @@ ACTIVITY_COSTS = (
     (5, 1, 10, 26), (7, 0, 8, 22), (9, 0, 6, 20), (11, 0, 5, 18), (15, 1, 5, 17),
     (19, 3, 5, 16), (22, 4, 4, 15),
 )  # fmt: skip
-#: the same of a step of 0 to 6 places, of which a window's way has two
+#: the same of a step of 0 to 6 places, two of which start in each window
 HALF_PLACE_COSTS = (
     (4, 17, 44, 63, 80, 107, 120), (4, 15, 39, 57, 73, 100, 111), (4, 14, 35, 51, 67, 92, 103),
     (4, 12, 31, 45, 60, 84, 95), (4, 10, 26, 40, 53, 77, 87), (4, 8, 22, 34, 46, 69, 79),
@@ -423,7 +423,7 @@ class Design(DesignFile):
 
     @property
     def places_per_window(self) -> int:
-        """Places in one window's way by its costs of steps; 1 where these are fixed."""
+        """Places that start in one window by its costs of steps; 1 where these are fixed."""
         return int(self.activity_costs) or 1
 
     @property
