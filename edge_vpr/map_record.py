@@ -75,7 +75,7 @@ from fixedpoint.own_mean import OwnMeanCode
 MOST_JUMPS = 4_096
 
 
-def check_ways(
+def check_transitions(
     places: int, jumps: npt.NDArray[Any] | None, odometer_mm: npt.NDArray[Any] | None
 ) -> None:
     """Check that jumps lead from place to place, and that the distance driven never decreases."""
@@ -203,7 +203,7 @@ class MapRecord(EqualByValue):
             check_array(self.full_scale, "full_scale", (np.uint16,), (counters,))
         if self.route is not None and len(self.route.along_m) != len(places):
             raise MapError(f"position has {len(self.route.along_m)} rows for {len(places)} places")
-        check_ways(len(places), self.jumps, self.odometer_mm)
+        check_transitions(len(places), self.jumps, self.odometer_mm)
         self._check_learnt()
         own_mean = self.own_mean_code
         if own_mean is None:
