@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import re
@@ -224,41 +223,6 @@ def test_the_tutorial_runs_word_for_word_and_prints_what_it_says(tmp_path, monke
 def test_tables_of_pages_are_those_of_the_files_that_they_name(page):
     text = (ROOT / page).read_text()
     assert with_tables(text, ROOT / "docs") == text, "run python tools/site/tables.py"
-
-
-def means_of(table: str, column: str, **chosen: str) -> dict[str, float]:
-    """Return the mean of a column of docs/results over the trials of each pair of drives."""
-    found: dict[str, list[float]] = {}
-    with (ROOT / "docs" / "results" / table).open(encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            if row[column] and all(row[key] == value for key, value in chosen.items()):
-                found.setdefault(row["drives"], []).append(float(row[column]))
-    return {drives: float(np.mean(values)) for drives, values in found.items()}
-
-
-def test_sentences_of_the_readme_have_the_figures_of_the_files():
-    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-
-    def span(drives, **chosen):
-        found = means_of("trust.csv", "precision", **chosen)
-        some = [value for name, value in found.items() if re.search(drives, name)]
-        return f"({min(some):.2f} to {max(some):.2f})"
-
-    live, smoothed = {"matching": "live"}, {"matching": "smoothed"}
-    cut, carried = {"map": "a piece cut out"}, {"map": "carried off twice"}
-    off_map = "leaves the map](docs/results_robustness.md#leaving-the-map)"
-    assert f"{off_map} {span('walks', **live, **cut)}" in text
-    assert f"after being carried off {span('walks', **live, **carried)}" in text
-    assert f"on the whole walks {span('walks', **smoothed, map='whole')}" in text
-    assert f"everywhere but on Brisbane {span('Speck', **smoothed, **cut)}" in text
-    # the promise holds where the sentence does not say that it is missed
-    whole = means_of("trust.csv", "precision", **live, map="whole")
-    missed = {name for name, value in whole.items() if round(value, 2) < 0.99}
-    assert missed == {"Speck walks, 25 px"} and "live on the walks: with 25 pixels" in text
-    null = means_of("place-filter.csv", "P@100R", method="null: constant speed from start to end")
-    assert 0.6 < null["Speck walks, 25 px"] < 2 / 3 and "nearly two thirds of the walks" in text
-    assert 0.25 < null["Brisbane, 49 px"] < null["street, 150 px"] < 0.35
-    assert "some 30 % of Brisbane and the streets" in text
 
 
 def test_every_picture_and_table_of_docs_is_on_a_page():

@@ -1,0 +1,360 @@
+"""Numbers in the sentences of README and results are those of the files of docs/results.
+
+Tables are compared with their files in `test_documents.py`.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable
+from fnmatch import fnmatchcase
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@cache
+def rows_of(table: str) -> list[dict[str, str]]:
+    with (ROOT / "docs" / "results" / table).open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def chosen_rows(table: str, chosen: dict[str, str]) -> list[dict[str, str]]:
+    """Return the rows whose cells match one of the patterns ``a|b``; in names, ``_`` is a space."""
+    patterns = {name.replace("_", " "): of.split("|") for name, of in chosen.items()}
+    return [
+        row
+        for row in rows_of(table)
+        if all(any(fnmatchcase(row[k], one) for one in of) for k, of in patterns.items())
+    ]
+
+
+def cell(table: str, column: str, **chosen: str) -> str:
+    """Return a cell of the only row that is chosen."""
+    (row,) = chosen_rows(table, chosen)
+    return row[column]
+
+
+def means(table: str, column: str, **chosen: str) -> list[float]:
+    """Return means over the trials that differ in their seed alone, in the order of the file."""
+    names = list(rows_of(table)[0])
+    names = names[: names.index("seed")]
+    found: dict[tuple[str, ...], list[float]] = {}
+    for row in chosen_rows(table, chosen):
+        if row[column]:
+            found.setdefault(tuple(row[name] for name in names), []).append(float(row[column]))
+    return [float(np.mean(of)) for of in found.values()]
+
+
+def ends(found: list[float]) -> tuple[float, float]:
+    return min(found), max(found)
+
+
+def trust(
+    column: str, drives: str = "*", matching: str = "live", map: str = "whole"
+) -> list[float]:
+    return means("trust.csv", column, drives=drives, matching=matching, map=map)
+
+
+def correct(drives: str, method: str) -> list[float]:
+    return means("place-filter.csv", "P@100R", drives=drives, method=method)
+
+
+def rivals(column: str) -> list[float]:
+    """Return what our default, patch normalisation and HOG take."""
+    return means(
+        "rivals.csv", column, drives="*streets*N events", matching="sequences of 10",
+        system="edge-vpr*|patch-*|HOG*",
+    )  # fmt: skip
+
+
+def nulls(ending: str, matching: str) -> float:
+    """Return the most that a filter finds on a query that shows nothing of the route."""
+    method = "|".join(f"null: {one}{ending}" for one in SCRAMBLED)
+    found = means("place-filter.csv", "P@100R", method=method)
+    found += means("rivals.csv", "P@100R", system="null: *", matching=matching)
+    return max(found)
+
+
+def frames(system: str) -> list[float]:
+    events, shown = means("frames.csv", "P@100R", system=system)
+    return [shown, events]
+
+
+def bench(by: str, work: str, column: str = "least") -> str:
+    return cell("benchmarks.csv", column, work=work, by=by).removesuffix(" x")
+
+
+def targets(cells: str) -> int:
+    return len(chosen_rows("benchmarks.csv", {"target": cells}))
+
+
+def changed(constant: str, drives: str, times: str, column: str = "P@100R") -> list[float]:
+    """Return what a constant of the filter gives live: its default, then its value times this."""
+    chosen = {"constant": constant, "drives": drives, "matching": "live"}
+    chosen["parameters_chosen_on"] = "streets and the real drives*"
+    return [
+        value
+        for one in ("1.0", times)
+        for value in means("sensitivity.csv", column, times_the_default=one, **chosen)
+    ]
+
+
+QUERY, COUNTING = "one query against 20,000 places*", "count 20 M events in columns"
+DRIVE = "a drive of 724 windows by the place filter, 641 places"
+LIMIT, WEIGHT = "largest evidence at high misfit", "weight of evidence"
+CUT, CARRIED, SWITCHED = "a piece cut out", "carried off twice", "switched on in mid-route"
+LATE, GUESS = "4 windows late", "null: constant*"
+SOON = "median time to 0.99 (s)"
+SCRAMBLED = (
+    "windows shuffled", "query reversed", "pixels shuffled in each window", "pixels shuffled once",
+)  # fmt: skip
+DRIVES = list(dict.fromkeys(row["drives"] for row in rows_of("trust.csv")))
+
+
+def place_bytes() -> str:
+    (found,) = {
+        row["bytes per window"]
+        for row in chosen_rows("places-per-window.csv", {"pixels": "150", "places_per_window": "1"})
+    }
+    return found
+
+
+def speeds(variant: str) -> list[float]:
+    query = "speed x 0.5|speed x 1|speed x 4"
+    return means(
+        "fixed-number.csv", "P@100R", drives="simulated streets", variant=variant, query=query
+    )
+
+
+def flashes(per_second: str) -> list[float]:
+    return means("burst-filters.csv", "P@100R", flashes_per_second=per_second)
+
+
+def logic(design: str) -> int:
+    found = cell("core-area.csv", "logic cells", FPGA="iCE40UP5K", design=design)
+    return int(found.split()[0].replace(",", ""))
+
+
+#: page, words of it with a field for each number, and what computes these
+SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
+    ("README", "A place takes {} bytes", place_bytes),
+    ("README", "where the drive leaves the map ({:.2f} to {:.2f})",
+     lambda: ends(trust("precision", "*walks*", map=CUT))),
+    ("README", "after being carried off ({:.2f} to {:.2f})",
+     lambda: ends(trust("precision", "*walks*", map=CARRIED))),
+    ("README", "it is missed on the walks ({:.2f} to {:.2f})",
+     lambda: ends(trust("precision", "*walks*", "smoothed"))),
+    ("README", "everywhere but on Brisbane ({:.2f} to {:.2f})",
+     lambda: ends(trust("precision", "Speck*", "smoothed", CUT))),
+    ("README", "with 20,000 places takes {} on one thread", lambda: bench("edge-vpr", QUERY)),
+    ("README", "faiss takes {} times as long",
+     lambda: bench("faiss IndexFlat*", QUERY, "edge-vpr against it")),
+    ("will_it_work", "A place takes {} bytes", place_bytes),
+    ("will_it_work", "{:.0f} to {:.0f} s of driving until a match is confident",
+     lambda: ends(trust(SOON, "*150 px|*49 px|*walks, 25 px", map=SWITCHED))),
+    ("will_it_work", "{:.0f} s indoors with 25 pixels",
+     lambda: trust(SOON, "*indoor, 25 px", map=SWITCHED)),
+    ("trust", "an AUROC of {:.2f} to {:.2f} only",
+     lambda: ends(trust("AUROC off the map", "*indoor*", map=CUT))),
+    ("trust", "a mean probability of at most {:.2f} on recorded drives",
+     lambda: max(trust("mean probability", map="null: *"))),
+    ("trust", "and {:.2f} on simulated streets",
+     lambda: max(means("calibration.csv", "mean probability", matching="live",
+                       map="null: *|backwards|another route"))),
+    ("trust", "with a delay or smoothed, of up to {:.2f}",
+     lambda: max(trust("mean probability", map="null: *", matching="* late|smoothed"))),
+    ("trust", "live probabilities are {:.2f} on average",
+     lambda: means("calibration.csv", "mean probability (stays on map)", matching="live",
+                   map="another route")),
+    ("results", "{:.2f} of the walks, {:.2f} of Brisbane",
+     lambda: correct("*walks, 25 px|*, 49 px", GUESS)),
+    ("results", "{:.2f} to {:.2f} of the streets", lambda: ends(correct("street*150 px", GUESS))),
+    ("results", "and {:.2f} of the indoor drive", lambda: correct("Speck indoor, 25 px", GUESS)),
+    ("results", "with 25 and 150 pixels ({:.2f} to {:.2f})",
+     lambda: ends(trust("precision", "*walks*", "smoothed"))),
+    ("results", "on three of five drives ({:.3f} to {:.3f})",
+     lambda: ends([x for x in trust("precision", matching=LATE) if round(x, 3) < 0.99])),
+    ("results_cost", "in 8 bits takes {}. faiss takes {} times as long (target: 5), NumPy {} times",
+     lambda: (bench("edge-vpr", QUERY), *(bench(by, QUERY, "edge-vpr against it")
+                                          for by in ("faiss IndexFlat*", "NumPy")))),
+    ("results_cost", "reading all places alone takes {}",
+     lambda: bench("reading all places", QUERY, "edge-vpr against it")),
+    ("results_cost", "Counting 20 M events takes {}, NumPy {} times as long",
+     lambda: (bench("edge-vpr", COUNTING),
+              bench("NumPy*", COUNTING, "edge-vpr against it"))),
+    ("results_cost", "a bare sum of the columns takes {} (target: {:.4})",
+     lambda: [bench("sum*Numba", COUNTING, of) for of in ("edge-vpr against it", "target")]),
+    ("results_cost", "Of its {} targets, {} were missed",
+     lambda: (targets("?*"), targets("*missed*"))),
+    ("results_cost", "is matched in {}, smoothed in {}, by sequences of 5 in {}",
+     lambda: [bench(by, DRIVE) for by in
+              ("edge-vpr", "edge-vpr, smoothed", "edge-vpr, sequences of 5")]),
+    ("results_cost", "{} (text) to {} (RAW EVT 2.0) million",
+     lambda: [cell("reader-speed.csv", "million events/s", format=of)
+              for of in ("text", "RAW EVT 2.0")]),
+    ("results_methods", "in more than {:.2f} of the windows live, or {:.2f} smoothed",
+     lambda: (nulls("", "*, live"), nulls(", smoothed", "*, recorded"))),
+    ("results_methods", "our places take {:.0f} bytes, theirs {:,.0f} and {:,.0f}",
+     lambda: rivals("bytes per place")),
+    ("results_methods", "our queries {:.1f} µs, theirs {:,.0f} and {:,.0f}",
+     lambda: rivals("time per query (us)")),
+    ("results_methods", "A guess at constant speed is correct for {:.2f}",
+     lambda: means("simulated.csv", "P@100R", variant=GUESS)),
+    ("results_methods", "reach a P@100R of {:.2f} and events {:.2f}",
+     lambda: frames("150 by variance")),
+    ("results_methods", "at 25 pixels, {:.2f} and {:.2f}", lambda: frames("25 by variance")),
+    ("results_methods", "raises P@100R from {:.3f} to {:.3f} on Speck indoor",
+     lambda: correct("*indoor, 150 px", "sequences of 5, 3-bit log|place filter, 3-bit log")),
+    ("results_methods", "and from {:.3f} to {:.3f} on streets in low sun",
+     lambda: correct("*low sun, 150 px", "sequences of 5, 3-bit log|place filter, 3-bit log")),
+    ("results_methods", "Contrast codes then give {:.3f} and {:.3f}",
+     lambda: correct("*indoor, 150 px|*low sun, 150 px", "place filter, contrast")),
+    ("results_robustness", "its precision is {:.2f} to {:.2f} on the walks and indoors",
+     lambda: ends(trust("precision", "Speck*", "smoothed", CUT))),
+    ("results_robustness", "The calibration error is {:.2f} to {:.2f}",
+     lambda: ends(trust("calibration error", map=CUT))),
+    ("results_robustness", "with `--stays-on-map` {:.2f} to {:.2f}. On the map",
+     lambda: ends(trust("calibration error (stays on map)", map=CUT))),
+    ("results_robustness", "accepted at 0.99 from {:.2f} to {:.2f}, smoothing to {:.2f}",
+     lambda: means("calibration.csv", "accepted at 0.99", map="whole",
+                   matching=f"live|{LATE}|smoothed")),
+    ("results_robustness", "of 0.99 after {:.1f} to {:.1f} s",
+     lambda: ends(trust(SOON, "*150 px|*49 px|*walks, 25 px", map=SWITCHED))),
+    ("results_robustness", "(median; {:.1f} s indoors with 25 pixels)",
+     lambda: trust(SOON, "*indoor, 25 px", map=SWITCHED)),
+    ("results_robustness", "is then correct in {:.3f} to {:.3f} of the cases",
+     lambda: ends(trust("correct at 0.99", map=SWITCHED))),
+    ("results_robustness", "with a delay of four windows at most {:.3f} of them",
+     lambda: max(trust("accepted at 0.99", matching=LATE, map="null: *"))),
+    ("results_robustness", "smoothed at most {:.2f} (indoors, reversed)",
+     lambda: max(trust("accepted at 0.99", "*indoor*", "smoothed", "null: query reversed"))),
+    ("results_robustness",
+     "has a P@100R of {:.3f} at half the speed of the map, {:.3f} at the same, and {:.3f}",
+     lambda: speeds("150 pixels, fixed tau")),
+    ("results_robustness", "(`--window count`) {:.3f}, {:.3f} and {:.3f}",
+     lambda: speeds("150 pixels, fixed N")),
+    ("results_robustness", "{:.3f} with the exact burst filter, {:.3f} with the causal one,"
+     " and {:.3f} without", lambda: flashes("10")),
+    ("results_robustness", "with one flash per second, {:.3f} without", lambda: flashes("1")[2]),
+    ("results_robustness", "a quarter of the weight takes Speck indoor from {:.2f} to {:.2f}",
+     lambda: changed(WEIGHT, "*indoor, 150 px", "0.25")),
+    ("results_robustness", "and the street in low sun from {:.2f} to {:.2f}",
+     lambda: changed(WEIGHT, "*low sun, 150 px", "0.25")),
+    ("results_robustness", "Speck indoor with 150 pixels rises from {:.2f} to {:.2f}",
+     lambda: changed(LIMIT, "*indoor, 150 px", "0.015625")),
+    ("results_robustness", "the street with 25 pixels falls from {:.2f} to {:.2f}",
+     lambda: changed(LIMIT, "street, 25 px", "0.015625")),
+    ("results_robustness", "with pixels shuffled, Speck indoor rises from {:.2f} to {:.2f}",
+     lambda: changed(LIMIT, "*indoor, 150 px", "0.015625", "null: pixels shuffled once")),
+    ("results_robustness", "Nulls are correct in at most {:.2f} of the windows",
+     lambda: max(means("places-per-window.csv", "P@100R", drive="null: *", matched="live",
+                       odometry="none"))),
+    ("results_robustness", "| 0.98 | {:.3f}; with",
+     lambda: min(trust("precision", map=CUT))),
+    ("results_robustness", "with `--stays-on-map` {:.3f} |",
+     lambda: min(trust("precision (stays on map)", map=CUT))),
+    ("results_robustness", "| 0.03, 0.05 | {:.2f} to {:.2f}, {:.2f} to {:.2f} |",
+     lambda: (*ends(trust("calibration error")), *ends(trust("calibration error", map=CUT)))),
+    ("tuning", "indoors {:.2f} correct against {:.2f}",
+     lambda: means("rivals.csv", "P@100R", drives="Speck indoor", matching="*, recorded",
+                   system="edge-vpr (default)|150 varying pixels, SAD")[::-1]),
+]  # fmt: skip
+
+#: page, words without a number, and whether the files say so
+CLAIMS: list[tuple[str, str, Callable[[], bool]]] = [
+    ("README", "nearly two thirds of the walks and some 30 % of Brisbane and the streets",
+     lambda: 0.6 < correct("*walks, 25 px", GUESS)[0] < 2 / 3
+     and all(0.25 < x < 0.35 for x in correct("*, 49 px|street, 150 px", GUESS))),
+    ("README", "The promise is missed live on the walks: with 25 pixels,",
+     lambda: [round(x, 2) < 0.99 for x in trust("precision")]
+     == [of == "Speck walks, 25 px" for of in DRIVES]),
+    ("results", "where it accepts all matches",
+     lambda: min(trust("accepted at 0.99", "*walks*", "smoothed")) == 1),
+    ("results", "On the walks with 150 pixels, smoothing makes matches worse",
+     lambda: correct("*walks, 150 px", "*, smoothed (default)")
+     < correct("*walks, 150 px", "*mean (robot)")),
+    ("results_cost", "met with code tables and missed with contrast codes",
+     lambda: logic("*by activity") < 1_900 < logic("*by activity, contrast codes")),
+    ("results_robustness", "Live it accepts none",
+     lambda: max(trust("accepted at 0.99", map="null: *")) == 0),
+    ("will_it_work", "about 10 KiB per kilometre at 6 m/s",
+     lambda: 9 < int(place_bytes()) * 1000 / 6 / 1024 < 10.5),
+]  # fmt: skip
+
+#: what was set, counted or aimed at, and not measured
+SETTINGS = re.compile(
+    r"seeds \d+ to \d+(?:(?:,| and) \d+ to \d+)*|\d+(?: of [\d,]+| and \d+)? pixels"
+    r"|\d+ x \d+|[\d,]+ places|[\d,]+ events/s|[Ss]equences of \d+|\d(?:-bit| bits)"
+    r"|(?:\d, )*\d(?: and \d)? windows|\d+ frames|\d+ m(?:/s)?\b|\b1 s\b|99 %|at 0\.99"
+    # README
+    r"|Milford, 2022|10 to 20 m off|Python 3\.11|some 30 %|ROS 2|GPL-3\.0"
+    # results
+    r"|49 published|sunset \d|beyond 255|drive of 724 windows"
+    r"|targets, 0\.1 and 1 ms|8 and 10 minutes|12 Mbaud|24 hours|8 lanes|48 MHz|100 MHz"
+    r"|1,900 logic|3 are enough|Windows of 0\.5 to 2 s|10 added flashes of 3 ms|\(4 times\)"
+    r"|150 (?:selected|at whole ones)|1/64|\| 0\.92, 0\.90, 0\.80 \|"
+    r"|\| 0\.60, 0\.90, 0\.45, 0\.75 \||\| 0\.98 \|"
+    # trust, will it work
+    r"|\b0 while|64 or more|From 64 on|0 or 1|at 0 where|limit of 23|100 correct|101/102"
+    r"|3 stops|over 5 %|10 KiB|probability of 0\.9\b|\b[123]\. [A-Z]"
+)
+PAGES = (
+    "README", "results", "results_cost", "results_methods", "results_robustness", "trust",
+    "will_it_work",
+)  # fmt: skip
+
+
+def path_of(page: str) -> Path:
+    return ROOT / ("README.md" if page == "README" else f"docs/{page}.md")
+
+
+@cache
+def prose_of(page: str) -> str:
+    """Return the page in one line, without code blocks, links' targets and tables of files."""
+    text = path_of(page).read_text(encoding="utf-8")
+    text = re.sub(r"```.*?```", "", text, flags=re.DOTALL)
+    text = re.sub(r"^<!-- table: .*?-->\n\n(?:\|.*\n)+", "", text, flags=re.MULTILINE)
+    text = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", text)
+    return " ".join(text.split())
+
+
+def filled(words: str, found: object) -> str:
+    numbers = found if isinstance(found, (list, tuple)) else [found]
+    assert len(numbers) == words.count("{"), (words, numbers)
+    return words.format(*numbers)
+
+
+@pytest.mark.parametrize(("page", "words", "compute"), SENTENCES)
+def test_a_sentence_has_the_numbers_of_the_files(page, words, compute):
+    assert filled(words, compute()) in prose_of(page)
+
+
+@pytest.mark.parametrize(("page", "words", "holds"), CLAIMS)
+def test_a_sentence_without_numbers_is_what_the_files_say(page, words, holds):
+    assert words in prose_of(page)
+    assert holds()
+
+
+_NUMBER = re.compile(r"(?<![\w@.,])\d[\d,.]*(?<=\d)")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_no_sentence_has_a_number_that_is_neither_checked_nor_a_setting(page):
+    text = re.sub(r"`[^`]*`", lambda code: "`" * len(code[0]), prose_of(page))
+    known = [of.span() for of in SETTINGS.finditer(text)]
+    for of, words, compute in SENTENCES:
+        if of == page:
+            begin = prose_of(page).index(filled(words, compute()))
+            known.append((begin, begin + len(filled(words, compute()))))
+    loose = [
+        text[max(0, number.start() - 30) : number.end() + 20]
+        for number in _NUMBER.finditer(text)
+        if not any(begin <= number.start() and number.end() <= end for begin, end in known)
+    ]
+    assert loose == []
