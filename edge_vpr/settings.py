@@ -436,7 +436,7 @@ _COUNTERS = _group(
     counter_scaling=SettingField(
         help="how counts are normalised: by one range for all pixels (shared); by each pixel's "
         "range in the reference (per-pixel); as logarithms minus the pixel's mean over the drive "
-        "(own-mean); or as these minus their mean over the window (contrast)",
+        "(own-mean), or also minus the window's mean (contrast)",
         choices=get_args(CounterScaling),
         more="Own-mean codes hardly change with the light; contrast codes hardly change with light "
         "or speed.",
@@ -552,19 +552,19 @@ _CLEANING = _group(
     "cleaning",
     remove_hot_pixels=SettingField(
         kind=bool,
-        help="find hot pixels and leave them out, keep them, or leave out the pixels listed in "
-        "FILE (one x, y in each line)",
+        help="find hot pixels and leave them out, keep them, or leave out those listed in FILE "
+        "(one x, y per line)",
         key="hot_pixels",
         metavar="find|keep|FILE",
         words={"find": True, "keep": False},
-        more="Only the flag takes a file. See section 1 of method.md.",
+        more="Only the flag takes a file. See method.md.",
     ),
     remove_bursts=SettingField(
         kind=bool,
         help="remove or keep the events of bursts, moments in which most pixels fire",
         key="bursts",
         words={"remove": True, "keep": False},
-        more="See section 1 of method.md.",
+        more="See method.md.",
     ),
 )
 TABLE = _PIXELS | _WINDOWS | _COUNTERS | _MATCHING | _CLEANING
