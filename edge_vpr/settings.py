@@ -350,18 +350,18 @@ _PIXELS = _group(
         choices=STRATEGIES,
         plugins=True,
         more="variance: drawn by the variance of their counts (the paper). seed-code: drawn by the "
-        "mean of their counts (the authors' released code). random: all equally likely. "
-        "random-upper: random, from the upper two thirds of the image. top: those of the highest "
-        "variance. information: one by one, each the pixel that adds most information about the "
-        "place. plugin:NAME: see docs/plugins.md.",
+        "mean of their counts (the released code). random: all equally likely. random-upper: "
+        "random, from the upper two thirds of the image. top: the highest variances. information: "
+        "one by one, each the pixel that adds most about the place. plugin:NAME: see "
+        "docs/plugins.md.",
     ),
     sigma=SettingField(
         kind=float,
-        help="standard deviation, in pixels, of the Gaussian that keeps selected pixels apart",
+        help="width (sigma, in pixels) of the Gaussian that keeps selected pixels apart",
         metavar="PX",
         needs=("strategy", ("variance", "random", "random-upper")),
     ),
-    seed=SettingField(kind=int, help="seed of the random numbers that select pixels"),
+    seed=SettingField(kind=int, help="seed of the selection of pixels"),
 )
 _WINDOWS = _group(
     "windows",
@@ -378,12 +378,12 @@ _WINDOWS = _group(
         read=duration_us,
         show=duration_word,
         expected="a time such as 1s, 250ms or 500us",
-        more="Pixels are selected by windows of this length with --window count too.",
+        more="Pixels are always selected by windows of this length.",
     ),
     events_per_pixel=SettingField(
         kind=float,
-        help="a fixed-count window holds R x J events at the selected pixels, rounded; auto: the "
-        "average number of the reference drive in --tau",
+        help="a fixed-count window holds R x J events, rounded; auto: the average number of the "
+        "reference drive in --tau",
         metavar="R",
         words={"auto": None},
         above=0,
@@ -392,7 +392,7 @@ _WINDOWS = _group(
     ),
     places_per_window=SettingField(
         kind=int,
-        help="places per length of a window; 2: a place starts at every half window",
+        help="places per window length; 2: a place starts at every half window",
         metavar="N",
         least=1,
         most=2,
@@ -403,9 +403,7 @@ _WINDOWS = _group(
 )
 _COUNTERS = _group(
     "counters",
-    polarity=SettingField(
-        kind=bool, help="count ON and OFF events separately, in two counters per pixel"
-    ),
+    polarity=SettingField(kind=bool, help="count ON and OFF events in separate counters"),
     clip=SettingField(
         help="cap counts at N; none: no cap",
         kind=int,
@@ -417,7 +415,7 @@ _COUNTERS = _group(
         more="Pixels are selected by the clipped counts too.",
     ),
     counter_code=SettingField(
-        help="how counts are compressed to a few bits for comparison; none: not at all",
+        help="how counts are compressed to a few bits; none: not at all",
         choices=CODES,
         plugins=True,
         more="See docs/codes.md.",
@@ -426,7 +424,7 @@ _COUNTERS = _group(
         kind=int, help="bits per code", metavar="B", least=1, most=MAX_BITS, needs=_CODE
     ),
     counter_full_scale=SettingField(
-        help="count at which the code reaches its largest value; auto: one that suits the code",
+        help="count that gets the largest code; auto: one that suits the code",
         kind=int,
         metavar="N",
         words={"auto": None},
@@ -436,9 +434,9 @@ _COUNTERS = _group(
         needs=_CODE,
     ),
     counter_scaling=SettingField(
-        help="how counts are normalised: by one range for all pixels (shared); by a range for each "
-        "pixel, taken from the reference (per-pixel); as logarithms minus the pixel's mean over "
-        "the drive (own-mean); or as these minus their mean over the window (contrast)",
+        help="how counts are normalised: by one range for all pixels (shared); by each pixel's "
+        "range in the reference (per-pixel); as logarithms minus the pixel's mean over the drive "
+        "(own-mean), or also minus the window's mean (contrast)",
         choices=get_args(CounterScaling),
         more="Own-mean codes hardly change with the light; contrast codes hardly change with light "
         "or speed.",
@@ -447,22 +445,20 @@ _COUNTERS = _group(
 _MATCHING = _group(
     "matching",
     query_mean=SettingField(
-        help="mean that own-mean and contrast codes subtract in a query: that of the whole drive "
-        "(own), or a running one, as on a robot (running); auto: running with the place filter and "
-        "no smoothing, else own",
+        help="mean that own-mean and contrast codes subtract in a query: of the whole drive (own), "
+        "or running, as on a robot; auto: running with the place filter and no smoothing, else own",
         choices=get_args(QueryMean),
         more="Live and online matching always use the running one.",
         needs=("counter_scaling", OWN_MEAN_SCALINGS),
     ),
     matching=SettingField(
-        help="match with the place filter, or by comparing sequences of windows (the paper)",
+        help="match with the place filter, or by sequences of windows (the paper)",
         choices=get_args(Matching),
         more="See docs/place_filter.md.",
     ),
     filter_steps=SettingField(
-        help="place filter: cost of moving on by 0, 1, 2 ... places in one window; auto: chosen by "
-        "how many events the window has compared with the place, or 1,0,0,1 for fixed-count "
-        "windows",
+        help="place filter: cost of moving on by 0, 1, 2 ... places per window; auto: by the "
+        "events of the window and of the place, or 1,0,0,1 for fixed-count windows",
         kind=tuple,
         metavar="C,C,...",
         words={"auto": None},
@@ -470,13 +466,12 @@ _MATCHING = _group(
         show=costs_word,
         valid=lambda values: len(values) > 0 and are_costs(values),
         expected="1 to 16 costs from 0 to 254, for example 1,0,1",
-        more="With two places per window, steps are half as long, and auto is 1,0,0,0,0,1 for "
-        "fixed-count windows.",
+        more="With two places per window, steps are half as long; those are 1,0,0,0,0,1.",
         needs=_FILTER,
     ),
     filter_back=SettingField(
         kind=tuple,
-        help="place filter: cost of moving back by 1, 2 ... places in one window; none: never back",
+        help="place filter: cost of moving back by 1, 2 ... places per window; none: never back",
         metavar="C,C,...",
         words={"none": ()},
         read=costs,
@@ -546,10 +541,10 @@ _MATCHING = _group(
         more="How well this holds: docs/trust.md.",
     ),
     stays_on_map=SettingField(
-        help="place filter without smoothing and delay: take the probabilities of drives along the "
-        "map, so that more matches are accepted; for a robot that never leaves the route",
+        help="place filter without smoothing and delay: accept more matches, for a robot that "
+        "never leaves the route",
         kind=bool,
-        more="Off the map they are too high, see docs/trust.md.",
+        more="Off the map, probabilities are too high: see docs/trust.md.",
         needs=_FILTER,
     ),
 )
@@ -557,19 +552,19 @@ _CLEANING = _group(
     "cleaning",
     remove_hot_pixels=SettingField(
         kind=bool,
-        help="find hot pixels and leave them out, keep them, or leave out the pixels listed in "
-        "FILE (one x, y in each line)",
+        help="find hot pixels and leave them out, keep them, or leave out those listed in FILE "
+        "(one x, y per line)",
         key="hot_pixels",
         metavar="find|keep|FILE",
         words={"find": True, "keep": False},
-        more="Only the flag takes a file. See section 1 of method.md.",
+        more="Only the flag takes a file. See method.md.",
     ),
     remove_bursts=SettingField(
         kind=bool,
         help="remove or keep the events of bursts, moments in which most pixels fire",
         key="bursts",
         words={"remove": True, "keep": False},
-        more="See section 1 of method.md.",
+        more="See method.md.",
     ),
 )
 TABLE = _PIXELS | _WINDOWS | _COUNTERS | _MATCHING | _CLEANING

@@ -230,7 +230,7 @@ def transitions_by_steps(
     place_activity: Sequence[int],
     jumps: Sequence[tuple[int, int]] = (),
 ) -> Transitions:
-    """Section 6, step 1; section 11, jumps."""
+    """Section 6, step 1; section 10, jumps."""
     transitions = []
     for k in range(places):
         of_place = place_activity[k] if design["activity_costs"] else 0
@@ -281,7 +281,7 @@ def support_after(kept: int, margin: int, stands: bool) -> int:
 
 
 class Drive:
-    """Section 11: a drive of n windows on a computer, by the rest of the drive too.
+    """Section 10: a drive of n windows on a computer, by the rest of the drive too.
 
     `distances` of each window to each place, its number of events, and the distance driven before
     it; None if not known.

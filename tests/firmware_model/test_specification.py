@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from specification_device import Device, Drive, table
+from specification_device import HALF_ROWS, ROWS, Device, Drive, table
 
 from edge_vpr.matching.drive import BackwardPass, FixedLag, _largest_around, _mean_trust
 from edge_vpr.matching.place_filter import TRUST_BITS, PlaceFilter, TransitionCosts, WindowRows
@@ -24,6 +26,14 @@ DESIGNS = {
     "by_count": replace(FILTER, code="log", window="count", window_events=40, polarity=True),
     "random": random_adaptive_design(np.random.default_rng(1)),
 }
+
+
+def test_the_costs_of_steps_on_the_page_are_those_of_the_device():
+    page = (Path(__file__).parents[2] / "docs/specification.md").read_text(encoding="utf-8")
+    lines = re.findall(r"^ *\d+(?: +\d+){11}$", page, re.MULTILINE)
+    rows = [tuple(map(int, line.split())) for line in lines]
+    both = zip(ROWS, HALF_ROWS, strict=True)
+    assert rows == [(row, *one, *two) for row, (one, two) in enumerate(both)]
 
 
 @pytest.mark.slow

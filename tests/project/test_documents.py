@@ -57,9 +57,7 @@ def with_python() -> list[str]:
 def names_for(page: str) -> dict[str, Any]:
     """Give what the page's reader has already."""
     if page == "docs/datasets.md":
-        pytest.importorskip("tonic", reason="tonic is an extra that not every machine has")
-        one = random_events(np.random.default_rng(1), 200, Sensor(346, 260), 2_000_000)
-        return {"x": np.arange(5), "y": np.arange(5), "drives": [(one, "a"), (one, "b")]}
+        return {"x": np.arange(5), "y": np.arange(5)}
     if page == "docs/firmware.md":
         pytest.importorskip("ziglang", reason="Zig's C compiler is an extra")
     if page == "docs/live.md":
@@ -73,7 +71,7 @@ def names_for(page: str) -> dict[str, Any]:
 
 
 #: pages whose Python simulates whole drives
-SIMULATING = ("README.md", "docs/simulator.md")
+SIMULATING = ("README.md",)
 
 
 @pytest.mark.parametrize(
