@@ -62,7 +62,7 @@ def names_for(page: str) -> dict[str, Any]:
         pytest.importorskip("ziglang", reason="Zig's C compiler is an extra")
     if page == "docs/live.md":
         events = random_events(np.random.default_rng(3), 4_000, Sensor(32, 24), 2_000_000)
-        settings = Settings(pixels=20, sigma=1.0, tau_us=100_000)
+        settings = Settings(pixels=20, sigma=1.0, tau_us=100_000, matching="filter")
         encoder = open_encoder("evpr", Sensor(32, 24))
         Path("sent.bin").write_bytes(encoder.start() + encoder.encode(events))
         map_traverse(Drive(events, Sensor(32, 24)), settings).save("map.npz")
