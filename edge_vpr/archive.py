@@ -23,10 +23,6 @@ from edge_vpr.files import replacing
 # Files of maps and matches: versioned ``.npz`` without pickle, written whole or not at all.
 
 
-__all__ = [
-    "Arrays", "damaged", "read_archive", "read_members", "read_npy", "replacing", "write_archive"
-]  # fmt: skip
-
 Arrays = dict[str, npt.NDArray[Any]]
 
 SCHEMA_VERSION = 1
@@ -41,7 +37,7 @@ _LONGEST_HEADER = 1 << 20  # of ours: settings as JSON
 
 
 @contextmanager
-def damaged(path: str | Path, remedy: str, kind: str = "file") -> Iterator[None]:
+def archive_errors(path: str | Path, remedy: str, kind: str = "file") -> Iterator[None]:
     """Convert any error that the contents of a file raise to a `MapError` that names the file.
 
     A missing or unreadable file gets a message of its own.
@@ -111,7 +107,7 @@ def kind_of(path: str | Path) -> str | None:
             with archive.open(member) as stream:
                 header = _read_array(stream, _HEADER, member.file_size)
         return printable(dict(json.loads(str(header)))["kind"], 40)
-    # as in `damaged`: a file that is not ours may raise any kind of error
+    # as in `archive_errors`: a file that is not ours may raise any kind of error
     except Exception:
         return None
 
@@ -138,12 +134,12 @@ def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
         more than its size allows.
     """
     path = as_path(path, f"a {kind}")
-    with damaged(path, f"it is not a readable {kind}, make it again", kind):
+    with archive_errors(path, f"it is not a readable {kind}, make it again", kind):
         arrays = {} if _is_foreign(path) else read_members(path)
     header = arrays.pop(_HEADER, None)
     if header is None or header.shape != () or header.dtype.kind != "U":
         raise MapError(f"{path} is not a {kind} of edge-vpr: name a file that edge-vpr wrote")
-    with damaged(path, f"the {kind} is damaged, make it again"):
+    with archive_errors(path, f"the {kind} is damaged, make it again"):
         meta = dict(json.loads(str(header)))
     found, version = meta.pop("kind", None), meta.pop("version", None)
     if found != kind:
@@ -179,7 +175,7 @@ def read_members(path: str | Path) -> Arrays:
         If there are too many arrays, or more bytes than the file's size allows, or an array is not
         of such values or not of the announced size.
     Exception
-        Whatever the libraries raise for a broken file: see `damaged`.
+        Whatever the libraries raise for a broken file: see `archive_errors`.
     """
     with Path(path).open("rb") as file, zipfile.ZipFile(file) as archive:
         members = archive.infolist()

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import EqualByValue, check_array, check_range, damaged
+from edge_vpr.archive import EqualByValue, archive_errors, check_array, check_range
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
@@ -288,7 +288,7 @@ def default_confidence(
         If the package's file is damaged.
     """
     name = SMOOTHED if smoothed else str(max(n for n in LEARNT_DELAYS if n <= delay))
-    with damaged(DEFAULT_TABLES, "install edge-vpr again"):
+    with archive_errors(DEFAULT_TABLES, "install edge-vpr again"):
         text = files("edge_vpr").joinpath(DEFAULT_TABLES).read_text(encoding="utf-8")
         shipped = json.loads(text)
         live = not smoothed and not delay

@@ -411,7 +411,7 @@ def _read(
 
 
 @contextmanager
-def understood(path: str | Path, what: str, remedy: str) -> Iterator[None]:
+def parse_errors(path: str | Path, what: str, remedy: str) -> Iterator[None]:
     """Convert errors that the values of a file raise to a `UsageError` that names the file.
 
     Parameters

@@ -18,9 +18,9 @@ import numpy.typing as npt
 
 from edge_vpr.archive import (
     EqualByValue,
+    archive_errors,
     check_array,
     check_range,
-    damaged,
     present,
     read_archive,
     write_archive,
@@ -416,7 +416,7 @@ class MapRecord(EqualByValue):
             If the file is missing, unreadable, not a map, or from a newer version.
         """
         arrays, meta = read_archive(path, KIND)
-        with damaged(path, "make the map again"):
+        with archive_errors(path, "make the map again"):
             found = cls(
                 settings=Settings.from_dict(meta["settings"]),
                 pixel_map=PixelMap(Sensor(*meta["sensor"]), arrays["pixel_x"], arrays["pixel_y"]),

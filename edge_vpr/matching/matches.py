@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from edge_vpr.archive import (
     EqualByValue,
+    archive_errors,
     check_array,
     check_range,
-    damaged,
     read_archive,
     whole_number,
     write_archive,
@@ -229,7 +229,7 @@ class Matches(EqualByValue):
             If the file is missing, unreadable, not matches, or from a newer version.
         """
         arrays, meta = read_archive(path, KIND)
-        with damaged(path, "match again"):
+        with archive_errors(path, "match again"):
             found = cls(
                 Settings.from_dict(meta["settings"]),
                 whole_number(meta, "places_in_map", 1, TIME_LIMIT_US),

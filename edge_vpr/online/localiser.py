@@ -19,9 +19,9 @@ import numpy.typing as npt
 
 from edge_vpr.archive import (
     Arrays,
+    archive_errors,
     check_array,
     check_range,
-    damaged,
     present,
     read_archive,
     whole_number,
@@ -1467,7 +1467,7 @@ class Localiser:
             If the file is missing, unreadable, or from a newer version.
         """
         arrays, meta = read_archive(path, KIND)
-        with damaged(path, "save the state again"):
+        with archive_errors(path, "save the state again"):
             found = cls(
                 searched_map(arrays, meta),
                 every=MatchSchedule(**meta["every"]),

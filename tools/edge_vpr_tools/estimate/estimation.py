@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from edge_vpr.errors import UsageError
-from edge_vpr.files import understood
+from edge_vpr.files import parse_errors
 from edge_vpr.results import to_json
 from edge_vpr_tools.estimate.model import Cost, EveryPixel, Mission, Sizes, Work, cost, sizes, work
 from edge_vpr_tools.estimate.search import (
@@ -482,7 +482,7 @@ def calibrated(path: Path) -> Constant:
     # periods of an external meter have no processor time, which is taken from the throughput
     seconds = energy.cpu_s_per_match or profile.throughput.cpu_s_per_match
     most_first = (a_joule.high, a_joule.value, a_joule.low)
-    with understood(path, "energy and clock", "profile the board again"):
+    with parse_errors(path, "energy and clock", "profile the board again"):
         picojoules = [1e12 / (matches * seconds * clock) for matches in most_first]
         if not all(map(math.isfinite, picojoules)) or picojoules != sorted(picojoules):
             raise ValueError(f"{picojoules} pJ a cycle are no interval")

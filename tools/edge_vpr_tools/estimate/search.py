@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from edge_vpr import results
-from edge_vpr.archive import damaged
+from edge_vpr.archive import archive_errors
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.files import read_json
 from edge_vpr.reference_map import ReferenceMap
@@ -406,7 +406,7 @@ def evaluation_of(metrics: Path) -> tuple[float, int] | None:
     """
     remedy = "match and evaluate again"
     values = read_json(metrics, "metrics", remedy)
-    with damaged(metrics, remedy):
+    with archive_errors(metrics, remedy):
         evaluation = from_json(Metrics, values).evaluation
         if evaluation is None:
             return None

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from edge_vpr.errors import UsageError
-from edge_vpr.files import read_toml, understood
+from edge_vpr.files import parse_errors, read_toml
 from edge_vpr.results import RecordError, from_json
 from edge_vpr_tools.estimate.emulation import scaling
 from edge_vpr_tools.report.page import quantity
@@ -119,7 +119,7 @@ class Target:
                 raise UsageError(
                     f"{path} has the unknown name {name!r}: choose from {sorted(known)}"
                 )
-        with understood(path, "a target", "check its values"):
+        with parse_errors(path, "a target", "check its values"):
             try:
                 target = from_json(cls, values)
             except RecordError as error:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
-from edge_vpr.files import understood
+from edge_vpr.files import parse_errors
 from edge_vpr.online.localiser import MatchSchedule
 from edge_vpr.results import run_record
 from edge_vpr_tools.console import note
@@ -634,7 +634,7 @@ def with_meter(path: Path, meter: Path, rate: float, voltage: float | None = Non
     windows = found.energy.windows if isinstance(found.energy, NotMeasured) else ()
     if not windows:
         raise UsageError(f"{path} took no turns for a meter: make it with --meter")
-    with understood(path, "the turns of a profile", "make it again with edge-vpr profile"):
+    with parse_errors(path, "the turns of a profile", "make it again with edge-vpr profile"):
         check_turns(windows)
     time_s, watts = read_csv(meter, voltage)
     ahead = align(windows, time_s, watts)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from edge_vpr.errors import UsageError
-from edge_vpr.files import read_json, understood
+from edge_vpr.files import parse_errors, read_json
 from edge_vpr.results import RecordError, RunRecord, from_json
 from edge_vpr_tools.profile.conditions import Conditions
 from edge_vpr_tools.profile.measurement import BOUNDED, Energy, Outcome
@@ -129,7 +129,7 @@ class Profile:
         if values.get("schema") != SCHEMA or "throughput" not in values:
             raise UsageError(f"{path} is not a profile that this edge-vpr reads: make it again")
         try:
-            with understood(path, what, remedy):
+            with parse_errors(path, what, remedy):
                 return from_json(cls, values)
         except RecordError as error:
             raise UsageError(f"{path} is a damaged profile: {error}: make it again") from error

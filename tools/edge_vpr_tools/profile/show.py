@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from edge_vpr.files import understood
+from edge_vpr.files import parse_errors
 from edge_vpr_tools.console import say, table
 from edge_vpr_tools.profile.measurement import Energy, Figures, NotMeasured, Outcome, Readings
 from edge_vpr_tools.profile.record import (
@@ -258,7 +258,7 @@ def compare(first: Path, second: Path, spreadsheet: Path | None = None) -> None:
 
 def check_shown(found: Profile, path: Path) -> None:
     """Raise `UsageError` unless all shown parts of a profile are valid."""
-    with understood(path, "a profile", "make it again with edge-vpr profile"):
+    with parse_errors(path, "a profile", "make it again with edge-vpr profile"):
         _ = rows(found), designs(found), notes(found)
         for number in numbers(found):
             for value in number[1:4]:

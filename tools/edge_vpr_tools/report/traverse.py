@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from edge_vpr import results
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.metrics import Evaluation
-from edge_vpr.files import read_json, understood
+from edge_vpr.files import parse_errors, read_json
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap, read_queries
@@ -111,7 +111,7 @@ def write_report(
     page.heading("Pixels")
     add("pixels", selected_pixels(reference),
          "Where the sensor sees change that differs from place to place.")  # fmt: skip
-    with understood(folder / results.RUN, "the run", "match again"):
+    with parse_errors(folder / results.RUN, "the run", "match again"):
         add_run(page, run)
     page.write(folder / results.REPORT)
 

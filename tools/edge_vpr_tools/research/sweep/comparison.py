@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from edge_vpr import results
 from edge_vpr.errors import UsageError, did_you_mean, printable
-from edge_vpr.files import read_json, replacing, understood
+from edge_vpr.files import parse_errors, read_json, replacing
 from edge_vpr.results import RUN, run_record, write_json
 from edge_vpr.settings import SETTING_FIELDS
 from edge_vpr_tools.report.style import CYCLE, figure, legend_below, look, name_label, save
@@ -190,9 +190,9 @@ def _of_match(run: Path, name: str) -> Row:
         raise UsageError(f"{run} is not evaluated: run edge-vpr evaluate {run} first")
     made = run / results.RUN
     record = read_json(made, "run", "match again")
-    with understood(made, "run", "match again"):
+    with parse_errors(made, "run", "match again"):
         settings = dict(record["settings"])
-    with understood(path, "metrics", _REMEDY):
+    with parse_errors(path, "metrics", _REMEDY):
         evaluation = metrics["evaluation"]
         values = {name: evaluation[name] for name in list(MEASURES)[:3]}
         values["recall_at_1"] = evaluation["recall_at"]["1"]
