@@ -1,5 +1,5 @@
 """Live matching with a camera on a line: links, protocols, health, and the localiser.
 
-`links` provide bytes, `link_reader` reads them, `protocols` decode them, `live` matches the events,
-and `bridge` imitates a camera.
+`links` provide and read bytes, `protocols` decode them, `session` matches the events, `odometer`
+reads the robot's odometer, and `bridge` imitates a camera.
 """

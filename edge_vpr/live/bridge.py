@@ -158,7 +158,7 @@ class Bridge:
             self.sent_events -= self._encoder.held
 
     def _replay(self, recording: Iterable[Events]) -> None:
-        begin, stalled, now = time.monotonic(), self._faults.stall == 0, 0
+        start_s, stalled, now = time.monotonic(), self._faults.stall == 0, 0
         for chunk in recording:
             cuts = np.flatnonzero(np.diff(chunk["t"] // SLICE_US)) + 1
             for events in np.split(chunk, cuts) if self._speed else [chunk]:
@@ -167,11 +167,11 @@ class Bridge:
                 due = int(events["t"][-1]) if events.size else now
                 while self._speed and now + IDLE_US < due and not self.stopping.is_set():
                     now += IDLE_US
-                    self._serve_until(begin + now / 1e6 / self._speed)
+                    self._serve_until(start_s + now / 1e6 / self._speed)
                     self._send(self._encoder.idle(now))
                 now = due
                 if self._speed:
-                    self._serve_until(begin + now / 1e6 / self._speed)
+                    self._serve_until(start_s + now / 1e6 / self._speed)
                 else:
                     self._serve_until_held(self._encoder.capacity)
                 if not stalled and now >= 1_000_000:

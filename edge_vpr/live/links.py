@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
+import io
 import math
 import os
 import select
@@ -76,8 +78,8 @@ class Link(ABC):
         """Return the number of characters that the system reports as damaged or dropped."""
         return 0
 
-    def began_anew(self) -> bool:
-        """Return whether another stream began with the bytes that were read last."""
+    def stream_changed(self) -> bool:
+        """Return whether the bytes that were read last are the beginning of another stream."""
         return False
 
     def drain(self, timeout: float) -> None:  # noqa: B027, most links need none
@@ -193,8 +195,6 @@ class VirtualLink(DescriptorLink):
 
     def drain(self, timeout: float) -> None:
         """Wait until the host has read everything, because closing a terminal discards the rest."""
-        import fcntl
-
         end, quiet = time.monotonic() + timeout, 0
         while time.monotonic() < end and quiet < 3:
             waiting = fcntl.ioctl(self._slave, termios.FIONREAD, b"\0\0\0\0")
@@ -223,8 +223,6 @@ class SerialLink(DescriptorLink):
 
     def line_errors(self) -> int:
         """See `Link.line_errors`; also 0 if the driver of the port does not count."""
-        import fcntl
-
         try:
             raw = fcntl.ioctl(self._fd, termios.TIOCGICOUNT, bytes(_COUNTERS.size))
         except (OSError, ValueError, AttributeError):
@@ -296,8 +294,6 @@ class UrlLink(Link):
 
 def open_serial(address: str, baud: int, *, flow_control: bool) -> Link:
     """Open a serial port, or any other address that pyserial's ``serial_for_url`` accepts."""
-    import io
-
     import serial
 
     try:
@@ -387,7 +383,7 @@ class UdpHostLink(SocketLink):
         super().__init__(address_of("udp", sock), sock)
         self._sender: object = None
         self._heard_s = 0.0
-        self._anew = False
+        self._sender_changed = False
 
     def read(self, timeout: float) -> bytes:
         """See `Link.read`; an empty datagram is no end."""
@@ -407,11 +403,11 @@ class UdpHostLink(SocketLink):
         return b""
 
     def _is_heard(self, sender: tuple[object, ...], now_s: float) -> bool:
-        self._anew = False
+        self._sender_changed = False
         if sender == self._sender:
             return True
         if self._sender is None or now_s - self._heard_s > GIVES_WAY_S:
-            self._anew = self._sender is not None
+            self._sender_changed = self._sender is not None
             self._sender, self.remark = sender, ""
             return True
         # of many, only the first is reported
@@ -421,9 +417,9 @@ class UdpHostLink(SocketLink):
         )
         return False
 
-    def began_anew(self) -> bool:
-        """See `Link.began_anew`: another sender is heard."""
-        return self._anew
+    def stream_changed(self) -> bool:
+        """See `Link.stream_changed`: another sender is heard."""
+        return self._sender_changed
 
     def write(self, data: bytes, timeout: float) -> int:
         """Raise `LinkError`."""
@@ -510,7 +506,7 @@ def bracketed(host: str) -> str:
     return f"[{host}]" if ":" in host else host
 
 
-# Links by address: serial lines, TCP, UDP, pipes, files, and a virtual line.
+# Opening of links by their addresses.
 
 
 def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) -> Link:
@@ -584,7 +580,8 @@ def _host_port(address: str) -> tuple[str, int]:
     return host.strip("[]") or "127.0.0.1", int(port)
 
 
-# Reading of a link, with a bounded buffer while the caller is late, and with reopening.
+# The reader of a link has a bounded buffer for bytes that its caller is late to take, and opens a
+# link that is lost again.
 #
 # A caller that is in time reads the link itself, so that no thread has to be woken between bytes
 # and their match. A thread of the reader checks every `_HELP_S` whether the caller is late, and
@@ -835,8 +832,8 @@ class LinkReader:
                     self._changed.notify_all()
 
     def _chunk(self, link: Link, data: bytes) -> Chunk:
-        anew, self._reopened = self._reopened or link.began_anew(), False
-        return Chunk(data, time.monotonic(), 0, anew)
+        reopened, self._reopened = self._reopened or link.stream_changed(), False
+        return Chunk(data, time.monotonic(), 0, reopened)
 
     def _watch_caller(self) -> None:
         """Pause; then read in the place of a late caller, and raise an error that it found."""

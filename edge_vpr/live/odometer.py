@@ -47,7 +47,7 @@ class OdometerLine:
         self._value: float | None = None
         self._at_s = 0.0
 
-    def feed(self, data: bytes, at_s: float, *, anew: bool = False) -> bool:
+    def feed(self, data: bytes, at_s: float, *, after_loss: bool = False) -> bool:
         """Take the next bytes.
 
         Parameters
@@ -56,8 +56,8 @@ class OdometerLine:
             Lines such as ``12.345``, metres from any zero, each ended by a line feed.
         at_s : float
             When they came, in seconds.
-        anew : bool
-            Whether bytes are missing before them: what was begun is no line.
+        after_loss : bool
+            Whether bytes are missing before them; the line that had begun is then dropped.
 
         Returns
         -------
@@ -65,7 +65,7 @@ class OdometerLine:
             Whether there was a reading.
         """
         before = self.readings
-        lines = ((b"" if anew else self._rest) + data).split(b"\n")
+        lines = ((b"" if after_loss else self._rest) + data).split(b"\n")
         self._rest = lines.pop()[: MOST_BYTES + 1]
         for line in lines:
             if line.strip():
@@ -122,8 +122,8 @@ class OdometerReader:
         self._look_s = now + _LOOK_S
         line = self._line
         while (chunk := self._reader.take(0)) is not None:
-            anew = bool(chunk.lost) or chunk.reopened
-            if line.feed(chunk.data, chunk.at_s, anew=anew):
+            after_loss = bool(chunk.lost) or chunk.reopened
+            if line.feed(chunk.data, chunk.at_s, after_loss=after_loss):
                 self._heard_s = now
         self._report(now)
         return line.metres if self._heard_s == now else None

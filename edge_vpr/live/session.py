@@ -52,7 +52,7 @@ from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings, duration_us, resolve_settings
 from edge_vpr.warm_up import WarmUpStep, localising_steps, synthetic_events, warm_up
 
-# Live matching: decoder, burst filter and localiser in one, from bytes to matches.
+# From bytes to matches: the decoder, the burst filter and the localiser as one.
 
 
 _NEVER_US = 1 << 62
@@ -199,8 +199,8 @@ class LiveLocaliser:
         found = self._clean(self.decoder.finish(), last=True)
         if self._localiser is None:
             return found
-        late = self._localiser.finish()
-        return found._replace(matches=np.concatenate([found.matches, late]))
+        held = self._localiser.finish()
+        return found._replace(matches=np.concatenate([found.matches, held]))
 
     @property
     def filled(self) -> float:
@@ -230,7 +230,7 @@ class LiveLocaliser:
         known = reached if self._follower is not None else min(reached, bursts.known_us)
         if known > self._time:
             # held events are later than this; the device may have reported that nothing happened
-            self._near(localiser, known, matches)
+            self._catch_up(localiser, known, matches)
             if localiser.every.interval_us and localiser.next_match_us <= known:
                 # without a tick, the windows age with the next event
                 matches.append(localiser.advance(known))
@@ -249,14 +249,14 @@ class LiveLocaliser:
         while events.size:
             taken, last = events.size, int(events["t"][-1])
             if last - self._time > self._most_us:
-                self._near(localiser, int(events["t"][0]), matches)
+                self._catch_up(localiser, int(events["t"][0]), matches)
                 taken = int(np.searchsorted(events["t"], self._time + self._most_us, "right"))
                 last = int(events["t"][taken - 1])
             matches.append(localiser.update(events if taken == events.size else events[:taken]))
             self._time = last
             events = events[taken:]
 
-    def _near(
+    def _catch_up(
         self, localiser: Localiser, time_us: int, matches: list[npt.NDArray[np.void]]
     ) -> None:
         """Advance the time until `time_us` is less than `MOST_TICKS` ahead.
@@ -305,7 +305,7 @@ def _burst_filter(reference: ReferenceMap, causal: bool) -> BurstFilter | Causal
     return CausalBurstFilter(sensor) if causal else BurstFilter(sensor)
 
 
-# A live session with a camera: from a port, a file or a socket to matches with names.
+# The session: `LiveLocaliser` with its link, the robot's odometer, files, and messages to the user.
 
 
 #: Length of a silence that is reported.
@@ -319,7 +319,7 @@ SENSELESS_BYTES, SENSELESS_EVENTS = 8_192, 1_000
 #: that wait for a file.
 _MOST_PIECES, _MOST_WAITING = 16, 256
 
-#: Time after which the clocks of camera and host are compared anew, as they drift apart.
+#: Time after which clocks of camera and host are compared from the start, because they drift apart.
 _LAG_S = 300.0
 
 #: Suffixes of recordings that are never bytes of a camera, as .raw and .bin can be.
@@ -352,7 +352,7 @@ class LiveMatch(NamedTuple):
     ratio : float
         `distance` / `second_distance`; NaN if it is not known.
     trust : int
-        The higher, the surer.
+        Confidence of the filter; the higher, the more confident.
     misfit : int
         0 where views are like the map's, `confidence.STRANGE` or more in another place or light; -1
         of sequences.
@@ -593,9 +593,10 @@ class LiveSession:
         self.learnt: ReferenceMap | None = None
         self.update: MapUpdate[ReferenceMap] | None = None
         self.removed = Removed()
-        self._along: list[float] | None = None
+        self._along: list[float | None] = []
         if reference is not None and reference.route is not None:
-            self._along = reference.route.along_m.tolist()
+            along_m = reference.route.along_m.tolist()
+            self._along = [None if math.isnan(metres) else metres for metres in along_m]
         self._live: LiveLocaliser | None = None
         self._given = 0
         self._files = contextlib.ExitStack()
@@ -794,15 +795,15 @@ class LiveSession:
         if result is None or not result.matches.size or self.reference is None:
             return []
         self._beat_s = time.monotonic()
-        along, late = self._along, self.reference.settings.match_delay > 0
+        along, delayed = self._along, self.reference.settings.match_delay > 0
         found = []
         for row in result.matches.tolist():
             t, place, best, second, after, ratio, _, _, trust, misfit, probability, lost = row
             found.append(
                 LiveMatch(
                     t / 1e6, self._given, place, best, second, after, ratio, trust, misfit,
-                    probability, lost, None if along is None else _known(along[place]),
-                    step.host_us - (result.reached_us - t) * late, result.incomplete,
+                    probability, lost, along[place] if along else None,
+                    step.host_us - (result.reached_us - t) * delayed, result.incomplete,
                 )
             )  # fmt: skip
             self._given += 1
@@ -928,9 +929,9 @@ class LiveSession:
 
     def _look_at(self, writer: _EventWriter) -> None:
         """Report an error of a writer once; without its drive, learning ends."""
-        if writer.error is None or writer.told:
+        if writer.error is None or writer.reported:
             return
-        writer.told = True
+        writer.reported = True
         if writer.path == self._drive:
             self.stop()
         elif self.health.events:
@@ -993,7 +994,7 @@ class _EventWriter:
     """Writes events to a recording in a thread, as formats pull what they write."""
 
     def __init__(self, path: Path, sensor: Sensor, overwrite: bool) -> None:
-        self.path, self.told = path, False
+        self.path, self.reported = path, False
         self.error: Exception | None = None
         self._waiting: queue.Queue[Events | None] = queue.Queue(_MOST_WAITING)
         self._thread = threading.Thread(
@@ -1131,7 +1132,7 @@ class _LagWatch:
 
 
 def ends_early(path: str, error: OSError) -> str:
-    """Report that no more can be written to a file."""
+    """Return the message that no more can be written to a file."""
     return (
         f"{printable(path)} ends early: {error.strerror}: check its permissions and the free space"
     )
@@ -1169,10 +1170,6 @@ def _heartbeat(given: int) -> LiveMatch:
         second_distance=math.nan, ratio=math.nan, trust=0, misfit=-1, probability=0.0,
         lost=True, along_m=None, host_us=int(1e6 * time.time()), incomplete=True,
     )  # fmt: skip
-
-
-def _known(value: float) -> float | None:
-    return value if value == value else None
 
 
 def _sensor_of(

@@ -29,14 +29,21 @@ class Columns(NamedTuple):
     """Raw events as four columns of one length, of any integer dtype (``p`` also boolean).
 
     Times are whole microseconds of the file's own clock without wraps. They may run backwards, and
-    coordinates may lie off the sensor (or be negative): `FaultLog` handles
-    such events. A column may be a view into a buffer that the next chunk overwrites.
+    coordinates may lie off the sensor (or be negative): `FaultLog` handles such events. A column
+    may be a view into a buffer that the next chunk overwrites.
     """
 
     t: npt.NDArray[Any]
     x: npt.NDArray[Any]
     y: npt.NDArray[Any]
     p: npt.NDArray[Any]
+
+
+def empty_columns(n: int) -> Columns:
+    """Return columns for `n` events, whose values a decoder sets."""
+    return Columns(
+        np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16), np.empty(n, np.bool_)
+    )
 
 
 # Handling of faulty events: checks, counts and messages.

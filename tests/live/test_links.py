@@ -185,11 +185,11 @@ def test_a_second_sender_is_left_out_and_told_until_the_first_is_silent(monkeypa
     assert heard == [b"a%d" % number for number in range(20)]
     assert host.read(0) == b""
     assert f"sends to {host.address} as well and is left out" in host.remark
-    assert not host.began_anew()
+    assert not host.stream_changed()
     time.sleep(0.25)
     second.write(b"mine", 1)
     assert host.read(1) == b"mine"
-    assert host.began_anew()
+    assert host.stream_changed()
     assert host.remark == ""
     for link in (host, first, second):
         link.close()

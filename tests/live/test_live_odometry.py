@@ -73,7 +73,7 @@ def test_a_leap_moves_nothing_neither_there_nor_back():
 def test_what_was_begun_before_a_gap_is_no_reading():
     line = OdometerLine()
     line.feed(b"1.0\n1", 0.0)
-    line.feed(b"2.0\n", 0.1, anew=True)
+    line.feed(b"2.0\n", 0.1, after_loss=True)
     assert line.metres == 1.0
 
 

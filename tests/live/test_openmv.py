@@ -20,7 +20,7 @@ from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults
 from edge_vpr.live.links import LinkReader, open_device_link, open_link
 from edge_vpr.live.protocols import open_decoder, open_encoder
-from edge_vpr.live.protocols.openmv import PATIENCE_S, PERIOD_US, open_maker
+from edge_vpr.live.protocols.openmv import PATIENCE_S, PERIOD_US, record_encoder
 from edge_vpr.live.protocols.openmv_camera import Camera, CameraEncoder
 from edge_vpr.live.protocols.openmv_packets import (
     HEADER,
@@ -131,10 +131,10 @@ def test_what_is_asked_for_arrives_to_the_bit_however_the_bytes_are_cut(spec, da
     rng = np.random.default_rng(seed)
     events = random_events(rng, n, SENSOR, n)
     events["t"] = np.cumsum(rng.integers(0, data.draw(st.sampled_from([2, 50, 5_000])), n))
-    maker = open_maker(_format_of(spec), SENSOR)
+    encode = record_encoder(_format_of(spec), SENSOR)
     channel = "raw_events" if "raw" in spec else "events"
     camera = CameraEncoder(
-        SENSOR, channel, maker, buffer_events=data.draw(st.sampled_from([64, 1_000])),
+        SENSOR, channel, encode, buffer_events=data.draw(st.sampled_from([64, 1_000])),
         fragment=data.draw(st.sampled_from([52, 512, 4_082])),
     )  # fmt: skip
     decoder = open_decoder(with_option(spec, data.draw(st.sampled_from(["ack=off", "ack=on"]))),

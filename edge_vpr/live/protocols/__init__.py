@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -95,13 +94,13 @@ class Health:
     #: as the system counts them.
     line_errors: int = 0
     wraps: int = 0  #: Wraps of the device's clock.
-    #: How often the clock started anew, which keeps the order of events but not their distance.
+    #: How often the clock restarted, which keeps the order of events but not their distance.
     clock_resets: int = 0
     #: Steps of the clock over so many ticks that one match was given for all of them.
     clock_jumps: int = 0
     reopened: int = 0  #: How often the link was lost and opened again.
     stalls: int = 0  #: Silences of more than a second.
-    retries: int = 0  #: How often an answer of the device did not come, so that it was asked anew.
+    retries: int = 0  #: How often an answer of the device did not come, so that it was asked again.
     misfits: int = 0  #: Matches in another place or light than the map's, by their misfit.
     #: lag_us, longest_lag_us: how much later than the quickest events the newest ones were matched,
     #: and the latest ones, by the clocks of camera and host. It includes bytes that waited in the
@@ -208,7 +207,7 @@ _STATE = np.dtype(
         ("dated", "<i8"),  # whether a time is known
         ("last", "<i8"),  # newest time of the device
         ("now", "<i8"),  # the same without wraps, from time 0 on
-        ("held", "<i8"),  # number of events in `_Kept.held`
+        ("held", "<i8"),  # number of events in `_FilterState.held`
         # counts, see `Health`
         ("off_sensor", "<i8"),
         ("late", "<i8"),
@@ -219,7 +218,7 @@ _STATE = np.dtype(
 )
 
 
-class _Kept(NamedTuple):
+class _FilterState(NamedTuple):
     """State of the kernel, held events, and limits, with times in ticks."""
 
     state: npt.NDArray[np.void]
@@ -253,7 +252,7 @@ class TimestampFilter:
 
     Attributes
     ----------
-    box : Box
+    box : KernelState
         State for kernels, after which `report` is to be called.
     """
 
@@ -270,7 +269,7 @@ class TimestampFilter:
         self._state = np.zeros(1, dtype=_STATE)
         self._held = np.empty(max(1, clock.confirm), dtype=EVENT_DTYPE)
         self.box = KernelState(
-            _Kept(
+            _FilterState(
                 self._state, self._held, sensor.width, sensor.height, self._period, self._late,
                 max(1, STEP_US // self._tick), self._silence, self._tick, clock.confirm,
             )
@@ -346,7 +345,7 @@ def _wrapped(earlier, later, period):  # type: ignore[no-untyped-def]
 @kernel
 def start_clock(box, time):  # type: ignore[no-untyped-def]
     """Set time 0 to the device's `time`, unless there were events before."""
-    s = _Kept(*box.value).state[0]
+    s = _FilterState(*box.value).state[0]
     if not s["dated"]:
         s["dated"], s["last"] = 1, time
 
@@ -357,7 +356,7 @@ def reach(box, time):  # type: ignore[no-untyped-def]
 
     Returns the time from time 0 on, in microseconds.
     """
-    kept = _Kept(*box.value)
+    kept = _FilterState(*box.value)
     s = kept.state[0]
     known = s["dated"] and not kept.period and time >= 0
     if known and 0 < time - s["last"] <= kept.silence:
@@ -369,13 +368,13 @@ def reach(box, time):  # type: ignore[no-untyped-def]
 @kernel
 def room_for(box, n):  # type: ignore[no-untyped-def]
     """Return an array for `n` events and those that are held."""
-    return np.empty(n + _Kept(*box.value).held.size, EVENT_DTYPE)
+    return np.empty(n + _FilterState(*box.value).held.size, EVENT_DTYPE)
 
 
 @kernel
 def counts_of(box):  # type: ignore[no-untyped-def]
     """Return the counts that `TimestampFilter.report` adds to the health."""
-    s = _Kept(*box.value).state[0]
+    s = _FilterState(*box.value).state[0]
     return s["held"], s["off_sensor"], s["late"], s["leaps"], s["wraps"], s["clock_resets"]
 
 
@@ -434,18 +433,7 @@ def admit_columns(box, t, x, y, p, out):  # type: ignore[no-untyped-def]
     return n
 
 
-def no_columns(n: int = 0) -> Columns:
-    """Room for `n` events, as columns."""
-    return Columns(
-        np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16), np.empty(n, np.bool_)
-    )
-
-
 # Interface of protocols: decoders from pieces of bytes of any size to events, and encoders.
-
-
-Options = Mapping[str, str]
-"""What follows the colon in ``edvs:format=E3,sync=1``."""
 
 
 class Decoder:
@@ -662,17 +650,10 @@ def damaged_sample(encoder: Encoder) -> bytes:
 
 
 class OptionReader:
-    """Reads the options of a protocol, each once; options that remain are errors.
+    """Reads the options of a protocol, each once; options that remain are errors."""
 
-    Raises
-    ------
-    UsageError
-        From `done`, if an option is unknown.
-    """
-
-    def __init__(self, protocol: str, options: Options) -> None:
-        self._protocol = protocol
-        self._left = dict(options)
+    def __init__(self, protocol: str, options: dict[str, str]) -> None:
+        self._protocol, self._left = protocol, options
         self._known: list[str] = []
 
     def choice(self, name: str, allowed: tuple[str, ...]) -> str:
@@ -714,7 +695,6 @@ class OptionReader:
 #: An entry point of this group names a module with ``open_decoder(name, sensor, options)`` and
 #: ``open_encoder(name, sensor, options)``; both functions take an `OptionReader`.
 GROUP = "edge_vpr.protocols"
-
 
 #: The protocols of this package, by the name that ``--protocol`` takes, and their modules.
 PROTOCOLS: dict[str, str] = {
@@ -768,26 +748,24 @@ def open_decoder(protocol: str, sensor: Sensor) -> Decoder:
     UsageError
         If the protocol or an option is unknown, or the sensor is too large for it.
     """
-    name, options = parse_protocol(protocol)
-    reader = OptionReader(name, options)
-    decoder: Decoder = _module(name).open_decoder(name, sensor, reader)
-    reader.done()
+    decoder: Decoder = _open("open_decoder", protocol, sensor)
     return decoder
 
 
 def open_encoder(protocol: str, sensor: Sensor) -> Encoder:
     """Make the encoder of a protocol; see `open_decoder`."""
-    name, options = parse_protocol(protocol)
-    reader = OptionReader(name, options)
-    encoder: Encoder = _module(name).open_encoder(name, sensor, reader)
-    reader.done()
+    encoder: Encoder = _open("open_encoder", protocol, sensor)
     return encoder
 
 
-def _module(name: str) -> ModuleType:
-    module: ModuleType | None = _REGISTRY.load(name)
+def _open(function: str, protocol: str, sensor: Sensor) -> Any:
+    name, options = parse_protocol(protocol)
+    module = _REGISTRY.load(name)
     if module is None:
         raise UsageError(
             f"protocol {name!r} is unknown: choose one of {', '.join(protocol_names())}"
         )
-    return module
+    reader = OptionReader(name, options)
+    opened = getattr(module, function)(name, sensor, reader)
+    reader.done()
+    return opened

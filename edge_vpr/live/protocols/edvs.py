@@ -9,14 +9,7 @@ import numpy as np
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor, join_events
-from edge_vpr.live.protocols import (
-    Clock,
-    Decoder,
-    Encoder,
-    OptionReader,
-    damaged_sample,
-    no_columns,
-)
+from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader, damaged_sample
 from edge_vpr.live.protocols.layout import (
     NOTICE_WORDS,
     SEARCH_WORDS,
@@ -27,7 +20,7 @@ from edge_vpr.live.protocols.layout import (
     Raw,
     read_words,
 )
-from edge_vpr.recordings.reading import Columns
+from edge_vpr.recordings.reading import Columns, empty_columns
 
 # Recognition of the eDVS format of a device from its bytes.
 
@@ -141,7 +134,7 @@ class StepDecoder(Decoder):
         self._sync = sync
         self._now = 0
         self._searching = True
-        self._room = no_columns()
+        self._room = empty_columns(0)
         self.resync_bytes = (SEARCH_WORDS + NOTICE_WORDS + 1) * _LONGEST
 
     def _lose_sync(self) -> None:
@@ -150,7 +143,7 @@ class StepDecoder(Decoder):
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
         raw = np.frombuffer(data, dtype=np.uint8)
         if raw.size // 3 >= self._room.t.size:
-            self._room = no_columns(raw.size // 3 + 1)
+            self._room = empty_columns(raw.size // 3 + 1)
         t, x, y, p = self._room
         at, count = 0, 0
         while True:
@@ -259,7 +252,7 @@ def encode_steps(events: Events, since_us: int, sync: int) -> bytes:
     return rows[sent].astype(np.uint8).tobytes()
 
 
-# EDVS: 128 x 128 pixels, formats E0 to E4, no checksum and no sequence number.
+# The stream of a device, in any of the formats.
 #
 # Byte 0 holds a sync bit and the row, byte 1 polarity and column. The time follows: none (E0), the
 # step since the previous event in 7-bit groups (E1), or 16, 24, 32 bits (E2, E3, E4). Firmware

@@ -22,17 +22,13 @@ from edge_vpr.live.protocols import (
     OptionReader,
     admit_columns,
     counts_of,
-    no_columns,
     reach,
     room_for,
     start_clock,
 )
 from edge_vpr.online.localiser import CHUNK_EVENTS, Follower, Step, follow_kept
-from edge_vpr.recordings.reading import Columns
+from edge_vpr.recordings.reading import Columns, empty_columns
 from edge_vpr.warm_up import synthetic_events
-
-# Layout of this project's own frames; see docs/protocol_evpr.md.
-
 
 #: Longest frame before stuffing, and after stuffing (without the zero at its end).
 MAX_FRAME = 8_192
@@ -153,14 +149,14 @@ def crc32(data: Any, start: Any, stop: Any) -> Any:
     return value ^ 0xFFFFFFFF
 
 
-# Kernels that decode this project's own frames, which `docs/protocol_evpr.md` specifies.
+# Kernels that decode frames.
 
 
 _HEADER_BYTES, _CHECK_BYTES = HEADER.size, CHECK.size
 #: A frame that was sent less than this before the last one is a repetition.
 REPEAT_US = 1_000_000
 # State between frames.
-MEMORY = np.dtype(
+_STATE = np.dtype(
     [
         ("boot", "<i8"),  # number of the device's start; -1: no frame yet
         ("next", "<i8"),  # expected sequence number of the next frame
@@ -169,7 +165,7 @@ MEMORY = np.dtype(
     ]
 )
 # Results of the frames of one chunk.
-BROUGHT = np.dtype(
+_COUNTS = np.dtype(
     [
         # number of each kind
         ("frames", "<i8"),
@@ -191,14 +187,14 @@ class FrameRoom(NamedTuple):
 
     plain: Bytes  #: Shape (MAX_STUFFED,): one frame without stuffing.
     columns: Columns  #: Events of all frames.
-    memory: npt.NDArray[np.void]  #: Shape (1,): state that is kept between chunks.
-    brought: npt.NDArray[np.void]  #: Shape (1,): counts of what the chunk held.
+    state: npt.NDArray[np.void]  #: Shape (1,): state that is kept between chunks.
+    counts: npt.NDArray[np.void]  #: Shape (1,): counts of what the chunk held.
 
     @classmethod
-    def of(cls, size: int, memory: npt.NDArray[np.void]) -> FrameRoom:
+    def of(cls, size: int, state: npt.NDArray[np.void]) -> FrameRoom:
         """Make room for the events of frames of `size` bytes in total."""
-        plain, brought = np.empty(MAX_STUFFED, dtype=np.uint8), np.zeros(1, dtype=BROUGHT)
-        return cls(plain, no_columns(size // 3), memory, brought)
+        plain, counts = np.empty(MAX_STUFFED, dtype=np.uint8), np.zeros(1, dtype=_COUNTS)
+        return cls(plain, empty_columns(size // 3), state, counts)
 
 
 @kernel
@@ -220,13 +216,13 @@ def decode_frames(box, clock, data):  # type: ignore[no-untyped-def]
     frames, decoded : int
         Number of undamaged frames, and of events in them.
     same : bool
-        Whether all other counts are as before, in `FrameRoom.brought` and of the clock.
+        Whether all other counts are as before, in `FrameRoom.counts` and of the clock.
     reached : int
         Time up to which the stream is known, see `TimestampFilter.reached_us`.
     """
     room, raw = FrameRoom(*box.value), np.frombuffer(data, dtype=np.uint8)
-    brought, before = room.brought, counts_of(clock)
-    brought.view(np.int64)[:] = 0
+    counts, before = room.counts, counts_of(clock)
+    counts.view(np.int64)[:] = 0
     n, start = 0, 0
     for i in range(raw.size):
         if raw[i] != 0:
@@ -235,7 +231,7 @@ def decode_frames(box, clock, data):  # type: ignore[no-untyped-def]
             size = unstuff(raw[start:i], room.plain) if i - start <= MAX_STUFFED else -1
             n += _take_frame(room, size - _CHECK_BYTES, i - start + 1, n)
         start = i + 1
-    found = brought[0]
+    found = counts[0]
     if found["frames"]:
         start_clock(clock, found["base"])
     t, x, y, p = room.columns
@@ -279,8 +275,8 @@ def _take_frame(room, end, taken, first):  # type: ignore[no-untyped-def]
 
     The frame took `taken` bytes on the line. Its events are written from `first` on, and counted.
     """
-    plain, columns, memory, brought = room
-    last, found = memory[0], brought[0]
+    plain, columns, state, counts = room
+    last, found = state[0], counts[0]
     width, x_bits, y_bits = (
         np.int64(plain[0] & 15),
         np.int64(plain[1] & 15),
@@ -357,7 +353,7 @@ def _take_words(data, form, base, columns, first):  # type: ignore[no-untyped-de
     return n - first
 
 
-# Encoder of this project's own frames, which `docs/protocol_evpr.md` specifies.
+# Encoder and decoder of a stream.
 
 
 class EvprEncoder(Encoder):
@@ -463,9 +459,6 @@ class EvprEncoder(Encoder):
         return stuff(frame + CHECK.pack(zlib.crc32(frame))) + FRAME_END
 
 
-# Decoder of this project's own frames, which `docs/protocol_evpr.md` specifies.
-
-
 class EvprDecoder(Decoder):
     """Decodes frames; a frame is delivered whole and undamaged, or not at all."""
 
@@ -475,7 +468,7 @@ class EvprDecoder(Decoder):
         super().__init__(sensor, Clock(confirm=1), EXACT)
         self._endless = False  # within a frame that is already too long
         self._room = KernelState(
-            FrameRoom.of(3 * CHUNK_EVENTS, np.array([(-1, 0, 0, 0)], dtype=MEMORY))
+            FrameRoom.of(3 * CHUNK_EVENTS, np.array([(-1, 0, 0, 0)], dtype=_STATE))
         )
 
     def _samples(self) -> Iterable[bytes]:
@@ -512,7 +505,7 @@ class EvprDecoder(Decoder):
     def _take_frames(self, frames: bytes) -> Events:
         room = self._room.value
         if len(frames) // 3 > room.columns.t.size:
-            self._room = KernelState(FrameRoom.of(len(frames), room.memory))
+            self._room = KernelState(FrameRoom.of(len(frames), room.state))
         return self._account(*decode_frames(self._room.boxed, self._timestamps.box.boxed, frames))
 
     def decode_and_follow(
@@ -546,8 +539,8 @@ class EvprDecoder(Decoder):
             health.events += delivered
             return events
         self._timestamps.report(decoded, delivered)
-        brought = cast("tuple[int, ...]", self._room.value.brought.item())
-        _, damaged, skipped, repeats, gaps, lost, dropped, resets, _, _ = brought
+        counts = cast("tuple[int, ...]", self._room.value.counts.item())
+        _, damaged, skipped, repeats, gaps, lost, dropped, resets, _, _ = counts
         health.crc_errors += damaged
         health.resyncs += damaged
         health.skipped_bytes += skipped

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.live.protocols import STEP_US, Clock, Decoder, Encoder, damaged_sample, no_columns
-from edge_vpr.recordings.reading import Columns
+from edge_vpr.live.protocols import STEP_US, Clock, Decoder, Encoder, damaged_sample
+from edge_vpr.recordings.reading import Columns, empty_columns
 
 # Streams of words of one size without frames, and the search for the beginning of words.
 #
@@ -68,7 +68,7 @@ class WordDecoder(Decoder):
         self._search_words = search_words
         self._searching = True
         # whether this search was counted; bytes before the first event of a device are no loss
-        self._told = True
+        self._counted = True
         self.resync_bytes = (search_words + notice_words + 1) * size
 
     @abstractmethod
@@ -84,7 +84,7 @@ class WordDecoder(Decoder):
         """
 
     def _lose_sync(self) -> None:
-        self._searching, self._told = True, False
+        self._searching, self._counted = True, False
 
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
         raw = np.frombuffer(data, dtype=np.uint8)
@@ -98,8 +98,8 @@ class WordDecoder(Decoder):
                 at += skip
                 self.health.skipped_bytes += skip
                 # a search that ends where it began has lost nothing
-                self.health.resyncs += skip > 0 and not self._told
-                self._told |= skip > 0
+                self.health.resyncs += skip > 0 and not self._counted
+                self._counted |= skip > 0
                 if self._searching:
                     continue
             words = (raw.size - at) // size
@@ -187,11 +187,6 @@ class Field:
         """Largest value of the field."""
         return (1 << self.bits) - 1
 
-    @property
-    def place(self) -> tuple[int, int]:
-        """Shift and mask of the field."""
-        return self.shift, self.mask
-
 
 @dataclass(frozen=True)
 class Layout:
@@ -223,10 +218,10 @@ class Layout:
         period = 1 << self.t.bits
         late = min(DISORDER_US // self.tick_us, period // 16)
         span = late + min(max(1, STEP_US // self.tick_us), period // 2)
-        fields = (number for each in (self.x, self.y, self.p, self.t) for number in each.place)
-        sync = self.sync_mask, self.sync_value
-        values = self.size, self.big, self.off_is_one, *sync, late, span, *fields
-        return np.array([values], dtype=_FORM)
+        values = [self.size, self.big, self.off_is_one, self.sync_mask, self.sync_value, late, span]
+        for field in (self.x, self.y, self.p, self.t):
+            values += [field.shift, field.mask]
+        return np.array([tuple(values)], dtype=_FORM)
 
     def check_sensor(self, name: str, sensor: Sensor) -> None:
         """Raise `UsageError` if the sensor has more columns or rows than the fields can hold."""
@@ -246,7 +241,7 @@ class LayoutDecoder(WordDecoder):
         self.layout = layout
         self._form = layout.form()
         self._memory = np.array([_NOTHING], dtype=_MEMORY)
-        self._room = no_columns()
+        self._room = empty_columns(0)
 
     def _samples(self) -> Iterable[bytes]:
         yield damaged_sample(LayoutEncoder("sample", self.layout, self.sensor))
@@ -257,7 +252,7 @@ class LayoutDecoder(WordDecoder):
     def _take_words(self, raw: Raw) -> tuple[int, Columns, bool]:
         words = raw.size // self.layout.size
         if words > self._room.t.size:
-            self._room = no_columns(words)
+            self._room = empty_columns(words)
         t, x, y, p = self._room
         used = int(_take(raw, words, self._form, self._memory, self._host_us, t, x, y, p))
         return used, Columns(t[:used], x[:used], y[:used], p[:used]), used < words

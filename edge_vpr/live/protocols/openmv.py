@@ -33,9 +33,9 @@ from edge_vpr.live.protocols.openmv_packets import (
     pack,
 )
 from edge_vpr.recordings.prophesee import Decoder as WordsDecoder
-from edge_vpr.recordings.reading import Columns
+from edge_vpr.recordings.reading import Columns, empty_columns
 
-# Host's side of the dialogue with an OpenMV camera: decides which command comes next.
+# The host's side of the dialogue with a camera: which command comes next.
 #
 # The host synchronises, agrees on capabilities and lists the channels. Then it repeats: poll, ask
 # for the size, read. One sequence number counts the packets of both directions. A command has the
@@ -71,7 +71,7 @@ _LEAST_PAYLOAD = 50
 _LONGEST_LIST = 200
 
 
-class Session:
+class Dialogue:
     """Requests the data of one channel from a camera.
 
     Parameters
@@ -160,9 +160,9 @@ class Session:
         if not self._hurried:
             self._hurried = True
             self._patience = REPEATED_S if self._acknowledge else DAMAGED_S
-            self.wait_anew()
+            self.restart_wait()
 
-    def wait_anew(self) -> None:
+    def restart_wait(self) -> None:
         """Restart the wait for an answer."""
         if not self._command:
             self._moment = None
@@ -261,7 +261,7 @@ class Session:
         self._ask(Opcode.LIST, pause=LIST_S)
 
 
-# Contents of the channels of an OpenMV camera with a GENX320: consecutive records of one size.
+# Contents of the camera's channels: consecutive records of one size.
 
 
 Raw = npt.NDArray[np.uint8]
@@ -317,9 +317,7 @@ class EventRecords(Records):
     def decode(self, raw: Raw, health: Health, host_us: int) -> Columns:
         """See `Records.decode`; an invalid record is counted as undated."""
         rows = raw.view("<u2").reshape(-1, 6)
-        t = np.empty(len(rows), dtype=np.int64)
-        x, y = np.empty(len(rows), dtype=np.uint16), np.empty(len(rows), dtype=np.uint16)
-        p = np.empty(len(rows), dtype=np.bool_)
+        t, x, y, p = empty_columns(len(rows))
         n, odd = _events(rows, t, x, y, p, self._state)
         health.reject_undated(odd)
         return Columns(t[:n], x[:n], y[:n], p[:n])
@@ -394,15 +392,15 @@ class AerRecords(Records):
 FORMATS = ("events", "evt2", "evt21", "evt3", "aer")
 
 
-def open_records(records_format: str) -> Records:
+def record_decoder(records_format: str) -> Records:
     """Make a decoder of one of `FORMATS`."""
     if records_format == "events":
         return EventRecords()
     return AerRecords() if records_format == "aer" else EvtRecords(records_format)
 
 
-def open_maker(records_format: str, sensor: Sensor) -> Callable[[Events], bytes]:
-    """Make an encoder of one of `FORMATS`."""
+def record_encoder(records_format: str, sensor: Sensor) -> Callable[[Events], bytes]:
+    """Return the function that encodes events in one of `FORMATS`."""
     if records_format == "events":
         return _event_rows
     if records_format == "aer":
@@ -424,7 +422,7 @@ def _aer_bytes(events: Events) -> bytes:
     return word.astype("<u4").view(np.uint8).reshape(-1, 4)[:, :3].tobytes()
 
 
-# Decoding of OpenMV's packets to events, for decoders that send commands or only listen.
+# From packets to events: what decoders that ask and decoders that only listen have in common.
 
 
 class PacketDecoder(Decoder):
@@ -516,8 +514,8 @@ class ListeningDecoder(PacketDecoder):
         self._placed = True
 
     def _samples(self) -> Iterable[bytes]:
-        maker = open_maker(self._records.name, self.sensor)
-        encoder = PushingEncoder(self.sensor, self._channel, maker)
+        encode = record_encoder(self._records.name, self.sensor)
+        encoder = PushingEncoder(self.sensor, self._channel, encode)
         yield encoder.encode(make_events([0], [0], [0], [1]))
 
     def _lose_sync(self) -> None:
@@ -560,7 +558,7 @@ class ListeningDecoder(PacketDecoder):
             self._rest, self._placed = b"", True
 
 
-# OpenMV's protocol, version 2: events of a camera with a GENX320, requested or unrequested.
+# The decoder that asks a camera.
 #
 # The camera has named channels. A script on it registers ``events`` or ``raw_events``, whose number
 # is in the list of channels. `docs/serial.md` names the scripts.
@@ -588,14 +586,14 @@ class AskingDecoder(PacketDecoder):
         self, sensor: Sensor, channel: str, records: Records, *, acknowledge: bool = False
     ) -> None:
         super().__init__(sensor, records)
-        self._session = Session(channel, acknowledge)
+        self._dialogue = Dialogue(channel, acknowledge)
         self._unanswered = 0
         #: of the current read: its bytes, bytes received or passed over, and records received
         self._size = self._position = self._came = 0
 
     def setup(self) -> bytes:
         """See `Decoder.setup`."""
-        return self._session.opening()
+        return self._dialogue.opening()
 
     def greeting(self) -> bytes:
         """Return nothing: `to_send` asks a silent camera again."""
@@ -603,16 +601,16 @@ class AskingDecoder(PacketDecoder):
 
     def to_send(self, now_s: float) -> bytes:
         """See `Decoder.to_send`."""
-        session = self._session
-        if session.overdue(now_s):
+        dialogue = self._dialogue
+        if dialogue.overdue(now_s):
             self.health.retries += 1
-            self._unanswered += session.awaited == Opcode.SYNC
+            self._unanswered += dialogue.awaited == Opcode.SYNC
             self._give_up()
-            session.restart()
+            dialogue.restart()
             # the rest of an incomplete packet will not come
             self._distrusted = len(self._pending)
-        out = session.send(now_s)
-        self.tick_s, self.remark = session.tick_s, session.remark
+        out = dialogue.send(now_s)
+        self.tick_s, self.remark = dialogue.tick_s, dialogue.remark
         if self._unanswered > 1:
             self.remark = (
                 f"the camera does not answer: open a serial port at {BAUD} baud, and have "
@@ -622,13 +620,13 @@ class AskingDecoder(PacketDecoder):
 
     def feed(self, data: bytes, host_us: int = 0) -> Events:
         """See `Decoder.feed`."""
-        session, errors = self._session, self.health.crc_errors
-        before = session.sequence, session.awaited
+        dialogue, errors = self._dialogue, self.health.crc_errors
+        before = dialogue.sequence, dialogue.awaited
         events = super().feed(data, host_us)
-        if (session.sequence, session.awaited) != before:
-            session.wait_anew()
+        if (dialogue.sequence, dialogue.awaited) != before:
+            dialogue.restart_wait()
         if self.health.crc_errors > errors:
-            session.hurry()
+            dialogue.hurry()
         return events
 
     def finish(self) -> Events:
@@ -642,18 +640,18 @@ class AskingDecoder(PacketDecoder):
         events = super().gap(lost_bytes)
         if not lost_bytes:
             # the caller that opened the link again has sent the opening command
-            self._session.opening()
+            self._dialogue.opening()
         return events
 
     def _lose_sync(self) -> None:
         self._give_up()
-        self._session.restart()
+        self._dialogue.restart()
 
     def warm_up(self) -> None:
         """See `Decoder.warm_up`; a scratch decoder speaks with a simulated camera."""
         scratch = copy.deepcopy(self)
-        maker = open_maker(self._records.name, self.sensor)
-        camera = CameraEncoder(self.sensor, self._session.name, maker)
+        encode = record_encoder(self._records.name, self.sensor)
+        camera = CameraEncoder(self.sensor, self._dialogue.name, encode)
         camera.start()
         camera.encode(make_events([0], [0], [0], [1]))
         command = scratch.setup()
@@ -663,16 +661,16 @@ class AskingDecoder(PacketDecoder):
         scratch.finish()
 
     def _aim(self, finder: PacketFinder) -> None:
-        session = self._session
-        finder.limit, finder.sequence = session.limit, session.sequence
-        reading = session.awaited == Opcode.READ
+        dialogue = self._dialogue
+        finder.limit, finder.sequence = dialogue.limit, dialogue.sequence
+        reading = dialogue.awaited == Opcode.READ
         # data beyond the requested size is not joined, so that each packet is checked
         joins = reading and self._position < self._size
-        finder.channel = session.channel if joins and session.channel is not None else -1
+        finder.channel = dialogue.channel if joins and dialogue.channel is not None else -1
 
     def _take_joined(self, finder: PacketFinder, n_bytes: int) -> None:
         self._position += n_bytes
-        self._session.sequence = finder.sequence
+        self._dialogue.sequence = finder.sequence
 
     def _take_bytes(self, raw: npt.NDArray[np.uint8], parts: list[Columns]) -> int:
         n = super()._take_bytes(raw, parts)
@@ -680,34 +678,34 @@ class AskingDecoder(PacketDecoder):
         return n
 
     def _take_packet(self, packet: Packet, parts: list[Columns]) -> None:
-        session, flags = self._session, packet.flags
+        dialogue, flags = self._dialogue, packet.flags
         if flags & Flag.ACK_REQ:
-            session.acknowledge(packet)
+            dialogue.acknowledge(packet)
         if flags & Flag.EVENT:
-            session.hear_event(packet)
+            dialogue.hear_event(packet)
             return
-        if flags & Flag.RTX and packet.sequence != session.sequence:
+        if flags & Flag.RTX and packet.sequence != dialogue.sequence:
             return  # received before; only its acknowledgement was lost
         self._unanswered = 0
         if (
-            session.awaited == packet.opcode == Opcode.READ
-            and packet.channel == session.channel
+            dialogue.awaited == packet.opcode == Opcode.READ
+            and packet.channel == dialogue.channel
             and not flags & (Flag.ACK | Flag.NAK)
         ):
             self._take_fragment(packet, parts)
             return
-        before = session.awaited
-        session.hear(packet)
-        if before == Opcode.READ != session.awaited:
+        before = dialogue.awaited
+        dialogue.hear(packet)
+        if before == Opcode.READ != dialogue.awaited:
             self._give_up()
-        elif before != Opcode.READ == session.awaited:
-            self._size, self._position, self._came = session.size, 0, 0
+        elif before != Opcode.READ == dialogue.awaited:
+            self._size, self._position, self._came = dialogue.size, 0, 0
             self._rest, self._skip = b"", 0
 
     def _take_fragment(self, packet: Packet, parts: list[Columns]) -> None:
         """Decode a fragment of the requested data; all fragments but the last have one length."""
-        session, n = self._session, len(packet.payload)
-        missing = (packet.sequence - session.sequence) & 0xFF
+        dialogue, n = self._dialogue, len(packet.payload)
+        missing = (packet.sequence - dialogue.sequence) & 0xFF
         last = not packet.flags & Flag.FRAGMENT
         start = self._size - n if last else self._position + missing * n
         if (
@@ -718,18 +716,18 @@ class AskingDecoder(PacketDecoder):
             # the fragment does not fit the request
             self.health.crc_errors += 1
             self._give_up()
-            session.restart()
+            dialogue.restart()
             return
         if missing:
             self.health.sequence_gaps += 1
             self._rest, self._skip = b"", -start % self._records.size
             self._records.lose()
-        session.sequence = (packet.sequence + 1) & 0xFF
+        dialogue.sequence = (packet.sequence + 1) & 0xFF
         self._position = start + n
         self._take_bytes(np.frombuffer(self._rest + packet.payload, dtype=np.uint8), parts)
         if last:
             self._account()
-            session.poll()
+            dialogue.poll()
 
     def _give_up(self) -> None:
         """Stop waiting for the requested data."""
@@ -753,7 +751,7 @@ def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:
     """Make a decoder."""
     channel, records_format = _channel(options)
     acknowledge = options.choice("ack", ("off", "on")) == "on"
-    records = open_records(records_format)
+    records = record_decoder(records_format)
     if isinstance(channel, int):
         return ListeningDecoder(sensor, channel, records)
     return AskingDecoder(sensor, channel, records, acknowledge=acknowledge)
@@ -762,10 +760,10 @@ def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:
 def open_encoder(name: str, sensor: Sensor, options: OptionReader) -> Encoder:
     """Make an encoder."""
     channel, records_format = _channel(options)
-    make = open_maker(records_format, sensor)
+    encode = record_encoder(records_format, sensor)
     if isinstance(channel, int):
-        return PushingEncoder(sensor, channel, make)
-    return CameraEncoder(sensor, channel, make)
+        return PushingEncoder(sensor, channel, encode)
+    return CameraEncoder(sensor, channel, encode)
 
 
 def _channel(options: OptionReader) -> tuple[str | int, str]:

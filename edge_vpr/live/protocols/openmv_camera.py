@@ -85,12 +85,8 @@ class Camera:
         """Register the channel, as a script does, and return the event for the host."""
         self._number = len(self._names)
         self._names[self._number] = (name, _DYNAMIC)
-        return self._event(0, 0)
-
-    def _event(self, channel: int, event: int) -> bytes:
-        opcode = Opcode.CHANNEL_EVENT if channel else Opcode.SYS_EVENT
         self._stats[6] += 1
-        return pack(opcode, self._sequence, channel, Flag.EVENT, struct.pack("<H", event))
+        return pack(Opcode.SYS_EVENT, self._sequence, 0, Flag.EVENT, struct.pack("<H", 0))
 
     def receive(self, data: bytes) -> bytes:
         """Take the bytes that the host sent; return the answers."""
@@ -286,8 +282,8 @@ class CameraEncoder(Encoder):
 
     Parameters
     ----------
-    make : callable
-        Function that encodes events as records.
+    encode_records : callable
+        Encodes events as the channel's records.
     buffer_events : int
         Number of events in one of the script's buffers.
     """
@@ -298,13 +294,13 @@ class CameraEncoder(Encoder):
         self,
         sensor: Sensor,
         channel: str,
-        make: Callable[[Events], bytes],
+        encode_records: Callable[[Events], bytes],
         *,
         buffer_events: int = 8_192,
         fragment: int = READ_BYTES,
     ) -> None:
         super().__init__(sensor)
-        self._channel, self._make, self._most = channel, make, buffer_events
+        self._channel, self._encode, self._most = channel, encode_records, buffer_events
         self.capacity = buffer_events * BUFFERS
         self._camera = Camera(fragment)
         self._counts: deque[int] = deque()
@@ -318,7 +314,7 @@ class CameraEncoder(Encoder):
         """Hold events until the host requests them."""
         for at in range(0, events.size, self._most):
             part = events[at : at + self._most]
-            self._camera.buffers.append(self._make(part))
+            self._camera.buffers.append(self._encode(part))
             self._counts.append(part.size)
         self.held += events.size
         return b""
@@ -345,15 +341,17 @@ class CameraEncoder(Encoder):
 class PushingEncoder(Encoder):
     """Device that sends the packets of one channel without a request."""
 
-    def __init__(self, sensor: Sensor, channel: int, make: Callable[[Events], bytes]) -> None:
+    def __init__(
+        self, sensor: Sensor, channel: int, encode_records: Callable[[Events], bytes]
+    ) -> None:
         super().__init__(sensor)
-        self._channel, self._make = channel, make
+        self._channel, self._encode = channel, encode_records
         self._sequence = 0
 
     def encode(self, events: Events) -> bytes:
         """Encode events."""
         return b"".join(
-            self._packet(self._make(events[i : i + PACKET_EVENTS]))
+            self._packet(self._encode(events[i : i + PACKET_EVENTS]))
             for i in range(0, events.size, PACKET_EVENTS)
         )
 
