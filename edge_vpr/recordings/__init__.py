@@ -21,8 +21,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -359,50 +358,58 @@ def _doubt(events: Events) -> str:
 
 @dataclass(frozen=True)
 class Format:
-    """File format, and the module of this package that reads (and perhaps writes) it.
+    """File format, and what reads and writes it, as ``module:name``.
 
-    The module is imported when the first such file is opened. It has ``open_source(path, options)``
-    and, if `writable`, ``open_sink(path, sensor, start_us)``. In a module of several formats, these
-    functions have the name of the `family` in theirs, for example ``open_npz_source``. The format
-    of another package has its `plugin` in place of a module of this package.
+    Modules of this package begin with a dot. They are imported when the first such file is opened.
     """
 
     name: str
     title: str
-    module: str
+    source: str  #: Called with path and `ReadOptions`; returns a `Source`.
+    sink: str = ""  #: Called with path, sensor and start; returns a `Sink`. Empty: never written.
     suffixes: tuple[str, ...] = ()
-    writable: bool = False
-    family: str = ""
-    plugin: ModuleType | None = None
 
-    def function(self, end: Literal["source", "sink"]) -> Any:
-        """Return the function that opens a file to read from, or to write to."""
-        module = self.plugin or import_module(f"edge_vpr.recordings.{self.module}")
-        return getattr(module, f"open_{self.family}_{end}" if self.family else f"open_{end}")
+    def open_source(self, path: Path, options: ReadOptions) -> Source:
+        """Open a file to read from."""
+        source: Source = _imported(self.source)(path, options)
+        return source
+
+    def open_sink(self, path: Path, sensor: Sensor, start_us: int) -> Sink:
+        """Open a file to write to."""
+        sink: Sink = _imported(self.sink)(path, sensor, start_us)
+        return sink
+
+
+def _imported(name: str) -> Any:
+    module, _, attribute = name.partition(":")
+    return getattr(import_module(module, __package__), attribute)
 
 
 #: All formats by their short names, which ``--format`` takes.
-FORMATS: dict[str, Format] = {
-    entry.name: entry
-    for entry in (
-        Format("npz", "NumPy archive of events", "numpy_files", (".npz",), True, family="npz"),
-        Format("npy", "NumPy array of events", "numpy_files", (".npy",), True, family="npy"),
-        Format("csv", "text, one event a line", "text", (".csv", ".txt"), True),
-        Format("frames", "count frames in .npz or .npy, or a folder of PNG or .npy", "frames"),
-        Format("parquet", "Apache Parquet", "parquet", (".parquet",), True),
-        Format("evt2", "Prophesee RAW EVT 2.0", "prophesee", (".raw",), True, family="evt"),
-        Format("evt21", "Prophesee RAW EVT 2.1", "prophesee", family="evt"),
-        Format("evt3", "Prophesee RAW EVT 3.0", "prophesee", family="evt"),
-        Format("dat", "Prophesee DAT", "prophesee", (".dat",), True, family="dat"),
-        Format("aedat4", "iniVation AEDAT 4", "aedat", (".aedat4",), family="aedat4"),
-        Format("aedat3", "cAER AEDAT 3.1", "aedat", family="aedat3"),
-        Format("aedat2", "jAER AEDAT 2", "aedat", (".aedat", ".aedat2"), family="aedat2"),
-        Format("hdf5", "HDF5 (Metavision, DSEC)", "hdf5", (".h5", ".hdf5"), True),
-        Format("rosbag1", "ROS 1 bag", "rosbag", (".bag",)),
-        Format("rosbag2", "ROS 2 bag", "rosbag", (".db3", ".mcap")),
-        Format("es", "Event Stream", "es", (".es",), True),
-    )
-}
+FORMATS: dict[str, Format] = {each.name: each for each in (
+    Format("npz", "NumPy archive of events", ".numpy_files:NpzSource", ".numpy_files:NpzSink",
+           (".npz",)),
+    Format("npy", "NumPy array of events", ".numpy_files:NpySource", ".numpy_files:NpySink",
+           (".npy",)),
+    Format("csv", "text, one event a line", ".text:TextSource", ".text:TextSink", (".csv", ".txt")),
+    Format("frames", "count frames in .npz or .npy, or a folder of PNG or .npy",
+           ".frames:FrameSource"),
+    Format("parquet", "Apache Parquet", ".parquet:ParquetSource", ".parquet:ParquetSink",
+           (".parquet",)),
+    Format("evt2", "Prophesee RAW EVT 2.0", ".prophesee:EvtSource", ".prophesee:Evt2Sink",
+           (".raw",)),
+    Format("evt21", "Prophesee RAW EVT 2.1", ".prophesee:EvtSource"),
+    Format("evt3", "Prophesee RAW EVT 3.0", ".prophesee:EvtSource"),
+    Format("dat", "Prophesee DAT", ".prophesee:DatSource", ".prophesee:DatSink", (".dat",)),
+    Format("aedat4", "iniVation AEDAT 4", ".aedat:Aedat4Source", "", (".aedat4",)),
+    Format("aedat3", "cAER AEDAT 3.1", ".aedat:Aedat3Source"),
+    Format("aedat2", "jAER AEDAT 2", ".aedat:Aedat2Source", "", (".aedat", ".aedat2")),
+    Format("hdf5", "HDF5 (Metavision, DSEC)", ".hdf5:Hdf5Source", ".hdf5:Hdf5Sink",
+           (".h5", ".hdf5")),
+    Format("rosbag1", "ROS 1 bag", ".rosbag:BagSource", "", (".bag",)),
+    Format("rosbag2", "ROS 2 bag", ".rosbag:BagSource", "", (".db3", ".mcap")),
+    Format("es", "Event Stream", ".es:EsSource", ".es:EsSink", (".es",)),
+)}  # fmt: skip
 
 #: An entry point of this group names a module with ``SUFFIXES``, ``open_source(path, options)``
 #: and perhaps ``open_sink(path, sensor, start_us)`` and ``TITLE``.
@@ -424,14 +431,9 @@ def format_of(name: str) -> Format:
     if plugin is None:
         known = ", ".join([*FORMATS, *_PLUGINS.names()])
         raise UsageError(f"format {name!r} is unknown: choose one of {known}")
-    return Format(
-        name,
-        getattr(plugin, "TITLE", name),
-        plugin.__name__,
-        tuple(plugin.SUFFIXES),
-        hasattr(plugin, "open_sink"),
-        plugin=plugin,
-    )
+    module, title = plugin.__name__, getattr(plugin, "TITLE", name)
+    sink = f"{module}:open_sink" if hasattr(plugin, "open_sink") else ""
+    return Format(name, title, f"{module}:open_source", sink, tuple(plugin.SUFFIXES))
 
 
 def _plugin_of(suffix: str) -> Format | None:
@@ -548,7 +550,7 @@ def open_recording(
         options = ReadOptions(
             chosen.name, size, period, default_frame_period, chunk_events, topic, time_unit, columns
         )
-        recording = Recording(chosen.function("source")(path, options), on_fault)
+        recording = Recording(chosen.open_source(path, options), on_fault)
     return recording if crop is None else recording.cropped(crop)
 
 
@@ -740,12 +742,11 @@ def write_recording(
     sensor = Sensor.of(sensor)
     if path.exists() and (path.is_dir() or not overwrite):
         raise UsageError(f"{path} exists: choose another name, or pass --overwrite")
-    open_sink = entry.function("sink")
     chunks = [events] if isinstance(events, np.ndarray) else events
     expect(chunks, Iterable, "events", "an event array, or a recording that yields them")
     try:
         with replacing(path) as part:
-            n = _fill(open_sink(part, sensor, start_us), chunks, sensor)
+            n = _fill(entry.open_sink(part, sensor, start_us), chunks, sensor)
             if n == 0:
                 raise RecordingError(f"there are no events to write to {path}: check the input")
     except OSError as error:
@@ -780,7 +781,7 @@ def _writable(path: Path, name: str | None) -> Format:
         if not entries and (of_others := _plugin_of(path.suffix)) is not None:
             entries = [of_others]
     for entry in entries:
-        if entry.writable:
+        if entry.sink:
             return entry
-    known = ", ".join(s for entry in FORMATS.values() if entry.writable for s in entry.suffixes)
+    known = ", ".join(s for entry in FORMATS.values() if entry.sink for s in entry.suffixes)
     raise UsageError(f"{name or path.suffix or path} cannot be written: choose one of {known}")

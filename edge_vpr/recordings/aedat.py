@@ -145,9 +145,6 @@ def read_header(path: Path) -> tuple[int, str | None]:
     return n, chip
 
 
-open_aedat2_source = Aedat2Source
-
-
 # The container of AEDAT 3.1, written by cAER: a text header, then packets of events of one type.
 #
 # Numbers are little-endian (docs.inivation.com, "AEDAT 3.1"; ``common.h`` of libcaer). A packet
@@ -333,9 +330,6 @@ class Aedat3Source(Source):
                     data & 2 == 2,
                 )
             self.position = self._file.position
-
-
-open_aedat3_source = Aedat3Source
 
 
 # The container of AEDAT 4: compressed packets of FlatBuffers, each of one stream.
@@ -539,6 +533,3 @@ def _events(data: bytes) -> npt.NDArray[np.void]:
     vector = field + struct.unpack_from("<I", data, field)[0]
     (length,) = struct.unpack_from("<I", data, vector)
     return np.frombuffer(data, _AEDAT4_EVENT, length, vector + 4)
-
-
-open_aedat4_source = Aedat4Source

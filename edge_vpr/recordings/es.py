@@ -33,8 +33,6 @@ def _es() -> Any:
 class EsSource(Source):
     """Source of DVS and ATIS events; the format begins at time 0 and states the sensor's size."""
 
-    relative = True
-    start_us = 0
     position = None
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
@@ -45,7 +43,7 @@ class EsSource(Source):
                     "record DVS or ATIS events"
                 )
             sensor = Sensor(*decoder.dimensions)
-        super().__init__(path, options, sensor)
+        super().__init__(path, options, sensor, start_us=0)
         self._top = sensor.height - 1
 
     def _decoder(self, path: Path) -> Any:
@@ -76,9 +74,6 @@ class EsSource(Source):
                     t = packet["t"][part].astype(np.int64)
                     y = self._top - packet["y"][part].astype(np.int64)
                     yield Columns(t, packet["x"][part], y, on[part])
-
-
-open_source = EsSource
 
 
 @contextmanager
@@ -119,6 +114,3 @@ class EsSink:
         """End the file."""
         with _disk_errors():
             self._encoder.__exit__(None, None, None)
-
-
-open_sink = EsSink

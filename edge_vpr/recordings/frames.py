@@ -1,7 +1,4 @@
-"""Count frames: the number of events of each pixel in each frame, as events or as windows.
-
-The expansion to events is in :mod:`edge_vpr.recordings.frames`.
-"""
+"""Count frames: the number of events of each pixel in each frame, as events or as windows."""
 
 from __future__ import annotations
 
@@ -603,14 +600,11 @@ def parse_period(text: str) -> Fraction:
 
 
 class FrameSource(Source):
-    """Source of the events of count frames, placed by the rule of `frame_expansion`."""
-
-    relative = True
+    """Source of the events of count frames, which `expand` places in time."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.frames = read_count_frames(path)
-        self.start_us = self.frames.start_us
-        super().__init__(path, options, self.frames.sensor)
+        super().__init__(path, options, self.frames.sensor, self.frames.start_us)
         period = self.frames.period
         if period is None:
             period = options.frame_period or options.default_frame_period
@@ -650,6 +644,3 @@ class FrameSource(Source):
             self.position = frame / self.frames.n_frames
         if waiting:
             yield join(waiting, x, y)
-
-
-open_source = FrameSource

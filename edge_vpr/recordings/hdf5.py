@@ -545,9 +545,7 @@ class Hdf5Source(Source):
             self._largest_chunk = max(
                 _chunk_bytes(item) for item in self._datasets(file[self._place]).values()
             )
-        super().__init__(path, options, sensor)
-        if start is not None:
-            self.start_us, self.relative = int(start), True
+        super().__init__(path, options, sensor, None if start is None else int(start))
         self.unit_assumed = start is None and options.time_unit is None
 
     def _places(self, file: Any, options: ReadOptions) -> dict[str, dict[str, Any]]:
@@ -648,7 +646,3 @@ def _sensor(file: Any, place: Any) -> Sensor | None:
         if width is not None and height is not None:
             return Sensor(int(width), int(height))
     return None
-
-
-open_source = Hdf5Source
-open_sink = Hdf5Sink

@@ -34,6 +34,14 @@ _LONGEST_TRAILER = 80
 class NpySource(Source):
     """Source of events in one array: named fields, or columns in the order ``t, x, y, p``."""
 
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        with path.open("rb") as file:
+            stream = ArrayStream(file, str(path))
+            column_names(stream, options.columns)
+            sensor, start_us = _read_trailer(file, stream)
+        super().__init__(path, options, sensor, start_us)
+        self.unit_assumed = sensor is None and options.time_unit is None
+
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
         with self.path.open("rb") as file:
@@ -86,19 +94,6 @@ def column_names(stream: ArrayStream, order: str | None) -> dict[str, str | int]
     )
 
 
-def open_npy_source(path: Path, options: ReadOptions) -> Source:
-    """Open a ``.npy`` file of events."""
-    with path.open("rb") as file:
-        stream = ArrayStream(file, str(path))
-        column_names(stream, options.columns)
-        sensor, start_us = _read_trailer(file, stream)
-    source = NpySource(path, options, sensor)
-    if start_us is not None:
-        source.start_us, source.relative = start_us, True
-    source.unit_assumed = sensor is None and options.time_unit is None
-    return source
-
-
 def _read_trailer(file: IO[bytes], stream: ArrayStream) -> tuple[Sensor | None, int | None]:
     """Read sensor and start if they directly follow the last row at the end of the file."""
     end = stream.header_bytes + stream.shape[0] * stream.row_bytes if stream.shape else 0
@@ -145,9 +140,6 @@ class NpySink:
             file.write(self._trailer.encode("ascii"))
             file.seek(0)
             self._write_header()
-
-
-open_npy_sink = NpySink
 
 
 # ``.npz``: the project's own event archive, and event archives of other projects.
@@ -258,6 +250,26 @@ class Archive:
 class NpzSource(Source):
     """Source of the array ``events`` (structured), or of the arrays ``t``, ``x``, ``y``, ``p``."""
 
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        with Archive(path) as archive, ExitStack() as stack:
+            schema = archive.scalar("schema")
+            if schema is not None and schema > SCHEMA:
+                raise RecordingError(
+                    f"{path} has event schema {schema}, and this edge-vpr knows {SCHEMA}: upgrade "
+                    "it"
+                )
+            if "events" in archive.names:
+                column_names(archive.stream("events", stack), options.columns)
+            elif match_columns(archive.names) is None:
+                raise RecordingError(
+                    f"{path} holds {', '.join(sorted(archive.names))}: events need the arrays t, "
+                    "x, y (and p), or events"
+                )
+            start = None if schema is None else archive.scalar("start_us")
+            start_us = None if start is None else int(start)
+            super().__init__(path, options, archive.sensor(), start_us)
+        self.unit_assumed = schema is None and options.time_unit is None
+
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
         with Archive(self.path) as archive, ExitStack() as stack:
@@ -302,29 +314,6 @@ class NpzSource(Source):
                 return
 
 
-def open_npz_source(path: Path, options: ReadOptions) -> Source:
-    """Open a ``.npz`` file of events."""
-    with Archive(path) as archive, ExitStack() as stack:
-        schema = archive.scalar("schema")
-        if schema is not None and schema > SCHEMA:
-            raise RecordingError(
-                f"{path} has event schema {schema}, and this edge-vpr knows {SCHEMA}: upgrade it"
-            )
-        if "events" in archive.names:
-            column_names(archive.stream("events", stack), options.columns)
-        elif match_columns(archive.names) is None:
-            raise RecordingError(
-                f"{path} holds {', '.join(sorted(archive.names))}: events need the arrays t, x, y "
-                "(and p), or events"
-            )
-        source = NpzSource(path, options, archive.sensor())
-        source.unit_assumed = schema is None and options.time_unit is None
-        start = archive.scalar("start_us")
-        if schema is not None and start is not None:
-            source.start_us, source.relative = int(start), True
-    return source
-
-
 class NpzSink:
     """Write ``events``, ``sensor``, ``start_us`` and ``schema``, uncompressed.
 
@@ -358,6 +347,3 @@ class NpzSink:
                         np.lib.format.write_array(member, value, allow_pickle=False)
         finally:
             self._rows.unlink(missing_ok=True)
-
-
-open_npz_sink = NpzSink

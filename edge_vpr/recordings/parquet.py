@@ -46,7 +46,7 @@ class ColumnChunk(NamedTuple):
     """One column of one row group: its name, and the position of its pages."""
 
     name: str
-    begin: int
+    start: int
     end: int
 
 
@@ -81,33 +81,33 @@ def read_column_chunks(file: IO[bytes]) -> list[ColumnChunk]:
     chunks = []
     for group in found.get(_ROW_GROUPS, ()):
         for each in group.get(_COLUMNS, ()):
-            told = each.get(_METADATA, {})
-            if _PATH not in told or _SIZE not in told or _DATA_PAGE not in told:
+            facts = each.get(_METADATA, {})
+            if not {_PATH, _SIZE, _DATA_PAGE} <= facts.keys():
                 raise ValueError("a column chunk does not say where it lies")
             # 0 and None both mean that there is no dictionary
-            begin = min(told.get(_DICTIONARY_PAGE) or told[_DATA_PAGE], told[_DATA_PAGE])
-            if begin < 0 or told[_SIZE] < 0:
-                raise ValueError(f"a column chunk lies at byte {begin:,}")
-            chunks.append(ColumnChunk(".".join(told[_PATH]), begin, begin + told[_SIZE]))
+            start = min(facts.get(_DICTIONARY_PAGE) or facts[_DATA_PAGE], facts[_DATA_PAGE])
+            if start < 0 or facts[_SIZE] < 0:
+                raise ValueError(f"a column chunk lies at byte {start:,}")
+            chunks.append(ColumnChunk(".".join(facts[_PATH]), start, start + facts[_SIZE]))
     return chunks
 
 
-def read_pages(file: IO[bytes], begin: int, end: int) -> list[Page]:
+def read_pages(file: IO[bytes], start: int, end: int) -> list[Page]:
     """Read the headers of all pages between two positions in a file.
 
     Parameters
     ----------
     file : binary file
         Open for reading; its position is changed.
-    begin, end : int
-        Begin and end of a column chunk.
+    start, end : int
+        Of a column chunk.
 
     Raises
     ------
     ValueError
         If a header cannot be read.
     """
-    pages, at = [], begin
+    pages, at = [], start
     while at < end:
         file.seek(at)
         header = _Thrift(file.read(min(_LONGEST_HEADER, end - at)))
@@ -253,9 +253,8 @@ class ParquetSource(Source):
         self._check_pages(path)
         facts = schema.metadata or {}
         sensor = Sensor.parse(facts[_SENSOR].decode()) if _SENSOR in facts else None
-        super().__init__(path, options, sensor)
-        if sensor is not None and _START in facts:
-            self.start_us, self.relative = int(facts[_START]), True
+        stated = sensor is not None and _START in facts
+        super().__init__(path, options, sensor, int(facts[_START]) if stated else None)
         self.unit_assumed = sensor is None and options.time_unit is None
 
     def _open(self, path: Path) -> Any:
@@ -283,7 +282,7 @@ class ParquetSource(Source):
             for chunk in read_column_chunks(file):
                 if chunk.name not in wanted:
                     continue
-                for page in read_pages(file, chunk.begin, chunk.end):
+                for page in read_pages(file, chunk.start, chunk.end):
                     if max(page.compressed, page.uncompressed) > _LARGEST_PAGE:
                         raise RecordingError(
                             f"{path}: the page at byte {page.at:,} claims {page.compressed:,} "
@@ -311,9 +310,6 @@ class ParquetSource(Source):
                 raise RecordingError(
                     f"{self.path} is damaged after event {entry:,} ({error}): copy it again"
                 ) from error
-
-
-open_source = ParquetSource
 
 
 class ParquetSink:
@@ -349,6 +345,3 @@ class ParquetSink:
     def close(self) -> None:
         """Write the footer."""
         self._writer.close()
-
-
-open_sink = ParquetSink

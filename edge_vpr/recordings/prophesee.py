@@ -19,6 +19,7 @@ from edge_vpr.recordings.reading import (
     ReadOptions,
     Source,
     Unwrapper,
+    empty_columns,
     read_records,
 )
 
@@ -342,7 +343,7 @@ _DECODERS: dict[str, tuple[np.dtype[Any], int, int, Callable[..., int]]] = {
 }
 
 
-class Decoder:
+class EvtWordDecoder:
     """Decode words of one encoding chunk by chunk; the state carries over between chunks.
 
     Parameters
@@ -371,13 +372,7 @@ class Decoder:
         unknown = {"high": -1, "low": -1, "row": -1, "first": -1}
         values = tuple(unknown.get(name, 0) for name in STATE.names or ())
         self._state = np.array([values], dtype=STATE).view(np.recarray)
-        self._reserve(capacity)
-
-    def _reserve(self, words: int) -> None:
-        n = words * self.per_word
-        self._t = np.empty(n, np.int64)
-        self._x, self._y = np.empty(n, np.uint16), np.empty(n, np.uint16)
-        self._p = np.empty(n, np.bool_)
+        self._columns = empty_columns(capacity * self.per_word)
 
     def take_undated(self) -> int:
         """Return the number of dropped events since the last call.
@@ -390,13 +385,14 @@ class Decoder:
 
     def decode(self, words: Words) -> Columns:
         """Decode words; the returned columns are valid until the next call."""
-        if words.size * self.per_word > self._t.size:
-            self._reserve(words.size)
+        if words.size * self.per_word > self._columns.t.size:
+            self._columns = empty_columns(words.size * self.per_word)
         native = words.astype(words.dtype.newbyteorder("="), copy=False)
         if self._swap:
             native = native << np.uint64(32) | native >> np.uint64(32)
-        n = self._kernel(native, self._state, self._t, self._x, self._y, self._p)
-        return Columns(self._t[:n], self._x[:n], self._y[:n], self._p[:n])
+        t, x, y, p = self._columns
+        n = self._kernel(native, self._state, t, x, y, p)
+        return Columns(t[:n], x[:n], y[:n], p[:n])
 
 
 class EvtSource(Source):
@@ -404,29 +400,24 @@ class EvtSource(Source):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         header = read_header(path)
-        super().__init__(path, options, header.sensor)
+        super().__init__(path, options, header.sensor, header.start_us)
         self._skip, self._endianness = header.n_bytes, header.endianness
         if self._endianness not in ("little", "big", "legacy"):
             raise RecordingError(
                 f"{path} has the unknown endianness {self._endianness!r}: known are little, big "
                 "and legacy; convert it with Prophesee's tools"
             )
-        if header.start_us is not None:
-            self.start_us, self.relative = header.start_us, True
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
         n = self.options.chunk_events
-        decoder = Decoder(self.options.format, n, self._endianness)
+        decoder = EvtWordDecoder(self.options.format, n, self._endianness)
         for words, position in read_records(
             self.path, self._skip, decoder.dtype, n, log, what="a word"
         ):
             self.position = position
             yield decoder.decode(words)
             log.undated(decoder.take_undated())
-
-
-open_evt_source = EvtSource
 
 
 class Evt2Sink:
@@ -471,9 +462,6 @@ class Evt2Sink:
         self._file.close()
 
 
-open_evt_sink = Evt2Sink
-
-
 # Prophesee DAT, version 2: 32 bits of time, 14 of column, 14 of row, polarity.
 #
 # The decoder is our own: eventcv loads these files whole and does not unwrap their 32-bit clock.
@@ -488,7 +476,7 @@ class DatSource(Source):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         header = read_header(path)
-        super().__init__(path, options, header.sensor)
+        super().__init__(path, options, header.sensor, header.start_us)
         self._skip = header.n_bytes + 2
         with path.open("rb") as file:
             file.seek(header.n_bytes)
@@ -498,8 +486,6 @@ class DatSource(Source):
                 f"{path} holds events of kind {kind.hex() or 'none'}, and not change detection "
                 "events (00 or 0c) of 8 bytes: convert it"
             )
-        if header.start_us is not None:
-            self.start_us, self.relative = header.start_us, True
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
@@ -514,9 +500,6 @@ class DatSource(Source):
                 (pixel >> 14 & 0x3FFF).astype(np.uint16),
                 (pixel & 1 << 28) != 0,
             )
-
-
-open_dat_source = DatSource
 
 
 class DatSink:
@@ -557,6 +540,3 @@ class DatSink:
     def close(self) -> None:
         """End the file."""
         self._file.close()
-
-
-open_dat_sink = DatSink

@@ -275,6 +275,13 @@ class ReadOptions:
 class Source(ABC):
     """Reader of one file.
 
+    Parameters
+    ----------
+    sensor : Sensor, optional
+        As the file states it.
+    start_us : int, optional
+        Time t = 0 on an outer clock, where the file states it and its times count from it.
+
     Attributes
     ----------
     sensor : Sensor or None
@@ -295,7 +302,13 @@ class Source(ABC):
     position: float | None = 0.0
     unit_assumed: bool = False
 
-    def __init__(self, path: Path, options: ReadOptions, sensor: Sensor | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        options: ReadOptions,
+        sensor: Sensor | None = None,
+        start_us: int | None = None,
+    ) -> None:
         self.path = path
         self.options = options
         self.sensor = sensor if sensor is not None else options.sensor
@@ -309,6 +322,8 @@ class Source(ABC):
                 f"{path} was recorded by a {sensor} sensor, and {options.sensor} was named: "
                 "leave the sensor out"
             )
+        if start_us is not None:
+            self.start_us, self.relative = start_us, True
 
     @abstractmethod
     def chunks(self, log: FaultLog) -> Iterator[Columns]:

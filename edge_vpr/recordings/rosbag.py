@@ -20,7 +20,7 @@ from edge_vpr.compiling import kernel
 from edge_vpr.errors import EdgeVprError, MissingExtraError, RecordingError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.files import work_folder
-from edge_vpr.recordings.prophesee import Decoder
+from edge_vpr.recordings.prophesee import EvtWordDecoder
 from edge_vpr.recordings.reading import (
     Columns,
     DecompressionError,
@@ -29,6 +29,7 @@ from edge_vpr.recordings.reading import (
     Source,
     Unwrapper,
     bzip2,
+    empty_columns,
     expand_file,
     lz4,
     zstd,
@@ -109,10 +110,7 @@ class LibcaerCmpDecoder:
         RecordingError
             If a word is of an unknown kind.
         """
-        capacity = words.size * _EVENTS_A_WORD
-        t = np.empty(capacity, np.int64)
-        x, y = np.empty(capacity, np.uint16), np.empty(capacity, np.uint16)
-        p = np.empty(capacity, np.bool_)
+        t, x, y, p = empty_columns(words.size * _EVENTS_A_WORD)
         n = _decode(words, self._state[0], t, x, y, p)
         if n < 0:
             kind = int(words[-1 - n]) >> 12
@@ -228,7 +226,7 @@ class PacketDecoder:
     """Decode the packets of one camera; clock and decoder state carry over between packets."""
 
     def __init__(self) -> None:
-        self._evt3 = Decoder("evt3", 1 << 14)
+        self._evt3 = EvtWordDecoder("evt3", 1 << 14)
         self._clock = Unwrapper(31)
         self._compressed = LibcaerCmpDecoder()
 
@@ -603,6 +601,3 @@ def _choose(connections: Any, wanted: str | None, path: Path) -> Any:
     if len(names) > 1:
         raise UsageError(f"{path} has events on {', '.join(names)}: choose one with --topic")
     return known[0]
-
-
-open_source = BagSource

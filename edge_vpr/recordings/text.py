@@ -135,11 +135,11 @@ class TextSource(Source):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         head = _first_lines(path)
-        self._skip, sensor = 0, None
+        self._skip, sensor, start_us = 0, None, None
         while head and (head[0].startswith(b"#") or not head[0].strip()):
             if match := _COMMENT_PATTERN.fullmatch(head[0].strip()):
                 sensor = Sensor(int(match[1]), int(match[2]))
-                self.start_us, self.relative = int(match[3]), True
+                start_us = int(match[3])
             self._skip += len(head.pop(0))
         if head and (match := _SIZES_PATTERN.fullmatch(head[0])):
             sensor = Sensor(int(match[1]), int(match[2]))
@@ -153,8 +153,8 @@ class TextSource(Source):
         elif head and options.columns is None and len(_split(head[0])) == 3:
             self._order = list("txy")
         self.unit = options.time_unit or self._unit(head)
-        super().__init__(path, options, sensor)
-        self.unit_assumed = options.time_unit is None and not self.relative
+        super().__init__(path, options, sensor, start_us)
+        self.unit_assumed = options.time_unit is None and start_us is None
 
     @staticmethod
     def _named(path: Path, names: list[str]) -> list[str]:
@@ -279,9 +279,6 @@ def _number(word: str) -> Decimal | None:
     return value if abs(value.adjusted()) < _MOST_DIGITS else None
 
 
-open_source = TextSource
-
-
 class TextSink:
     """Write ``t,x,y,p`` under a comment with sensor and start and a header; times in us."""
 
@@ -298,6 +295,3 @@ class TextSink:
     def close(self) -> None:
         """End the file."""
         self._file.close()
-
-
-open_sink = TextSink

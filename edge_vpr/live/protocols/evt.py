@@ -13,8 +13,13 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader, damaged_sample
 from edge_vpr.live.protocols.layout import SEARCH_WORDS, Raw, Reading, WordDecoder, word_at
-from edge_vpr.recordings.prophesee import EVT2_KINDS, EVT3_KINDS, evt2_event_words, evt2_time_words
-from edge_vpr.recordings.prophesee import Decoder as WordsDecoder
+from edge_vpr.recordings.prophesee import (
+    EVT2_KINDS,
+    EVT3_KINDS,
+    EvtWordDecoder,
+    evt2_event_words,
+    evt2_time_words,
+)
 from edge_vpr.recordings.reading import Columns
 
 #: Number of bytes that are copied at once; a multiple of each word size.
@@ -32,7 +37,7 @@ class EvtDecoder(WordDecoder):
     def __init__(self, name: str, sensor: Sensor) -> None:
         if max(sensor) > 2048:
             raise UsageError(f"{name} holds up to 2048x2048 pixels, and not {sensor}")
-        self._words = WordsDecoder(name, 1)
+        self._words = EvtWordDecoder(name, 1)
         super().__init__(
             sensor, Clock(self._words.clock_bits), self._words.dtype.itemsize,
             search_words=2 * SEARCH_WORDS if name == "evt3" else SEARCH_WORDS,
@@ -64,7 +69,7 @@ class EvtDecoder(WordDecoder):
     def _lose_sync(self) -> None:
         super()._lose_sync()
         # time and row of the words before are no longer valid
-        self._words = WordsDecoder(self._name, 1)
+        self._words = EvtWordDecoder(self._name, 1)
 
 
 @kernel

@@ -32,7 +32,7 @@ from edge_vpr.live.protocols.openmv_packets import (
     Status,
     pack,
 )
-from edge_vpr.recordings.prophesee import Decoder as WordsDecoder
+from edge_vpr.recordings.prophesee import EvtWordDecoder
 from edge_vpr.recordings.reading import Columns, empty_columns
 
 # The host's side of the dialogue with a camera: which command comes next.
@@ -358,7 +358,7 @@ class EvtRecords(Records):
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self._words = words = WordsDecoder(name, 1)
+        self._words = words = EvtWordDecoder(name, 1)
         self.size, self.most = words.dtype.itemsize, words.per_word
         # a checksum protects each word
         self.clock = Clock(words.clock_bits, confirm=1)
@@ -372,7 +372,7 @@ class EvtRecords(Records):
 
     def lose(self) -> None:
         """See `Records.lose`; time and place of the missing words are not known."""
-        self._words = WordsDecoder(self.name, 1)
+        self._words = EvtWordDecoder(self.name, 1)
 
 
 class AerRecords(Records):

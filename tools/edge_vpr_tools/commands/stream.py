@@ -168,7 +168,7 @@ def _check_files(args: argparse.Namespace) -> None:
     from edge_vpr.files import check_output
     from edge_vpr.recordings import FORMATS
 
-    known = [suffix for entry in FORMATS.values() if entry.writable for suffix in entry.suffixes]
+    known = [suffix for entry in FORMATS.values() if entry.sink for suffix in entry.suffixes]
     of_events = [name for name in args.record if Path(name).suffix != ".bin"]
     if len(of_events) > (0 if args.learn else 1):
         raise UsageError(
