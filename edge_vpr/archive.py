@@ -20,9 +20,6 @@ import numpy.typing as npt
 from edge_vpr.errors import EdgeVprError, MapError, as_path, printable
 from edge_vpr.files import replacing
 
-# Files of maps and matches: versioned ``.npz`` without pickle, written whole or not at all.
-
-
 Arrays = dict[str, npt.NDArray[Any]]
 
 SCHEMA_VERSION = 1
@@ -97,7 +94,7 @@ def write_archive(
         np.savez_compressed(file, allow_pickle=False, **{_HEADER: np.array(header)}, **arrays)
 
 
-def kind_of(path: str | Path) -> str | None:
+def archive_kind(path: str | Path) -> str | None:
     """Return the kind of a file that `write_archive` wrote, or None for any other file."""
     try:
         with zipfile.ZipFile(path) as archive:

@@ -389,23 +389,23 @@ def _finite(text: str) -> float:
 def _read(
     path: str | Path, what: str, remedy: str, most: int, parse: Callable[[str], Any]
 ) -> dict[str, Any]:
-    begin = f"cannot read {what} from {path}"
+    fault = f"cannot read {what} from {path}"
     try:
         with Path(path).open("rb") as file:
             raw = file.read(most + 1)
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         reason = getattr(error, "strerror", None) or error
-        raise UsageError(f"{begin}: {reason}: {remedy}") from error
+        raise UsageError(f"{fault}: {reason}: {remedy}") from error
     if len(raw) > most:
-        raise UsageError(f"{begin}: it has more than {most} bytes: {remedy}")
+        raise UsageError(f"{fault}: it has more than {most} bytes: {remedy}")
     try:
         values = parse(raw.decode("utf-8-sig"))
     # parsers also raise other errors for deep nesting, long numbers and invalid dates
     except Exception as error:
-        raise UsageError(f"{begin}: {printable(error, 200)}: {remedy}") from error
+        raise UsageError(f"{fault}: {printable(error, 200)}: {remedy}") from error
     if not isinstance(values, dict):
         raise UsageError(
-            f"{begin}: it holds a {type(values).__name__}, not names and values: {remedy}"
+            f"{fault}: it holds a {type(values).__name__}, not names and values: {remedy}"
         )
     return values
 

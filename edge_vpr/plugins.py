@@ -30,7 +30,7 @@ class Registry:
         self._own = {name: EntryPoint(name, value, group) for name, value in own.items()}
 
     def __contains__(self, name: str) -> bool:
-        """Whether this package itself has a part of this name."""
+        """Return whether this package itself has a part of this name."""
         return name in self._own
 
     def names(self) -> list[str]:

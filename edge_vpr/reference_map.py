@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import kind_of as archive_kind
-from edge_vpr.archive import read_archive, write_archive
+from edge_vpr.archive import archive_kind, read_archive, write_archive
 from edge_vpr.descriptors.cleaning import load_hot_pixels
 from edge_vpr.descriptors.counting import (
     EventSource,

@@ -33,14 +33,14 @@ def isotonic(
         Where each block begins; the fit is the weighted mean of each block, and rises strictly
         from block to block.
     """
-    blocks: list[tuple[int, float, float]] = []  # begin, weighted sum, weight
+    blocks: list[tuple[int, float, float]] = []  # start, weighted sum, weight
     for i, (value, weight) in enumerate(zip(values.tolist(), weights.tolist(), strict=True)):
-        begin, total = i, value * weight
+        start, total = i, value * weight
         while blocks and blocks[-1][1] * weight >= total * blocks[-1][2]:
-            begin, more, heavier = blocks.pop()
+            start, more, heavier = blocks.pop()
             total, weight = more + total, heavier + weight
-        blocks.append((begin, total, weight))
-    return np.array([begin for begin, _, _ in blocks], dtype=np.int64)
+        blocks.append((start, total, weight))
+    return np.array([start for start, _, _ in blocks], dtype=np.int64)
 
 
 def learn_confidence(trust: npt.NDArray[np.integer], correct: npt.NDArray[np.bool_]) -> Confidence:
@@ -70,15 +70,15 @@ def learn_confidence(trust: npt.NDArray[np.integer], correct: npt.NDArray[np.boo
     levels, level = np.unique(trust.astype(np.int64), return_inverse=True)
     matches = np.bincount(level)
     n_correct = np.bincount(level, weights=correct).astype(np.int64)
-    begins = isotonic(n_correct / matches, matches.astype(np.float64))
+    starts = isotonic(n_correct / matches, matches.astype(np.float64))
     blocks: list[tuple[int, int, int]] = []
-    for begin, k, n in zip(
-        levels[begins].tolist(),
-        np.add.reduceat(n_correct, begins).tolist(),
-        np.add.reduceat(matches, begins).tolist(),
+    for start, k, n in zip(
+        levels[starts].tolist(),
+        np.add.reduceat(n_correct, starts).tolist(),
+        np.add.reduceat(matches, starts).tolist(),
         strict=True,
     ):
-        block = (begin, k, n)
+        block = (start, k, n)
         while blocks and _laplace(blocks[-1]) >= _laplace(block):
             low = blocks.pop()
             block = (low[0], low[1] + block[1], low[2] + block[2])
@@ -96,14 +96,14 @@ def learn_confidence(trust: npt.NDArray[np.integer], correct: npt.NDArray[np.boo
 def _finer(
     levels: npt.NDArray[np.int64], matches: npt.NDArray[np.int64], first: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.int64]:
-    """Return the levels that steps begin with: those of blocks, and some within long blocks.
+    """Return the levels at which steps start: those of blocks, and some within long blocks.
 
     A step within a block has the block's probability. It lets a threshold lie within the block.
     """
     least = max(int(matches.sum()) // FINEST, 1)
     kept, held = [], 0
-    for i, begins in enumerate(np.isin(levels, first).tolist()):
-        if begins or held >= least:
+    for i, starts in enumerate(np.isin(levels, first).tolist()):
+        if starts or held >= least:
             kept.append(i)
             held = 0
         held += int(matches[i])
@@ -130,7 +130,7 @@ class Reliability:
         return float((gap * self.matches).sum() / self.matches.sum())
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return {
             "expected_calibration_error": self.expected_calibration_error,
             "probability": self.probability.tolist(),

@@ -25,9 +25,6 @@ from edge_vpr.evaluation.tracks import (
     unix_remedy,
 )
 
-# Ground truth: which places are correct for which query.
-
-
 #: Number of distances that are computed at a time: a few arrays of 8 MB.
 BLOCK_CELLS = 1 << 20
 #: Of a larger truth only the true cells are kept: 64 MB.
@@ -316,7 +313,7 @@ def notes(
     Returns
     -------
     tuple of str
-        Empty where nothing is.
+        Empty where both logs fit.
     """
     given = (_common(reference, reference_us), _common(query, query_us))
     swapped = (_common(query, reference_us), _common(reference, query_us))

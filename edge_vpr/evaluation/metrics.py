@@ -41,11 +41,11 @@ class Rejection:
     recall: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return asdict(self)
 
 
-def judge_rejection(
+def evaluate_rejection(
     trust: npt.NDArray[np.integer],
     correct: npt.NDArray[np.bool_],
     has_place: npt.NDArray[np.bool_],
@@ -56,7 +56,7 @@ def judge_rejection(
     Parameters
     ----------
     trust : ndarray of int, shape (n,)
-        More is surer.
+        Higher is more confident.
     correct : ndarray of bool, shape (n,)
         Whether the match is correct.
     has_place : ndarray of bool, shape (n,)
@@ -113,7 +113,7 @@ def auroc(higher: npt.NDArray[np.integer], lower: npt.NDArray[np.integer]) -> fl
 
 
 RecallDenominator = Literal["rejected-correct", "all-with-place"]
-#: scores for which higher means surer
+#: scores that rise with the confidence
 _RISING = ("margin", "trust")
 RECALL_AT = (1, 5, 10, 25)
 
@@ -145,7 +145,7 @@ class PrecisionRecall:
         return self.tp / np.maximum(self.tp + self.fn, 1)
 
     def recall_at_precision(self, percent: int) -> float:
-        """Largest recall at which precision is still `percent` or more; 0 if it never is."""
+        """Return the largest recall at a precision of `percent` or more; 0 if there is none."""
         # in integers, because 99 of 100 must count as 99 %
         enough = (100 * self.tp >= percent * (self.tp + self.fp)) & (self.tp > 0)
         return float(self.recall[enough].max()) if enough.any() else 0.0
@@ -284,7 +284,7 @@ class Evaluation:
         return self.curve.recall_at_precision(99)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return {
             "precision_at_100_recall": self.precision_at_100_recall,
             "recall_at_99_precision": self.recall_at_99_precision,
@@ -371,7 +371,7 @@ def evaluate(
         },
         score=score,
         recall_denominator=recall_denominator,
-        rejection=judge_rejection(
+        rejection=evaluate_rejection(
             matches.trust[evaluated],
             correct[evaluated],
             has_place[evaluated],
@@ -384,6 +384,6 @@ def evaluate(
 
 
 def _falling(matches: Matches, score: Score) -> npt.NDArray[np.float64]:
-    """Return the score of each match, with the sign changed if higher is surer."""
+    """Return the score of each match, with the sign changed if it rises with the confidence."""
     values = np.asarray(getattr(matches, score), dtype=np.float64)
     return -values if score in _RISING else values

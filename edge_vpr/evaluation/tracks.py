@@ -325,112 +325,7 @@ def _encoding(raw: bytes) -> str:
     return "utf-8"
 
 
-# GPS logs in GPX, the exchange format of hand-held receivers and telephones.
-
-
-_MICROSECOND = dt.timedelta(microseconds=1)
-
-
-def load_gpx(path: str | Path, *, max_gap_us: int | None) -> Track:
-    """Read the track points of a GPX file (version 1.0 or 1.1, all segments in a row).
-
-    Time 0 is the first point with a time. Points without a time or with a faulty one, or without a
-    position, are left out and counted in `Track.dropped`; of points of one time the first is taken.
-
-    Parameters
-    ----------
-    max_gap_us : int, optional
-        Positions between points further apart than this are unknown.
-
-    Returns
-    -------
-    Track
-        Geographic, with `start_utc`.
-
-    Raises
-    ------
-    GroundTruthError
-        If the file cannot be read, holds no track point with a time, or its time runs backwards.
-    """
-    path = Path(path)
-    dropped: Counter[str] = Counter()
-    fixes: dict[dt.datetime, tuple[float, float]] = {}
-    entries, last = 0, None
-    for point in _points(path):
-        entries += 1
-        time = _time(point)
-        if time is None:
-            dropped["no time"] += 1
-            continue
-        position = _position(point)
-        if position is None:
-            dropped["unreadable position"] += 1
-            continue
-        if last is not None and time < last:
-            raise GroundTruthError(
-                f"{path}: time runs backwards by {(last - time).total_seconds():g} s at track "
-                f"point {entries}: split the log there and use the part of this traverse"
-            )
-        last = time
-        fixes.setdefault(time, position)
-    if not fixes:
-        raise GroundTruthError(
-            f"{path} holds no track point with a time and a position ({entries} points): export "
-            "the recorded track, not a planned route"
-        )
-    start = next(iter(fixes))
-    return Track(
-        np.array([(time - start) // _MICROSECOND for time in fixes], dtype=np.int64),
-        np.array(list(fixes.values())),
-        "geographic",
-        max_gap_us,
-        start,
-        MappingProxyType(dict(dropped)),
-        entries,
-    )
-
-
-def _points(path: Path) -> list[ElementTree.Element]:
-    text = read_text(path)
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        # nested entities can expand to gigabytes; GPX needs none
-        raise GroundTruthError(f"{path} declares XML entities: export it as plain GPX")
-    try:
-        # the text is decoded already, so that the declared encoding would be wrong
-        root = ElementTree.fromstring(text[text.find("?>") + 2 :] if "<?xml" in text else text)
-    except (ElementTree.ParseError, ValueError, RecursionError) as error:
-        raise GroundTruthError(f"{path} is not a GPX file ({error}): export it again") from error
-    return [element for element in root.iter() if _name(element) == "trkpt"]
-
-
-def _name(element: ElementTree.Element) -> str:
-    """Return the name of an element without its namespace, which depends on the version."""
-    return element.tag.rpartition("}")[2]
-
-
-def _time(point: ElementTree.Element) -> dt.datetime | None:
-    for child in point:
-        if _name(child) == "time":
-            try:
-                time = dt.datetime.fromisoformat((child.text or "").strip())
-                zone = time.tzinfo or dt.UTC  # times in GPX are UTC, even without a Z
-                return time.replace(tzinfo=zone).astimezone(dt.UTC)
-            except (ValueError, OverflowError):
-                return None
-    return None
-
-
-def _position(point: ElementTree.Element) -> tuple[float, float] | None:
-    try:
-        latitude, longitude = float(point.get("lat", "")), float(point.get("lon", ""))
-    except ValueError:
-        return None
-    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
-        return None
-    return latitude, longitude
-
-
-# Track files: GPS logs (the RMC and GGA sentences of NMEA 0183, or GPX) and tables.
+# Track files: GPS logs, tables with names, and poses.
 
 
 #: Between two fixes further apart than this the position counts as unknown. A car at 50 km/h drives
@@ -456,19 +351,22 @@ def load_track(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Trac
     Returns
     -------
     Track
-        Times are those of the file, also where they count from 1970: see `Track.shifted`.
+        Times are those of the file, also where they count from 1970: see `Track.shifted`. Of a GPS
+        log, time 0 is its first entry with a time, and `start_utc` is set where it states a date.
 
     Raises
     ------
     GroundTruthError
-        If the file cannot be read or is not of this form.
+        If the file cannot be read or is not of this form, or a log holds no position, or its time
+        runs backwards.
     """
     path = as_path(path, "a track")
     suffix = path.suffix.lower()
+    max_gap_us = None if max_gap_s is None else round(max_gap_s * 1e6)
     if suffix == ".nmea":
-        return load_nmea(path, max_gap_s=max_gap_s)
+        return _nmea_track(path, max_gap_us)
     if suffix == ".gpx":
-        return load_gpx(path, max_gap_us=_microseconds(max_gap_s))
+        return _gpx_track(path, max_gap_us)
     if suffix == ".csv":
         time_us, position, kind = _named_columns(path)
     elif suffix in (".txt", ".tum"):
@@ -479,7 +377,7 @@ def load_track(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Trac
             "KITTI (.tum, .txt)"
         )
     try:
-        return Track(time_us, position, kind, _microseconds(max_gap_s))
+        return Track(time_us, position, kind, max_gap_us)
     except GroundTruthError as error:
         raise GroundTruthError(f"{path}: {error}") from None
 
@@ -597,30 +495,17 @@ def unix_remedy(flag: str, *tracks: Track, start_us: int | None = None) -> str:
     return f"Unix times: pass {flag} {shown}" + ("" if near else f", if {one} with its recording")
 
 
-def load_nmea(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Track:
+# GPS logs as receivers send them: NMEA 0183.
+
+
+def _nmea_track(path: Path, max_gap_us: int | None) -> Track:
     """Read the RMC and GGA sentences of a GPS log (NMEA 0183, any talker).
 
     Time 0 is the first sentence of the log with a time, with or without a fix. If logger and camera
     start together, this is the start of the recording. Sentences with a wrong or missing checksum,
     or without a fix, are left out and counted in `Track.dropped`. RMC and GGA of one instant make
     one point, the first. A log may pass midnight.
-
-    Parameters
-    ----------
-    max_gap_s : float, optional
-        Positions between fixes further apart than this are unknown.
-
-    Returns
-    -------
-    Track
-        Geographic; `start_utc` is set where an RMC sentence states the date.
-
-    Raises
-    ------
-    GroundTruthError
-        If the file cannot be read, holds no fix, or its time runs backwards.
     """
-    path = Path(path)
     dropped: Counter[str] = Counter()
     zero = ordinal_of_day_0 = None
     fixes: dict[int, tuple[float, float]] = {}
@@ -656,7 +541,7 @@ def load_nmea(path: str | Path, *, max_gap_s: float | None = MAX_GAP_S) -> Track
         np.array(list(fixes), dtype=np.int64) - zero,
         np.array(list(fixes.values())),
         "geographic",
-        _microseconds(max_gap_s),
+        max_gap_us,
         start,
         MappingProxyType(dict(dropped)),
         with_fix + sum(dropped.values()),
@@ -752,6 +637,98 @@ def _degrees(value: str, side: str, sides: str, limit: float) -> float:
     return degrees if side == sides[0] else -degrees
 
 
+# GPS logs in GPX, the exchange format of hand-held receivers and telephones.
+
+
+_MICROSECOND = dt.timedelta(microseconds=1)
+
+
+def _gpx_track(path: Path, max_gap_us: int | None) -> Track:
+    """Read the track points of a GPX file (version 1.0 or 1.1, all segments in a row).
+
+    Time 0 is the first point with a time. Points without a time or with a faulty one, or without a
+    position, are left out and counted in `Track.dropped`; of points of one time the first is taken.
+    """
+    dropped: Counter[str] = Counter()
+    fixes: dict[dt.datetime, tuple[float, float]] = {}
+    entries, last = 0, None
+    for point in _points(path):
+        entries += 1
+        time = _time(point)
+        if time is None:
+            dropped["no time"] += 1
+            continue
+        position = _position(point)
+        if position is None:
+            dropped["unreadable position"] += 1
+            continue
+        if last is not None and time < last:
+            raise GroundTruthError(
+                f"{path}: time runs backwards by {(last - time).total_seconds():g} s at track "
+                f"point {entries}: split the log there and use the part of this traverse"
+            )
+        last = time
+        fixes.setdefault(time, position)
+    if not fixes:
+        raise GroundTruthError(
+            f"{path} holds no track point with a time and a position ({entries} points): export "
+            "the recorded track, not a planned route"
+        )
+    start = next(iter(fixes))
+    return Track(
+        np.array([(time - start) // _MICROSECOND for time in fixes], dtype=np.int64),
+        np.array(list(fixes.values())),
+        "geographic",
+        max_gap_us,
+        start,
+        MappingProxyType(dict(dropped)),
+        entries,
+    )
+
+
+def _points(path: Path) -> list[ElementTree.Element]:
+    text = read_text(path)
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        # nested entities can expand to gigabytes; GPX needs none
+        raise GroundTruthError(f"{path} declares XML entities: export it as plain GPX")
+    try:
+        # the text is decoded already, so that the declared encoding would be wrong
+        root = ElementTree.fromstring(text[text.find("?>") + 2 :] if "<?xml" in text else text)
+    except (ElementTree.ParseError, ValueError, RecursionError) as error:
+        raise GroundTruthError(f"{path} is not a GPX file ({error}): export it again") from error
+    return [element for element in root.iter() if _name(element) == "trkpt"]
+
+
+def _name(element: ElementTree.Element) -> str:
+    """Return the name of an element without its namespace, which depends on the version."""
+    return element.tag.rpartition("}")[2]
+
+
+def _time(point: ElementTree.Element) -> dt.datetime | None:
+    for child in point:
+        if _name(child) == "time":
+            try:
+                time = dt.datetime.fromisoformat((child.text or "").strip())
+                zone = time.tzinfo or dt.UTC  # times in GPX are UTC, even without a Z
+                return time.replace(tzinfo=zone).astimezone(dt.UTC)
+            except (ValueError, OverflowError):
+                return None
+    return None
+
+
+def _position(point: ElementTree.Element) -> tuple[float, float] | None:
+    try:
+        latitude, longitude = float(point.get("lat", "")), float(point.get("lon", ""))
+    except ValueError:
+        return None
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+        return None
+    return latitude, longitude
+
+
+# Tables: CSV files of numbers.
+
+
 def read_table(path: str | Path) -> tuple[tuple[str, ...], Floats]:
     """Read a CSV file of numbers under one header line.
 
@@ -779,15 +756,15 @@ def _records(path: Path) -> tuple[tuple[str, ...], list[list[str]]]:
         lines = [row for row in csv.reader(read_text(path).splitlines(keepends=True)) if row]
     except csv.Error:
         raise GroundTruthError(f"{path} is not a text table: give a .csv file") from None
-    begin = next((i for i, row in enumerate(lines) if not row[0].startswith("#")), len(lines))
-    if 0 < begin < len(lines) and len(lines[begin - 1]) == len(lines[begin]) > 1:
+    first = next((i for i, row in enumerate(lines) if not row[0].startswith("#")), len(lines))
+    if 0 < first < len(lines) and len(lines[first - 1]) == len(lines[first]) > 1:
         with contextlib.suppress(ValueError):
-            float(lines[begin][0])
-            begin -= 1
-    rows = [row for row in lines[begin + 1 :] if not row[0].startswith("#")]
+            float(lines[first][0])
+            first -= 1
+    rows = [row for row in lines[first + 1 :] if not row[0].startswith("#")]
     if not rows:
         raise GroundTruthError(f"{path} has no rows: give a header line and at least one row")
-    return tuple(name.strip(" #").lower() for name in lines[begin]), rows
+    return tuple(name.strip(" #").lower() for name in lines[first]), rows
 
 
 def _numbers(
@@ -808,10 +785,6 @@ def _numbers(
         row_number = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0]) + 1
         raise GroundTruthError(f"{path}: row {row_number} is not finite: leave the row out")
     return table
-
-
-def _microseconds(seconds: float | None) -> int | None:
-    return None if seconds is None else round(seconds * 1e6)
 
 
 # The positions of a map's places, from the track of the reference drive.
@@ -948,9 +921,9 @@ def load_jumps(path: str | Path, places: int) -> npt.NDArray[np.int32]:
     wrong = (table != np.floor(table)) | (table < 0) | (table >= places)
     rows = np.flatnonzero(wrong.any(axis=1) | (table[:, 0] == table[:, 1]))
     if rows.size:
-        begin, end = table[rows[0]].tolist()
+        one, other = table[rows[0]].tolist()
         raise GroundTruthError(
-            f"{path}: row {rows[0] + 1} is {begin:g},{end:g}: expected two places of the map, from "
+            f"{path}: row {rows[0] + 1} is {one:g},{other:g}: expected two places of the map, from "
             f"0 to {places - 1}"
         )
     return table.astype(np.int32)

@@ -22,7 +22,7 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import kind_of
+from edge_vpr.archive import archive_kind
 from edge_vpr.compile_report import COMPILE_ALL, compiling_reported
 from edge_vpr.confidence import STRANGE, STRANGE_TEXT
 from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
@@ -855,7 +855,7 @@ class LiveSession:
         self.health.misfits += int(np.count_nonzero(result.matches["misfit"] >= STRANGE))
 
     def _look_at_misfit(self, misfit: int) -> None:
-        """Say when views become unlike those of the map, and when they are like them again."""
+        """Report when views become unlike those of the map, and when they are like them again."""
         if not self._strange and misfit >= STRANGE:
             self._strange = True
             self._say(
@@ -1196,7 +1196,7 @@ def _opener(link: Any, baud: int, flow_control: bool) -> tuple[Callable[[], Link
         address = os.fspath(link)
         if not isinstance(address, str):
             raise UsageError(f"link {address!r}: expected text, not bytes")
-        if Path(address).is_file() and kind_of(address) == MAP_KIND:
+        if Path(address).is_file() and archive_kind(address) == MAP_KIND:
             raise UsageError(
                 f"{address} is a map, and a live session reads the bytes of a camera: give the map "
                 "as reference= (--map), and the camera's port here"

@@ -16,7 +16,6 @@ import io
 import os
 import stat
 from collections.abc import Generator, Iterable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from importlib import import_module
@@ -25,13 +24,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from edge_vpr.errors import (
-    EdgeVprError,
-    RecordingError,
-    UsageError,
-    as_path,
-    expect,
-)
+from edge_vpr.errors import EdgeVprError, RecordingError, UsageError, as_path, expect
 from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, check_events
 from edge_vpr.files import replacing
 from edge_vpr.plugins import Registry
@@ -154,7 +147,7 @@ def seconds_us(given: float | str, name: str) -> int:
     text = str(given)
     # 1e999999999 would fill the memory
     if len(text) <= 40 and "e" not in text.lower():
-        with suppress(ValueError, ZeroDivisionError):
+        with contextlib.suppress(ValueError, ZeroDivisionError):
             return round(Fraction(text) * 1_000_000)
     raise UsageError(f"{name} {text[:40]!r} is no number of seconds: write for example 12.5")
 
@@ -193,10 +186,10 @@ def cropped_events(chunks: Iterator[Events], start_us: int, end_us: int | None) 
     """
     for events in chunks:
         times = events["t"]
-        begin = int(np.searchsorted(times, start_us))
+        first = int(np.searchsorted(times, start_us))
         end = times.size if end_us is None else int(np.searchsorted(times, end_us))
-        if end > begin:
-            part = events[begin:end].copy()
+        if end > first:
+            part = events[first:end].copy()
             part["t"] -= start_us
             yield part
         if end < times.size:

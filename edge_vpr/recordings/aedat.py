@@ -86,13 +86,13 @@ class Pairs(NamedTuple):
     position: float
 
 
-def read_pairs(path: Path, begin: int, number: int, log: FaultLog) -> Iterator[Pairs]:
-    """Yield the pairs of a file from byte `begin` on, up to `number` at a time.
+def read_pairs(path: Path, start: int, number: int, log: FaultLog) -> Iterator[Pairs]:
+    """Yield the pairs of a file from byte `start` on, up to `number` at a time.
 
     `position` is the share of the file up to the end of the part.
     """
     clock = Unwrapper(32)
-    for pairs, position in read_records(path, begin, _AEDAT2_EVENT, number, log):
+    for pairs, position in read_records(path, start, _AEDAT2_EVENT, number, log):
         yield Pairs(pairs["address"].astype(np.int64), clock.unwrap(pairs["t"]), position)
 
 
@@ -240,7 +240,7 @@ class Aedat3File(PacketFile):
         RecordingError
             If a packet is damaged, or the end is cut off (unless `log` allows that).
         """
-        at = self._begin
+        at = self._start
         with self.path.open("rb") as file:
             file.seek(at)
             while at < self._size:
@@ -291,7 +291,7 @@ class Aedat3File(PacketFile):
                         f"{_LONGEST_AEDAT3_HEADER:,} bytes: copy it again"
                     )
                 lines.append(line)
-            self._begin = file.tell()
+            self._start = file.tell()
         return lines
 
 
@@ -379,7 +379,7 @@ class Aedat4File(PacketFile):
                     f"{path} is damaged: its header claims {length:,} bytes: copy it again"
                 )
             header = size + file.read(length)
-            self._begin = file.tell()
+            self._start = file.tell()
         try:
             compression, table, info = _io_header(header)
             self.streams = _streams(info)
@@ -389,7 +389,7 @@ class Aedat4File(PacketFile):
             ) from error
         file_size = path.stat().st_size
         # the table of packets follows the packets; it is absent if the recorder was killed
-        self._end = table if self._begin <= table <= file_size else file_size
+        self._end = table if self._start <= table <= file_size else file_size
         self._decompress = _decompressor(compression, path)
 
     def choose(self, kind: str, what: str, wanted: str | None) -> int:
@@ -407,7 +407,7 @@ class Aedat4File(PacketFile):
             If a packet is damaged, or the end is cut off (unless `log` allows that).
         """
         with self.path.open("rb") as file:
-            file.seek(self._begin)
+            file.seek(self._start)
             for at, packet in self._compressed(file, stream, log):
                 try:
                     data = self._decompress(packet)
@@ -418,7 +418,7 @@ class Aedat4File(PacketFile):
     def _compressed(
         self, file: IO[bytes], wanted: int, log: FaultLog
     ) -> Iterator[tuple[int, bytes]]:
-        at = self._begin
+        at = self._start
         while at < self._end:
             header = file.read(8)
             stream, size = struct.unpack("<ii", header) if len(header) == 8 else (0, 0)

@@ -190,14 +190,14 @@ def both_polarities(frames: npt.NDArray[Any], plain_dimensions: int) -> npt.NDAr
         return np.asarray(frames.sum(axis=-1, dtype=wide))
 
 
-def whole_counts(block: npt.NDArray[Any], begin: int, path: Path) -> npt.NDArray[Any]:
+def whole_counts(block: npt.NDArray[Any], first: int, path: Path) -> npt.NDArray[Any]:
     """Return counts as integers.
 
     Parameters
     ----------
     block : ndarray of numbers, shape (f, J)
         Counts of J pixels in f frames.
-    begin : int
+    first : int
         Number of the first of these frames, named in the message.
 
     Returns
@@ -218,7 +218,7 @@ def whole_counts(block: npt.NDArray[Any], begin: int, path: Path) -> npt.NDArray
     if bad.any():
         frame, pixel = (int(i) for i in np.argwhere(bad)[0])
         raise RecordingError(
-            f"{path}: frame {begin + frame} counts {block[frame, pixel]} events at pixel "
+            f"{path}: frame {first + frame} counts {block[frame, pixel]} events at pixel "
             f"{pixel}: counts are whole numbers from 0 up"
         )
     return block.astype(np.int64)
@@ -355,21 +355,21 @@ def expand(counts: Counts, lo: int, hi: int, path: Path) -> Iterator[Placed]:
         )
     phases = (active + 1) * _GOLDEN & ((1 << _PHASE_BITS) - 1)
     pieces = min(length, math.ceil(total / _MOST_EXPANDED))
-    begin = np.zeros_like(n)
+    first = np.zeros_like(n)
     for piece in range(1, pieces + 1):
         # the first event of each pixel that lies at or after the piece's end
         bound = -(-((n << _PHASE_BITS) * (length * piece // pieces)) // length)
         end = np.clip(-(-(bound - phases) // (1 << _PHASE_BITS)), 0, n)
-        some = end - begin
+        some = end - first
         pixel = np.repeat(active, some)
-        index = np.arange(pixel.size) + np.repeat(begin - (np.cumsum(some) - some), some)
+        index = np.arange(pixel.size) + np.repeat(first - (np.cumsum(some) - some), some)
         shifted = (index << _PHASE_BITS) + np.repeat(phases, some)
         offset = shifted * length // (np.repeat(n, some) << _PHASE_BITS)
         # offsets of 16 bits are sorted by radix
         key = offset.astype(np.uint16) if length <= 1 << 16 else offset
         order = np.argsort(key, kind="stable")
         yield lo + offset[order], pixel[order]
-        begin = end
+        first = end
 
 
 def join(frames: list[Placed], x: npt.NDArray[np.uint16], y: npt.NDArray[np.uint16]) -> Columns:

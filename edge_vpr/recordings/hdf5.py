@@ -41,6 +41,15 @@ _PLUGINS = 256
 _OVERHEAD = 1 << 16
 
 
+def _filters_of(dataset: Any) -> list[int]:
+    pipeline = dataset.id.get_create_plist()
+    return [pipeline.get_filter(i)[0] for i in range(pipeline.get_nfilters())]
+
+
+def _chunk_bytes(dataset: Any) -> int:
+    return math.prod(dataset.chunks or ()) * int(dataset.dtype.itemsize)
+
+
 def _is_plugin(number: int) -> bool:
     return number >= _PLUGINS and number != _LZF
 
@@ -66,8 +75,7 @@ class CheckedDataset:
         from h5py import h5t
 
         self._dataset, self._name = dataset, name
-        pipeline = dataset.id.get_create_plist()
-        self._filters = [pipeline.get_filter(i)[0] for i in range(pipeline.get_nfilters())]
+        self._filters = _filters_of(dataset)
         known = {number for number in self._filters if not _is_plugin(number)}
         if known - {_DEFLATE, _SHUFFLE, _FLETCHER32, _LZF} or {_DEFLATE, _LZF} <= known:
             raise RecordingError(
@@ -81,7 +89,7 @@ class CheckedDataset:
                 f"{name} has chunks of {stored:,} bytes in a file of {held:,}: it is damaged; copy "
                 "or record it again"
             )
-        self._bytes = math.prod(dataset.chunks or ()) * dataset.dtype.itemsize
+        self._bytes = _chunk_bytes(dataset)
         #: whether the bytes in the file are those of the array, apart from the filters
         self._plain = (
             self._filters in ([_DEFLATE], [_SHUFFLE, _DEFLATE])
@@ -313,10 +321,6 @@ def open_hdf5(path: Path, largest_chunk: int = 0) -> Any:
         ) from error
 
 
-def _chunk_bytes(dataset: Any) -> int:
-    return math.prod(dataset.chunks or (1,)) * int(dataset.dtype.itemsize)
-
-
 def checked_dataset(path: Path, dataset: Any) -> CheckedDataset:
     """Refuse data outside the file, and stated sizes that are impossible for the file's size.
 
@@ -330,9 +334,7 @@ def checked_dataset(path: Path, dataset: Any) -> CheckedDataset:
         raise RecordingError(
             f"{name} lies in other files, which are not read: copy it into one file"
         )
-    pipeline = dataset.id.get_create_plist()
-    filters = [pipeline.get_filter(i)[0] for i in range(pipeline.get_nfilters())]
-    chunk = _chunk_bytes(dataset)
+    filters, chunk = _filters_of(dataset), _chunk_bytes(dataset)
     held = min(dataset.id.get_storage_size(), path.stat().st_size)
     most = max(_CHUNK, min(100 * held, _LARGEST_CHUNK))
     if chunk > most or len(set(filters)) < len(filters):
@@ -437,9 +439,9 @@ class ForgivingFile(io.RawIOBase):
         except OSError as error:
             self.error = self.error or error
         for at, data in self._kept:
-            begin, end = max(at, self._at), min(at + len(data), self._at + len(view))
-            if begin < end:
-                view[begin - self._at : end - self._at] = data[begin - at : end - at]
+            start, end = max(at, self._at), min(at + len(data), self._at + len(view))
+            if start < end:
+                view[start - self._at : end - self._at] = data[start - at : end - at]
                 n = max(n, end - self._at)
         self._at += n
         return n
@@ -485,8 +487,8 @@ class Hdf5Sink:
         OSError
             If the disk did not take these or earlier events.
         """
-        for begin in range(0, events.size, _CHUNK_ROWS):
-            part = events[begin : begin + _CHUNK_ROWS]
+        for first in range(0, events.size, _CHUNK_ROWS):
+            part = events[first : first + _CHUNK_ROWS]
             rows = np.empty(part.size, _ROW)
             for name in "xypt":
                 rows[name] = part[name]
@@ -586,17 +588,17 @@ class Hdf5Source(Source):
                 for name, item in self._datasets(place).items()
             }
             total = self._rows(place)
-            for begin in range(0, total, self.options.chunk_events):
-                rows = slice(begin, min(begin + self.options.chunk_events, total))
+            for first in range(0, total, self.options.chunk_events):
+                rows = slice(first, min(first + self.options.chunk_events, total))
                 self.position = rows.stop / total
                 try:
                     columns = self._slice(checked, rows)
                 except OSError as error:
                     raise RecordingError(
-                        f"{self.path} cannot be read at event {begin:,} ({error}): it is damaged; "
+                        f"{self.path} cannot be read at event {first:,} ({error}): it is damaged; "
                         "copy or record it again"
                     ) from error
-                t, x, y, p = tidy(columns, self.options.time_unit, log, begin)
+                t, x, y, p = tidy(columns, self.options.time_unit, log, first)
                 # both are below 2**60, so that the sum does not overflow
                 yield Columns(t + self._offset_us if self._offset_us else t, x, y, p)
 

@@ -14,7 +14,7 @@ from typing import IO
 
 import numpy as np
 
-from edge_vpr.archive import kind_of
+from edge_vpr.archive import archive_kind
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.recordings.reading import ArrayStream, Columns, FaultLog, ReadOptions, Source
@@ -190,7 +190,7 @@ class Archive:
                 f"{path} is a damaged or cut-off .npz archive ({error}): copy it again"
             ) from error
         self._file.limit = _LARGEST
-        if (kind := kind_of(path)) is not None:
+        if (kind := archive_kind(path)) is not None:
             self.__exit__()
             raise UsageError(f"{path} is a {kind}, and a recording is expected in its place")
         self.names = {Path(name).stem: name for name in self._zip.namelist()}
@@ -236,7 +236,7 @@ class Archive:
             return self.stream(name, stack).load(_LARGEST)
 
     def sensor(self) -> Sensor | None:
-        """Size of the sensor, if the archive states it."""
+        """Return the size of the sensor; None if the archive does not state it."""
         for name in ("sensor", "sensor_size", "resolution"):
             if name in self.names:
                 size = self.small(name)
@@ -337,7 +337,7 @@ class NpzSink:
         self._sink.write(events)
 
     def close(self) -> None:
-        """Put the archive together."""
+        """Write the archive from its parts."""
         try:
             self._sink.close()
             with zipfile.ZipFile(self._path, "w", zipfile.ZIP_STORED) as archive:

@@ -22,8 +22,6 @@ import numpy.typing as npt
 from edge_vpr.errors import EdgeVprError, MissingExtraError, RecordingError, UsageError, printable
 from edge_vpr.events import EVENT_DTYPE, LONGEST_SIDE, TIME_LIMIT_US, Events, Sensor
 
-# Raw events of a file, column by column.
-
 
 class Columns(NamedTuple):
     """Raw events as four columns of one length, of any integer dtype (``p`` also boolean).
@@ -548,16 +546,16 @@ class ArrayStream:
 
 
 def read_records(
-    path: Path, begin: int, dtype: np.dtype[Any], number: int, log: FaultLog, what: str = "an event"
+    path: Path, start: int, dtype: np.dtype[Any], number: int, log: FaultLog, what: str = "an event"
 ) -> Iterator[tuple[npt.NDArray[Any], float]]:
-    """Yield the records from byte `begin` on, up to `number` at a time.
+    """Yield the records from byte `start` on, up to `number` at a time.
 
     Beside each part is the share of the file up to its end. `what` names a record in the report of
     a last one that is cut off.
     """
     size = max(1, path.stat().st_size)
     with path.open("rb") as file:
-        file.seek(begin)
+        file.seek(start)
         while data := file.read(number * dtype.itemsize):
             yield np.frombuffer(data, dtype, len(data) // dtype.itemsize), file.tell() / size
             if leftover := len(data) % dtype.itemsize:

@@ -24,14 +24,14 @@ GOOD, FRACTION, BLANK, STRANGE = range(4)
 
 
 @kernel
-def parse_lines(buffer, order, digits_to_us, out, begins, status):  # type: ignore[no-untyped-def]
+def parse_lines(buffer, order, digits_to_us, out, starts, status):  # type: ignore[no-untyped-def]
     """Parse whole lines into ``out[field, line]``, and set where each line begins and its status.
 
     ``order[c]`` is the field of column ``c``: 0 to 3 for t, x, y, p; -1 to skip it.
     """
     line, i = 0, 0
     while i < buffer.size:
-        begins[line] = i
+        starts[line] = i
         column, state = 0, GOOD
         while buffer[i] != 10:
             c = int(buffer[i])
@@ -202,12 +202,12 @@ class TextSource(Source):
         buffer = np.frombuffer(data, np.uint8)
         n = data.count(b"\n")
         out = np.ones((4, n), np.int64)
-        begins = np.empty(n, np.int64)
+        starts = np.empty(n, np.int64)
         status = np.empty(n, np.uint8)
-        parse_lines(buffer, order, _DIGITS_TO_US[self.unit], out, begins, status)
+        parse_lines(buffer, order, _DIGITS_TO_US[self.unit], out, starts, status)
         for i in np.flatnonzero(status == STRANGE).tolist():
-            begin = int(begins[i])
-            line = data[begin : data.index(b"\n", begin)]
+            start = int(starts[i])
+            line = data[start : data.index(b"\n", start)]
             verdict = self._parse_slowly(line, out[:, i])
             status[i] = verdict
             if verdict == STRANGE:

@@ -13,9 +13,6 @@ from edge_vpr.evaluation.tracks import Track
 from edge_vpr.route import Odometry
 from edge_vpr.simulation.world import check_range, noise_1d
 
-# One drive along the route: its speed, light, traffic and mounting of the camera.
-
-
 _SPEED, _STOPS, _SHAKE = 11, 12, 13  # one random stream each
 _GRID_M = 0.1
 

@@ -177,7 +177,7 @@ CAMERAS = {
 
 _BURSTS, _BACKGROUND, _BURST = 3, 4, 5  # one random stream each
 
-Columns = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.bool_]]
+NoiseEvents = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.bool_]]
 """Times in microseconds, row-major pixel indices, polarities; shape ``(n,)`` each."""
 
 
@@ -204,8 +204,8 @@ class Noise:
         bursts = rng.poisson(camera.bursts_per_minute * duration_us / 60e6)
         self.burst_us = np.sort(rng.integers(0, max(duration_us, 1), bursts))
 
-    def between(self, number: int, start_us: int, stop_us: int) -> Columns:
-        """Noise of the stretch with this number, ``start_us <= t < stop_us``.
+    def between(self, number: int, start_us: int, stop_us: int) -> NoiseEvents:
+        """Return the noise of the stretch with this number, ``start_us <= t < stop_us``.
 
         A burst belongs to the stretch in which it begins, and is cut off at its end.
         """
@@ -463,7 +463,7 @@ class View:
         used[i] += 1
 
     def _backdrop(self, camera: Camera) -> npt.NDArray[np.float32]:
-        """Light from behind all surfaces: a sky with clouds, and haze at the horizon."""
+        """Return the light from behind all surfaces: a sky with clouds, haze at the horizon."""
         cell = max(camera.sensor.width / 6, 2.0)
         clouds = noise_2d(np.random.default_rng(0), self.shape, (cell / 2, cell))
         sky = 0.85 + 0.1 * clouds - 0.25 * np.clip(self.down + 0.05, -0.5, 0.0)
@@ -471,7 +471,7 @@ class View:
 
 
 def _rotation(drive: Drive) -> npt.NDArray[np.float64]:
-    """Rotation from the camera's axes (right, down, ahead) to those of the street."""
+    """Return the rotation from the camera's axes (right, down, ahead) to those of the street."""
     yaw, pitch, roll = (radians(a) for a in (drive.yaw_deg, drive.pitch_deg, drive.roll_deg))
     about_down = np.array([[cos(yaw), 0, sin(yaw)], [0, 1, 0], [-sin(yaw), 0, cos(yaw)]])
     about_right = np.array([[1, 0, 0], [0, cos(pitch), sin(pitch)], [0, -sin(pitch), cos(pitch)]])

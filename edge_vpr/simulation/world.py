@@ -1,4 +1,4 @@
-"""The world: a straight street between painted surfaces, from which five textures are made."""
+"""The world: a straight street between painted surfaces."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
-
-# Ranges of what can be chosen of a simulation.
 
 
 def check_range(
@@ -71,7 +69,7 @@ def _lattice(at: Floats, cell: float) -> tuple[npt.NDArray[np.int64], Floats]:
 
 
 def noise_1d(rng: np.random.Generator, at: Floats, cell: float) -> Floats:
-    """Smooth noise over a line.
+    """Return smooth noise over a line.
 
     Parameters
     ----------
@@ -93,7 +91,7 @@ def noise_1d(rng: np.random.Generator, at: Floats, cell: float) -> Floats:
 def noise_2d(
     rng: np.random.Generator, shape: tuple[int, int], cells: tuple[float, float]
 ) -> npt.NDArray[np.float32]:
-    """Smooth noise over an image.
+    """Return smooth noise over an image.
 
     Parameters
     ----------

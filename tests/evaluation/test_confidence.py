@@ -38,7 +38,7 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.evaluation.calibration import isotonic, learn_confidence, reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.evaluation.metrics import auroc, judge_rejection
+from edge_vpr.evaluation.metrics import auroc, evaluate_rejection
 from edge_vpr.events import Sensor
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.matching.drive import match_descriptors
@@ -201,12 +201,12 @@ def test_found_at_99_percent_counts_queries_that_are_not_on_the_map():
     trust = np.arange(10)
     has_place = trust % 5 != 0
     correct = has_place & (trust != 1)
-    found = judge_rejection(trust, correct, has_place, trust >= 4)
+    found = evaluate_rejection(trust, correct, has_place, trust >= 4)
     assert (found.on_map, found.off_map, found.right_on_map) == (8, 2, 7 / 8)
     assert found.found_at_99_precision == 4 / 8  # down to 6; 5 is off the map
     assert (found.accepted, found.precision, found.recall) == (6, 5 / 6, 5 / 8)
-    assert judge_rejection(trust, correct, trust >= 0).off_map_auroc is None
-    nothing = judge_rejection(trust, correct, has_place, trust > 99)
+    assert evaluate_rejection(trust, correct, trust >= 0).off_map_auroc is None
+    nothing = evaluate_rejection(trust, correct, has_place, trust > 99)
     assert (nothing.accepted, nothing.precision, nothing.recall) == (0, None, 0.0)
 
 

@@ -30,7 +30,6 @@ from edge_vpr.evaluation.tracks import (
     Track,
     great_circle,
     interpolate,
-    load_nmea,
     load_track,
 )
 
@@ -147,7 +146,7 @@ def test_a_position_survives_the_degrees_and_minutes_of_nmea(
     tmp_path_factory, latitude, longitude, talker
 ):
     line = sentence(f"{talker}RMC,070303.25,A,{position(latitude, longitude)},0,,210420,,,A")
-    track = load_nmea(written(tmp_path_factory.getbasetemp(), line))
+    track = load_track(written(tmp_path_factory.getbasetemp(), line))
     np.testing.assert_allclose(track.position, [[latitude, longitude]], rtol=0, atol=2e-9)
     assert track.kind == "geographic"
     assert track.start_utc == dt.datetime(2020, 4, 21, 7, 3, 3, 250_000, tzinfo=dt.UTC)
@@ -158,7 +157,7 @@ def test_rmc_and_gga_of_one_instant_are_one_point_and_tenths_of_a_second_are_kep
         both for tenth in range(12) for time in [f"0703{3 + tenth // 10:02d}.{tenth % 10}0"]
         for both in (rmc(time, -27.0, 153.0 + tenth), gga(time, 5.0, 5.0))
     ]  # fmt: skip
-    track = load_nmea(written(tmp_path, *lines))
+    track = load_track(written(tmp_path, *lines))
     np.testing.assert_array_equal(track.time_us, np.arange(12) * 100_000)
     np.testing.assert_allclose(track.position[:, 1], 153.0 + np.arange(12))
 
@@ -167,14 +166,14 @@ def test_time_goes_on_past_midnight_with_dates_and_without(tmp_path):
     dated = [rmc("235959.00", 0, 0, "311220"), rmc("000000.00", 0, 0, "010121")]
     undated = [gga("235959.00", 0, 0), gga("000000.00", 0, 0)]
     for lines in (dated, undated, [undated[0], dated[1]], [dated[0], undated[1]]):
-        track = load_nmea(written(tmp_path, *lines))
+        track = load_track(written(tmp_path, *lines))
         np.testing.assert_array_equal(track.time_us, [0, SECOND])
         expected = dt.datetime(2020, 12, 31, 23, 59, 59, tzinfo=dt.UTC)
         assert track.start_utc == (None if lines is undated else expected)
 
 
 def test_a_date_counts_whole_days(tmp_path):
-    track = load_nmea(
+    track = load_track(
         written(tmp_path, rmc("120000.00", 0, 0, "280220"), rmc("120000.00", 0, 0, "010320"))
     )
     assert track.time_us.tolist() == [0, 2 * 86_400 * SECOND]  # 2020 was a leap year
@@ -187,7 +186,7 @@ def test_time_zero_is_the_first_second_of_the_log_even_before_the_first_fix(tmp_
         gga("070300.00", 0, 0, fix=False),
         rmc("070302.00", -27.0, 153.0),
     ]
-    track = load_nmea(written(tmp_path, *lines))
+    track = load_track(written(tmp_path, *lines))
     assert track.time_us.tolist() == [2 * SECOND]
     assert dict(track.dropped) == {"no fix": 3}
 
@@ -203,7 +202,7 @@ def test_damaged_sentences_are_dropped_and_counted(tmp_path):
         sentence("GPRMC,070306.00,A"),
         "$GSENSOR,76,976,148\r\n",
     ]
-    track = load_nmea(written(tmp_path, *lines))
+    track = load_track(written(tmp_path, *lines))
     assert track.time_us.tolist() == [0]
     assert dict(track.dropped) == {"bad checksum": 1, "no checksum": 2, "unreadable field": 2}
 
@@ -213,28 +212,28 @@ def test_a_log_without_a_fix_says_so_and_what_to_do(tmp_path):
     with pytest.raises(
         GroundTruthError, match=r"no RMC or GGA sentence with a fix \(2 with no fix"
     ) as e:
-        load_nmea(path)
+        load_track(path)
     assert "\n" not in str(e.value)
     with pytest.raises(GroundTruthError, match="none at all"):
-        load_nmea(written(tmp_path, "nothing of the kind"))
+        load_track(written(tmp_path, "nothing of the kind"))
 
 
 def test_a_log_whose_time_runs_backwards_is_refused(tmp_path):
     path = written(tmp_path, rmc("070303.00", 0, 0), rmc("070301.00", 0, 0))
     with pytest.raises(GroundTruthError, match="backwards by 2 s at RMC/GGA sentence 2"):
-        load_nmea(path)
+        load_track(path)
 
 
 def test_a_missing_log_is_one_line(tmp_path):
     with pytest.raises(GroundTruthError, match="cannot be read") as error:
-        load_nmea(tmp_path / "absent.nmea")
+        load_track(tmp_path / "absent.nmea")
     assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(("traverse", "fixes", "last_s"), [(1, 703, 714), (2, 623, 630)])
 def test_real_logs_give_every_second_that_they_hold(shared_data, traverse, fixes, last_s):
     path = shared_data / f"brisbane_sparse49/sunset{traverse}.nmea"
-    track = load_nmea(path)
+    track = load_track(path)
     assert (track.time_us.size, track.time_us[-1], dict(track.dropped)) == (
         fixes,
         last_s * SECOND,
@@ -390,7 +389,7 @@ def test_gps_at_70_m_confirms_the_published_matches_of_sunset_1_and_2(shared_dat
     folder = shared_data / "brisbane_sparse49"
     with np.load(folder / "gt_query_sunset1_reference_sunset2.npz") as archive:
         published = archive["gt"].T.astype(bool)
-    reference, query = (load_nmea(folder / f"sunset{number}.nmea") for number in (2, 1))
+    reference, query = (load_track(folder / f"sunset{number}.nmea") for number in (2, 1))
     places, queries = published.shape
     for tolerance_m in (50.0, 70.0):
         truth = from_tracks(reference, query, centres(places), centres(queries), tolerance_m)

@@ -17,8 +17,8 @@ from edge_vpr.descriptors.windows import PublishedWindows
 from edge_vpr.errors import MapError
 from edge_vpr.evaluation.calibration import reliability
 from edge_vpr.evaluation.ground_truth import from_tracks
-from edge_vpr.evaluation.metrics import judge_rejection
-from edge_vpr.evaluation.tracks import load_nmea
+from edge_vpr.evaluation.metrics import evaluate_rejection
+from edge_vpr.evaluation.tracks import load_track
 from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
@@ -93,7 +93,7 @@ def test_sequences_on_the_brisbane_drives_are_the_oracles(shared_data, brisbane)
     drives = brisbane.reference, brisbane.query, brisbane.truth_of, brisbane.settings
     counts = [np.load(folder / f"{name}.npz")["counts"] for name in ("sunset2", "sunset1")]
     centres = [1_000_000 * np.arange(len(c)) + 500_000 for c in counts]
-    tracks = [load_nmea(folder / f"{name}.nmea") for name in ("sunset2", "sunset1")]
+    tracks = [load_track(folder / f"{name}.nmea") for name in ("sunset2", "sunset1")]
     truth = from_tracks(*tracks, *centres, 70.0)
     distances = naive.distance_matrix(counts[0].tolist(), counts[1].tolist())
     for length in (1, 20):
@@ -183,6 +183,6 @@ def test_matches_are_accepted_where_a_drive_leaves_the_map_only_if_they_are_sure
     assert calibration.sample(case).correct.mean() > right
     # a car that stands at a light off the map saw the same at the end of the route
     cut = calibration.sample(without_places(case, 220, 330))
-    found = judge_rejection(*cut, cut.trust >= default_confidence(smooth).least_trust(0.99))
+    found = evaluate_rejection(*cut, cut.trust >= default_confidence(smooth).least_trust(0.99))
     assert found.found_at_99_precision > 0.8 and found.off_map_auroc > 0.9
     assert found.precision > precision and found.recall > recall

@@ -24,7 +24,7 @@ from streams import random_events
 
 import edge_vpr
 from edge_vpr import errors
-from edge_vpr.archive import kind_of
+from edge_vpr.archive import archive_kind
 from edge_vpr.errors import EdgeVprError, MissingExtraError, did_you_mean
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.protocols import open_encoder
@@ -167,8 +167,8 @@ def test_a_map_and_a_recording_in_each_others_place(drive, tmp_path, capsys):
     assert "map.npz is a map already: name the drives that it is to learn" in says
     says = refused(capsys, "convert", drive / "map.npz", tmp_path / "b.raw")
     assert "map.npz is a reference map, and a recording is expected" in says
-    assert kind_of(drive / "map.npz") == "reference map"
-    assert kind_of(drive / "drive.npz") is None and kind_of(drive / "none") is None
+    assert archive_kind(drive / "map.npz") == "reference map"
+    assert archive_kind(drive / "drive.npz") is None and archive_kind(drive / "none") is None
 
 
 @pytest.mark.parametrize(("flag", "value"), [("-L", "100000"), ("--tau", "1900ms")])

@@ -51,7 +51,7 @@ Bytes = npt.NDArray[np.uint8]
 
 
 def stuff(data: bytes) -> bytes:
-    r"""Encode; the result has no zero, and one more byte for each 254 bytes or part of them.
+    r"""Return the bytes without a zero, with one more byte for each 254 bytes or part of them.
 
     Examples
     --------

@@ -104,7 +104,7 @@ class Dialogue:
         self.restart()
 
     def restart(self) -> None:
-        """Begin the dialogue again."""
+        """Restart the dialogue."""
         self.sequence = 0
         self.channel: int | None = None
         self.size = 0

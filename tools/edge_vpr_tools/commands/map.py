@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> None:
     """Map the recording, or load the map; learn the other drives, and save the map."""
     import numpy as np
 
-    from edge_vpr.archive import kind_of
+    from edge_vpr.archive import archive_kind
     from edge_vpr.descriptors.counting import Removed
     from edge_vpr.evaluation.tracks import load_track
     from edge_vpr.files import check_output
@@ -106,7 +106,7 @@ def run(args: argparse.Namespace) -> None:
 
     output = Path(args.output)
     # a map is read whole before it is written
-    learns = kind_of(args.recording) == KIND
+    learns = archive_kind(args.recording) == KIND
     tracks = args.track or []
     files = (args.odometry, args.jumps, args.pixel_map, args.config, _hot_pixel_file(args))
     named = (*args.more, *tracks, *files)

@@ -84,7 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Match the recording and write the folder of results."""
     from edge_vpr import results
-    from edge_vpr.archive import kind_of, write_npy
+    from edge_vpr.archive import archive_kind, write_npy
     from edge_vpr.evaluation.match_tracks import check_track_file
     from edge_vpr.evaluation.tracks import load_odometry
     from edge_vpr.map_record import KIND as MAP_KIND
@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> None:
     output = Path(args.output)
     inputs = list(filter(None, (args.map, args.recording, args.odometry)))
     results.check_output_folder(output, args.overwrite, inputs)
-    if kind_of(args.map) != MAP_KIND and kind_of(args.recording) == MAP_KIND:
+    if archive_kind(args.map) != MAP_KIND and archive_kind(args.recording) == MAP_KIND:
         raise UsageError(
             f"{args.recording} is the map and {args.map} is not: the map comes first, then the "
             "recording of the query drive"

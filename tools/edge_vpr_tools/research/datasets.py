@@ -22,7 +22,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from edge_vpr.errors import GroundTruthError, UsageError
-from edge_vpr.evaluation.tracks import MAX_GAP_S, Track, load_nmea
+from edge_vpr.evaluation.tracks import MAX_GAP_S, Track, load_track
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import Recording, TimeCrop, open_recording
 from edge_vpr.recordings.hdf5 import CheckedDataset, load_h5py
@@ -126,7 +126,7 @@ class BrisbaneTraverse:
         """
         for log, beginning_s in self.logs.items():
             if (folder / log).is_file():
-                return load_nmea(folder / log), round(beginning_s * 1e6)
+                return load_track(folder / log), round(beginning_s * 1e6)
         raise GroundTruthError(
             f"{folder} holds no GPS log of {self.name} ({' or '.join(self.logs)}): download it "
             f"from {BRISBANE_PAGE if self.beginning_s else BRISBANE_BAGS_PAGE}"

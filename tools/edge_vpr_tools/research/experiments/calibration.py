@@ -36,7 +36,7 @@ from edge_vpr.descriptors.counting import count_windows
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.calibration import learn_confidence, reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
-from edge_vpr.evaluation.metrics import judge_rejection
+from edge_vpr.evaluation.metrics import evaluate_rejection
 from edge_vpr.files import replacing
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
@@ -394,7 +394,7 @@ def judged(table: Confidence, found: Sequence[Sample]) -> dict[str, float | int 
     given = table.probability_of(pooled.trust)
     least = table.least_trust(PRECISION)
     accepted = pooled.trust >= least
-    counts = judge_rejection(*pooled, accepted)
+    counts = evaluate_rejection(*pooled, accepted)
     left = windows_past_the_edge(found, least)
     return {
         "correct": float(pooled.correct.mean()),

@@ -18,7 +18,7 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime, PublishedWindows, Window
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_alignment, load_alignment
-from edge_vpr.evaluation.tracks import Track, load_nmea
+from edge_vpr.evaluation.tracks import Track, load_track
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulation import SimulatedRecording, simulate_pair
@@ -324,7 +324,7 @@ def _brisbane(folder: Path) -> Iterator[Pair]:
     last places.
     """
     first, second = (PublishedWindows(folder / f"{name}.npz") for name in _BRISBANE_DRIVES)
-    tracks = Tracks(*(load_nmea(folder / f"{name}.nmea") for name in _BRISBANE_DRIVES))
+    tracks = Tracks(*(load_track(folder / f"{name}.nmea") for name in _BRISBANE_DRIVES))
     every = Pair(
         "Brisbane", first, second, BRISBANE_SETTINGS, truths_of_tracks(*tracks, *_BRISBANE_M),
         drawn=False, tracks=tracks, files=(folder,),
@@ -565,7 +565,7 @@ def _kept_street(seed: int) -> tuple[SimulatedRecording, SimulatedRecording]:
 
 
 def _brisbane_contest(folder: Path, logs: Path, names: tuple[str, str], seed: int) -> CountedPair:
-    tracks = [load_nmea(logs / f"{name}.nmea") for name in names]
+    tracks = [load_track(logs / f"{name}.nmea") for name in names]
     first, second = (_published_counts(folder / f"{name}.npz") for name in names)
     weights = tuple(sorted(folder.glob("*.pth")))
     truths = truths_of_tracks(tracks[0], tracks[1], *_BRISBANE_M)
