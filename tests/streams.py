@@ -6,6 +6,7 @@ import numpy as np
 
 from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.events import Events, Sensor, make_events
+from edge_vpr.recordings import Recording, open_recording
 
 
 def random_events(rng: np.random.Generator, n: int, sensor: Sensor, duration_us: int) -> Events:
@@ -46,6 +47,21 @@ def with_sums(matches, length: int = 1):
     for name, values in sums.items():
         found[name] = values
     return found
+
+
+def from_first(events: Events) -> Events:
+    """The same events with times from the first one."""
+    shifted = events.copy()
+    shifted["t"] -= events["t"][0]
+    return shifted
+
+
+def absolute(path, **options) -> tuple[Events, Recording]:
+    """Events of a recording with times on the file's own clock, and the recording."""
+    recording = open_recording(path, **options)
+    events = np.concatenate(list(recording))
+    events["t"] += recording.start_us
+    return events, recording
 
 
 class Drive:

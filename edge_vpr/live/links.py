@@ -114,7 +114,7 @@ class DescriptorLink(Link):
         self._fd = descriptor
         # one buffer for all reads: allocating the largest size and truncating it would fragment
         # the memory
-        self._room = memoryview(bytearray(READ_BYTES))
+        self._buffer = memoryview(bytearray(READ_BYTES))
         if live:
             # standard input is shared (on a terminal even with the output), and is not changed
             os.set_blocking(descriptor, False)
@@ -124,14 +124,14 @@ class DescriptorLink(Link):
         try:
             if not select.select([self._fd], [], [], timeout)[0]:
                 return b""
-            size = os.readv(self._fd, [self._room])
+            size = os.readv(self._fd, [self._buffer])
         except BlockingIOError:
             return b""
         except (OSError, ValueError) as error:
             raise link_error(self.address, error) from error
         if not size:
             raise LinkClosed(f"{self.address} has ended")
-        return bytes(self._room[:size])
+        return bytes(self._buffer[:size])
 
     def write(self, data: bytes, timeout: float) -> int:
         """See `Link.write`."""
@@ -665,14 +665,14 @@ class LinkReader:
         self.line_errors = 0
         self.lost_link = ""
         # held while sending and while closing, so that nothing is sent to a closed link
-        self._sending = threading.Lock()
+        self._send_lock = threading.Lock()
         # whether the caller reads; changed only under the lock that is held for reading
-        self._lent, self._reading = False, threading.Lock()
-        self._wanted = False  # whether the caller waits, and could read itself
+        self._caller_reads, self._read_lock = False, threading.Lock()
+        self._caller_waits = False  # whether the caller waits, and could read itself
         self._left_s = time.monotonic()  # time at which the caller left with bytes
         self._failure: Exception | None = None  # error while reading
         self._reopened = False  # whether the link was reopened before the next bytes
-        self._awake = threading.Event()  # set to end a pause of the thread
+        self._wake = threading.Event()  # set to end a pause of the thread
         self._errors_before = 0  # line errors of the links before this one
         self._lost_s = math.inf  # time at which the link was lost, while it is
         self._dead_s = 0.0
@@ -697,7 +697,7 @@ class LinkReader:
         chunk, left = None, timeout
         while chunk is None and left >= 0 and not self._ended:
             # first the reader, then the waiting bytes: the thread has stored all that it read
-            if self._lent and not self._chunks:
+            if self._caller_reads and not self._chunks:
                 chunk = self._read_directly(min(left, _WAIT_S))
             else:
                 chunk = self._read_by_thread(left)
@@ -708,24 +708,24 @@ class LinkReader:
         return chunk
 
     def _read_directly(self, timeout: float) -> Chunk | None:
-        with self._reading:
-            if not self._lent or self._chunks:
+        with self._read_lock:
+            if not self._caller_reads or self._chunks:
                 return None
             try:
                 data = self._link.read(timeout)
                 return self._chunk(self._link, data) if data else None
             except Exception as error:
                 # the thread has to open the link again, or has to end
-                self._failure, self._lent = error, False
-                self._awake.set()
+                self._failure, self._caller_reads = error, False
+                self._wake.set()
                 return None
 
     def _read_by_thread(self, timeout: float) -> Chunk | None:
         with self._changed:
             if not self._chunks and not self._ended and timeout > 0:
-                self._wanted = True
+                self._caller_waits = True
                 self._changed.wait(timeout)
-                self._wanted = False
+                self._caller_waits = False
             if not self._chunks:
                 return None
             first = self._chunks.popleft()
@@ -747,7 +747,7 @@ class LinkReader:
             Seconds to wait for a line that takes no more bytes.
         """
         if data:
-            with self._sending, contextlib.suppress(LinkError):
+            with self._send_lock, contextlib.suppress(LinkError):
                 self._send(self._link, data, timeout)
 
     @property
@@ -770,7 +770,7 @@ class LinkReader:
     def stop(self) -> None:
         """Stop reading and close the link; returns within about a second."""
         self._stopping.set()
-        self._awake.set()
+        self._wake.set()
         with self._changed:
             self._changed.notify_all()
         self._thread.join(timeout=2)
@@ -793,7 +793,7 @@ class LinkReader:
                 again = self._reopen()
                 if again is None:
                     return
-                with self._sending:
+                with self._send_lock:
                     self._link = again
                 self._reopened = not isinstance(link, AbsentLink)
                 self._dead_s, self._lost_s = self.dead_s, math.inf
@@ -803,8 +803,8 @@ class LinkReader:
             self.error = error
         finally:
             self._dead_s, self._lost_s = self.dead_s, math.inf
-            with self._reading:  # the caller is not reading the closed link
-                self._lent = False
+            with self._read_lock:  # the caller is not reading the closed link
+                self._caller_reads = False
             with contextlib.suppress(LinkError):
                 self._send(link, self._teardown)
             self._close(link)
@@ -819,15 +819,15 @@ class LinkReader:
             if time.monotonic() >= look:
                 look = time.monotonic() + _LOOK_S
                 self._look_at_errors(link)
-            if self._lent:
+            if self._caller_reads:
                 self._watch_caller()
                 continue
             data = link.read(_WAIT_S)
             if data:
                 self._put(self._chunk(link, data), drop)
-            if self._wanted:
-                self._awake.clear()
-                self._lent = True
+            if self._caller_waits:
+                self._wake.clear()
+                self._caller_reads = True
                 with self._changed:
                     self._changed.notify_all()
 
@@ -837,11 +837,11 @@ class LinkReader:
 
     def _watch_caller(self) -> None:
         """Pause; then read in the place of a late caller, and raise an error that it found."""
-        self._awake.wait(_HELP_S)
+        self._wake.wait(_HELP_S)
         late = time.monotonic() - self._left_s > _HELP_S
-        if late and self._reading.acquire(blocking=False):
-            self._lent = False
-            self._reading.release()
+        if late and self._read_lock.acquire(blocking=False):
+            self._caller_reads = False
+            self._read_lock.release()
         if self._failure is not None:
             failure, self._failure = self._failure, None
             raise failure
@@ -881,7 +881,7 @@ class LinkReader:
 
     def _close(self, link: Link) -> None:
         self._look_at_errors(link)
-        with self._sending:
+        with self._send_lock:
             link.close()
 
     @staticmethod

@@ -18,7 +18,7 @@ from edge_vpr.simulation.drive import (
     Light,
     Motion,
     drive_motion,
-    looks,
+    frame_times,
     shake,
 )
 from edge_vpr.simulation.pixel_model import PixelArray
@@ -47,9 +47,9 @@ __all__ = [
     "simulate_pair",
 ]
 
-STEP_M = 0.8 * COLUMN_M  # distance between two looks: no texel of the street is passed over
-STEP_US = 20_000  # time between two looks while the camera stands
-BLOCK = 64  # looks that are simulated together
+STEP_M = 0.8 * COLUMN_M  # distance between two frames: no texel of the street is passed over
+STEP_US = 20_000  # time between two frames while the camera stands
+BLOCK = 64  # frames that are simulated together
 CHUNK = 1 << 16  # events in one array that is handed out
 
 _PARKED = 41
@@ -210,16 +210,16 @@ class SimulatedRecording:
         for start in range(0, len(times), BLOCK):
             stop = min(start + BLOCK, len(times))
             view.render(at.position_m[start:stop], frames[: stop - start])
-            for look, frame in zip(range(start, stop), frames, strict=False):
-                paint_traffic(movers, view, times[look], places[look], frame)
-                right, down = shifts[look]
+            for i, frame in zip(range(start, stop), frames, strict=False):
+                paint_traffic(movers, view, times[i], places[i], frame)
+                right, down = shifts[i]
                 cut(frame, view.margin, right, down, view.fixed, veil, image)
                 yield image
 
     def _blocks(self) -> Iterator[Events]:
-        """Simulate, a block of looks at a time."""
+        """Simulate, a block of frames at a time."""
         camera = self.camera
-        at = looks(self._motion, STEP_M, STEP_US)
+        at = frame_times(self._motion, STEP_M, STEP_US)
         times = at.time_us.tolist()
         noise = Noise(camera, seed=self.seed, device=self.device, duration_us=self.duration_us)
         pixels = PixelArray(self.sensor, *camera.thresholds(self.device), camera.refractory_us)

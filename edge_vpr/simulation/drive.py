@@ -162,7 +162,7 @@ def drive_motion(drive: Drive, length_m: float, seed: int) -> Motion:
     return Motion(np.round(seconds * 1e6).astype(np.int64), position)
 
 
-def looks(motion: Motion, step_m: float, step_us: int) -> Motion:
+def frame_times(motion: Motion, step_m: float, step_us: int) -> Motion:
     """Return the times of frames: at least one in each `step_m` of the path and each `step_us`."""
     effort = np.maximum(np.diff(motion.position_m) / step_m, np.diff(motion.time_us) / step_us)
     done = np.concatenate(([0.0], np.cumsum(effort)))

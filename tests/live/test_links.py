@@ -17,7 +17,7 @@ import pytest
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.live import links as network_links
+from edge_vpr.live import links
 from edge_vpr.live.bridge import Bridge
 from edge_vpr.live.links import (
     Chunk,
@@ -175,7 +175,7 @@ def test_udp_and_tcp_arrive_and_nothing_listens_beyond_loopback(name):
 
 def test_a_second_sender_is_left_out_and_told_until_the_first_is_silent(monkeypatch):
     """Two streams in one would be garbage to any decoder."""
-    monkeypatch.setattr(network_links, "GIVES_WAY_S", 0.2)
+    monkeypatch.setattr(links, "GIVES_WAY_S", 0.2)
     host = open_link("udp://:0")
     first, second = (open_device_link(host.address) for _ in range(2))
     for number in range(20):
@@ -196,7 +196,7 @@ def test_a_second_sender_is_left_out_and_told_until_the_first_is_silent(monkeypa
 
 
 def test_a_sender_that_is_replaced_is_a_new_stream_to_the_decoder(monkeypatch):
-    monkeypatch.setattr(network_links, "GIVES_WAY_S", 0.1)
+    monkeypatch.setattr(links, "GIVES_WAY_S", 0.1)
     reader = LinkReader(lambda: open_link("udp://:0"))
     first, second = (open_device_link(reader.address) for _ in range(2))
     first.write(b"one", 1)

@@ -33,15 +33,15 @@ SENSOR = Sensor(64, 48)
 @pytest.mark.parametrize("seed", range(20))
 def test_the_cut_of_the_bytes_changes_no_reading(seed):
     rng = np.random.default_rng(seed)
-    ways = np.round(np.cumsum(rng.normal(0.1, 0.2, 100)), 3)
+    metres = np.round(np.cumsum(rng.normal(0.1, 0.2, 100)), 3)
     end = "\r\n" if seed % 2 else "\n"
-    data = "".join(f"{way}{end}" for way in ways).encode()
+    data = "".join(f"{metre}{end}" for metre in metres).encode()
     line = OdometerLine()
     cuts = [0, *np.sort(rng.integers(0, len(data), 30)).tolist(), len(data)]
     for begin, last in pairwise(cuts):
         line.feed(data[begin:last], 0.0)
     assert (line.readings, line.leaps, line.refused) == (100, 0, 0)
-    assert line.metres == pytest.approx(ways[-1] - ways[0], abs=1e-9)
+    assert line.metres == pytest.approx(metres[-1] - metres[0], abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import pytest
 from edge_vpr_tools.commands.ports import KNOWN, guess
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from streams import Drive, random_events
+from streams import Drive, from_first, random_events
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
@@ -99,12 +99,6 @@ def converse(decoder, camera, events, *, up=None, down=None, cut=None, chunk=3_0
         assert now < 3_000, f"hangs: {decoder.health}"
     arrived.append(decoder.finish())
     return np.concatenate(arrived)
-
-
-def from_first(events):
-    shifted = events.copy()
-    shifted["t"] -= events["t"][0]
-    return shifted
 
 
 def test_the_checksums_are_those_that_were_published():

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from line_faults import KINDS, baud_noise, decode, make_line
 from numba import config
-from streams import random_events
+from streams import from_first, random_events
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
@@ -67,12 +67,6 @@ def decoded(decoder, data, cuts=()):
 
 def dense(n=4_000, seed=0, rate=100_000):
     return random_events(np.random.default_rng(seed), n, SENSOR, n * 1_000_000 // rate)
-
-
-def from_first(events):
-    shifted = events.copy()
-    shifted["t"] -= events["t"][0]
-    return shifted
 
 
 @pytest.mark.slow

@@ -10,20 +10,13 @@ import pytest
 import recording_files as files
 from hypothesis import given
 from hypothesis import strategies as st
+from streams import absolute
 
 from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.recordings import open_recording, write_recording
 
 SENSOR = Sensor(640, 480)
-
-
-def absolute(path, **options):
-    """Events of a recording with times on the file's own clock, and the recording."""
-    recording = open_recording(path, **options)
-    events = np.concatenate(list(recording))
-    events["t"] += recording.start_us
-    return events, recording
 
 
 def body(path):

@@ -20,8 +20,7 @@ import recording_files as files
 
 from edge_vpr.errors import EdgeVprError, RecordingError, printable
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
-from edge_vpr.recordings import frames as frame_expansion
-from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.recordings import frames, open_recording, write_recording
 from edge_vpr.recordings.parquet import read_column_chunks, read_pages
 from edge_vpr.recordings.reading import DecompressionError, bzip2, expand, foreign_errors
 
@@ -200,7 +199,7 @@ def test_a_frame_of_many_events_is_expanded_in_pieces_that_change_nothing(tmp_pa
     np.savez(tmp_path / "a.npz", frames=rng.integers(0, 90, (3, 7, 9)))
     whole = np.concatenate(list(open_recording(tmp_path / "a.npz", frame_period=1)))
     for most in (50, 1000):
-        monkeypatch.setattr(frame_expansion, "_MOST_EXPANDED", most)
+        monkeypatch.setattr(frames, "_MOST_EXPANDED", most)
         pieces = open_recording(tmp_path / "a.npz", frame_period=1)
         assert np.array_equal(np.concatenate(list(pieces)), whole)
 

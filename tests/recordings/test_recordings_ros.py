@@ -13,12 +13,11 @@ import pytest
 import recording_files as files
 from hypothesis import given
 from hypothesis import strategies as st
+from streams import absolute
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.recordings import open_recording
-from edge_vpr.recordings import reading as decompression
-from edge_vpr.recordings import rosbag as rosbag_expansion
+from edge_vpr.recordings import open_recording, reading, rosbag
 from edge_vpr.recordings.rosbag import Cursor, LibcaerCmpDecoder, read_event_array, read_preamble
 
 rosbags = pytest.importorskip("rosbags")
@@ -47,13 +46,6 @@ def write_bag(path, ros, messages, types=None):
                 digest = {"md5sum": "0" * 32} if ros == 1 else {"rihs01": "RIHS01_" + "0" * 64}
                 known[topic] = writer.add_connection(topic, kind, msgdef="uint8 x\n", **digest)
             writer.write(known[topic], 10**18 + i, data)
-
-
-def absolute(path, **options):
-    recording = open_recording(path, **options)
-    events = np.concatenate(list(recording))
-    events["t"] += recording.start_us
-    return events, recording
 
 
 def arrays(events, ros, size=100):
@@ -275,7 +267,7 @@ def test_a_ros2_bag_of_one_file_is_read_whatever_its_metadata_says(plugin, metad
 def test_a_compressed_chunk_of_a_bag_has_a_limit(tmp_path, monkeypatch):
     from rosbags.rosbag1 import Writer
 
-    monkeypatch.setattr(decompression, "LIMIT_BYTES", 1000)
+    monkeypatch.setattr(reading, "LIMIT_BYTES", 1000)
     for name in ("BZ2", "LZ4"):
         writer = Writer(tmp_path / f"{name}.bag")
         writer.set_compression(Writer.CompressionFormat[name])
@@ -322,8 +314,8 @@ def test_a_compressed_ros2_bag_is_read_and_leaves_nothing_behind(
 
 def test_a_compressed_ros2_bag_expands_to_no_more_than_its_limit(tmp_path, monkeypatch):
     """Zeros, of which 8 MB are 300 bytes: in one message, and in one file."""
-    monkeypatch.setattr(decompression, "LIMIT_BYTES", 1 << 20)
-    monkeypatch.setattr(rosbag_expansion, "LEAST_BYTES", 1 << 20)
+    monkeypatch.setattr(reading, "LIMIT_BYTES", 1 << 20)
+    monkeypatch.setattr(rosbag, "LEAST_BYTES", 1 << 20)
     for mode, words in (("MESSAGE", "expands to more than"), ("FILE", "expands to more than")):
         write_compressed(tmp_path / mode, mode, messages=[bytes(8 << 20)])
         with pytest.raises(RecordingError, match=words) as raised:

@@ -24,7 +24,7 @@ from edge_vpr.simulation import (
     World,
     simulate_pair,
 )
-from edge_vpr.simulation.drive import drive_motion, looks, shake
+from edge_vpr.simulation.drive import drive_motion, frame_times, shake
 from edge_vpr.simulation.view import CAMERA_M, Mover, View, cut, illuminate, paint_traffic
 from edge_vpr.simulation.world import (
     COLUMN_M,
@@ -194,7 +194,7 @@ def test_a_track_goes_from_start_to_end_and_waits_at_its_stops():
 
 def test_the_camera_looks_at_least_every_step_of_way_and_of_time():
     motion = drive_motion(Drive(stops=1), 50, seed=0)
-    seen = looks(motion, 0.05, 20_000)
+    seen = frame_times(motion, 0.05, 20_000)
     assert (seen.time_us[0], seen.time_us[-1]) == (0, motion.time_us[-1])
     assert np.diff(seen.time_us).min() > 0
     assert np.diff(seen.time_us).max() <= 20_002

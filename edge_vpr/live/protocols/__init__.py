@@ -366,7 +366,7 @@ def reach(box, time):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def room_for(box, n):  # type: ignore[no-untyped-def]
+def empty_events(box, n):  # type: ignore[no-untyped-def]
     """Return an array for `n` events and those that are held."""
     return np.empty(n + _FilterState(*box.value).held.size, EVENT_DTYPE)
 

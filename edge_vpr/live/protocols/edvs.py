@@ -134,7 +134,7 @@ class StepDecoder(Decoder):
         self._sync = sync
         self._now = 0
         self._searching = True
-        self._room = empty_columns(0)
+        self._columns = empty_columns(0)
         self.resync_bytes = (SEARCH_WORDS + NOTICE_WORDS + 1) * _LONGEST
 
     def _lose_sync(self) -> None:
@@ -142,9 +142,9 @@ class StepDecoder(Decoder):
 
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
         raw = np.frombuffer(data, dtype=np.uint8)
-        if raw.size // 3 >= self._room.t.size:
-            self._room = empty_columns(raw.size // 3 + 1)
-        t, x, y, p = self._room
+        if raw.size // 3 >= self._columns.t.size:
+            self._columns = empty_columns(raw.size // 3 + 1)
+        t, x, y, p = self._columns
         at, count = 0, 0
         while True:
             if self._searching:

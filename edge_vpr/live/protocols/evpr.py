@@ -22,8 +22,8 @@ from edge_vpr.live.protocols import (
     OptionReader,
     admit_columns,
     counts_of,
+    empty_events,
     reach,
-    room_for,
     start_clock,
 )
 from edge_vpr.online.localiser import CHUNK_EVENTS, Follower, Step, follow_kept
@@ -182,8 +182,8 @@ _COUNTS = np.dtype(
 )
 
 
-class FrameRoom(NamedTuple):
-    """Room for the frames of one chunk, and the state that is kept between chunks."""
+class FrameBuffers(NamedTuple):
+    """Buffers for the frames of one chunk, and the state that is kept between chunks."""
 
     plain: Bytes  #: Shape (MAX_STUFFED,): one frame without stuffing.
     columns: Columns  #: Events of all frames.
@@ -191,8 +191,8 @@ class FrameRoom(NamedTuple):
     counts: npt.NDArray[np.void]  #: Shape (1,): counts of what the chunk held.
 
     @classmethod
-    def of(cls, size: int, state: npt.NDArray[np.void]) -> FrameRoom:
-        """Make room for the events of frames of `size` bytes in total."""
+    def of(cls, size: int, state: npt.NDArray[np.void]) -> FrameBuffers:
+        """Make buffers for the events of frames of `size` bytes in total."""
         plain, counts = np.empty(MAX_STUFFED, dtype=np.uint8), np.zeros(1, dtype=_COUNTS)
         return cls(plain, empty_columns(size // 3), state, counts)
 
@@ -204,9 +204,9 @@ def decode_frames(box, clock, data):  # type: ignore[no-untyped-def]
     Parameters
     ----------
     box : BoxedState
-        Box of a `FrameRoom` with room for `data`.
+        Of `FrameBuffers` with room for `data`.
     clock : BoxedState
-        Box of the state of a `TimestampFilter`.
+        Of the state of a `TimestampFilter`.
     data : bytes
         Frames, each with the zero at its end.
 
@@ -216,26 +216,26 @@ def decode_frames(box, clock, data):  # type: ignore[no-untyped-def]
     frames, decoded : int
         Number of undamaged frames, and of events in them.
     same : bool
-        Whether all other counts are as before, in `FrameRoom.counts` and of the clock.
+        Whether all other counts are as before, in `FrameBuffers.counts` and of the clock.
     reached : int
         Time up to which the stream is known, see `TimestampFilter.reached_us`.
     """
-    room, raw = FrameRoom(*box.value), np.frombuffer(data, dtype=np.uint8)
-    counts, before = room.counts, counts_of(clock)
+    buffers, raw = FrameBuffers(*box.value), np.frombuffer(data, dtype=np.uint8)
+    counts, before = buffers.counts, counts_of(clock)
     counts.view(np.int64)[:] = 0
     n, start = 0, 0
     for i in range(raw.size):
         if raw[i] != 0:
             continue
         if i > start:
-            size = unstuff(raw[start:i], room.plain) if i - start <= MAX_STUFFED else -1
-            n += _take_frame(room, size - _CHECK_BYTES, i - start + 1, n)
+            size = unstuff(raw[start:i], buffers.plain) if i - start <= MAX_STUFFED else -1
+            n += _take_frame(buffers, size - _CHECK_BYTES, i - start + 1, n)
         start = i + 1
     found = counts[0]
     if found["frames"]:
         start_clock(clock, found["base"])
-    t, x, y, p = room.columns
-    out = room_for(clock, n)
+    t, x, y, p = buffers.columns
+    out = empty_events(clock, n)
     delivered = admit_columns(clock, t[:n], x[:n], y[:n], p[:n], out)
     reached = reach(clock, found["idle_at"] if found["frames"] else np.int64(-1))
     same = not (found["damaged"] or found["repeats"] or found["gaps"] or found["resets"])
@@ -244,7 +244,7 @@ def decode_frames(box, clock, data):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def follow_frames(bursts, followed, room, clock, data):  # type: ignore[no-untyped-def]
+def follow_frames(bursts, followed, buffers, clock, data):  # type: ignore[no-untyped-def]
     """Decode whole frames, and match their events.
 
     Parameters
@@ -257,7 +257,7 @@ def follow_frames(bursts, followed, room, clock, data):  # type: ignore[no-untyp
     tuple
         Results of `decode_frames` and of `follow_kept`.
     """
-    decoded = decode_frames(room, clock, data)
+    decoded = decode_frames(buffers, clock, data)
     return decoded, follow_kept(bursts, followed, decoded[0])
 
 
@@ -270,12 +270,12 @@ def _number(data, at, size):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _take_frame(room, end, taken, first):  # type: ignore[no-untyped-def]
+def _take_frame(buffers, end, taken, first):  # type: ignore[no-untyped-def]
     """Decode a frame whose checksum is at `end`, and compare the device's totals with ours.
 
     The frame took `taken` bytes on the line. Its events are written from `first` on, and counted.
     """
-    plain, columns, state, counts = room
+    plain, columns, state, counts = buffers
     last, found = state[0], counts[0]
     width, x_bits, y_bits = (
         np.int64(plain[0] & 15),
@@ -467,8 +467,8 @@ class EvprDecoder(Decoder):
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor, Clock(confirm=1), EXACT)
         self._endless = False  # within a frame that is already too long
-        self._room = KernelState(
-            FrameRoom.of(3 * CHUNK_EVENTS, np.array([(-1, 0, 0, 0)], dtype=_STATE))
+        self._buffers = KernelState(
+            FrameBuffers.of(3 * CHUNK_EVENTS, np.array([(-1, 0, 0, 0)], dtype=_STATE))
         )
 
     def _samples(self) -> Iterable[bytes]:
@@ -503,10 +503,12 @@ class EvprDecoder(Decoder):
         return data[start:end], rest
 
     def _take_frames(self, frames: bytes) -> Events:
-        room = self._room.value
-        if len(frames) // 3 > room.columns.t.size:
-            self._room = KernelState(FrameRoom.of(len(frames), room.state))
-        return self._account(*decode_frames(self._room.boxed, self._timestamps.box.boxed, frames))
+        buffers = self._buffers.value
+        if len(frames) // 3 > buffers.columns.t.size:
+            self._buffers = KernelState(FrameBuffers.of(len(frames), buffers.state))
+        return self._account(
+            *decode_frames(self._buffers.boxed, self._timestamps.box.boxed, frames)
+        )
 
     def decode_and_follow(
         self, data: bytes, host_us: int, follower: Follower
@@ -521,8 +523,8 @@ class EvprDecoder(Decoder):
             events = self._take_frames(frames)
             step = follower.follow(events, self.reached_us)
         else:
-            room, clock = self._room.boxed, self._timestamps.box.boxed
-            decoded, result = follower.bound(follow_frames, frames, room, clock)(frames)
+            buffers, clock = self._buffers.boxed, self._timestamps.box.boxed
+            decoded, result = follower.bound(follow_frames, frames, buffers, clock)(frames)
             events = self._account(*decoded)
             step = follower.go_on(events, decoded[-1], *result)
         self._account_bytes(data, rest, before)
@@ -539,7 +541,7 @@ class EvprDecoder(Decoder):
             health.events += delivered
             return events
         self._timestamps.report(decoded, delivered)
-        counts = cast("tuple[int, ...]", self._room.value.counts.item())
+        counts = cast("tuple[int, ...]", self._buffers.value.counts.item())
         _, damaged, skipped, repeats, gaps, lost, dropped, resets, _, _ = counts
         health.crc_errors += damaged
         health.resyncs += damaged

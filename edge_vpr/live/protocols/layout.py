@@ -241,7 +241,7 @@ class LayoutDecoder(WordDecoder):
         self.layout = layout
         self._form = layout.form()
         self._memory = np.array([_NOTHING], dtype=_MEMORY)
-        self._room = empty_columns(0)
+        self._columns = empty_columns(0)
 
     def _samples(self) -> Iterable[bytes]:
         yield damaged_sample(LayoutEncoder("sample", self.layout, self.sensor))
@@ -251,9 +251,9 @@ class LayoutDecoder(WordDecoder):
 
     def _take_words(self, raw: Raw) -> tuple[int, Columns, bool]:
         words = raw.size // self.layout.size
-        if words > self._room.t.size:
-            self._room = empty_columns(words)
-        t, x, y, p = self._room
+        if words > self._columns.t.size:
+            self._columns = empty_columns(words)
+        t, x, y, p = self._columns
         used = int(_take(raw, words, self._form, self._memory, self._host_us, t, x, y, p))
         return used, Columns(t[:used], x[:used], y[:used], p[:used]), used < words
 

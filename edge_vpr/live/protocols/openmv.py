@@ -171,12 +171,12 @@ class Dialogue:
         """Add the acknowledgement of a packet to the bytes to send."""
         self._acknowledgements += pack(packet.opcode, packet.sequence, packet.channel, Flag.ACK)
 
-    def hear_event(self, packet: Packet) -> None:
+    def receive_event(self, packet: Packet) -> None:
         """Handle an event of the camera: channels appear and disappear with its script."""
         if packet.channel == 0:
             self._relist = True
 
-    def hear(self, packet: Packet) -> None:
+    def receive(self, packet: Packet) -> None:
         """Handle an answer without data."""
         if packet.opcode == Opcode.SYNC and packet.flags & Flag.ACK:
             # Also if no SYNC is awaited: it was sent twice, and the camera has forgotten the rest.
@@ -189,7 +189,7 @@ class Dialogue:
             if packet.opcode == self.awaited or packet.flags & Flag.NAK:
                 self.restart()
         elif packet.flags & Flag.NAK:
-            self._hear_refusal(packet)
+            self._receive_refusal(packet)
         else:
             self.sequence = (self.sequence + 1) & 0xFF
             self._answer += packet.payload
@@ -201,7 +201,7 @@ class Dialogue:
             except struct.error:
                 self.restart()  # the answer is too short
 
-    def _hear_refusal(self, packet: Packet) -> None:
+    def _receive_refusal(self, packet: Packet) -> None:
         status = int.from_bytes(packet.payload[:2], "little")
         if status in (Status.FAILED, Status.INVALID, Status.BUSY):
             # the channel has disappeared, or has no data yet
@@ -682,7 +682,7 @@ class AskingDecoder(PacketDecoder):
         if flags & Flag.ACK_REQ:
             dialogue.acknowledge(packet)
         if flags & Flag.EVENT:
-            dialogue.hear_event(packet)
+            dialogue.receive_event(packet)
             return
         if flags & Flag.RTX and packet.sequence != dialogue.sequence:
             return  # received before; only its acknowledgement was lost
@@ -695,7 +695,7 @@ class AskingDecoder(PacketDecoder):
             self._take_fragment(packet, parts)
             return
         before = dialogue.awaited
-        dialogue.hear(packet)
+        dialogue.receive(packet)
         if before == Opcode.READ != dialogue.awaited:
             self._give_up()
         elif before != Opcode.READ == dialogue.awaited:
