@@ -365,17 +365,11 @@ def read_json(path: str | Path, what: str, remedy: str) -> dict[str, Any]:
         If it cannot be read, is longer than `MOST_BYTES`, or holds something else, or a number in
         it is not finite.
     """
-    return _read(path, what, remedy, MOST_BYTES, parse_json)
+    return _read(path, what, remedy, MOST_BYTES, _parse_json)
 
 
-def parse_json(text: str) -> Any:
-    """Parse JSON; refuse what Python reads and JSON does not have: NaN and infinity.
-
-    Raises
-    ------
-    ValueError
-        If it is no JSON, or a number in it is not finite.
-    """
+def _parse_json(text: str) -> Any:
+    """Parse JSON; refuse what Python reads and JSON does not have: NaN and infinity."""
     return json.loads(text, parse_constant=_finite, parse_float=_finite)
 
 

@@ -63,7 +63,9 @@ def check_output_folder(
             f"output {path} is not a folder of edge-vpr's results (no {RUN} in it), so that it is "
             "not replaced: name another one"
         )
-    foreign = sorted(file.name for file in path.iterdir() if not _is_ours(file))
+    foreign = sorted(
+        file.name for file in path.iterdir() if not (file.is_file() and file.suffix in _SUFFIXES)
+    )
     if foreign:
         raise UsageError(
             f"output {path} also holds {foreign[0]!r}, which is not ours to delete: move it away, "
@@ -113,10 +115,6 @@ def _can_create(folder: Path) -> bool:
             return True
     except OSError:
         return False
-
-
-def _is_ours(file: Path) -> bool:
-    return file.is_file() and file.suffix in _SUFFIXES
 
 
 @contextmanager

@@ -188,26 +188,14 @@ class GroundTruth(EqualByValue):
         return found
 
 
-def described_truth(
+def _described_truth(
     correct: npt.NDArray[np.bool_] | TrueCells,
     known: npt.NDArray[np.bool_],
     source: str,
     doubts: tuple[str, ...] = (),
     positions: TruePositions | None = None,
 ) -> GroundTruth:
-    """Return a ground truth with a description that contains the number of known queries.
-
-    Parameters
-    ----------
-    correct : ndarray of bool or TrueCells, shape (K, Q)
-        Whether place k is a true place of query q.
-    known : ndarray of bool, shape (Q,)
-        Whether the truth of query q is known.
-    source : str
-        Where it is from, and the tolerance.
-    doubts : tuple of str, optional
-        Reasons to check the truth, each a sentence.
-    """
+    """Return a ground truth with its source, and the number of known queries, as description."""
     with_place = int(correct.any(axis=0).sum())
     return GroundTruth(
         correct,
@@ -218,14 +206,8 @@ def described_truth(
     )
 
 
-def window_coordinates(values: npt.ArrayLike, which: str) -> Floats:
-    """Return coordinates of windows as float64, shape (n,), n of at least 1.
-
-    Raises
-    ------
-    GroundTruthError
-        If they are of another shape; `which` names the drive.
-    """
+def _window_coordinates(values: npt.ArrayLike, which: str) -> Floats:
+    """Return coordinates of windows as float64, shape (n,), n of at least 1."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or array.size == 0:
         raise GroundTruthError(
@@ -253,7 +235,7 @@ def within(
     return near
 
 
-def check_tolerance(tolerance: float) -> None:
+def _check_tolerance(tolerance: float) -> None:
     """Check that the tolerance is a finite number of 0 or more."""
     expect(tolerance, (int, float, np.number), "tolerance", "a number such as 70")
     if not (np.isfinite(tolerance) and tolerance >= 0):
@@ -407,7 +389,7 @@ def from_tracks(
     """
     for name, track in (("reference", reference), ("query", query)):
         expect(track, Track, f"track of the {name}", "a Track, as of load_track")
-    check_tolerance(tolerance_m)
+    _check_tolerance(tolerance_m)
     if reference.kind != query.kind or reference.position.shape[1] != query.position.shape[1]:
         raise GroundTruthError(
             f"the reference track is {_form(reference)} and the query track is {_form(query)}: "
@@ -421,10 +403,10 @@ def from_tracks(
     placed = int((~np.isnan(places[:, 0])).sum())
     shared = overlap(reference, query, tolerance_m)
     doubts = notes(
-        reference, query, window_coordinates(reference_times_us, "reference"),
-        window_coordinates(query_times_us, "query"),
+        reference, query, _window_coordinates(reference_times_us, "reference"),
+        _window_coordinates(query_times_us, "query"),
     )  # fmt: skip
-    truth = described_truth(
+    truth = _described_truth(
         correct,
         known,
         f"{reference.kind} tracks at {tolerance_m:g} m, "
@@ -451,7 +433,7 @@ def from_tracks(
 
 
 def _positions(track: Track, times_us: npt.ArrayLike, which: str, remedy: str) -> Floats:
-    times = window_coordinates(times_us, which)
+    times = _window_coordinates(times_us, which)
     positions = track.at(times)
     if np.isnan(positions[:, 0]).all():
         raise GroundTruthError(
@@ -577,11 +559,11 @@ def from_alignment(
     GroundTruthError
         If the points do not increase, or no query lies between them.
     """
-    check_tolerance(tolerance)
+    _check_tolerance(tolerance)
     points = np.asarray(pairs, dtype=np.float64)
     _check_pairs(points)
-    queries = window_coordinates(query_coordinate, "query")
-    places = window_coordinates(reference_coordinate, "reference")
+    queries = _window_coordinates(query_coordinate, "query")
+    places = _window_coordinates(reference_coordinate, "reference")
     expected = interpolate(queries, points[:, 0], points[:, 1:])[:, 0]
     known = ~np.isnan(expected)
     if not known.any():
@@ -590,7 +572,7 @@ def from_alignment(
             f"at {queries.min():g} to {queries.max():g}: check the unit and the frame period"
         )
     correct = within(places, expected, lambda a, b: np.abs(a - b), tolerance)
-    truth = described_truth(
+    truth = _described_truth(
         correct,
         known,
         f"alignment of {len(points)} points at {tolerance:g} {unit}".rstrip(),
@@ -683,7 +665,7 @@ def from_matrix(
             "check that it was filled before it was saved"
         )
     correct = np.ascontiguousarray(correct if rows == "reference" else correct.T)
-    return described_truth(correct, np.ones(queries, dtype=np.bool_), f"0/1 matrix, rows={rows}")
+    return _described_truth(correct, np.ones(queries, dtype=np.bool_), f"0/1 matrix, rows={rows}")
 
 
 def load_matrix(path: str | Path) -> npt.NDArray[np.generic]:

@@ -128,14 +128,14 @@ class DescriptorLink(Link):
         except BlockingIOError:
             return b""
         except (OSError, ValueError) as error:
-            raise link_error(self.address, error) from error
+            raise _link_error(self.address, error) from error
         if not size:
             raise LinkClosed(f"{self.address} has ended")
         return bytes(self._buffer[:size])
 
     def write(self, data: bytes, timeout: float) -> int:
         """See `Link.write`."""
-        with as_link_error(self.address):
+        with _as_link_error(self.address):
             if not select.select([], [self._fd], [], timeout)[1]:
                 return 0
             try:
@@ -155,15 +155,15 @@ class DescriptorLink(Link):
 
 
 @contextlib.contextmanager
-def as_link_error(address: str) -> Iterator[None]:
+def _as_link_error(address: str) -> Iterator[None]:
     """Convert errors of the system to `LinkError`."""
     try:
         yield
     except (OSError, ValueError) as error:
-        raise link_error(address, error) from error
+        raise _link_error(address, error) from error
 
 
-def link_error(address: str, error: Exception) -> LinkError:
+def _link_error(address: str, error: Exception) -> LinkError:
     """Return what an error of the system means for a link."""
     # select raises ValueError for a closed descriptor
     kind = LinkClosed if isinstance(error, (ConnectionError, ValueError)) else LinkError
@@ -292,7 +292,7 @@ class UrlLink(Link):
             self._port.close()
 
 
-def open_serial(address: str, baud: int, *, flow_control: bool) -> Link:
+def _open_serial(address: str, baud: int, *, flow_control: bool) -> Link:
     """Open a serial port, or any other address that pyserial's ``serial_for_url`` accepts."""
     import serial
 
@@ -376,11 +376,11 @@ class UdpHostLink(SocketLink):
     two_way = False
 
     def __init__(self, host: str, port: int) -> None:
-        with as_link_error(f"udp://{host}:{port}"):
+        with _as_link_error(f"udp://{host}:{port}"):
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             sock = socket.socket(found[0], socket.SOCK_DGRAM)
             sock.bind(found[4])
-        super().__init__(address_of("udp", sock), sock)
+        super().__init__(_address_of("udp", sock), sock)
         self._sender: object = None
         self._heard_s = 0.0
         self._sender_changed = False
@@ -388,7 +388,7 @@ class UdpHostLink(SocketLink):
     def read(self, timeout: float) -> bytes:
         """See `Link.read`; an empty datagram is no end."""
         end = time.monotonic() + timeout
-        with as_link_error(self.address):
+        with _as_link_error(self.address):
             while select.select([self._fd], [], [], max(0.0, end - time.monotonic()))[0]:
                 try:
                     data, sender = self._socket.recvfrom(READ_BYTES)
@@ -439,7 +439,7 @@ class TcpServerLink(Link):
                 "address of this machine, and a port that is free (0: any)"
             ) from error
         self._server.setblocking(False)
-        super().__init__(address_of("tcp", self._server))
+        super().__init__(_address_of("tcp", self._server))
         self._host: TcpLink | None = None
 
     def accepted(self, timeout: float) -> TcpLink | None:
@@ -472,7 +472,7 @@ class UdpSenderLink(SocketLink):
     two_way = False
 
     def __init__(self, host: str, port: int) -> None:
-        with as_link_error(f"udp://{host}:{port}"):
+        with _as_link_error(f"udp://{host}:{port}"):
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             # not connected, because a missing receiver would then be an error
             sock = socket.socket(found[0], socket.SOCK_DGRAM)
@@ -486,7 +486,7 @@ class UdpSenderLink(SocketLink):
 
     def write(self, data: bytes, timeout: float) -> int:
         """Send one datagram; see `Link.write`."""
-        with as_link_error(self.address):
+        with _as_link_error(self.address):
             if not select.select([], [self._fd], [], timeout)[1]:
                 return 0
             try:
@@ -495,7 +495,7 @@ class UdpSenderLink(SocketLink):
                 return 0
 
 
-def address_of(kind: str, sock: socket.socket) -> str:
+def _address_of(kind: str, sock: socket.socket) -> str:
     """Return the own address of a socket, in the form of a link's address."""
     host, port = sock.getsockname()[:2]
     return f"{kind}://{bracketed(host)}:{port}"
@@ -539,7 +539,7 @@ def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) 
         except (ConnectionError, TimeoutError) as error:
             raise LinkAbsent(f"{address}: {error}: check that the other side is there") from error
         except OSError as error:
-            raise link_error(address, error) from error
+            raise _link_error(address, error) from error
     if address.startswith("udp://"):
         return UdpHostLink(*_host_port(address))
     path = Path(address)
@@ -550,7 +550,7 @@ def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) 
             raise LinkError(
                 f"cannot read {address}: {error.strerror}: check its permissions"
             ) from error
-    return open_serial(address, baud, flow_control=flow_control)
+    return _open_serial(address, baud, flow_control=flow_control)
 
 
 def open_device_link(address: str, *, baud: int = 115_200, flow_control: bool = False) -> Link:
@@ -568,7 +568,7 @@ def open_device_link(address: str, *, baud: int = 115_200, flow_control: bool = 
         return TcpServerLink(*_host_port(address))
     if address.startswith("udp://"):
         return UdpSenderLink(*_host_port(address))
-    return open_serial(address, baud, flow_control=flow_control)
+    return _open_serial(address, baud, flow_control=flow_control)
 
 
 def _host_port(address: str) -> tuple[str, int]:

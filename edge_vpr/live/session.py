@@ -1052,7 +1052,7 @@ class _LineWatch:
         if nothing_came:
             self._look_at_silence()
         decoder, reader, say = self._decoder, self._reader, self._say
-        if not self._senseless and (senseless := senseless_bytes(decoder.health)):
+        if not self._senseless and (senseless := _senseless_bytes(decoder.health)):
             self._senseless = senseless
             say("senseless", senseless)
         if decoder.remark != self._remark:
@@ -1144,10 +1144,10 @@ def nothing_valid(health: Health) -> str:
         return "no bytes came: check that this is the camera's port, and that the camera is on"
     if not health.decoded_bytes:
         return f"none of {health.bytes:,} bytes are of this protocol: check --protocol and --baud"
-    return senseless_bytes(health)
+    return _senseless_bytes(health)
 
 
-def senseless_bytes(health: Health) -> str:
+def _senseless_bytes(health: Health) -> str:
     """Return a warning if most bytes do not decode, or most events are off the sensor."""
     if health.skipped_bytes > SENSELESS_BYTES and (
         health.decoded == 0 or health.skipped_bytes > 9 * health.decoded_bytes

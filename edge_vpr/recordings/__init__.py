@@ -432,10 +432,7 @@ def format_of(name: str) -> Format:
 def _plugin_of(suffix: str) -> Format | None:
     """Return the format of another package for a suffix.
 
-    Raises
-    ------
-    UsageError
-        If none has it, and a package cannot be imported, which might have.
+    If there is none, raise the error of a package that cannot be imported, as it might have it.
     """
     failed = None
     for name in _PLUGINS.names():

@@ -36,35 +36,20 @@ MOST_PIXELS = 1 << 22
 _LARGEST_IMAGE = 1 << 26
 
 
-def read_image(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
-    """Read one 8- or 16-bit grey PNG; its values are counts.
-
-    Parameters
-    ----------
-    sensor : Sensor or None
-        Size that the image must have, if it is known.
-
-    Returns
-    -------
-    ndarray of uint16, shape (height, width)
-
-    Raises
-    ------
-    RecordingError
-        If it is damaged, of another mode or size, or larger than :data:`MOST_PIXELS`.
-    """
+def _read_png_frame(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
+    """Read one 8- or 16-bit grey PNG; its values are counts, uint16, shape (height, width)."""
     pixels, mode = _open_png(path)
     if not (mode == "L" or mode.startswith("I")) or pixels.ndim != 2:
         raise RecordingError(
             f"{path} has mode {mode}: count frames are 8- or 16-bit grey without alpha or palette"
         )
-    check_size(path, pixels, sensor)
+    _check_size(path, pixels, sensor)
     if pixels.min(initial=0) < 0 or pixels.max(initial=0) > 0xFFFF:
         raise RecordingError(f"{path} has values outside 0 to 65,535: write 8- or 16-bit grey")
     return pixels.astype(np.uint16)
 
 
-def check_size(path: Path, frame: npt.NDArray[Any], first: Sensor | None) -> None:
+def _check_size(path: Path, frame: npt.NDArray[Any], first: Sensor | None) -> None:
     """Raise RecordingError if a frame has another size than the first one."""
     if first is not None and frame.shape[:2] != (first.height, first.width):
         raise RecordingError(
@@ -137,35 +122,17 @@ METADATA = "metadata.json"
 _LONGEST_METADATA = 1 << 20
 
 
-def read_array_frame(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
-    """Read one frame.
-
-    Parameters
-    ----------
-    path : Path
-        ``.npy`` of shape (height, width), or (height, width, 2) with separate ON and OFF counts.
-    sensor : Sensor or None
-        Size that the frame must have, if it is known.
-
-    Returns
-    -------
-    ndarray of numbers, shape (height, width)
-        ON and OFF added.
-
-    Raises
-    ------
-    RecordingError
-        If the file is damaged, or the array has another shape or kind of values.
-    """
+def _read_array_frame(path: Path, sensor: Sensor | None) -> npt.NDArray[Any]:
+    """Read one ``.npy`` frame; return ON and OFF counts added, shape (height, width)."""
     with path.open("rb") as file:
         stream = ArrayStream(file, str(path))
-        check_frame_shape(stream.shape, stream.dtype, str(path))
+        _check_frame_shape(stream.shape, stream.dtype, str(path))
         frame = stream.load(MOST_PIXELS * 16)
-    check_size(path, frame, sensor)
+    _check_size(path, frame, sensor)
     return both_polarities(frame, 2)
 
 
-def check_frame_shape(shape: tuple[int, ...], dtype: np.dtype[Any], name: str) -> None:
+def _check_frame_shape(shape: tuple[int, ...], dtype: np.dtype[Any], name: str) -> None:
     """Raise RecordingError unless an array of this shape and dtype is a frame of counts."""
     fits = len(shape) == 2 or (len(shape) == 3 and shape[2] == 2)
     if not fits or 0 in shape or dtype.kind not in "biuf":
@@ -190,25 +157,8 @@ def both_polarities(frames: npt.NDArray[Any], plain_dimensions: int) -> npt.NDAr
         return np.asarray(frames.sum(axis=-1, dtype=wide))
 
 
-def whole_counts(block: npt.NDArray[Any], first: int, path: Path) -> npt.NDArray[Any]:
-    """Return counts as integers.
-
-    Parameters
-    ----------
-    block : ndarray of numbers, shape (f, J)
-        Counts of J pixels in f frames.
-    first : int
-        Number of the first of these frames, named in the message.
-
-    Returns
-    -------
-    ndarray of integers, shape (f, J)
-
-    Raises
-    ------
-    RecordingError
-        If a count is not a whole number from 0 up.
-    """
+def _whole_counts(block: npt.NDArray[Any], first: int, path: Path) -> npt.NDArray[Any]:
+    """Return the counts of some frames, the first of which has the number `first`, as integers."""
     if block.dtype.kind == "u":
         return block
     if block.dtype.kind == "b":
@@ -224,7 +174,7 @@ def whole_counts(block: npt.NDArray[Any], first: int, path: Path) -> npt.NDArray
     return block.astype(np.int64)
 
 
-def simplest_fraction(seconds: float, path: Path) -> Fraction:
+def _simplest_fraction(seconds: float, path: Path) -> Fraction:
     """Return the simplest fraction that equals a float: 1/30, not a multiple of 2**-57."""
     if not (math.isfinite(seconds) and seconds > 0):
         raise RecordingError(f"{path}: window_s is {seconds}: a frame lasts more than 0 s")
@@ -232,7 +182,7 @@ def simplest_fraction(seconds: float, path: Path) -> Fraction:
     return simple if float(simple) == seconds else Fraction(seconds)
 
 
-def frame_arrays(folder: Path) -> list[Path]:
+def _frame_arrays(folder: Path) -> list[Path]:
     """Return the ``.npy`` frames of a folder, unordered.
 
     These are the files ``frame_*.npy`` if there are any, since other arrays (times of the frames)
@@ -409,7 +359,7 @@ class CountFrames:
         self.start_us = 0
         self._polarities = 0
         self._images: list[Path] = []
-        self._read_image: Callable[[Path, Sensor | None], Counts] = read_image
+        self._read_image: Callable[[Path, Sensor | None], Counts] = _read_png_frame
         if path.is_dir():
             self._find_images()
         elif path.suffix.lower() == ".npy":
@@ -430,7 +380,7 @@ class CountFrames:
         frame = 0
         if self._images:
             for image in self._images:
-                yield whole_counts(
+                yield _whole_counts(
                     self._read_image(image, self.sensor).reshape(1, -1), frame, self.path
                 )
                 frame += 1
@@ -441,7 +391,7 @@ class CountFrames:
             while frame < self.n_frames:
                 block, leftover = stream.read(rows)
                 counts = both_polarities(block, len(stream.shape) - self._polarities)
-                yield whole_counts(counts.reshape(len(block), -1), frame, self.path)
+                yield _whole_counts(counts.reshape(len(block), -1), frame, self.path)
                 frame += len(block)
                 if leftover or not len(block):
                     lost = (self.n_frames - frame) * stream.row_bytes - leftover
@@ -456,7 +406,7 @@ class CountFrames:
     def _find_images(self) -> None:
         images = list(self.path.glob("*.png"))
         if not images:
-            images, self._read_image = frame_arrays(self.path), read_array_frame
+            images, self._read_image = _frame_arrays(self.path), _read_array_frame
         if not images:
             raise RecordingError(
                 f"{self.path} holds no *.png and no *.npy: name a folder of count frames"
@@ -475,7 +425,7 @@ class CountFrames:
     def _read_array_layout(self) -> None:
         with ExitStack() as stack:
             stream = self._stream(stack)
-        check_frame_shape(stream.shape[1:], stream.dtype, str(self.path))
+        _check_frame_shape(stream.shape[1:], stream.dtype, str(self.path))
         if not stream.shape[0]:
             raise RecordingError(f"{self.path} holds no frames: save it again")
         self._polarities = len(stream.shape) - 3
@@ -517,7 +467,7 @@ class CountFrames:
                 self._pixels(archive)
             seconds = archive.scalar("window_s", "frame_period_s", "period_s")
             if seconds is not None:
-                self.period = simplest_fraction(float(seconds), self.path)
+                self.period = _simplest_fraction(float(seconds), self.path)
 
     def _grid(self, height: int, width: int) -> None:
         self.sensor = Sensor(width, height)

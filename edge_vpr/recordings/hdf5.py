@@ -271,15 +271,7 @@ def load_h5py() -> Any:
 
 
 def _check_filters(name: str, filters: list[int]) -> None:
-    """Refuse a data set whose filter libhdf5 does not find; hdf5plugin registers what it has.
-
-    Raises
-    ------
-    MissingExtraError
-        If hdf5plugin would expand it.
-    RecordingError
-        If another plug-in is needed.
-    """
+    """Refuse a data set whose filter libhdf5 does not find; hdf5plugin registers what it has."""
     from h5py import h5z
 
     if all(h5z.filter_avail(number) for number in filters):

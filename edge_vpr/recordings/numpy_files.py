@@ -37,7 +37,7 @@ class NpySource(Source):
     def __init__(self, path: Path, options: ReadOptions) -> None:
         with path.open("rb") as file:
             stream = ArrayStream(file, str(path))
-            column_names(stream, options.columns)
+            _column_names(stream, options.columns)
             sensor, start_us = _read_trailer(file, stream)
         super().__init__(path, options, sensor, start_us)
         self.unit_assumed = sensor is None and options.time_unit is None
@@ -45,12 +45,12 @@ class NpySource(Source):
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
         with self.path.open("rb") as file:
-            yield from array_chunks(self, ArrayStream(file, str(self.path)), log)
+            yield from _array_chunks(self, ArrayStream(file, str(self.path)), log)
 
 
-def array_chunks(source: Source, stream: ArrayStream, log: FaultLog) -> Iterator[Columns]:
+def _array_chunks(source: Source, stream: ArrayStream, log: FaultLog) -> Iterator[Columns]:
     """Yield the events of one array of events, and set the position of `source`."""
-    names = column_names(stream, source.options.columns)
+    names = _column_names(stream, source.options.columns)
     total, entry = stream.shape[0], 0
     while entry < total:
         rows, leftover = stream.read(source.options.chunk_events)
@@ -68,14 +68,8 @@ def array_chunks(source: Source, stream: ArrayStream, log: FaultLog) -> Iterator
             return
 
 
-def column_names(stream: ArrayStream, order: str | None) -> dict[str, str | int]:
-    """Map t, x, y, p to fields or column numbers of an array of events.
-
-    Raises
-    ------
-    RecordingError
-        If the array has neither fields nor columns of events.
-    """
+def _column_names(stream: ArrayStream, order: str | None) -> dict[str, str | int]:
+    """Map t, x, y, p to fields or column numbers of an array of events."""
     if stream.dtype.names is not None and len(stream.shape) == 1:
         fields = match_columns(stream.dtype.names)
         if fields is None:
@@ -259,7 +253,7 @@ class NpzSource(Source):
                     "it"
                 )
             if "events" in archive.names:
-                column_names(archive.stream("events", stack), options.columns)
+                _column_names(archive.stream("events", stack), options.columns)
             elif match_columns(archive.names) is None:
                 raise RecordingError(
                     f"{path} holds {', '.join(sorted(archive.names))}: events need the arrays t, "
@@ -275,7 +269,7 @@ class NpzSource(Source):
         with Archive(self.path) as archive, ExitStack() as stack:
             try:
                 if "events" in archive.names:
-                    yield from array_chunks(self, archive.stream("events", stack), log)
+                    yield from _array_chunks(self, archive.stream("events", stack), log)
                 else:
                     yield from self._columns(archive, stack, log)
             except (zipfile.BadZipFile, zlib.error, EOFError) as error:

@@ -91,7 +91,7 @@ class Header(NamedTuple):
         return "Version" in self.fields or {"Width", "Height"} <= self.fields.keys()
 
 
-def parse_header(head: bytes) -> Header:
+def _parse_header(head: bytes) -> Header:
     """Read the header lines at the beginning of a file.
 
     Header lines are text and begin with ``%``. The header ends before the first other line, or
@@ -115,12 +115,12 @@ def parse_header(head: bytes) -> Header:
 def read_header(path: Path) -> Header:
     """Read the header lines of a file."""
     with path.open("rb") as file:
-        return parse_header(file.read(1 << 16))
+        return _parse_header(file.read(1 << 16))
 
 
 def encoding_of(head: bytes) -> str | None:
     """Return the format of a file that begins with ``%``; None if its header does not state it."""
-    header = parse_header(head)
+    header = _parse_header(head)
     if header.encoding is None and ("format" in header.fields or "evt" in header.fields):
         named = header.fields.get("format") or header.fields.get("evt")
         raise RecordingError(
@@ -129,7 +129,7 @@ def encoding_of(head: bytes) -> str | None:
     return header.encoding
 
 
-def header_lines(encoding: str, sensor: Sensor, start_us: int) -> bytes:
+def _header_lines(encoding: str, sensor: Sensor, start_us: int) -> bytes:
     """Return the header of a file that we write; `encoding` is ``"evt2"`` or ``"dat"``."""
     width, height = sensor
     lines = {
@@ -427,7 +427,7 @@ class Evt2Sink:
         if max(sensor) > 2048:
             raise RecordingError(f"EVT 2.0 holds up to 2048x2048 pixels, and not {sensor}: use .h5")
         self._file = path.open("wb")
-        self._file.write(header_lines("evt2", sensor, start_us))
+        self._file.write(_header_lines("evt2", sensor, start_us))
         self._high = -1
 
     def write(self, events: Events) -> None:
@@ -509,7 +509,7 @@ class DatSink:
         if max(sensor) > 1 << 14:
             raise RecordingError(f"DAT holds up to 16384x16384 pixels, and not {sensor}: use .h5")
         self._file = path.open("wb")
-        self._file.write(header_lines("dat", sensor, start_us) + bytes((12, _EVENT.itemsize)))
+        self._file.write(_header_lines("dat", sensor, start_us) + bytes((12, _EVENT.itemsize)))
         self._last = 0
 
     def write(self, events: Events) -> None:

@@ -292,26 +292,10 @@ LEAST_BYTES, MOST_EXPANSION = 1 << 28, 32
 _LISTING = "metadata.yaml"
 
 
-def expand_bag(folder: Path, owner: object) -> Path:
-    """Expand a bag of compressed files into a temporary folder.
+def _expand_bag(folder: Path, owner: object) -> Path:
+    """Expand a bag of compressed files; return its folder, or `folder` if they are not compressed.
 
-    Parameters
-    ----------
-    folder : Path
-        With a ``metadata.yaml`` that rosbags can read.
-    owner : object
-        The temporary folder is removed with this object, or when Python ends.
-
-    Returns
-    -------
-    Path
-        Folder of the same bag without compression; `folder` if its files are not compressed.
-
-    Raises
-    ------
-    RecordingError
-        If a file is damaged, lies outside the folder, or expands to more than the limit, or if
-        the temporary folder is full.
+    The new folder is a temporary one, which is removed with `owner`, or when Python ends.
     """
     from ruamel.yaml import YAML
 
@@ -412,7 +396,7 @@ class Bag:
         self._expand: Callable[[bytes], bytes] = bytes
         if ros == 2 and self._place.is_dir():
             with self.errors():
-                self._place = expand_bag(self._place, self)
+                self._place = _expand_bag(self._place, self)
 
     @contextmanager
     def open(self) -> Iterator[Any]:
@@ -462,12 +446,7 @@ def _place(path: Path) -> Path:
     """Return the path that rosbags opens: the folder of a bag, or a single file of it.
 
     A file is opened with the others of its bag if ``metadata.yaml`` lists it. If this is absent or
-    cannot be used, the file is opened on its own.
-
-    Raises
-    ------
-    RecordingError
-        If a folder holds several files, and its ``metadata.yaml`` is missing or cannot be used.
+    cannot be used, the file is opened on its own; of a folder, it must be the only one.
     """
     folder = path if path.is_dir() else path.parent
     listing = folder / "metadata.yaml"

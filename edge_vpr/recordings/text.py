@@ -24,7 +24,7 @@ GOOD, FRACTION, BLANK, STRANGE = range(4)
 
 
 @kernel
-def parse_lines(buffer, order, digits_to_us, out, starts, status):  # type: ignore[no-untyped-def]
+def _parse_lines(buffer, order, digits_to_us, out, starts, status):  # type: ignore[no-untyped-def]
     """Parse whole lines into ``out[field, line]``, and set where each line begins and its status.
 
     ``order[c]`` is the field of column ``c``: 0 to 3 for t, x, y, p; -1 to skip it.
@@ -204,7 +204,7 @@ class TextSource(Source):
         out = np.ones((4, n), np.int64)
         starts = np.empty(n, np.int64)
         status = np.empty(n, np.uint8)
-        parse_lines(buffer, order, _DIGITS_TO_US[self.unit], out, starts, status)
+        _parse_lines(buffer, order, _DIGITS_TO_US[self.unit], out, starts, status)
         for i in np.flatnonzero(status == STRANGE).tolist():
             start = int(starts[i])
             line = data[start : data.index(b"\n", start)]

@@ -259,19 +259,19 @@ class TimestampFilter:
     def __init__(self, sensor: Sensor, clock: Clock, health: Health) -> None:
         self.health = health
         # in ticks, so that a wrap is a bit mask
-        self._tick = clock.tick_us
-        self._period = 1 << clock.bits if clock.bits else 0
-        # events may be late only by a small part of the period, else a silence would look like one
-        late = max(1, LATE_US // self._tick)
-        self._late = min(late, self._period // 64) if clock.bits else late
+        self._tick = tick = clock.tick_us
+        period, late = 0, max(1, LATE_US // tick)
+        if clock.bits:
+            # late only by a small part of the period, else a silence would look like a late event
+            period = 1 << clock.bits
+            late = min(late, period // 64)
         silence = VOUCHED_SILENCE_US if clock.confirm == 1 else SILENCE_US
-        self._silence = max(1, silence // self._tick)
         self._state = np.zeros(1, dtype=_STATE)
         self._held = np.empty(max(1, clock.confirm), dtype=EVENT_DTYPE)
         self.box = KernelState(
             _FilterState(
-                self._state, self._held, sensor.width, sensor.height, self._period, self._late,
-                max(1, STEP_US // self._tick), self._silence, self._tick, clock.confirm,
+                self._state, self._held, sensor.width, sensor.height, period, late,
+                max(1, STEP_US // tick), max(1, silence // tick), tick, clock.confirm,
             )
         )  # fmt: skip
 

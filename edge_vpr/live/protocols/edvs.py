@@ -37,7 +37,7 @@ FITS = 0.75
 FITS_WITHOUT_TIME = 0.9
 
 
-def layout_of(bits: int, sync: int) -> Layout:
+def _layout_of(bits: int, sync: int) -> Layout:
     """Return the layout of an event with `bits` bits of time and the value of the sync bit."""
     return Layout(
         size=2 + bits // 8,
@@ -71,7 +71,7 @@ def detect(data: bytes, bits: Iterable[int], syncs: Iterable[int]) -> tuple[int,
             if candidate == STEPS:
                 share, pace = _share_of_steps(raw, sync), 0.0
             else:
-                share, pace = _share(raw, layout_of(candidate, sync))
+                share, pace = _share(raw, _layout_of(candidate, sync))
             rank = {0: 2, STEPS: 1}.get(candidate, 0)
             if share > (FITS_WITHOUT_TIME if rank else FITS):
                 fits.append((rank, pace, -share, candidate, sync))
@@ -234,7 +234,7 @@ def _search_steps(raw, sync, words, starts):  # type: ignore[no-untyped-def]
     return best, first >= 0
 
 
-def encode_steps(events: Events, since_us: int, sync: int) -> bytes:
+def _encode_steps(events: Events, since_us: int, sync: int) -> bytes:
     """Encode events; the step of the first event counts from `since_us`."""
     if events.size == 0:
         return b""
@@ -382,7 +382,7 @@ class EdvsDecoder(Decoder):
         if bits == STEPS:
             inner = StepDecoder(self.sensor, sync)
         else:
-            inner = LayoutDecoder("edvs", layout_of(bits, sync), self.sensor)
+            inner = LayoutDecoder("edvs", _layout_of(bits, sync), self.sensor)
         inner.adopt(self.health)
         inner._timestamps.take_over_from(self._timestamps)
         self._inner, self._timestamps = inner, inner._timestamps
@@ -422,13 +422,13 @@ class EdvsEncoder(Encoder):
     def _set(self, bits: int) -> None:
         self._bits = bits
         if bits != STEPS:
-            self._words = LayoutEncoder("edvs", layout_of(bits, self._sync), self.sensor)
+            self._words = LayoutEncoder("edvs", _layout_of(bits, self._sync), self.sensor)
 
     def encode(self, events: Events) -> bytes:
         """Encode events."""
         if self._bits != STEPS:
             return self._words.encode(events)
-        data = encode_steps(events, self._last, self._sync)
+        data = _encode_steps(events, self._last, self._sync)
         self._last = int(events["t"][-1]) if events.size else self._last
         return data
 

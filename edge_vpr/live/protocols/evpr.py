@@ -198,7 +198,7 @@ class FrameBuffers(NamedTuple):
 
 
 @kernel
-def decode_frames(box, clock, data):  # type: ignore[no-untyped-def]
+def _decode_frames(box, clock, data):  # type: ignore[no-untyped-def]
     """Decode whole frames, and filter their events.
 
     Parameters
@@ -244,20 +244,12 @@ def decode_frames(box, clock, data):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def follow_frames(bursts, followed, buffers, clock, data):  # type: ignore[no-untyped-def]
-    """Decode whole frames, and match their events.
+def _follow_frames(bursts, followed, buffers, clock, data):  # type: ignore[no-untyped-def]
+    """Decode whole frames of up to `CHUNK_EVENTS` events, and match the events.
 
-    Parameters
-    ----------
-    data : bytes
-        Frames with up to `CHUNK_EVENTS` events.
-
-    Returns
-    -------
-    tuple
-        Results of `decode_frames` and of `follow_kept`.
+    Returns the results of `_decode_frames` and of `follow_kept`.
     """
-    decoded = decode_frames(buffers, clock, data)
+    decoded = _decode_frames(buffers, clock, data)
     return decoded, follow_kept(bursts, followed, decoded[0])
 
 
@@ -507,7 +499,7 @@ class EvprDecoder(Decoder):
         if len(frames) // 3 > buffers.columns.t.size:
             self._buffers = KernelState(FrameBuffers.of(len(frames), buffers.state))
         return self._account(
-            *decode_frames(self._buffers.boxed, self._timestamps.box.boxed, frames)
+            *_decode_frames(self._buffers.boxed, self._timestamps.box.boxed, frames)
         )
 
     def decode_and_follow(
@@ -524,7 +516,7 @@ class EvprDecoder(Decoder):
             step = follower.follow(events, self.reached_us)
         else:
             buffers, clock = self._buffers.boxed, self._timestamps.box.boxed
-            decoded, result = follower.bound(follow_frames, frames, buffers, clock)(frames)
+            decoded, result = follower.bound(_follow_frames, frames, buffers, clock)(frames)
             events = self._account(*decoded)
             step = follower.go_on(events, decoded[-1], *result)
         self._account_bytes(data, rest, before)

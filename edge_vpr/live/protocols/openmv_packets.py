@@ -209,12 +209,8 @@ class PacketFinder:
         Longest payload of a valid packet.
     channel : int
         Channel whose fragments are joined; -1 for none.
-    sequence : int
-        Number of the next packet.
     joined : ndarray of uint8, shape (n,)
         Fragments found before the packet that `find` returned; valid until the next call.
-    at : int
-        Number of processed bytes since `start`.
     """
 
     def __init__(self) -> None:
