@@ -55,8 +55,8 @@ def check_track_file(path: str | Path, reference: MapRecord) -> None:
 def save_match_track(path: str | Path, reference: MapRecord, matches: Matches) -> int:
     """Write the positions of the matched places as a track, atomically.
 
-    Matches with a place of unknown position are left out, as are lost ones, except of GeoJSON,
-    where they are marked. Of matches of one time the last is taken.
+    Matches with a place of unknown position are left out, as are lost ones, except in GeoJSON,
+    where they are marked. Of several matches at one time, the last is taken.
 
     Parameters
     ----------

@@ -647,7 +647,8 @@ def _gpx_track(path: Path, max_gap_us: int | None) -> Track:
     """Read the track points of a GPX file (version 1.0 or 1.1, all segments in a row).
 
     Time 0 is the first point with a time. Points without a time or with a faulty one, or without a
-    position, are left out and counted in `Track.dropped`; of points of one time the first is taken.
+    position, are left out and counted in `Track.dropped`. Of several points at one time, the first
+    is taken.
     """
     dropped: Counter[str] = Counter()
     fixes: dict[dt.datetime, tuple[float, float]] = {}

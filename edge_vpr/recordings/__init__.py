@@ -28,7 +28,7 @@ from edge_vpr.errors import EdgeVprError, RecordingError, UsageError, as_path, e
 from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, check_events
 from edge_vpr.files import replacing
 from edge_vpr.plugins import Registry
-from edge_vpr.recordings.frames import CountFrames, as_period, parse_period, read_count_frames
+from edge_vpr.recordings.frames import CountFrames, parse_period, read_count_frames
 from edge_vpr.recordings.numpy_files import Archive
 from edge_vpr.recordings.prophesee import encoding_of
 from edge_vpr.recordings.reading import (
@@ -524,7 +524,7 @@ def open_recording(
             expect(text, str, name, "text")
     if columns is not None and not {"t", "x", "y"} <= set(columns) <= set("txyp-"):
         raise UsageError(f"columns {columns!r} do not name t, x and y: write for example xytp")
-    period = None if frame_period is None else as_period(frame_period)
+    period = None if frame_period is None else parse_period(frame_period)
     chosen = None if format is None else format_of(format)
     crop = crop_of(start, end)
     size = None if sensor is None else Sensor.of(sensor)

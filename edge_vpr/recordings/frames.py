@@ -8,7 +8,7 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -516,36 +516,22 @@ def read_count_frames(path: str | Path) -> CountFrames:
         return CountFrames(path)
 
 
-def as_period(given: Fraction | float | str) -> Fraction:
-    """Return the period of a frame in seconds, exactly, from a number or a text.
+def parse_period(given: Fraction | float | str) -> Fraction:
+    """Return the period of a frame in seconds from a number, or exactly from text such as ``1/30``.
 
     Raises
     ------
     UsageError
         If it is not a number above 0.
     """
+    period = Fraction(0)
     if isinstance(given, str):
-        return parse_period(given)
-    is_number = isinstance(given, int | float | Fraction) and not isinstance(given, bool)
-    if is_number and 0 < given < 1 << 31:
-        return Fraction(given).limit_denominator(1_000_000)
-    raise UsageError(f"frame period {given!r} is no positive number: write for example 1/30")
-
-
-def parse_period(text: str) -> Fraction:
-    """Read a frame period in seconds, ``"1/30"`` or ``"0.0333"``, exactly.
-
-    Raises
-    ------
-    UsageError
-        If it is not a positive number.
-    """
-    try:
-        period = Fraction(text)
-    except (ValueError, ZeroDivisionError):
-        period = Fraction(0)
+        with suppress(ValueError, ZeroDivisionError):
+            period = Fraction(given)
+    elif isinstance(given, int | float | Fraction) and 0 < given < 1 << 31 and given is not True:
+        period = Fraction(given).limit_denominator(1_000_000)
     if period <= 0:
-        raise UsageError(f"frame period {text!r} is no positive number: write for example 1/30")
+        raise UsageError(f"frame period {given!r} is no positive number: write for example 1/30")
     return period
 
 

@@ -71,7 +71,6 @@ def write_distance_matrix(request: Request, output: Path) -> None:
 
     Parameters
     ----------
-    request : Request
     output : Path
         ``.npy`` of float64, shape (references, queries), all finite; replaced if it exists.
 
@@ -87,16 +86,7 @@ def write_distance_matrix(request: Request, output: Path) -> None:
 
 
 def commands(request: Request, output: Path, folder: Path) -> list[list[str]]:
-    """Return the two command lines.
-
-    Parameters
-    ----------
-    request : Request
-    output : Path
-        Of the matrix.
-    folder : Path
-        For the map and the matches.
-    """
+    """Return the two command lines; map and matches are written into `folder`."""
     reference, query = request.reference, request.query
     tau = [] if reference.is_frames else ["--tau", f"{request.window_ms:g}ms"]
     return [

@@ -1,4 +1,4 @@
-"""Which messages of ROS 2 a row of `edge-vpr stream --serve` is."""
+"""Messages of ROS 2 for the rows of `edge-vpr stream --serve`."""
 
 from __future__ import annotations
 
@@ -92,12 +92,7 @@ def _around(middle: float, low: float, high: float) -> float:
 
 
 class Translator:
-    """Makes messages of rows; compares each row of health with the one before.
-
-    Parameters
-    ----------
-    frames : Frames
-    """
+    """Makes messages of rows; compares each row of health with the one before."""
 
     def __init__(self, frames: Frames) -> None:
         self._frames = frames
