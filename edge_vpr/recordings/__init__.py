@@ -231,7 +231,7 @@ class Recording:
         Seconds a frame of counts, as given; None if it was not, or the file holds events.
     """
 
-    def __init__(self, source: Source, on_fault: str = "error") -> None:
+    def __init__(self, source: Source, on_fault: str) -> None:
         if source.sensor is None:
             raise UsageError(
                 f"{source.path} does not say how large its sensor is: "

@@ -140,17 +140,17 @@ class Cursor:
 
     def __init__(self, data: bytes, ros: int) -> None:
         self._data = memoryview(data)
-        self._aligned = ros == 2
+        self.ros = ros
         self._at = 0
         self.order = "<"
-        if self._aligned:
+        if ros == 2:
             self.order = "<" if data[1] & 1 else ">"
             self._data = self._data[4:]
 
     def number(self, kind: str) -> int:
         """Read one integer; `kind` is its format character of :mod:`struct`."""
         size = struct.calcsize(kind)
-        if self._aligned:
+        if self.ros == 2:
             self._at += -self._at % size
         (value,) = struct.unpack_from(self.order + kind, self._data, self._at)
         self._at += size
@@ -182,9 +182,9 @@ class Preamble(NamedTuple):
     width: int
 
 
-def read_preamble(cursor: Cursor, ros: int) -> Preamble:
+def read_preamble(cursor: Cursor) -> Preamble:
     """Read header, height and width."""
-    if ros == 1:
+    if cursor.ros == 1:
         cursor.number("I")  # sequence number
     seconds, nanoseconds = cursor.number("I"), cursor.number("I")
     cursor.text()  # frame
@@ -192,7 +192,7 @@ def read_preamble(cursor: Cursor, ros: int) -> Preamble:
     return Preamble(seconds * 1_000_000 + nanoseconds // 1_000, height, width)
 
 
-def read_event_array(cursor: Cursor, ros: int) -> Columns:
+def read_event_array(cursor: Cursor) -> Columns:
     """Read the events of ``dvs_msgs/EventArray``; times are wall-clock microseconds.
 
     In CDR, the column of the next event (2-byte aligned) directly follows the 13 bytes of an event.
@@ -200,7 +200,7 @@ def read_event_array(cursor: Cursor, ros: int) -> Columns:
     its row in the first 2 bytes of the next, and its other fields where event 0 has them.
     """
     n = cursor.number("I")
-    stride = 13 if ros == 1 else 16
+    stride = 13 if cursor.ros == 1 else 16
     data = bytes(cursor.rest())
     needed = stride * (n - 1) + 13 if n else 0
     if len(data) < needed:
@@ -214,7 +214,7 @@ def read_event_array(cursor: Cursor, ros: int) -> Columns:
         return values.astype(np.int64)
 
     t = column(4, "I") * 1_000_000 + column(8, "I") // 1_000
-    if ros == 1 or n == 0:
+    if cursor.ros == 1 or n == 0:
         return Columns(t, column(0, "H"), column(2, "H"), rows[:, 12] > 0)
     x, y = column(0, "H"), column(0, "H")
     y[0] = column(2, "H")[0]
@@ -538,21 +538,18 @@ class BagSource(Source):
 
     def _first(self, reader: Any) -> Any:
         for data in self._bag.messages(reader, self._topic):
-            return read_preamble(Cursor(data, self._bag.ros), self._bag.ros)
+            return read_preamble(Cursor(data, self._bag.ros))
         return None
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events, a message at a time; see :class:`Source`."""
         packets = PacketDecoder()
-        ros = self._bag.ros
         with self._bag.errors(), self._bag.open() as reader:
             for message, data in enumerate(self._bag.messages(reader, self._topic), 1):
                 try:
-                    cursor = Cursor(data, ros)
-                    read_preamble(cursor, ros)
-                    columns = (
-                        packets.read(cursor) if self._packets else read_event_array(cursor, ros)
-                    )
+                    cursor = Cursor(data, self._bag.ros)
+                    read_preamble(cursor)
+                    columns = packets.read(cursor) if self._packets else read_event_array(cursor)
                 except struct.error as error:
                     raise RecordingError(
                         f"{self.path}: message {message:,} on {self._topic} is cut off "

@@ -175,7 +175,6 @@ class TextSource(Source):
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
         size = max(1, self.path.stat().st_size)
-        order = np.array([_FIELDS.find(name) for name in self._order], np.int64)
         block = self.options.chunk_events * _BYTES_A_LINE
         with self.path.open("rb") as file:
             file.seek(self._skip)
@@ -189,17 +188,16 @@ class TextSource(Source):
                         "with one event a line"
                     )
                 if newline:
-                    columns, lines = self._parse(data + newline, order, log, entry)
+                    columns, lines = self._parse(data + newline, log, entry)
                     entry += lines
                     yield columns
             if rest.strip():
-                yield self._last_line(rest, order, log, entry)
+                yield self._last_line(rest, log, entry)
         self.position = 1.0
 
-    def _parse(
-        self, data: bytes, order: npt.NDArray[np.int64], log: FaultLog, entry: int
-    ) -> tuple[Columns, int]:
+    def _parse(self, data: bytes, log: FaultLog, entry: int) -> tuple[Columns, int]:
         buffer = np.frombuffer(data, np.uint8)
+        order = np.array([_FIELDS.find(name) for name in self._order], np.int64)
         n = data.count(b"\n")
         out = np.ones((4, n), np.int64)
         starts = np.empty(n, np.int64)
@@ -245,16 +243,14 @@ class TextSource(Source):
             out[_FIELDS.index(name)] = int(value)
         return GOOD
 
-    def _last_line(
-        self, rest: bytes, order: npt.NDArray[np.int64], log: FaultLog, entry: int
-    ) -> Columns:
+    def _last_line(self, rest: bytes, log: FaultLog, entry: int) -> Columns:
         """Read a last line without line feed, which may be cut off."""
         slow = np.ones((4, 1), np.int64)
         if self._parse_slowly(rest, slow[:, 0]) == STRANGE:
             log.truncated(len(rest), f"line {entry:,} of the events")
             t, x, y, p = slow[:, :0]
             return Columns(t, x, y, p > 0)
-        return self._parse(rest + b"\n", order, log, entry)[0]
+        return self._parse(rest + b"\n", log, entry)[0]
 
 
 def _first_lines(path: Path) -> list[bytes]:

@@ -18,11 +18,10 @@ from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 
+#: Light relatively this close to a threshold is compared as a logarithm; far above rounding.
 SLACK = 1e-9
-"""Light relatively this close to a threshold is compared as a logarithm; far above rounding."""
-
+#: Time of the last event of a pixel that has not fired yet, in microseconds.
 NEVER = -(2**62)
-"""Time of the last event of a pixel that has not fired yet, in microseconds."""
 
 
 @kernel

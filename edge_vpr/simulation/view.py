@@ -555,15 +555,13 @@ NEAREST_M, FURTHEST_M = 2.5, 60.0
 class Mover(NamedTuple):
     """A flat figure that faces the camera and moves at constant velocity."""
 
+    #: Light and cover, shape (rows from below, columns, 2), transparent at its rim.
     picture: npt.NDArray[np.float32]
-    """Light and cover, shape (rows from below, columns, 2), transparent at its rim."""
     width_m: float
     height_m: float
-    position_m: float
-    """Place on the route at time 0."""
+    position_m: float  #: Place on the route at time 0.
     speed_mps: float
-    x_m: float
-    """Place across the road at time 0; positive is right."""
+    x_m: float  #: Place across the road at time 0; positive is right.
     x_mps: float
 
 

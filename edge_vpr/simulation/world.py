@@ -39,10 +39,8 @@ Plane = npt.NDArray[np.float32]
 class Surface(NamedTuple):
     """One painted wall or ground: rows upwards or to the right, columns along the route."""
 
-    reflectance: Plane
-    """Share of the light that comes back, 0 to 1."""
-    cover: Plane
-    """1 where something stands, 0 where one sees through."""
+    reflectance: Plane  #: Share of the light that comes back, 0 to 1.
+    cover: Plane  #: 1 where something stands, 0 where one sees through.
 
 
 def box(

@@ -91,8 +91,8 @@ def test_event_arrays_of_ros1_are_what_eventcv_reads(tmp_path):
 )
 def test_any_event_array_is_read_to_the_bit(ros, events):
     cursor = Cursor(files.event_array(events, *SENSOR, ros), ros)
-    assert read_preamble(cursor, ros)[1:] == (SENSOR.height, SENSOR.width)
-    columns = read_event_array(cursor, ros)
+    assert read_preamble(cursor)[1:] == (SENSOR.height, SENSOR.width)
+    columns = read_event_array(cursor)
     assert list(zip(*(column.tolist() for column in columns), strict=True)) == events
 
 
@@ -128,8 +128,8 @@ def test_ros2_arrays_are_what_rosbags_reads():
     for little in (True, False):
         data = bytes(store.serialize_cdr(message, "dvs_msgs/msg/EventArray", little_endian=little))
         cursor = Cursor(data, 2)
-        assert read_preamble(cursor, 2) == (5_000_000, 260, 346)
-        columns = read_event_array(cursor, 2)
+        assert read_preamble(cursor) == (5_000_000, 260, 346)
+        columns = read_event_array(cursor)
         assert list(zip(*(c.tolist() for c in columns), strict=True)) == EVENTS[:20]
 
 

@@ -300,7 +300,7 @@ class BagImages:
 
 def _image(data: bytes, ros: int) -> IntensityFrame:
     cursor = Cursor(data, ros)
-    stamp = read_preamble(cursor, ros)
+    stamp = read_preamble(cursor)
     name = cursor.text()
     big_endian, step = cursor.number("B"), cursor.number("I")
     octets = cursor.octets()
