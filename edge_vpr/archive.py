@@ -120,7 +120,7 @@ def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
     Returns
     -------
     arrays : dict of str to ndarray
-        Of whatever dtypes and shapes the file has: check them before use.
+        With the dtypes and shapes that the file has: check them before use.
     meta : dict
         Values of JSON, as unchecked.
 

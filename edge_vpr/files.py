@@ -139,7 +139,7 @@ def check_output(output: str | Path, inputs: Iterable[str | Path | None]) -> Non
     Raises
     ------
     UsageError
-        If an input is the output by whatever name or link, lies in it, or is a folder around it.
+        If an input is the output (also by another name or link), lies in it, or is around it.
     """
     wanted = _followed(Path(output))
     for given in inputs:

@@ -44,7 +44,7 @@ class Registry:
         Raises
         ------
         UsageError
-            If the import from another package fails, for whatever reason.
+            If the import from another package fails, for any reason.
         """
         if name in self._own:
             return self._own[name].load()

@@ -141,7 +141,7 @@ def results_folder(
 #
 # msgspec reads most of these records equally, and faster. It refuses a union of two dataclasses and
 # has named tuples as lists, both of which profiles need; it cannot leave out fields of dataclasses
-# that are None, so that writing would stay as it is; and its errors do not tell the value.
+# that are None, so that writing would stay as it is; and its errors do not contain the value.
 
 
 T = TypeVar("T")
@@ -208,7 +208,7 @@ def from_json(kind: type[T], value: object, where: str = "") -> T:
         A dataclass or a named tuple of plain values, tuples, mappings by name, and records. Where
         it has a class method `from_json`, that one is called.
     value : object
-        As read; nothing of it is trusted.
+        As read, and not trusted.
     where : str
         Names of the fields that lead to it, for the message.
 

@@ -249,7 +249,7 @@ class Evaluation:
     score, recall_denominator : str
         By what matches are rejected, and of what the recall is a share; see `evaluate`.
     rejection : Rejection
-        How well the trust tells which matches to reject.
+        How well a threshold on the trust rejects wrong matches.
     reliability : Reliability or None
         Of the probabilities; None where no evaluated match has one.
     """
@@ -318,6 +318,8 @@ def evaluate(
     score : {"distance", "ratio", "margin", "trust"}, optional
         What the threshold of the precision-recall curve is on. By default what the settings say,
         else the trust of the place filter, and the ratio of sequences.
+    recall_denominator, thresholds
+        As for `precision_recall`.
 
     Raises
     ------

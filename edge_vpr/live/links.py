@@ -50,7 +50,7 @@ class Link(ABC):
     live : bool
         Whether the other side goes on without waiting for us, so that a late reader must drop.
     two_way : bool
-        Whether a host and a device hear each other, or only the host the device.
+        Whether bytes go in both directions, or only from the device to the host.
     remark : str
         What the user should know of the link now, if anything.
     """

@@ -84,7 +84,7 @@ class LiveLocaliser:
     odometry : bool
         Whether readings of an odometer are to come.
     show : callable
-        Takes what is compiled now, see `warm_up`: all kernels are, before the first bytes.
+        Takes the name of what is compiled now; all kernels are compiled before the first bytes.
 
     Raises
     ------
@@ -352,7 +352,7 @@ class LiveMatch(NamedTuple):
     ratio : float
         `distance` / `second_distance`; NaN if it is not known.
     trust : int
-        Confidence of the filter; the higher, the more confident.
+        The higher, the more confident.
     misfit : int
         0 where views are like the map's, `confidence.STRANGE` or more in another place or light; -1
         of sequences.
@@ -476,6 +476,9 @@ class LiveSession:
         Yield a heartbeat (see `LiveMatch`) whenever no match came for this time, such as ``500ms``.
     odometry : str, optional
         Where the robot sends its odometer, see `open_link`.
+    burst_filter : {"exact", "causal"}
+        Whether a match waits for the end of a burst, as in a recording, or comes 2 ms earlier and
+        is no longer to the bit that of the recording. It matters to maps that remove bursts.
     record : path or sequence of paths
         Files of the bytes (``.bin``) or of the events (``.npz``, ``.raw``, ...).
     learn : path, optional
@@ -517,7 +520,7 @@ class LiveSession:
     update : MapUpdate or None
         What `reference` has learnt, if it has.
     removed : Removed
-        Counts of what was removed as bursts for that map.
+        Counts of events that were removed as bursts for that map.
     """
 
     def __init__(
@@ -624,7 +627,7 @@ class LiveSession:
         Parameters
         ----------
         show : callable
-            Takes what is compiled now, as a short text.
+            Takes the name of what is compiled now.
         """
         if self._live is not None:
             return

@@ -69,6 +69,8 @@ class SimulatedRecording:
         Seed of what belongs to the camera: thresholds and hot pixels.
     chunk : int
         Most events in one array.
+    scene : Scene, optional
+        The painted `world`, for several drives through it; by default it is painted when needed.
 
     Attributes
     ----------

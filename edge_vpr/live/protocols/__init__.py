@@ -1,4 +1,4 @@
-"""What all protocols share: counts of what is lost, checks of decoded events, and the interface.
+"""What all protocols share: counts of losses, checks of decoded events, and the interface.
 
 One registry is behind all of them: ``open_decoder("edvs:format=E3", sensor)``.
 """
@@ -546,7 +546,7 @@ class Decoder:
         events : ndarray of EVENT_DTYPE, shape (n,)
             See `feed`.
         step : Step
-            What is matched, and what is left.
+            The matches, and the events that are not matched yet.
         """
         events = self.feed(data, host_us)
         return events, follower.follow(events, self.reached_us)

@@ -1,6 +1,6 @@
 """Distances of two drives by `edge-vpr` in a process of its own.
 
-Event-LAB pins a NumPy that edge-vpr does not run with. So nothing of edge-vpr is imported here, and
+Event-LAB pins a NumPy that edge-vpr does not run with. edge-vpr is therefore not imported here, and
 this module needs Python's standard library alone.
 """
 

@@ -59,7 +59,7 @@ _STATUS, _APPROXIMATED = {"status": 0, "service": 0}, 1
 OK, WARN, ERROR = 0, 1, 2
 #: Silence in seconds that is an error.
 _SILENT_S = 2.0
-#: Counts of a health row that tell of no fault.
+#: Counts of a health row that are no faults.
 _NO_FAULTS = {"accounting", "bytes", "decoded_bytes", "pending_bytes", "frames", "decoded"}
 _NO_FAULTS |= {"events", "held", "wraps", "rate", "silent_s", "dead_s", "kind", "matches"}
 
@@ -143,7 +143,7 @@ class Translator:
             {
                 "header": _header(stamp_us, frames.route), "child_frame_id": frames.child,
                 "pose": _pose(along, (variance, _ACROSS_M**2, UNKNOWN)),
-                # a match says nothing of the speed
+                # the speed is not known from a match
                 "twist": {"covariance": _diagonal((UNKNOWN,) * 6)},
             },
         )  # fmt: skip
