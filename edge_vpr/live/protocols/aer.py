@@ -25,7 +25,7 @@ from edge_vpr.errors import UsageError, printable
 from edge_vpr.events import Sensor
 from edge_vpr.files import read_toml
 from edge_vpr.live.protocols import Decoder, Encoder, OptionReader
-from edge_vpr.live.protocols.layout import Field, Layout, LayoutDecoder, LayoutEncoder
+from edge_vpr.live.protocols.words import Field, Layout, LayoutDecoder, LayoutEncoder
 
 #: Layouts that have names.
 LAYOUTS = {

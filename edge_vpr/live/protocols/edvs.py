@@ -10,7 +10,7 @@ from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor, join_events
 from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader, damaged_sample
-from edge_vpr.live.protocols.layout import (
+from edge_vpr.live.protocols.words import (
     NOTICE_WORDS,
     SEARCH_WORDS,
     Field,

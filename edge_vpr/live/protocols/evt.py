@@ -12,7 +12,7 @@ from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader, damaged_sample
-from edge_vpr.live.protocols.layout import SEARCH_WORDS, Raw, Reading, WordDecoder, word_at
+from edge_vpr.live.protocols.words import SEARCH_WORDS, Raw, Reading, WordDecoder, word_at
 from edge_vpr.recordings.prophesee import (
     EVT2_KINDS,
     EVT3_KINDS,

@@ -1,4 +1,4 @@
-"""Address-event words of one size: their layout, and how their beginning is found."""
+"""Words of one size without frames: how their beginning is found, and words of a layout."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from edge_vpr.events import Events, Sensor
 from edge_vpr.live.protocols import STEP_US, Clock, Decoder, Encoder, damaged_sample
 from edge_vpr.recordings.reading import Columns, empty_columns
 
-# Streams of words of one size without frames, and the search for the beginning of words.
+# The search for the beginning of words.
 #
 # Nothing marks the beginning of a word; it is found from the properties of valid words. A decoder
 # that has lost the beginning tries every offset over the next words, and takes the one with the
@@ -148,7 +148,7 @@ def word_at(raw, at, size, big):  # type: ignore[no-untyped-def]
     return word
 
 
-# Address-event words of one size, with the fields that a layout describes.
+# Address-event words, with the fields that a layout describes.
 
 
 Form = npt.NDArray[np.void]
