@@ -26,13 +26,13 @@ NEVER = -(2**62)
 
 @kernel
 def _cross(
-    before: Any, after: Any, level: Any, on: Any, off: Any, bright: Any, faint: Any,
-    t0: int, t1: int, times: Any, pixels: Any, polarities: Any, n: int, first: int,
-) -> tuple[int, int]:  # fmt: skip
+    before: Any, after: Any, memory: Any, t0: int, t1: int, events: Any, n: int, first: int
+) -> tuple[int, int]:
     """Write the crossings of one step after the first `n`; return the new n and the next pixel.
 
     The pixel at which the second value stands did not fit; it is the number of pixels at the end.
     """
+    (level, on, off, bright, faint), (times, pixels, polarities) = memory, events
     for i in range(first, after.size):
         # exact where it matters, cheap where nothing happens: most pixels rest in most steps
         if faint[i] < after[i] < bright[i]:
@@ -141,11 +141,12 @@ class PixelArray:
             self._level[:] = [math.log(value) for value in after.tolist()]
             self._bright[:] = np.exp(self._level + self._on) * (1 - SLACK)
             self._faint[:] = np.exp(self._level - self._off) * (1 + SLACK)
+        memory = self._level, self._on, self._off, self._bright, self._faint
         first = 0
         while first < after.size:
             self._n, first = _cross(
-                self._before, after, self._level, self._on, self._off, self._bright, self._faint,
-                self._time, time_us, self._times, self._pixels, self._polarities, self._n, first,
+                self._before, after, memory, self._time, time_us,
+                (self._times, self._pixels, self._polarities), self._n, first,
             )  # fmt: skip
             if first < after.size:
                 self._grow()

@@ -661,20 +661,21 @@ def paint_traffic(
         top, bottom = max(int(rows.min()) - 1, 0), min(int(rows.max()) + 2, view.shape[0])
         left, right = max(int(columns.min()) - 1, 0), min(int(columns.max()) + 2, view.shape[1])
         if top < bottom and left < right:
+            seen_part = np.s_[top:bottom, left:right]
             _paint(
                 mover.picture, mover.width_m, mover.height_m, x, ahead,
-                view.across, view.down, top, bottom, left, right, frame,
+                view.across[seen_part], view.down[seen_part], frame[seen_part],
             )  # fmt: skip
 
 
 @kernel
 def _paint(
     picture: Any, width: float, height: float, x: float, ahead: float, across: Any, down: Any,
-    top: int, bottom: int, left: int, right: int, frame: Any,
+    frame: Any,
 ) -> None:  # fmt: skip
     rows, columns = picture.shape[0], picture.shape[1]
-    for r in range(top, bottom):
-        for c in range(left, right):
+    for r in range(frame.shape[0]):
+        for c in range(frame.shape[1]):
             column = ((ahead * across[r, c] - x) / width + 0.5) * columns - 0.5
             row = (CAMERA_M - ahead * down[r, c]) / height * rows - 0.5
             if not (0 <= column < columns - 1 and 0 <= row < rows - 1):

@@ -202,7 +202,7 @@ def test_every_public_name_is_there():
 
 
 #: kernels that still take more than eight arguments
-LONG = {"kernels.match_now", "layout._take", "pixel_model._cross", "view._paint"}
+LONG = {"kernels.match_now"}
 
 
 def test_no_kernel_takes_more_than_eight_arguments():

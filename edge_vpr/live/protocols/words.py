@@ -254,7 +254,7 @@ class LayoutDecoder(WordDecoder):
         if words > self._columns.t.size:
             self._columns = empty_columns(words)
         t, x, y, p = self._columns
-        used = int(_take(raw, words, self._form, self._memory, self._host_us, t, x, y, p))
+        used = int(_take(raw, self._form, self._memory, self._host_us, t, x, y, p))
         return used, Columns(t[:used], x[:used], y[:used], p[:used]), used < words
 
     def _lose_sync(self) -> None:
@@ -268,13 +268,14 @@ def read_words(raw: Raw, most: int, form: Form) -> list[Reading]:
 
 
 @kernel
-def _take(raw, words, form, memory, host_us, t, x, y, p):  # type: ignore[no-untyped-def]
+def _take(raw, form, memory, host_us, t, x, y, p):  # type: ignore[no-untyped-def]
     """Decode words up to one with wrong sync bits, or with one odd time step too many.
 
     A single odd step may be a silence, a damaged time or a restart; `TimestampFilter` decides.
     """
     f, m = form[0], memory[0]
     size, big = np.int64(f["size"]), f["big"] != 0
+    words = raw.size // size
     x_at, x_mask, y_at, y_mask = f["x"], f["x_mask"], f["y"], f["y_mask"]
     p_at, p_mask, t_at, t_mask = f["p"], f["p_mask"], f["t"], f["t_mask"]
     sync_mask, sync, off = f["sync_mask"], f["sync"], f["off"] != 0
