@@ -396,16 +396,15 @@ def from_tracks(
             "give two tracks of one kind"
         )
     remedy = unix_remedy("--offset", reference, query)
-    places = _positions(reference, reference_times_us, "reference", remedy)
-    queries = _positions(query, query_times_us, "query", remedy)
+    reference_us = _window_coordinates(reference_times_us, "reference")
+    query_us = _window_coordinates(query_times_us, "query")
+    places = _positions(reference, reference_us, "reference", remedy)
+    queries = _positions(query, query_us, "query", remedy)
     correct = within(places, queries, partial(distances, reference.kind), tolerance_m)
     known = ~np.isnan(queries[:, 0])
     placed = int((~np.isnan(places[:, 0])).sum())
     shared = overlap(reference, query, tolerance_m)
-    doubts = notes(
-        reference, query, _window_coordinates(reference_times_us, "reference"),
-        _window_coordinates(query_times_us, "query"),
-    )  # fmt: skip
+    doubts = notes(reference, query, reference_us, query_us)
     truth = _described_truth(
         correct,
         known,
@@ -432,14 +431,13 @@ def from_tracks(
     return truth
 
 
-def _positions(track: Track, times_us: npt.ArrayLike, which: str, remedy: str) -> Floats:
-    times = _window_coordinates(times_us, which)
-    positions = track.at(times)
+def _positions(track: Track, times_us: Floats, which: str, remedy: str) -> Floats:
+    positions = track.at(times_us)
     if np.isnan(positions[:, 0]).all():
         raise GroundTruthError(
             f"the {which} track covers {track.time_us[0] / 1e6:g} to {track.time_us[-1] / 1e6:g} s "
-            f"in {track.time_us.size} points and no window of {times.min() / 1e6:g} to "
-            f"{times.max() / 1e6:g} s: "
+            f"in {track.time_us.size} points and no window of {times_us.min() / 1e6:g} to "
+            f"{times_us.max() / 1e6:g} s: "
             + (remedy or "check its clock, and allow longer gaps if the points are few")
         )
     return positions

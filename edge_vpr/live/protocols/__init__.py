@@ -611,7 +611,19 @@ class Decoder:
 
 
 class Encoder(ABC):
-    """Encodes events as the bytes of a device; for tests, bridges and firmware authors."""
+    """Encodes events as the bytes of a device; for tests, bridges and firmware authors.
+
+    Attributes
+    ----------
+    waits_for_host : bool
+        Whether the device is silent until the host has sent something.
+    held, capacity : int
+        Number of events that wait for the host, and its limit; a device drops further events.
+    """
+
+    waits_for_host: bool = False
+    held: int = 0
+    capacity: int = 0
 
     def __init__(self, sensor: Sensor) -> None:
         self.sensor = sensor
@@ -635,12 +647,6 @@ class Encoder(ABC):
     def to_send(self, now_s: float) -> bytes:
         """Return the bytes to send now without a request; called repeatedly."""
         return b""
-
-    #: Whether the device is silent until the host has sent something.
-    waits_for_host: bool = False
-    #: Number of events that wait for the host, and its limit; a device drops further events.
-    held: int = 0
-    capacity: int = 0
 
 
 def damaged_sample(encoder: Encoder) -> bytes:

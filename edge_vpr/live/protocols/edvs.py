@@ -31,6 +31,7 @@ BITS = {
     "new": {"E0": 0, "E1": STEPS, "E2": 16, "E3": 24, "E4": 32},
     "old": {"E0": 0, "E1": 16, "E2": 24, "E3": 32},
 }
+_NO_E4 = "edvs: the old dialect has no E4: its E3 has 32 bits"
 #: A format fits if more than this share of its words looks right; half of the words of noise do.
 FITS = 0.75
 #: The same share for formats without a time of fixed size.
@@ -463,7 +464,7 @@ def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:
     else:
         bits = {BITS[each][wanted] for each in dialects if wanted in BITS[each]}
     if not bits:
-        raise UsageError("edvs: the old dialect has no E4: its E3 has 32 bits")
+        raise UsageError(_NO_E4)
     return EdvsDecoder(
         sensor,
         tuple(sorted(bits, reverse=True)),
@@ -477,7 +478,7 @@ def open_encoder(name: str, sensor: Sensor, options: OptionReader) -> Encoder:
     wanted = options.choice("format", ("E3", "E0", "E1", "E2", "E4"))
     dialect = options.choice("dialect", ("new", "old"))
     if wanted not in BITS[dialect]:
-        raise UsageError("edvs: the old dialect has no E4: its E3 has 32 bits")
+        raise UsageError(_NO_E4)
     return EdvsEncoder(
         sensor,
         BITS[dialect][wanted],
