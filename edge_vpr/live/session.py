@@ -173,7 +173,7 @@ class LiveLocaliser:
         """
         decoder, follower = self.decoder, self._follower
         if follower is not None and not (lost or reopened):
-            return self._follow(*decoder.decode_and_follow(data, host_us, follower))
+            return self._match_rest(*decoder.decode_and_follow(data, host_us, follower))
         early = []
         if lost or reopened:
             early.append(decoder.gap(lost))
@@ -214,9 +214,9 @@ class LiveLocaliser:
         if bursts is not None:
             pieces = bursts.pieces(events)
             pieces.append(bursts.finish() if last else bursts.advance(reached))
-        return self._follow(events, (reached, [], -1, tuple(pieces)))
+        return self._match_rest(events, (reached, [], -1, tuple(pieces)))
 
-    def _follow(self, events: Events, step: Step) -> LiveResult:
+    def _match_rest(self, events: Events, step: Step) -> LiveResult:
         """Match what is left of the events, up to the time that is known."""
         localiser, bursts = self._localiser, self._bursts
         if localiser is None or bursts is None:
@@ -716,7 +716,7 @@ class LiveSession:
     def __iter__(self) -> Iterator[LiveMatch]:
         """Yield matches, and heartbeats if they were asked for, until the link ends."""
         for step in self.steps():
-            yield from self.named(step)
+            yield from self.matches_of(step)
             if (now := time.monotonic()) - self._beat_s >= self._heartbeat_s:
                 self._beat_s = now
                 yield _heartbeat(self._given)
@@ -740,7 +740,7 @@ class LiveSession:
                 break
             step = self._take(0.0)
             self._look(step)
-            found += self.named(step)
+            found += self.matches_of(step)
             if step.result is None:
                 break
         now = time.monotonic()
@@ -792,7 +792,7 @@ class LiveSession:
         """Address of the link; once it is open, with the port that the system chose."""
         return self._reader.address if self._opened else self._address
 
-    def named(self, step: LiveStep) -> list[LiveMatch]:
+    def matches_of(self, step: LiveStep) -> list[LiveMatch]:
         """Return the matches of a step."""
         result = step.result
         if result is None or not result.matches.size or self.reference is None:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from devices import DEVICES
 from streams import random_events
 
 from edge_vpr.descriptors.pixels import PixelMap
@@ -26,27 +27,18 @@ from edge_vpr.online.localiser import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
-#: what the host is told, and a device that may speak it
+#: a host, and a device that it may listen to: those of all tests, and what else is worth a run
 PAIRS = (
+    *((each.host, each.sends) for each in DEVICES),
     ("evpr", "evpr:frame=64"),
     ("evpr", "evpr:width=3,frame=100"),
     ("openmv", "openmv"),
     ("openmv:ack=on", "openmv"),
     ("openmv:channel=raw_events", "openmv:channel=raw_events"),
-    ("openmv:channel=4", "openmv:channel=4"),
     ("openmv:channel=4,format=evt21", "openmv:channel=4,format=evt21"),
     ("openmv:channel=4,format=evt3", "openmv:channel=4,format=evt3"),
     ("openmv:channel=4,format=aer", "openmv:channel=4,format=aer"),
-    ("edvs", "edvs:format=E2"),
-    ("edvs", "edvs:format=E4,sync=0"),
-    ("edvs:format=E0,sync=1", "edvs:format=E0"),
     ("edvs:format=E1,dialect=new,sync=1", "edvs:format=E1"),
-    ("edvs:format=E3,dialect=new,sync=1", "edvs:format=E3"),
-    ("evt2", "evt2"),
-    ("evt21", "evt21"),
-    ("evt3", "evt3"),
-    ("aer", "aer"),
-    ("aer:layout=jaer8", "aer:layout=jaer8"),
 )
 SENSOR = Sensor(128, 128)
 MOST_PENDING = 66_000

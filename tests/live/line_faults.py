@@ -14,36 +14,14 @@ from functools import cache
 
 import numpy as np
 import numpy.typing as npt
+from devices import DEVICES
 
 from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.live.protocols import Health, open_decoder, open_encoder
 
 SENSOR = Sensor(128, 128)
-#: what the device speaks, and what the host is told
-PAIRS = (
-    ("evpr", "evpr"),
-    ("evpr:width=3,frame=200", "evpr"),
-    ("openmv:channel=4", "openmv:channel=4"),
-    ("edvs:format=E0", "edvs:format=E0,sync=1"),
-    ("edvs:format=E1", "edvs"),
-    ("edvs:format=E2", "edvs"),
-    ("edvs:format=E3", "edvs"),
-    ("edvs:format=E3,dialect=old", "edvs:format=E3"),
-    ("edvs:format=E4,sync=0", "edvs"),
-    ("edvs:format=E1,sync=0", "edvs:format=E1,sync=0"),
-    ("edvs:format=E2", "edvs:format=E2,dialect=new,sync=1"),
-    ("edvs:format=E3", "edvs:format=E3,dialect=new,sync=1"),
-    ("edvs:format=E4", "edvs:format=E4,dialect=new,sync=1"),
-    ("evt2", "evt2"),
-    ("evt21", "evt21"),
-    ("evt3", "evt3"),
-    ("aer", "aer"),
-    ("aer:layout=jaer8", "aer:layout=jaer8"),
-)
 KINDS = ("flip", "drop", "insert", "repeat", "truncate", "noise", "garbage", "restart", "wrap")
 RATES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
-#: bits of the clock, where it wraps
-CLOCKS = {"E2": 16, "E3": 24, "E4": 32, "old": 32, "aer": 16, "jaer8": 32, "evt2": 34, "evt3": 24}
 #: pixel and polarity of an event say its number, modulo this
 PERIOD = SENSOR.pixels * 2
 PIECE = 4_096
@@ -202,7 +180,7 @@ def make_line(
         return (sent, *corrupt(rng, sent.data, kind, rate))
     steps = rng.integers(1, 20, n)
     if kind == "wrap":
-        bits = next((b for name, b in CLOCKS.items() if name in device), 0)
+        bits = next(each.clock_bits for each in DEVICES if each.sends == device)
         # two wraps or more, unless that takes too long: then one in the midst
         if bits and 2 << bits <= n * 400:
             steps = rng.integers(1, max(2, (5 << bits) // n), n)
@@ -351,7 +329,7 @@ def main() -> int:
     begun, total, failed = time.monotonic(), 0, 0
     print("| " + " | ".join(_COLUMNS) + " |")
     print("|---|---|" + "--:|" * (len(_COLUMNS) - 2))
-    for pair, (device, host) in enumerate(PAIRS):
+    for pair, (device, host, *_) in enumerate(DEVICES):
         name = host if device in host else device
         for kind in KINDS:
             if options.only not in name or options.kind not in kind:

@@ -17,6 +17,7 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from devices import DEVICES
 from edge_vpr_tools.cli import main
 from streams import Drive, random_events
 
@@ -91,17 +92,8 @@ def test_a_rover_stops_within_two_places_of_its_goal(caches, speed, street, tmp_
     assert abs(stopped_m - 60.0) <= 2 * np.diff(along_m).max()
 
 
-#: a protocol of the host, and what its device sends
-PROTOCOLS = [
-    ("evpr", "evpr"),
-    ("edvs", "edvs:format=E3"),
-    ("evt2", "evt2"),
-    ("evt21", "evt21"),
-    ("evt3", "evt3"),
-    ("aer:layout=jaer8", "aer:layout=jaer8"),
-    ("openmv", "openmv"),
-    ("openmv:channel=4", "openmv:channel=4"),
-]
+#: a host, and what its device sends; the last has to be asked for each piece
+PROTOCOLS = [(each.host, each.sends) for each in DEVICES if each.typical] + [("openmv", "openmv")]
 SENSOR = Sensor(64, 48)
 
 

@@ -1,0 +1,37 @@
+"""Devices that the tests of streams speak as: a new protocol, or a format of one, is a row here."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Device(NamedTuple):
+    """A device, and the host that listens to it."""
+
+    sends: str  #: What `open_encoder` takes.
+    host: str  #: What `open_decoder` takes.
+    checked: bool = False  #: Whether a checksum guards each event.
+    clock_bits: int = 0  #: Of a clock that wraps; 0 of one that does not.
+    typical: bool = False  #: Whether whole sessions are tested with it.
+
+
+DEVICES = (
+    Device("evpr", "evpr", checked=True, typical=True),
+    Device("evpr:width=3,frame=200", "evpr", checked=True),
+    Device("openmv:channel=4", "openmv:channel=4", checked=True, typical=True),
+    Device("edvs:format=E0", "edvs:format=E0,sync=1"),
+    Device("edvs:format=E1", "edvs"),
+    Device("edvs:format=E2", "edvs", clock_bits=16),
+    Device("edvs:format=E3", "edvs", clock_bits=24, typical=True),
+    Device("edvs:format=E3,dialect=old", "edvs:format=E3", clock_bits=24),
+    Device("edvs:format=E4,sync=0", "edvs", clock_bits=32),
+    Device("edvs:format=E1,sync=0", "edvs:format=E1,sync=0"),
+    Device("edvs:format=E2", "edvs:format=E2,dialect=new,sync=1", clock_bits=16),
+    Device("edvs:format=E3", "edvs:format=E3,dialect=new,sync=1", clock_bits=24),
+    Device("edvs:format=E4", "edvs:format=E4,dialect=new,sync=1", clock_bits=32),
+    Device("evt2", "evt2", clock_bits=34, typical=True),
+    Device("evt21", "evt21", typical=True),
+    Device("evt3", "evt3", clock_bits=24, typical=True),
+    Device("aer", "aer", clock_bits=16),
+    Device("aer:layout=jaer8", "aer:layout=jaer8", clock_bits=32, typical=True),
+)
