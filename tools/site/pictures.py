@@ -26,12 +26,12 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from edge_vpr_tools.inputs import RecordedInputs
+from edge_vpr_tools.commands.replay import RecordedInputs
 from edge_vpr_tools.report.figures import draw_outcomes, total_counts
 from edge_vpr_tools.report.replay import Replay, event_images, load_replay
 from edge_vpr_tools.report.style import BLUE, GREY, ORANGE, panels, save
 from edge_vpr_tools.report.verdict import Outcome, outcome_of
-from edge_vpr_tools.runs.truth_files import load_truth
+from edge_vpr_tools.truth_files import load_truth
 from matplotlib.axes import Axes
 from matplotlib.colors import PowerNorm
 from matplotlib.patches import ConnectionPatch

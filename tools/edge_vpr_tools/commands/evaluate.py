@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.report.page import MISSED
     from edge_vpr_tools.report.traverse import write_report
     from edge_vpr_tools.report.verdict import outcome_of
-    from edge_vpr_tools.runs.truth_files import load_tracks
+    from edge_vpr_tools.truth_files import load_tracks
 
     folder, formats = Path(args.results), read_formats(args.figures)
     reference, matches, truth = load_evaluated(args)

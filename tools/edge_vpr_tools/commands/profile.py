@@ -98,7 +98,7 @@ def load_of(args: argparse.Namespace) -> Load:
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.inputs import open_from
     from edge_vpr_tools.profile.workload import Load, of_map, simulated_load
-    from edge_vpr_tools.runs.truth_files import load_truth
+    from edge_vpr_tools.truth_files import load_truth
 
     if args.map is None:
         return simulated_load(args.seed)
