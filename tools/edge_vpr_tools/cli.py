@@ -325,7 +325,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     sys.unraisablehook = _interrupt_again
     try:
         if "_ARGCOMPLETE" in os.environ:
-            answer()
+            complete()
         with interrupts_kept(), warnings.catch_warnings():
             warnings.showwarning = lambda message, *_: warning(str(message))
             run(argv)
@@ -473,16 +473,16 @@ def _report(error: Exception) -> int:
 # Completion of command lines in a shell.
 
 
-def answer() -> None:
+def complete() -> None:
     """Write the completions that the shell asked for by its environment, and end the process."""
     # only the arguments of the verb on the line are needed: those of the others are not imported
     words = os.environ.get("COMP_LINE", "").split()[1:]
     import argcomplete  # when a shell asks; other commands need not load it
 
-    argcomplete.autocomplete(tree(find_verb(words)[0]))
+    argcomplete.autocomplete(completion_parser(find_verb(words)[0]))
 
 
-def tree(chosen: str) -> argparse.ArgumentParser:
+def completion_parser(chosen: str) -> argparse.ArgumentParser:
     """Build a parser of all verbs, with arguments for the chosen verb only."""
     top = argparse.ArgumentParser(prog="edge-vpr")
     top.add_argument("--version", action="store_true", help="print the version")

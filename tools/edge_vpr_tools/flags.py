@@ -11,6 +11,7 @@ from typing import Any
 from edge_vpr.errors import UsageError, did_you_mean
 from edge_vpr.settings import PRESETS, SETTING_FIELDS, SettingField, Settings, resolve_settings
 from edge_vpr_tools.console import warning
+from edge_vpr_tools.report import FORMATS
 
 # Flags by which every command opens a recording.
 
@@ -282,7 +283,30 @@ def add_truth_flags(group: argparse._ActionsContainer) -> None:
     )  # fmt: skip
 
 
-# Help of the flag for the formats of figures, which several commands have.
+# The flag for the formats of figures.
 
 
 FIGURES_HELP = "formats of the figures: png, pdf, svg, or several separated by commas"
+
+
+def add_figures_flag(group: argparse._ActionsContainer, default: str) -> None:
+    """Add the flag that `figure_formats` reads."""
+    group.add_argument("--figures", metavar="FORMATS", default=default, help=FIGURES_HELP)
+
+
+def figure_formats(text: str) -> tuple[str, ...]:
+    """Read names of formats that are separated by commas, each once.
+
+    Raises
+    ------
+    UsageError
+        If one is unknown, or none is given.
+    """
+    names = tuple(dict.fromkeys(name.strip().lower() for name in text.split(",")))
+    for name in names:
+        if name not in FORMATS:
+            raise UsageError(
+                f"--figures {text!r}: {name!r} is no format of figures"
+                f"{did_you_mean(name, FORMATS)}: choose from {', '.join(FORMATS)}"
+            )
+    return names

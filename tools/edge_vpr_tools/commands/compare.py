@@ -7,7 +7,7 @@ from pathlib import Path
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import summary
-from edge_vpr_tools.flags import FIGURES_HELP
+from edge_vpr_tools.flags import add_figures_flag, figure_formats
 
 EXAMPLES = """\
   edge-vpr compare pixels
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Markdown; LaTeX), and the figure",
     )  # fmt: skip
     output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
-    output.add_argument("--figures", metavar="FORMATS", default="png", help=FIGURES_HELP)
+    add_figures_flag(output, "png")
     output.add_argument(
         "--measure", choices=MEASURES, default=MEASURES[0],
         help="measure of the figure, and of the differences from the first variant",
@@ -53,10 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Print the table, and write it with the figure if asked."""
     from edge_vpr import results
-    from edge_vpr_tools.report.formats import read_formats
     from edge_vpr_tools.research.sweep.comparison import markdown, rows_of, write_comparison
 
-    runs, formats = [Path(run) for run in args.runs], read_formats(args.figures)
+    runs, formats = [Path(run) for run in args.runs], figure_formats(args.figures)
     output = None if args.output is None else Path(args.output)
     if args.over is not None and output is None:
         raise UsageError("--over says what the figure shows: name a folder for it with -o")

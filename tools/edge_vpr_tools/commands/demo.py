@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from edge_vpr_tools.console import is_quiet, say, table
+from edge_vpr_tools.console import say, table
 
 EXAMPLES = """\
   edge-vpr demo
@@ -54,10 +54,9 @@ def run(args: argparse.Namespace) -> None:
             write_json(folder / results.RUN, run_record(settings.to_dict(), []))
             write_json(folder / results.METRICS, metrics)
             write_report(folder, trials, latencies, reference.track)
-    quiet = is_quiet()
     title = "One street, driven twice, the second time at half to double the speed"
-    table(HEADER, rows(trials), title=title, width=_WIDTH, quiet=quiet)
+    table(HEADER, rows(trials), title=title, width=_WIDTH)
     for line in remarks(trials, latencies):
-        say(line, width=_WIDTH, markup=True, quiet=quiet)
+        say(line, width=_WIDTH, markup=True)
     film = f"edge-vpr replay {output} -o match.gif"
-    say(f"See {output / results.REPORT}; as a film: {film}", width=_WIDTH, quiet=quiet)
+    say(f"See {output / results.REPORT}; as a film: {film}", width=_WIDTH)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr_tools.console import note, summary, warning
+from edge_vpr_tools.flags import figure_formats
 from edge_vpr_tools.research.experiments import EXPERIMENTS, STREETS_ONLY
 
 EXAMPLES = """\
@@ -241,8 +242,6 @@ def _write_report(path: Path, folder: Path, pages: Mapping[str, str], seeds: int
 
 def _figure_files(named: Path, formats: str | None) -> list[Path]:
     """Return the given file, or one with its stem for each format."""
-    from edge_vpr_tools.report.formats import read_formats
-
     if formats is None:
         return [named]
-    return [named.with_suffix(f".{kind}") for kind in read_formats(formats)]
+    return [named.with_suffix(f".{kind}") for kind in figure_formats(formats)]

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import detail_settings, summary, warning
 from edge_vpr_tools.flags import (
-    FIGURES_HELP,
+    add_figures_flag,
     add_match_flags,
     add_reading_arguments,
     add_window_argument,
+    figure_formats,
     match_flags,
     with_match_flags,
 )
@@ -41,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
     output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
     output.add_argument("--no-figures", action="store_true", help="write no figures and no report")
-    output.add_argument("--figures", metavar="FORMATS", default="svg", help=FIGURES_HELP)
+    add_figures_flag(output, "svg")
     output.add_argument(
         "--matrix", metavar="FILE.npy",
         help="also write the distance of every place (row) to every query window (column)",
@@ -94,7 +95,6 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.warm_up import matching_steps
     from edge_vpr_tools.inputs import describe_faults, open_source
     from edge_vpr_tools.progress import describe_removed, tracked, warmed_up, warn_if_much
-    from edge_vpr_tools.report.formats import read_formats
 
     output = Path(args.output)
     inputs = list(filter(None, (args.map, args.recording, args.odometry)))
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> None:
             f"{args.recording} is the map and {args.map} is not: the map comes first, then the "
             "recording of the query drive"
         )
-    formats = read_formats(args.figures)
+    formats = figure_formats(args.figures)
     matrix = None if args.matrix is None else Path(args.matrix)
     if matrix is not None:
         _check_matrix(matrix, inputs, args)

@@ -19,7 +19,7 @@ from edge_vpr_tools.profile.record import (
 )
 from edge_vpr_tools.profile.speed import Timing
 from edge_vpr_tools.report.page import quantity
-from edge_vpr_tools.spreadsheets import write_spreadsheet
+from edge_vpr_tools.report.tables import write_spreadsheet
 
 # Text of a profile, with units: rows of its tables, and notes.
 

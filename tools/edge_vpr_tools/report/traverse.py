@@ -59,7 +59,7 @@ def write_report(
     outcome : Outcome, optional
         Of an evaluation; by default, of all matches of the folder without one.
     formats : sequence of str
-        Of `report.formats.FORMATS`: each figure is also written in each.
+        Of `report.FORMATS`: each figure is also written in each.
     route : Route, optional
         Positions of the places; without it, those that the map holds.
     warnings : sequence of str

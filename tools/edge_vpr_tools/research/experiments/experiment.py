@@ -23,7 +23,7 @@ import edge_vpr
 import fixedpoint
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr_tools import research
-from edge_vpr_tools.report.tables import SEED, TableView, table_of
+from edge_vpr_tools.report.tables import SEED, TableView, table_of, write_spreadsheet
 from edge_vpr_tools.research.experiments import SOURCES
 from edge_vpr_tools.research.trials import (
     SCHEMA,
@@ -35,7 +35,6 @@ from edge_vpr_tools.research.trials import (
     compute,
     failures,
 )
-from edge_vpr_tools.spreadsheets import write_spreadsheet
 
 #: what a row is named by, and what was measured
 Row = Mapping[str, Any]

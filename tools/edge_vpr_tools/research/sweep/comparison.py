@@ -21,9 +21,9 @@ from edge_vpr.files import parse_errors, read_json, replacing
 from edge_vpr.results import RUN, run_record, write_json
 from edge_vpr.settings import SETTING_FIELDS
 from edge_vpr_tools.report.style import CYCLE, figure, legend_below, look, name_label, save
+from edge_vpr_tools.report.tables import write_spreadsheet
 from edge_vpr_tools.research.sweep.plan import sweep_store
 from edge_vpr_tools.research.trials import SWEEP, ListedTrial
-from edge_vpr_tools.spreadsheets import write_spreadsheet
 
 #: figures of merit by their name in a file, with the heading of their column
 MEASURES = {
@@ -535,7 +535,7 @@ def write_comparison(
     Parameters
     ----------
     formats : sequence of str
-        Names from `report.formats.FORMATS`.
+        Names from `report.FORMATS`.
     measure : str
         Measure of the figure and of the differences, one of `MEASURES`.
     over : str, optional
