@@ -24,7 +24,7 @@ import fixedpoint
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr_tools import research
 from edge_vpr_tools.report.tables import SEED, TableView, table_of, write_spreadsheet
-from edge_vpr_tools.research.experiments import SOURCES
+from edge_vpr_tools.research.catalogue import stand_in_text
 from edge_vpr_tools.research.trials import (
     SCHEMA,
     NamedTrial,
@@ -143,8 +143,8 @@ def recorded_folder(data: Path | None, folder: str) -> Path:
     """
     if data is None or not (data / folder).is_dir():
         raise UsageError(
-            f"the folder {folder}, {SOURCES[folder]}, is not in {data or 'any folder given'}: name "
-            "the folder that holds it with --data"
+            f"the folder {folder}, {stand_in_text(folder)}, is not in {data or 'any folder given'}: "
+            "name the folder that holds it with --data"
         )
     return data / folder
 

@@ -20,10 +20,9 @@ import edge_vpr
 from edge_vpr.errors import UsageError, did_you_mean
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
-from edge_vpr.events import Sensor
 from edge_vpr.files import read_toml
 from edge_vpr.matching.matches import Matches
-from edge_vpr.recordings import Recording, TimeCrop, open_recording, parse_period, seconds_us
+from edge_vpr.recordings import Recording, crop_of, open_recording
 from edge_vpr.reference_map import MatchMetrics, ReferenceMap
 from edge_vpr.results import RecordError, from_json
 from edge_vpr.settings import SETTING_FIELDS, Settings, resolve_settings
@@ -119,26 +118,14 @@ class PairOfDrives:
         EdgeVprError
             If it cannot be read.
         """
-        period = None if self.frame_period is None else parse_period(self.frame_period)
         recording = open_recording(
-            (self.reference, self.query)[which],
-            format=self.format,
-            sensor=None if self.sensor is None else Sensor.parse(self.sensor),
-            on_fault=self.on_fault,
-            frame_period=period,
-            topic=self.topic,
-            time_unit=self.time_unit,
-            columns=self.columns,
-        )
-        if self.start is self.end is self.start_offset is None:
-            return recording
-        start, end, offset = (
-            None if pair is None else seconds_us(pair[which], name)
-            for name, pair in (
-                ("start", self.start), ("end", self.end), ("start_offset", self.start_offset)
-            )
+            (self.reference, self.query)[which], format=self.format, sensor=self.sensor,
+            on_fault=self.on_fault, frame_period=self.frame_period, topic=self.topic,
+            time_unit=self.time_unit, columns=self.columns,
         )  # fmt: skip
-        return recording.cropped(TimeCrop(start_us=start or 0, end_us=end, offset_us=offset))
+        given = (self.start, self.end, self.start_offset)
+        crop = crop_of(*(None if pair is None else pair[which] for pair in given))
+        return recording if crop is None else recording.cropped(crop)
 
 
 @dataclass(frozen=True, kw_only=True)
