@@ -143,8 +143,8 @@ def recorded_folder(data: Path | None, folder: str) -> Path:
     """
     if data is None or not (data / folder).is_dir():
         raise UsageError(
-            f"the folder {folder}, {stand_in_text(folder)}, is not in {data or 'any folder given'}: "
-            "name the folder that holds it with --data"
+            f"the folder {folder}, {stand_in_text(folder)}, is not in {data or 'any folder given'}"
+            ": name the folder that holds it with --data"
         )
     return data / folder
 
