@@ -426,11 +426,11 @@ def instructions_of(design: Design, core: str, mission: Mission) -> dict[str, fl
 
     A call's own instructions are shared among its events.
     """
-    told, window_and_match = firmware()[core], predict(design, core)
-    call = told.events_call / mission.events_per_call
+    counted, window_and_match = firmware()[core], predict(design, core)
+    call = counted.events_call / mission.events_per_call
     return {
-        "selected event": told.event_selected + call,
-        "other event": told.event_unselected + call,
+        "selected event": counted.event_selected + call,
+        "other event": counted.event_unselected + call,
         "window": float(window_and_match.window),
         "search": float(window_and_match.match),
     }
