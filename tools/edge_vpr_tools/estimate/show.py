@@ -16,10 +16,9 @@ from edge_vpr_tools.estimate.search import (
     blocks_of,
     memory_bytes,
 )
-from edge_vpr_tools.estimate.targets import (
+from edge_vpr_tools.estimate.targets import Constant, Target
+from edge_vpr_tools.estimate.wording import (
     UNKNOWN,
-    Constant,
-    Target,
     busy,
     count,
     design_text,
