@@ -428,14 +428,14 @@ def _wide_sums(design: Design) -> list[Case]:
     rows = [half if place % 3 == 1 else [top] * slots for place in range(places)]
     rows[places // 2] = list(shown_codes(stream)[0])
     memories, events = Memories(wide, pixels, rows), tuple(stream.events)
-    other, suffix = _other_way(wide)
+    other, suffix = _other_distances(wide)
     return [
         Case("wide_sums", memories, events),
         Case(f"wide_sums_{suffix}", replace(memories, design=other), events),
     ]
 
 
-def _other_way(design: Design) -> tuple[Design, str]:
+def _other_distances(design: Design) -> tuple[Design, str]:
     """Return a design that keeps distances if this one does not, and what to call its cases."""
     suffix = "distances_twice" if design.keep_distances else "of_kept_distances"
     return replace(design, keep_distances=not design.keep_distances), suffix
@@ -486,7 +486,7 @@ def _small_spreads(design: Design) -> list[Case]:
     shown = shown_codes(stream)[0]
     memories = Memories(near, pixels, _at_distances(near, shown, lambda place: 1 + place * 5 % 4))
     alike = Memories(near, pixels, _at_distances(near, shown, lambda _: 1))
-    (other, suffix), events = _other_way(near), tuple(stream.events)
+    (other, suffix), events = _other_distances(near), tuple(stream.events)
     return [
         Case("spread_of_one", memories, events),
         Case(f"spread_of_one_{suffix}", replace(memories, design=other), events),
@@ -660,7 +660,7 @@ def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
     dear = replace(forward, steps=(254,), back=(254,), restart=254)
     long = replace(forward, places=40)
     blocks = replace(long, keep_distances=False)
-    (other, suffix), (other_back, _) = _other_way(forward), _other_way(back)
+    (other, suffix), (other_back, _) = _other_distances(forward), _other_distances(back)
     walk = [0, 1, 2, 2, 3, 4, 6, 7, 7, 9, 10, 11, last]
     jumps = [0, 1, 2, 2, 2, 8, 8, 8, 3, 3, 3, last, last, last, 0, 0, 0]
     backwards = [6, 5, 4, 4, 2, 1, 0, 0, 5, 5, 10, 10, 7, 7, 4, 4]
@@ -730,7 +730,7 @@ def _pauses(design: Design) -> list[Case]:
     cases.append(drive("pauses_of_eight_places", eight, list(range(8)), None, busy))
     if design.window == "time":
         cases.append(drive("pauses", forward, route))
-        other, suffix = _other_way(replace(forward, back=(1, 2)))
+        other, suffix = _other_distances(replace(forward, back=(1, 2)))
         cases.append(drive(f"pauses_{suffix}", other, route))
         # in a pause, a restart for nothing leads to the first place
         free = replace(forward, restart=0)
@@ -788,7 +788,7 @@ def _activities(design: Design) -> list[Case]:
     walk, jumps = [0, 1, 2, 2, 3, 4, 6, 9, 9, 10, 11, last], [0, 1, 2, 8, 8, 3, 3, last, 0, 0]
     back = replace(design, back=(2, 5))
     long = replace(design, places=40, keep_distances=False)
-    (other, suffix), (other_back, _) = _other_way(design), _other_way(back)
+    (other, suffix), (other_back, _) = _other_distances(design), _other_distances(back)
     variants = {
         "by_activity": (design, walk),
         f"by_activity_{suffix}": (other, walk),
@@ -818,8 +818,8 @@ def _half_places(design: Design) -> list[Case]:
     last = design.places - 1
     walk = [0, 2, 4, 5, 5, 8, 10, 14, last, last, 0, 5, 11, last, 9]
     back, long = replace(design, back=(2, 5)), replace(design, places=40, keep_distances=False)
-    other, suffix = _other_way(design)
-    other_back, _ = _other_way(back)
+    other, suffix = _other_distances(design)
+    other_back, _ = _other_distances(back)
     jumps = [0, 2, 3, 11, 11, 4, 4, last, 0, 0]
     variants = {
         "half_places": (design, walk),
@@ -1002,8 +1002,8 @@ def _thresholds(design: Design) -> list[Case]:
     """Set the threshold of trust to a value that occurs, to one above it, and above 8 bits."""
     forward = replace(design, exclusion=1, accept="margin", margin=0, trust=0)
     route = [0, 1, 2, 3, 4, 5, 6]
-    told = [match.trust for match in drive("", forward, route).trace().matches]
-    trust = min(max(told[4] or 0, 1), TRUST_TOP - 1)
+    trusts = [match.trust for match in drive("", forward, route).trace().matches]
+    trust = min(max(trusts[4] or 0, 1), TRUST_TOP - 1)
     return [
         drive("trusted", replace(forward, trust=trust), route),
         drive("distrusted", replace(forward, trust=trust + 1), route),
@@ -1025,7 +1025,7 @@ def _means(design: Design) -> list[Case]:
         drive("all_shifts", few, route * 130, high),
         drive("means_from_the_top", few, route, [design.entry_max] * design.slots),
         *_halves(few),
-        _late_shifts(few),
+        _delayed_shifts(few),
     ]
     if design.window == "time":
         cases.append(drive("means_and_pauses", few, [0, PAUSE, 1, PAUSE, PAUSE, 2, 3], high))
@@ -1075,7 +1075,7 @@ def _way_to_half(design: Design, end: int) -> tuple[int, tuple[int, int, int]] |
     return None
 
 
-def _late_shifts(design: Design) -> Case:
+def _delayed_shifts(design: Design) -> Case:
     """Keep the means constant until the shift is the last one, then move them by several codes."""
     quiet = [[1] * design.slots] * ((1 << (LAST_SHIFT + 1)) - (1 << FIRST_SHIFT) + 20)
     # at these counts, the codes of 1 to 3 octaves change at different windows

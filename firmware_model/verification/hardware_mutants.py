@@ -179,11 +179,11 @@ def all_mutants() -> list[Mutant]:
     ]
 
 
-def judged(every: Sequence[Mutant]) -> dict[Mutant, Outcome]:
+def reasons_of(every: Sequence[Mutant]) -> dict[Mutant, Outcome]:
     """Read why mutants are equal to the core, and which other tests find those that are not.
 
-    A mutant is told by its line before and after, so that a reason holds when something else is
-    changed above it. It is of those that survive, of several of the same lines.
+    A mutant is identified by its line before and after, so that a reason holds when something else
+    is changed above it. Of several mutants of the same lines, it is of those that survive.
     """
     given = tomllib.loads(PROOFS.read_text(encoding="utf-8"))
     read: tuple[tuple[Kind, str], ...] = (("equal", "why"), ("found elsewhere", "by"))
@@ -226,7 +226,7 @@ class Region(NamedTuple):
     """Part of a source of which another text can be chosen: a condition, a statement, or a net."""
 
     kind: Literal["condition", "statement", "assign", "wire"]
-    begin: int
+    start: int
     end: int
 
 
@@ -266,16 +266,16 @@ def with_choice(source: str, numbered: Mapping[int, Mutant]) -> tuple[str, set[i
         old = source[starts[mutant.line] :].partition("\n")[0].partition("//")[0].rstrip()
         same = _alike(old, mutant.text)
         rest = _alike(old[same:][::-1], mutant.text[same:][::-1])
-        begin, end = starts[mutant.line] + same, starts[mutant.line] + len(old) - rest
-        around = [region for region in regions if region.begin <= begin and end <= region.end]
+        start, end = starts[mutant.line] + same, starts[mutant.line] + len(old) - rest
+        around = [region for region in regions if region.start <= start and end <= region.end]
         if around:
-            region = min(around, key=lambda region: region.end - region.begin)
+            region = min(around, key=lambda region: region.end - region.start)
             new = mutant.text[same : len(mutant.text) - rest]
-            text = source[region.begin : begin] + new + source[end : region.end]
+            text = source[region.start : start] + new + source[end : region.end]
             texts.setdefault(region, {})[number] = text
-    for region in sorted(texts, key=lambda region: -region.begin):
-        chosen = _chosen(region, source[region.begin : region.end], texts[region])
-        source = source[: region.begin] + chosen + source[region.end :]
+    for region in sorted(texts, key=lambda region: -region.start):
+        chosen = _chosen(region, source[region.start : region.end], texts[region])
+        source = source[: region.start] + chosen + source[region.end :]
     source = _DRIVEN.sub(r"logic\1", source)
     return source, {number for of_region in texts.values() for number in of_region}
 
@@ -494,11 +494,11 @@ class Bench:
         # the others take the library of the first
         self._with_all(self._work / "first", self.cases[0], {})
         with ThreadPoolExecutor(jobs) as pool:
-            told: set[int] = set()
+            yielded: set[int] = set()
             for found in pool.map(partial(self._found_in, left), count(), programs.values()):
-                for number in found.keys() - told:
+                for number in found.keys() - yielded:
                     yield mutants[number], found[number]
-                told |= found.keys()
+                yielded |= found.keys()
 
     def _found_in(self, left: dict[int, Mutant], at: int, cases: Sequence[Trial]) -> dict[int, str]:
         """Run the cases of one design; move what they find from those that are left."""
@@ -601,7 +601,7 @@ def outcomes(
     for mutant, case in bench.find(list(left), jobs) if left else ():
         del left[mutant]
         keep(mutant, case)
-    reasons = judged(mutants)
+    reasons = reasons_of(mutants)
     for mutant in left:
         keep(mutant, "" if mutant in reasons else bench.found_by(mutant) or "")
     for mutant in mutants:
@@ -632,7 +632,7 @@ def main(words: Sequence[str] | None = None) -> int:
         parser.error(str(error))
     counts: Counter[tuple[str, str]] = Counter()
     keys = _keys(every)
-    stale = {keys[mutant] for mutant in judged(every)}
+    stale = {keys[mutant] for mutant in reasons_of(every)}
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(Path(folder), args.seed)
         try:

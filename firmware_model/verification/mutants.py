@@ -78,7 +78,7 @@ class Mutant:
         Line, from 1.
     line, becomes : str
         The line before and after, without what is left and right of it: these and the function
-        tell a mutant, whatever stands in the lines around.
+        identify a mutant, whatever stands in the lines around.
     text : str
         The whole source.
     narrowed : str
@@ -118,20 +118,20 @@ def mutants(file: str, text: str) -> Iterator[Mutant]:
         In the order of the text, no two of the same text.
     """
     seen = {"".join(text.split())}
-    for begin, end, new in sorted(_changes(file, text), key=lambda change: change[:2]):
-        changed = text[:begin] + new + text[end:]
+    for start, end, new in sorted(_changes(file, text), key=lambda change: change[:2]):
+        changed = text[:start] + new + text[end:]
         shape = "".join(changed.split())
         if shape in seen:
             continue
         seen.add(shape)
-        number = text.count("\n", 0, begin) + 1
-        line_begin = text.rfind("\n", 0, begin) + 1
+        number = text.count("\n", 0, start) + 1
+        line_start = text.rfind("\n", 0, start) + 1
         line_end = text.find("\n", end)
-        line = " ".join(text[line_begin:line_end].split())
-        becomes = " ".join((text[line_begin:begin] + new + text[end:line_end]).split())
-        function = _function(text, begin)
+        line = " ".join(text[line_start:line_end].split())
+        becomes = " ".join((text[line_start:start] + new + text[end:line_end]).split())
+        function = _function(text, start)
         narrowed = ""
-        if (text[begin:end], new) == ("uint32_t", "uint16_t"):
+        if (text[start:end], new) == ("uint32_t", "uint16_t"):
             narrowed = f"{function}.{text[end + 1 :].partition(' ')[0].strip('(),;[]=')}"
             narrowed = re.split(r"[(),;[]", narrowed)[0]
         yield Mutant(file, function, number, line, becomes or DELETED, changed, narrowed)
@@ -143,7 +143,7 @@ def _changes(file: str, text: str) -> Iterator[tuple[int, int, str]]:
     before = ""
     for token in _TOKEN.finditer(text):
         kind, word, at = token.lastgroup, token.group(), token.start()
-        if at < first or any(begin <= at < end for begin, end in skipped):
+        if at < first or any(start <= at < end for start, end in skipped):
             continue
         if kind == "directive":
             number = re.match(r"#define \w+ (0x[0-9A-F]+U|\d+U)", word)
@@ -198,30 +198,30 @@ def _held(text: str, first: int) -> Iterator[tuple[int, int, str]]:
             continue
         if not _function(text, token.start()):
             continue
-        begin, end = _operand(tokens, i, -1), _operand(tokens, i, 1)
+        start, end = _operand(tokens, i, -1), _operand(tokens, i, 1)
         if sign == "?":
             colon = next(t.start() for t in tokens[i:] if t.group() == ":")
             # of a choice within a choice, the outer condition is held
             end = _operand(tokens, i, 1, through=(":", "?", "&&", "||"))
-            yield begin, end, text[token.end() : colon].strip()
-            yield begin, end, text[colon + 1 : end].strip()
+            yield start, end, text[token.end() : colon].strip()
+            yield start, end, text[colon + 1 : end].strip()
         else:
             neutral = "true" if sign == "&&" else "false"
-            yield begin, token.start() - 1, neutral
+            yield start, token.start() - 1, neutral
             yield token.end() + 1, end, neutral
 
 
-def _operand(tokens: list[re.Match[str]], at: int, way: int, through: tuple[str, ...] = ()) -> int:
+def _operand(tokens: list[re.Match[str]], at: int, step: int, through: tuple[str, ...] = ()) -> int:
     """Return where the operand on one side of a token begins or ends."""
     depth, last = 0, at
     stop = {"&&", "||", "?", ":", ";", ",", "=", "{", "}", "return"} - set(through)
-    for i in range(at + way, len(tokens) if way > 0 else -1, way):
+    for i in range(at + step, len(tokens) if step > 0 else -1, step):
         sign = tokens[i].group()
-        depth += way * ((sign in ("(", "[")) - (sign in (")", "]")))
+        depth += step * ((sign in ("(", "[")) - (sign in (")", "]")))
         if depth < 0 or (depth == 0 and sign in stop):
             break
         last = i
-    return tokens[last].end() if way > 0 else tokens[last].start()
+    return tokens[last].end() if step > 0 else tokens[last].start()
 
 
 def _numbers(word: str) -> Iterator[str]:

@@ -814,7 +814,7 @@ def test_programs_with_all_mutants_find_what_is_found_one_by_one(tmp_path):
     """And nothing else; of changed operators, which leave nothing undefined."""
     of_trust = mutants.chosen(mutants.all_mutants(), ["vpr_trust.sv"])
     changed_signs = [mutant for mutant in of_trust if mutant.text.strip(" ;")][::20]
-    every = [*mutants.judged(of_trust), *changed_signs]
+    every = [*mutants.reasons_of(of_trust), *changed_signs]
     bench = mutants.Bench(tmp_path, 1, only=("walk",))
     found = dict(bench.find(every))
     assert 1 < len(found) < len(every)

@@ -21,7 +21,7 @@ SENSOR, EVENTS = Sensor(128, 128), 4_000_000
 #: bytes a second of a line of 12 Mbaud, ten bits a byte
 LINE = 1_200_000
 PIECES = {"64 KiB": 65_536, "4 KiB": 4_096, "600 bytes": 600}
-#: what the device speaks, and what the host is told
+#: what the device speaks, and what the host is set to
 PROTOCOLS = {
     "evpr": "evpr",
     "evpr:width=3,frame=200": "evpr",

@@ -30,7 +30,7 @@ def by_faiss(reference, queries):
 
 
 def by_faiss_index(reference, queries):
-    """Faiss's other way: it gives the distances in order, which the check puts back."""
+    """Search by an index of Faiss, which sorts the distances."""
     faiss = pytest.importorskip("faiss", reason="faiss-cpu is not installed")
     faiss.omp_set_num_threads(1)
     index = faiss.IndexFlat(reference.shape[1], faiss.METRIC_L1)

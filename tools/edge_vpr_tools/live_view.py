@@ -164,7 +164,7 @@ class MatchRows:
     def __init__(self, reference: ReferenceMap | None = None) -> None:
         self._names: tuple[str, ...] = ()
         self._where: list[list[float | None]] = []
-        self._late = reference is not None and reference.settings.match_delay > 0
+        self._delayed = reference is not None and reference.settings.match_delay > 0
         self._texts: dict[int, str] = {}  # of `_where`, made when a place is first matched
         if reference is not None and reference.route is not None:
             route = reference.route
@@ -194,9 +194,9 @@ class MatchRows:
         """
         incomplete = _FLAG[result.incomplete]
         for values in result.matches.tolist():
-            time_us, place, distance, second, after, ratio, events, start, *judged = values
-            trust, misfit, chance, lost = judged
-            came_us = host_us - (result.reached_us - time_us) * self._late
+            time_us, place, distance, second, after, ratio, events, start, *rest = values
+            trust, misfit, chance, lost = rest
+            came_us = host_us - (result.reached_us - time_us) * self._delayed
             yield (
                 f'{{"kind": "match", "time_s": {time_us / 1e6!r}, "place": {place}, '
                 f'"distance": {distance!r}, "second": {second}, '
@@ -284,8 +284,8 @@ class View:
         self._goal = "match" if self._places else "event"
         self.unread = False  #: Whether nobody reads our output any more, as after `head`.
         self.unwritten = ""  #: Which file was given up and why, if one was.
-        self._begin = self._shown = self._logged = self._heard = time.monotonic()
-        self._line_s, self._printed = line_s, self._begin
+        self._started = self._shown = self._logged = self._heard = time.monotonic()
+        self._line_s, self._printed = line_s, self._started
         self._state: tuple[bool, ...] = ()
         self._events_then = 0
         self._rate = 0.0
@@ -384,7 +384,7 @@ class View:
             # notices disappear with the screen
             self._panel.close()
             self._print(*self._panel.history())
-        seconds = time.monotonic() - self._begin
+        seconds = time.monotonic() - self._started
         text = f"{health.events:,} events in {health.bytes:,} bytes over {seconds:.1f} s"
         if self._places:
             text += f", {self.matched:,} matches; {bursts_removed:,} events removed as bursts"
@@ -533,7 +533,7 @@ class RerunView:
         self._recording = recording
         self._blank = np.full((sensor.height, sensor.width, 3), _NONE, dtype=np.uint8)
         self._picture = self._blank.copy()
-        self._begin_us = 0
+        self._start_us = 0
 
     def show(self, result: LiveResult) -> None:
         """Send the events and matches of a chunk."""
@@ -542,9 +542,9 @@ class RerunView:
         events = result.events
         slots = events["t"] // PICTURE_US
         for part in np.split(events, np.flatnonzero(np.diff(slots)) + 1) if events.size else []:
-            begin_us = int(part["t"][0]) // PICTURE_US * PICTURE_US
-            if begin_us != self._begin_us:
-                self._send_picture(begin_us)
+            start_us = int(part["t"][0]) // PICTURE_US * PICTURE_US
+            if start_us != self._start_us:
+                self._send_picture(start_us)
             colours = np.where(part["p"][:, None], _ON, _OFF)
             self._picture[part["y"], part["x"]] = colours
         matches = result.matches
@@ -563,10 +563,10 @@ class RerunView:
     def _send_picture(self, next_us: int) -> None:
         import rerun
 
-        self._recording.set_time("stream", duration=(self._begin_us + PICTURE_US) / 1e6)
+        self._recording.set_time("stream", duration=(self._start_us + PICTURE_US) / 1e6)
         self._recording.log("events", rerun.Image(self._picture))
         self._picture = self._blank.copy()
-        self._begin_us = next_us
+        self._start_us = next_us
 
 
 @contextmanager

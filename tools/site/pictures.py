@@ -97,9 +97,9 @@ def strip(folder: Path, path: Path) -> None:
     }
     with panels(1, 3, 10.5, 3.6, width_ratios=[1, 1, 1.5]) as (drawing, (row,)):
         titles = {"query": f"query, {time_us / 1e6:.0f} s", "reference": f"matched place {place}"}
-        for axes, (name, (begin, end)) in zip(row, spans.items(), strict=False):
+        for axes, (name, (start, end)) in zip(row, spans.items(), strict=False):
             recording = open_recording(folder / f"street/{name}.npz")
-            (image,) = event_images(recording, np.array([begin]), np.array([end]))
+            (image,) = event_images(recording, np.array([start]), np.array([end]))
             show_events(axes, image)
             axes.scatter(reference.pixel_map.x, reference.pixel_map.y, s=5, color=BLUE)
             axes.set_title(titles[name])

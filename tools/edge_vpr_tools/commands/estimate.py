@@ -371,7 +371,7 @@ def other_design(name: str) -> Other:
 
 
 def matching_is_chosen(args: argparse.Namespace) -> bool:
-    """Return whether the user chose how designs match; otherwise several ways are compared."""
+    """Return whether the user chose how designs match; otherwise several are compared."""
     chosen = (args.map, args.design, args.matching, args.sequence_length, args.counter_code)
     return args.pareto is not None or any(one is not None for one in chosen)
 

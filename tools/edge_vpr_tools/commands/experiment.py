@@ -77,8 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--table", metavar="DIR",
-        help="calibration only: instead of judging the shipped tables of probabilities, learn new "
-        "ones on as many streets as --seeds says, and write them to this folder",
+        help="calibration only: learn new tables of probabilities on as many streets as --seeds "
+        "says, and write them to this folder, instead of evaluating the shipped ones",
     )  # fmt: skip
 
 
@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.research.catalogue import damaged_files
     from edge_vpr_tools.research.experiments.drives import check_logs, downloads
 
-    begin = time.perf_counter()
+    start = time.perf_counter()
     if args.seeds < 1:
         raise UsageError(f"{args.seeds} seeds: expected 1 or more")
     if args.figures is not None and args.figure is None:
@@ -130,7 +130,7 @@ def run(args: argparse.Namespace) -> None:
             summary(line)
     if args.report is not None:
         _write_report(Path(args.report), folder, pages, args.seeds)
-    summary(f"{folder}: {len(names)} experiments in {time.perf_counter() - begin:,.0f} s")
+    summary(f"{folder}: {len(names)} experiments in {time.perf_counter() - start:,.0f} s")
 
 
 def _list_files(names: list[str], args: argparse.Namespace, data: Path | None) -> None:

@@ -69,7 +69,7 @@ FITTED_ON = tuple(
         (100, 10, (25, 64, 208)),
         (100, 20, (33, 150)),
         (200, 5, (150,)),
-        # few complete sequences, so that they are told apart from places
+        # few complete sequences, so that they differ from places
         (20, 12, (100,)),
         (24, 14, (16, 150)),
         (26, 15, (250,)),

@@ -209,7 +209,7 @@ def sources(found: Estimation) -> list[str]:
             furthest = max(map(abs, core_area.errors().values()))
             said.append(
                 f"{target.name}: logic cells are predicted from {len(core_area.FITTED_ON)} "
-                f"netlists of the hardware core; of {len(core_area.JUDGED_ON)} others they were "
+                f"netlists of the hardware core; of {len(core_area.CHECKED_ON)} others they were "
                 f"{furthest:.1%} off at most"
             )
         if target.note:

@@ -32,7 +32,7 @@ DESIGNS = ("design", "P@100R", "bytes per place", "processor time per match", "m
 def rows(found: Profile) -> list[tuple[str, str]]:
     """Return the figures of a profile as pairs of name and value; missing ones are marked."""
     speed = found.throughput
-    told = [
+    lines = [
         ("events per second", f"{speed.events_per_s:,.0f}"),
         ("matches per second", f"{speed.matches_per_s:,.1f}"),
         ("times real time", f"{speed.times_real_time:,.1f}"),
@@ -48,11 +48,12 @@ def rows(found: Profile) -> list[tuple[str, str]]:
             what += f", {against.places:,} places"
         if name.endswith("_paper"):
             what += ", made up"
-        few, every = (quantity(one.value, "s") for one in (against.sparse_s, against.all_s))
-        told.append((what, f"{few} against {every} {against.unit}: {_three(against.times)} times"))
+        sparse, every = (quantity(one.value, "s") for one in (against.sparse_s, against.all_s))
+        seconds = f"{sparse} against {every} {against.unit}"
+        lines.append((what, f"{seconds}: {_three(against.times)} times"))
     # the headline first
     energy = _energy_rows(found.energy, found.void)
-    return energy[:1] + told + energy[1:]
+    return energy[:1] + lines + energy[1:]
 
 
 def _energy_rows(energy: Outcome, void: bool) -> list[tuple[str, str]]:
@@ -94,17 +95,17 @@ def _marginal(energy: Energy, figures: Figures) -> str:
 
 def designs(found: Profile) -> list[list[str]]:
     """Return the accuracy of each design and the cost of its match, as rows of `DESIGNS`."""
-    told = []
+    lines = []
     for one in found.designs:
         figures = one.energy.figures if isinstance(one.energy, Energy) else None
         joules = VOID if found.void else NOT_MEASURED
         if figures is not None and isinstance(one.energy, Energy) and not found.void:
             joules = _marginal(one.energy, figures)
-        told.append(
+        lines.append(
             [one.name, f"{one.precision_at_100_recall:.3f}", f"{one.bytes_per_place:,}",
              quantity(one.cpu_s_per_match, "s", *one.cpu_s_per_match_interval), joules]
         )  # fmt: skip
-    return told
+    return lines
 
 
 def notes(found: Profile) -> list[str]:
@@ -230,16 +231,16 @@ def compare(first: Path, second: Path, spreadsheet: Path | None = None) -> None:
     for path, one in zip((first, second), found, strict=True):
         check_shown(one, path)
     sides = [{number.name: number for number in numbers(one)} for one in found]
-    told, cells = [], []
+    lines, cells = [], []
     for name in dict.fromkeys(name for side in sides for name in side):
         a, b = (side.get(name, Number(name, None, why=NOT_MEASURED)) for side in sides)
         ratio = b.value / a.value if a.value and b.value is not None else None
         overlap = _overlap(a, b)
         cells.append((name, *a[1:4], *b[1:4], ratio, overlap))
-        told.append(
+        lines.append(
             (name, _cell(a), _cell(b), "-" if ratio is None else f"{ratio:.3g}", overlap or "-")
         )
-    table(("", str(first), str(second), "times", "intervals"), told, width=_WIDTH)
+    table(("", str(first), str(second), "times", "intervals"), lines, width=_WIDTH)
     if any(cell[-1] == OVERLAP for cell in cells):
         say(
             "intervals are of 95 %; where they overlap, the two profiles show no difference",

@@ -139,7 +139,7 @@ class Workload:
 
 #: numbers of pixels (J) of the designs, and codes of their counters
 PIXELS = (10, 25, 50, 150)
-FEW_BITS = {"counter_code": "log", "counter_bits": 3}
+CODED = {"counter_code": "log", "counter_bits": 3}
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +162,7 @@ def of_pair(drive: EventSource, main: ReferenceMap) -> Iterator[Compared]:
         if pixels != settings.pixels:
             mapped = ReferenceMap.build(drive, settings.replaced({"pixels": pixels}, "designs"))
         yield Compared(f"{pixels} px", mapped)
-    coded = ReferenceMap.build(drive, settings.replaced(FEW_BITS, "designs"))
+    coded = ReferenceMap.build(drive, settings.replaced(CODED, "designs"))
     yield Compared(f"{settings.pixels} px, 3-bit log", coded)
     every = map_all_pixels(drive, settings, main.hot)
     yield Compared(f"all {len(every.pixel_map):,} px", every)

@@ -37,9 +37,9 @@ class _Section:
         return re.sub(r"[^a-z0-9]+", "-", self.title.lower()).strip("-")
 
     def html(self) -> str:
-        begin = f'<section id="{self.anchor}">\n' if self.anchor else "<section>\n"
+        opening = f'<section id="{self.anchor}">\n' if self.anchor else "<section>\n"
         title = f"<h2>{as_html(self.title)}</h2>\n" if self.title else ""
-        return f"{begin}{title}{''.join(self.parts)}</section>\n"
+        return f"{opening}{title}{''.join(self.parts)}</section>\n"
 
 
 class Page:
@@ -266,12 +266,14 @@ def quantity(
     """
     factor, prefix = next(((f, p) for f, p in _PREFIXES if abs(value) >= f), _PREFIXES[-1])
 
-    def told(number: float) -> str:
+    def written(number: float) -> str:
         scaled = number / factor
         return f"{scaled:,.0f}" if abs(scaled) >= 1_000 else f"{scaled:.{digits}g}"
 
-    bounds = "" if low is None or high is None or low == high else f" ({told(low)} to {told(high)})"
-    return f"{told(value)}{bounds} {prefix}{unit}"
+    bounds = ""
+    if low is not None and high is not None and low != high:
+        bounds = f" ({written(low)} to {written(high)})"
+    return f"{written(value)}{bounds} {prefix}{unit}"
 
 
 # Names of choices in words, for pages and figures.

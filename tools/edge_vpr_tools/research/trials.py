@@ -548,7 +548,7 @@ def compute(
         for key, trial in trials.items()
         if store.result(key) is None and (retry_failed or store.failure(key) is None)
     }
-    failed, busy_s, begin = 0, 0.0, time.perf_counter()
+    failed, busy_s, start = 0, 0.0, time.perf_counter()
     progress(0, len(missing), 0)
     for done, outcome in enumerate(run_all(missing, run, workers), 1):
         key, trial = outcome.key, missing[outcome.key]
@@ -559,7 +559,7 @@ def compute(
             failed += 1
             store.keep_failure(key, trial, outcome.error, outcome.where)
         progress(done, len(missing), failed)
-    elapsed_s = time.perf_counter() - begin
+    elapsed_s = time.perf_counter() - start
     return TrialsRun(
         trials=len(named),
         different=len(trials),

@@ -42,7 +42,7 @@ INDOOR, WALKS, BRISBANE, LENS = (
     "brisbane_sparse49",
     "brisbane_lens49",
 )
-#: truth by tolerance, the one that pairs are judged by first
+#: truth by tolerance, the one that pairs are evaluated by first
 Truths = Mapping[str, TruthOf]
 
 

@@ -212,12 +212,12 @@ class ExperimentResult:
 
 def run_trial(trial: ExperimentTrial) -> ExperimentResult:
     """Measure one pair of drives with one seed."""
-    begin = time.perf_counter()
+    start = time.perf_counter()
     experiment = open_experiment(trial.experiment)
     data = None if trial.data is None else Path(trial.data)
     (drives,) = (each for each in experiment.drives(data) if each.name == trial.drives)
     rows = tuple(_measured(experiment, drives, trial.seed, trial.systems))
-    return ExperimentResult(rows=rows, elapsed_s=time.perf_counter() - begin)
+    return ExperimentResult(rows=rows, elapsed_s=time.perf_counter() - start)
 
 
 def trials_of(

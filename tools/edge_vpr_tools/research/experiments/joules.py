@@ -2,8 +2,8 @@
 
 Modelled is the work alone, of one match per second on a route of 1,000 places, with the cited
 constants of ``estimate/energy.toml``; low and high bound their spread. Published figures were
-measured by their authors; what they include differs, and is told. A measurement on a board of your
-own is `edge-vpr profile`, whose result has the same name, matches per joule.
+measured by their authors; what they include differs, and is stated. A measurement on a board of
+your own is `edge-vpr profile`, whose result has the same name, matches per joule.
 """
 
 from __future__ import annotations

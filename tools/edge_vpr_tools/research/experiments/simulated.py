@@ -88,14 +88,14 @@ def measure_latency(
     localiser = Localiser(reference, every=every)
     given = [localiser.update(events) for events in cleaned(query, reference.settings)]
     matches = np.concatenate(given)
-    begin_m = reference_track.at(reference.places.start_us)[:, 0]
+    start_m = reference_track.at(reference.places.start_us)[:, 0]
     end_m = reference_track.at(reference.places.end_us)[:, 0]
     at_m = query_track.at(matches["time_us"])[:, 0]
-    way = query_track.position[:, 0]
-    entered_us = np.interp(begin_m, way, query_track.time_us, left=np.nan, right=np.nan)
+    along_m = query_track.position[:, 0]
+    entered_us = np.interp(start_m, along_m, query_track.time_us, left=np.nan, right=np.nan)
 
     named = matches["place"]
-    near = np.abs(begin_m[named] - at_m) <= reach_m
+    near = np.abs(start_m[named] - at_m) <= reach_m
     seconds, places = [], 0
     for k in range(reference.settings.windows_per_match - 1, len(reference)):
         if not (np.isfinite(entered_us[k]) and matches["time_us"][0] <= entered_us[k]):
@@ -117,20 +117,20 @@ TOLERANCE_M = 10.0
 FIRST_SEED = 70
 SETTINGS = PRESETS["paper"]
 DEFAULT = "150 varying pixels, place filter (default)"
-DEFAULT_FEW = "25 varying pixels, place filter"
+DEFAULT_25 = "25 varying pixels, place filter"
 BEST, BY_TIME = "150 varying pixels, fixed N", "150 varying pixels, fixed tau"
 CODED = "150 varying pixels, fixed N, 3-bit log"
-FEW, FEW_RANDOM = "25 varying pixels, fixed N", "25 random pixels, fixed N"
+FIXED_N_25, RANDOM_25 = "25 varying pixels, fixed N", "25 random pixels, fixed N"
 DENSE = "all pixels, fixed N"
 VARIANTS = (
     Variant(DEFAULT, DEFAULT_MATCHING),
-    Variant(DEFAULT_FEW, {**DEFAULT_MATCHING, "pixels": 25}),
+    Variant(DEFAULT_25, {**DEFAULT_MATCHING, "pixels": 25}),
     Variant(BEST, {"window": "count"}),
     Variant(CODED, {"window": "count", "counter_code": "log"}),
     Variant(BY_TIME),
     Variant("150 random pixels, fixed N", {"window": "count", "strategy": "random"}),
-    Variant(FEW, {"window": "count", "pixels": 25}),
-    Variant(FEW_RANDOM, {"window": "count", "pixels": 25, "strategy": "random"}),
+    Variant(FIXED_N_25, {"window": "count", "pixels": 25}),
+    Variant(RANDOM_25, {"window": "count", "pixels": 25, "strategy": "random"}),
     Variant(DENSE, {"window": "count"}, all_pixels=True),
     Variant("all pixels, fixed tau", all_pixels=True),
 )

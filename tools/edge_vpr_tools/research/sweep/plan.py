@@ -207,7 +207,7 @@ def run_trial(trial: Trial) -> TrialResult:
     EdgeVprError
         If an input cannot be used, or `trial` is of another version of edge-vpr.
     """
-    begin = time.perf_counter()
+    start = time.perf_counter()
     if trial.version != edge_vpr.__version__:
         raise UsageError(
             f"this worker has edge-vpr {edge_vpr.__version__} and the sweep is of {trial.version}: "
@@ -231,7 +231,7 @@ def run_trial(trial: Trial) -> TrialResult:
         recall_at_1=found.recall_at[1],
         queries=found.queries,
         **costs,
-        elapsed_s=time.perf_counter() - begin,
+        elapsed_s=time.perf_counter() - start,
     )
 
 
@@ -264,12 +264,12 @@ def _run_system(
     drives: PairOfDrives, settings: Settings, system: str
 ) -> tuple[Evaluation, dict[str, Any]]:
     """Count two drives at all pixels, compare them by a baseline, and match its distances."""
-    begin = time.perf_counter()
+    start = time.perf_counter()
     baseline = open_baseline(system, settings.seed)
     truths = {system: drives.truth}
     counted = count_pair(system, drives.open(0), drives.open(1), settings, truths)
     places, queries = counted.reference, counted.query
-    counting_s = time.perf_counter() - begin
+    counting_s = time.perf_counter() - start
     compared = compare(baseline, places.images, queries.images)
 
     def match() -> Matches:
