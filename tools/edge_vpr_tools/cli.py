@@ -50,7 +50,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "replay": "show a match as a film: events, cost of each place, position, probability",
         "sweep": "run many settings on many drives, on this machine or on a cluster",
         "compare": "show the results of several runs and sweeps in one table and one figure",
-        "calibrate": "learn how probable correct matches are, from a drive with ground truth",
+        "calibrate": "learn the probability of a correct match from a drive with ground truth",
     },
     "recordings": {
         "info": "show what a recording holds: sensor, events, duration, rate, polarity, faults",

@@ -35,8 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output = parser.add_argument_group("output")
     output.add_argument(
         "-o", "--output", metavar="DIR",
-        help="folder to write the tables to (CSV by row, by result and by mean over drives; JSON; "
-        "Markdown; LaTeX), and the figure",
+        help="folder for the tables (CSV of rows, of single results and of means over drives; "
+        "JSON; Markdown; LaTeX) and for the figure",
     )  # fmt: skip
     output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
     add_figures_flag(output, "png")
@@ -46,7 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     output.add_argument(
         "--over", metavar="SETTING",
-        help="show the measure over this setting, as a curve for each combination of the others",
+        help="draw the measure against this setting, with a curve for each combination of the "
+        "other settings",
     )  # fmt: skip
 
 

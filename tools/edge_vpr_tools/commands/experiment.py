@@ -49,8 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="SYSTEM",
-        help="compare this system too (rivals, frames): lens:FILE.pth, model:FILE.onnx, "
-        "NAME@1,2,4 for an ensemble of windows, NAME+NAME of systems; repeatable",
+        help="also compare this system (rivals, frames): lens:FILE.pth, model:FILE.onnx, "
+        "NAME@1,2,4 for an ensemble of windows, NAME+NAME for one of systems; may be repeated",
     )
     group.add_argument(
         "--seeds", type=int, default=5, metavar="N", help="number of trials with different seeds"

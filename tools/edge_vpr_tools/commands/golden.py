@@ -40,8 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     vectors.add_argument(
         "--case-size", metavar="SIZE", default="512KiB",
-        help="flash of the microcontroller for the recording's case.h: windows, and events at "
-        "other than selected pixels, are left out until it fits",
+        help="flash of the microcontroller, into which case.h of the recording must fit: windows, "
+        "and events at unselected pixels, are left out until it does",
     )  # fmt: skip
     vectors.add_argument(
         "--ram", metavar="SIZE", default="64KiB",

@@ -230,13 +230,7 @@ _MUCH_STRANGE = 0.25
 
 
 def _report_shift(reference: ReferenceMap, found: MatchResult) -> None:
-    """Print by how much the image of a query was shifted, if that was estimated.
-
-    Parameters
-    ----------
-    reference : ReferenceMap
-        Before its pixels were moved.
-    """
+    """Print by how much the image of a query was shifted against the map, if that was estimated."""
     shift = found.shift
     if shift is None:
         return
