@@ -17,7 +17,7 @@ def counts(rows, columns, seed):
 
 
 def plain(reference, queries):
-    """Distances by NumPy, which all results must equal."""
+    """Return the distances by NumPy, which all results must equal."""
     wide = reference.astype(np.int64)
     return np.stack([np.abs(wide - query).sum(axis=1) for query in queries], axis=1)
 
@@ -59,7 +59,7 @@ def by_numpy(reference, queries):
 
 @njit
 def read(words, times):
-    """Touch every word so many times; an OR of all of them costs less than anything else."""
+    """Read every word so many times; an OR of all of them costs less than anything else."""
     seen = np.uint64(0)
     for _ in range(times):
         for i in range(words.size):
@@ -74,7 +74,7 @@ def reading(rows, times):
 
 
 def bench_matrix(race, contestant):
-    """641 x 724 places: the size of a Brisbane traverse pair."""
+    """Race on 641 x 724 places, the size of a pair of Brisbane traverses."""
     library, make, how = contestant
     reference, queries = counts(641, J, 1), counts(724, J, 2)
     expected = plain(reference, queries)

@@ -60,7 +60,6 @@ def byte_to_match(
         Events a second.
     number : int
         Matches to measure.
-    burst_filter : str
     in_program : bool
         To the match in the program that reads the line; else to the line of `edge-vpr stream` in
         the program that reads its output.
@@ -178,10 +177,6 @@ while True:
 
 def echo(number: int) -> npt.NDArray[np.float64]:
     """Measure what a pseudo-terminal, a pipe and the system take, without any work in between.
-
-    Parameters
-    ----------
-    number : int
 
     Returns
     -------

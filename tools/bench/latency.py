@@ -79,7 +79,7 @@ def filtered() -> ReferenceMap:
 
 
 def line_rows(rates: tuple[float, ...] = (20_000.0, 296_000.0)) -> list[tuple[str, ...]]:
-    """Say how long it takes from a frame on a pseudo-terminal to the line with its match."""
+    """Measure the time from a frame on a pseudo-terminal to the line with its match."""
     rows = []
     for burst_filter in ("causal", "exact"):
         for rate in rates:

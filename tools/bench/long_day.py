@@ -38,7 +38,6 @@ class Day(NamedTuple):
 
     Attributes
     ----------
-    matches : int
     same : bool
         Whether the live matches are the offline ones, to the bit.
     wraps, lost, rejected : int
@@ -75,8 +74,6 @@ def live_day(protocol: str, reference: ReferenceMap, hours: float, pauses: int =
     ----------
     protocol : str
         Of `SILENCES_S`.
-    reference : ReferenceMap
-    hours : float
     pauses : int
         Silences are so many times shorter than the protocol allows.
     """

@@ -72,11 +72,11 @@ class Watched:
                 self.summary = row
 
     def resident(self) -> int:
-        """Bytes in memory."""
+        """Return the bytes in memory."""
         return int(Path(f"/proc/{self.process.pid}/statm").read_text().split()[1]) * _PAGE
 
     def cpu_s(self) -> float:
-        """Seconds of processor time so far, of all its threads."""
+        """Return the seconds of processor time so far, of all its threads."""
         fields = Path(f"/proc/{self.process.pid}/stat").read_text().rsplit(") ", 1)[1].split()
         return (int(fields[11]) + int(fields[12])) / _TICK
 
@@ -187,7 +187,7 @@ def compared(watched: Watched, times: list[int], writes: list[float]) -> dict[st
 
 
 def main() -> None:
-    """Soak one protocol and say what was seen."""
+    """Run one protocol, and print what was seen."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--protocol", default="evpr")
     parser.add_argument("--minutes", type=float, default=10)

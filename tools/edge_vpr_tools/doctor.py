@@ -177,13 +177,8 @@ def _compiled(index: Path) -> list[Path]:
 def _state_of(index: Path, source: Path, processor: object, changed_s: float) -> _State:
     """Return whether a kernel from an index is of the sources as they are, and for this processor.
 
-    Parameters
-    ----------
-    processor : object
-        As Numba describes it.
-    changed_s : float
-        When the newest of all sources was changed. A kernel holds the code of those that it calls,
-        so that any change may make it older.
+    A kernel holds the code of those that it calls, so that any change of a source may make it
+    older: `changed_s` is when the newest was changed.
     """
     try:
         content, *compiled = map(checked_code, (index, *_compiled(index)))

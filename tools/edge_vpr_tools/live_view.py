@@ -450,11 +450,11 @@ class View:
         return said
 
     def _silent_s(self) -> float:
-        """Seconds since the newest bytes."""
+        """Return the seconds since the newest bytes."""
         return time.monotonic() - self._heard
 
     def _position(self, filled: float) -> float:
-        """Share of the route before the newest match; without one, of the time until the first."""
+        """Return the share of the route before the newest match, or of the time until the first."""
         if self._last is None:
             return filled
         return float(json.loads(self._last)["place"] / max(1, self._places - 1))

@@ -162,7 +162,7 @@ def scaling() -> Mapping[str, Mapping[str, float]]:
 
 
 def predict(design: Design, core: str) -> Counted:
-    """Instructions of a window's end and of a match on a processor.
+    """Predict the instructions of a window's end and of a match on a processor.
 
     Parameters
     ----------

@@ -422,7 +422,7 @@ def cost(
 
 
 def instructions_of(design: Design, core: str, mission: Mission) -> dict[str, float]:
-    """Instructions of the reference firmware in C, for each unit of work.
+    """Return the instructions of the reference firmware in C, for each unit of work.
 
     A call's own instructions are shared among its events.
     """
@@ -445,7 +445,7 @@ def per_second(of_unit: Mapping[str, Spread], mission: Mission) -> Spread:
 
 
 def _datapath(design: Design) -> tuple[dict[str, Spread], list[Constant]]:
-    """Energy of the operations and memory accesses themselves, and of nothing else."""
+    """Return the energy of the operations and memory accesses alone, and its constants."""
     names = ("add-8", "add-16", "multiply-32", "sram-byte")
     add8, add16, multiply, byte = (constants()[name] for name in names)
     energy = {}

@@ -151,7 +151,7 @@ def find(name: str) -> Target:
 
 
 def names() -> list[str]:
-    """Targets that come with edge-vpr."""
+    """Return the names of the targets that come with edge-vpr."""
     return sorted(path.stem for path in (_HERE / "targets").glob("*.toml"))
 
 

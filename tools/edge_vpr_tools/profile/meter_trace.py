@@ -155,11 +155,6 @@ class _Samples:
 
     A meter with 100,000 samples a second writes 10**8 of them in 17 minutes. The load changes each
     few seconds.
-
-    Parameters
-    ----------
-    path : path
-        For messages.
     """
 
     def __init__(self, path: Path) -> None:
@@ -213,13 +208,7 @@ def _means(rows: Floats, each: int) -> Floats:
 
 
 class _Table:
-    """Reads the rows of a meter's file, some at a time.
-
-    Parameters
-    ----------
-    columns : dict of str to _Column
-        By quantity.
-    """
+    """Reads the rows of a meter's file, some at a time."""
 
     def __init__(
         self,
@@ -467,14 +456,8 @@ def align(windows: Sequence[Window], time_s: Floats, watts: Floats) -> float:
 def _follows(watts: Floats, pattern: Floats, window: npt.NDArray[np.intp], samples: float) -> bool:
     """Return whether power is higher in load windows by more than chance.
 
-    Parameters
-    ----------
-    watts, pattern : ndarray of float64, shape (n,)
-        Power, and the load minus its mean, at the same times.
-    window : ndarray of int, shape (n,)
-        Number of the window at each time.
-    samples : float
-        Number of the meter's readings in that time, from which `watts` was interpolated.
+    At the same times, `pattern` is the load minus its mean, and `window` the number of the window.
+    `watts` was interpolated from as many readings of the meter as `samples`.
     """
     spread = float(watts.std() * pattern.std())
     if spread == 0 or float(np.mean(watts * pattern)) / spread * np.sqrt(samples) < _FOLLOWING:

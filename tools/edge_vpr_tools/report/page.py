@@ -164,14 +164,10 @@ _COLOUR = re.compile(r"(?<=: )#(?:000000|ffffff|0072b2)\b")
 
 
 def _themed(svg: str, prefix: str) -> str:
-    """Return an SVG file as an element of a page, in the colours of the page.
+    """Return an SVG file of Matplotlib as an element of a page, in the colours of the page.
 
-    Parameters
-    ----------
-    svg : str
-        As Matplotlib writes it; black is taken as ink, and white as paper.
-    prefix : str
-        For names within it, which must be different from those of all other elements.
+    Black is taken as ink, and white as paper. The prefix keeps the names within it apart from those
+    of all other elements.
     """
     element = _OUTER.sub("", svg[svg.index("<svg") :])
     element = _NAMED.sub(rf"\1{prefix}", element)

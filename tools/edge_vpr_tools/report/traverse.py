@@ -175,10 +175,7 @@ def _add_wrong_windows(
 ) -> None:
     """Show the windows of the worst matches, first one of each part of the drive.
 
-    Parameters
-    ----------
-    at : ndarray of int, shape (n,)
-        Which of them belongs to each match.
+    `at` says which of the queries belongs to each match.
     """
     errors, truth = outcome.errors, outcome.truth
     if errors is None or truth is None or not outcome.wrong.any():
