@@ -1,4 +1,4 @@
-"""Flags that several commands share: recordings, settings, ground truth, figures."""
+"""Flags that several commands share: recordings, settings, ground truth, output, figures."""
 
 from __future__ import annotations
 
@@ -247,7 +247,7 @@ def _checked(field: SettingField) -> Callable[[str], str]:
 
 
 def add_truth_flags(group: argparse._ActionsContainer) -> None:
-    """Add the flags that `inputs.load_truth` reads."""
+    """Add the flags that `truth_files.load_truth` reads."""
     group.add_argument(
         "--ground-truth",
         nargs="+",
@@ -283,7 +283,24 @@ def add_truth_flags(group: argparse._ActionsContainer) -> None:
     )  # fmt: skip
 
 
-# The flag for the formats of figures.
+# Flags of the output: where it goes, and the formats of figures.
+
+
+def add_output_flags(
+    parser: argparse.ArgumentParser,
+    metavar: str = "DIR",
+    help: str = "folder to write",
+    *,
+    required: bool = True,
+    default: str | None = None,
+) -> argparse._ArgumentGroup:
+    """Add a group with ``--output`` and ``--overwrite``, and return the group."""
+    group = parser.add_argument_group("output")
+    group.add_argument(
+        "-o", "--output", metavar=metavar, help=help, required=required, default=default
+    )
+    group.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    return group
 
 
 FIGURES_HELP = "formats of the figures: png, pdf, svg, or several separated by commas"

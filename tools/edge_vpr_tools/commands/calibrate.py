@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import note, summary
-from edge_vpr_tools.flags import add_truth_flags
+from edge_vpr_tools.flags import add_output_flags, add_truth_flags
 
 if TYPE_CHECKING:
     from edge_vpr.confidence import Confidence
@@ -25,15 +25,12 @@ EXAMPLES = """\
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("results", metavar="RESULTS", help="folder that edge-vpr match wrote")
-    output = parser.add_argument_group("output")
-    output.add_argument(
-        "-o",
-        "--output",
-        metavar="MAP.npz",
-        help="map to write, which holds the learnt table of probabilities (default: the map in "
-        "RESULTS)",
+    add_output_flags(
+        parser,
+        "MAP.npz",
+        "map to write, which holds the learnt table of probabilities (default: the map in RESULTS)",
+        required=False,
     )
-    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
     add_truth_flags(parser.add_argument_group("ground truth"))
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import summary
-from edge_vpr_tools.flags import add_figures_flag, figure_formats
+from edge_vpr_tools.flags import add_figures_flag, add_output_flags, figure_formats
 
 EXAMPLES = """\
   edge-vpr compare pixels
@@ -32,13 +32,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "runs", metavar="RUN", nargs="+",
         help="folder that edge-vpr sweep wrote, or folder of matches that were evaluated",
     )  # fmt: skip
-    output = parser.add_argument_group("output")
-    output.add_argument(
-        "-o", "--output", metavar="DIR",
+    output = add_output_flags(
+        parser,
         help="folder for the tables (CSV of rows, of single results and of means over drives; "
         "JSON; Markdown; LaTeX) and for the figure",
-    )  # fmt: skip
-    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+        required=False,
+    )
     add_figures_flag(output, "png")
     output.add_argument(
         "--measure", choices=MEASURES, default=MEASURES[0],

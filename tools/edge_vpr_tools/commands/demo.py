@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from edge_vpr_tools.console import say, table
+from edge_vpr_tools.flags import add_output_flags
 
 EXAMPLES = """\
   edge-vpr demo
@@ -14,12 +15,8 @@ EXAMPLES = """\
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    group = parser.add_argument_group("demo")
-    group.add_argument(
-        "-o", "--output", metavar="DIR", default="results/demo", help="folder for the report"
-    )
-    group.add_argument("--overwrite", action="store_true", help="replace the folder if it exists")
-    group.add_argument("--seed", type=int, default=0, help="seed of the simulated street")
+    add_output_flags(parser, help="folder for the report", required=False, default="results/demo")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the simulated street")
 
 
 _WIDTH = 100

@@ -12,6 +12,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import detail_settings, summary, warning
 from edge_vpr_tools.flags import (
     add_map_flags,
+    add_output_flags,
     add_reading_arguments,
     add_window_argument,
     given_map_flags,
@@ -51,9 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="recordings of further drives of the route, averaged into the map, which stays as "
         "large",
     )
-    output = parser.add_argument_group("output")
-    output.add_argument("-o", "--output", metavar="MAP.npz", required=True, help="file to write")
-    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    add_output_flags(parser, "MAP.npz", "file to write")
     track = parser.add_argument_group("positions")
     track.add_argument(
         "--track",

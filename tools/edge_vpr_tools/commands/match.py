@@ -13,6 +13,7 @@ from edge_vpr_tools.console import detail_settings, summary, warning
 from edge_vpr_tools.flags import (
     add_figures_flag,
     add_match_flags,
+    add_output_flags,
     add_reading_arguments,
     add_window_argument,
     figure_formats,
@@ -38,9 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("map", metavar="MAP.npz", help="reference map from edge-vpr map")
     parser.add_argument("recording", metavar="QUERY", help="recording of the query drive")
-    output = parser.add_argument_group("output")
-    output.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
-    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    output = add_output_flags(parser)
     output.add_argument("--no-figures", action="store_true", help="write no figures and no report")
     add_figures_flag(output, "svg")
     output.add_argument(

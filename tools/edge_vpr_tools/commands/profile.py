@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import check_interrupted, is_quiet, summary, terminated_as_interrupted
-from edge_vpr_tools.flags import add_reading_arguments
+from edge_vpr_tools.flags import add_output_flags, add_reading_arguments
 
 if TYPE_CHECKING:
     from edge_vpr_tools.profile.workload import Load
@@ -23,11 +23,7 @@ EXAMPLES = """\
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    output = parser.add_argument_group("output")
-    output.add_argument(
-        "-o", "--output", metavar="DIR", default="results/profile", help="folder to write"
-    )
-    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    output = add_output_flags(parser, required=False, default="results/profile")
     output.add_argument("--no-figures", action="store_true", help="write no report")
     load = parser.add_argument_group("load", "a simulated street, or a map and a recording")
     load.add_argument("--map", metavar="MAP.npz", help="reference map from edge-vpr map")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr_tools.cli import find_verb, parser_of
 from edge_vpr_tools.console import summary
+from edge_vpr_tools.flags import add_output_flags
 
 if TYPE_CHECKING:
     from edge_vpr.descriptors.windows import PublishedWindows
@@ -27,12 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "results", metavar="RESULTS", help="folder that edge-vpr match or demo wrote"
     )
-    output = parser.add_argument_group("output")
-    output.add_argument(
-        "-o", "--output", metavar="FILE", required=True,
-        help="film to write: an animated picture (.gif), or a page with a slider (.html)",
-    )  # fmt: skip
-    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    output = add_output_flags(
+        parser, "FILE", "film to write: an animated picture (.gif), or a page with a slider (.html)"
+    )
     output.add_argument(
         "--frames", type=int, default=150, metavar="N",
         help="largest number of frames; with more windows, some are left out, evenly",
