@@ -26,7 +26,8 @@ from firmware_model.model.descriptor import ACTIVITY_SHIFT
 from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, Design, ilog
 from firmware_model.model.memories import Memories
 from firmware_model.vectors.case import Case, Stream, choose_pixels
-from firmware_model.vectors.corners import corner_cases, evidence_cases, filter_cases, long_window
+from firmware_model.vectors.corners import corner_cases
+from firmware_model.vectors.filter_corners import evidence_cases, filter_cases, long_window
 from firmware_model.vectors.images import LongWindow, bundle, image_cases
 
 # Mutants of the C sources: one operator, constant, type or statement is changed in each.
