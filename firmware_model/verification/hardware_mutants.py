@@ -44,7 +44,7 @@ from firmware_model.vectors.manifest import MANIFEST
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import standard_suites, write_suites
 from firmware_model.vectors.verify import read_results, verify
-from firmware_model.verification.mutants import mutants_at
+from firmware_model.verification.outcomes import Outcomes, mutants_at
 
 #: Processor seconds of a simulation, after which the mutant counts as found. The longest case takes
 #: four; the testbench itself detects a core that has stopped.
@@ -583,27 +583,18 @@ def outcomes(
     Parameters
     ----------
     kept : path, optional
-        File to which each outcome is added, and from which those of an earlier run are taken, as
-        long as sources and vectors are the same.
+        File of `Outcomes`: the case that finds a mutant, or nothing.
     """
-    lines = kept.read_text(encoding="ascii").splitlines() if kept and kept.exists() else []
-    # the last line of a run that was interrupted may be cut
-    known = dict(line.split("\t", 1) for line in lines if line.count("\t") == 1)
+    known = Outcomes(kept)
     keys = {mutant: bench.fingerprint(mutant) for mutant in mutants}
     left = dict.fromkeys(mutant for mutant in mutants if keys[mutant] not in known)
 
-    def keep(mutant: Mutant, case: str) -> None:
-        known[keys[mutant]] = case
-        if kept is not None:
-            with kept.open("a", encoding="ascii") as file:
-                file.write(f"{keys[mutant]}\t{case}\n")
-
     for mutant, case in bench.find(list(left), jobs) if left else ():
         del left[mutant]
-        keep(mutant, case)
+        known.keep(keys[mutant], case)
     reasons = reasons_of(mutants)
     for mutant in left:
-        keep(mutant, "" if mutant in reasons else bench.found_by(mutant) or "")
+        known.keep(keys[mutant], "" if mutant in reasons else bench.found_by(mutant) or "")
     for mutant in mutants:
         if case := known[keys[mutant]]:
             yield mutant, Outcome("found", case)
