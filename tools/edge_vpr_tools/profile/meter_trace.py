@@ -32,7 +32,7 @@ MAX_TRACE_WATTS = 500.0
 _MOST_WINDOWS, _MOST_S = 100_000, 1e6
 
 
-#: words in a column's name that tell what it holds, and units with their factors
+#: words in a column's name that say what it holds, and units with their factors
 _QUANTITIES = {
     "time": ("timestamp", "datetime", "time", "elapsed", "t"),
     "date": ("date",),
@@ -333,7 +333,7 @@ def _find_header(
 
 
 def _columns(names: Sequence[str]) -> dict[str, _Column]:
-    """Return the first column of each quantity that the names tell."""
+    """Return the first column of each quantity that the names say."""
     found: dict[str, _Column] = {}
     for at, name in enumerate(names):
         text = name.strip().lower().replace("\u00b5", "u").replace("\u03bc", "u")

@@ -110,42 +110,42 @@ def designs(found: Profile) -> list[list[str]]:
 
 def notes(found: Profile) -> list[str]:
     """Return notes on the figures."""
-    said = []
+    notes = []
     if found.quick:
-        said.append("--quick: windows too short for a figure to be published.")
+        notes.append("--quick: windows too short for a figure to be published.")
     if found.void:
-        said.append(
+        notes.append(
             f"VOID: the board was throttled ({found.conditions.void_because}). Cool it, or give "
             "it a stronger supply, and run again."
         )
     if found.designs:
         places = sorted({one.places for one in found.designs})
         span = " to ".join(map(str, dict.fromkeys((places[0], places[-1]))))
-        said.append(
+        notes.append(
             f"P@100R of {found.load.recording}, among {span} places; it says nothing of "
             "other drives."
         )
     speed, of = found.throughput, found.load
-    said += [
+    notes += [
         f"Load: {of.recording}, in packets of {of.packet:,} events, a match --every "
         f"{of.every}. Time and energy of a match include the counting of its "
         f"{speed.events_per_s / speed.matches_per_s:,.0f} events.",
         _provenance(found.provenance),
     ]
-    said += [f"{when.capitalize()}: {one}." for when, one in found.conditions.named().items()]
-    return said + _energy_notes(found.energy)
+    notes += [f"{when.capitalize()}: {one}." for when, one in found.conditions.named().items()]
+    return notes + _energy_notes(found.energy)
 
 
 def _energy_notes(energy: Outcome) -> list[str]:
     if isinstance(energy, NotMeasured):
-        said = [f"Energy is not measured. {reason}." for reason in energy.not_measured_because]
+        notes = [f"Energy is not measured. {reason}." for reason in energy.not_measured_because]
         if energy.windows:
-            said.append("Turns were taken: `edge-vpr profile trace` adds a meter's CSV.")
-        return said
+            notes.append("Turns were taken: `edge-vpr profile trace` adds a meter's CSV.")
+        return notes
     readings, figures = energy.readings, energy.figures
-    said = [] if readings is None else [_sensor(readings)]
+    notes = [] if readings is None else [_sensor(readings)]
     if figures is None:
-        return said
+        return notes
     with_gain = "the meter's gain error is not known, and not in them"
     gain = 0.0 if readings is None else readings.sensor.gain_error
     if gain:
@@ -154,13 +154,13 @@ def _energy_notes(energy: Outcome) -> list[str]:
         with_gain = (
             f"with the meter's gain error of {gain:.2%} the marginal energy is {low} to {high}"
         )
-    said.append(f"Intervals are of 95 %, by bootstrap over {energy.pairs} pairs; {with_gain}.")
+    notes.append(f"Intervals are of 95 %, by bootstrap over {energy.pairs} pairs; {with_gain}.")
     if energy.sampler_cpu_share is not None:
-        said.append(f"Sampling took {energy.sampler_cpu_share:.2%} of a core, idle or not.")
+        notes.append(f"Sampling took {energy.sampler_cpu_share:.2%} of a core, idle or not.")
     if figures.resolved:
         share = figures.idle_w / energy.mission_matches_per_s / figures.mission_j_per_match
-        said.append(f"At the mission's rate, {share:.2%} of the energy is the board at rest.")
-    return said
+        notes.append(f"At the mission's rate, {share:.2%} of the energy is the board at rest.")
+    return notes
 
 
 def _sensor(readings: Readings) -> str:

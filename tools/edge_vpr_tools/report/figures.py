@@ -341,10 +341,10 @@ def distance_matrix(
             axes.plot(matches.query, matches.place, ".", color=ORANGE, ms=4)
             handles.append(_dot(ORANGE, ".", "match"))
         else:
-            right, wrong = found.correct, found.evaluated & ~found.correct
+            correct, wrong = found.correct, found.evaluated & ~found.correct
             axes.plot(matches.query[wrong], matches.place[wrong], "x", color=RED, ms=5)
-            axes.plot(matches.query[right], matches.place[right], ".", color=ORANGE, ms=4)
-            handles.append(_dot(ORANGE, ".", f"correct match ({right.sum()})"))
+            axes.plot(matches.query[correct], matches.place[correct], ".", color=ORANGE, ms=4)
+            handles.append(_dot(ORANGE, ".", f"correct match ({correct.sum()})"))
             if wrong.any():
                 handles.append(_dot(RED, "x", f"wrong match ({wrong.sum()})"))
         bar = drawing.colorbar(image, ax=axes, location="bottom", shrink=0.8, aspect=30)

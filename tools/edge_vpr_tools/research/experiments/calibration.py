@@ -449,8 +449,8 @@ def first_confident(table: Confidence, cases: Sequence[Case]) -> dict[str, float
                     j = int(confident[0])
                     given_at = min(j + delay, len(matches) - 1)
                     lasted = rest.counted.end_us[given_at] - rest.counted.start_us[0]
-                    right = bool(case.truth.correct[matches.place[j], start + j])
-                    found.append((float(lasted) / 1e6, right))
+                    correct = bool(case.truth.correct[matches.place[j], start + j])
+                    found.append((float(lasted) / 1e6, correct))
     row: dict[str, float | int | None] = {"starts": starts}
     for least, found in waits.items():
         times, rights = zip(*found, strict=True) if found else ((), ())

@@ -220,7 +220,7 @@ SHOWN = (
 
 
 def figure(rows: Rows) -> Figure:
-    """Draw right matches of every method, on some pairs of drives where there are these."""
+    """Draw correct matches of every method, on some pairs of drives where there are these."""
     shown = [row for row in rows if row[DRIVES] in SHOWN] or rows
     return dots(shown, measures=("P@100R",), row="method")
 

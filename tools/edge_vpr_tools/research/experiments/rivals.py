@@ -55,7 +55,7 @@ from edge_vpr_tools.research.experiments.trial import inner_windows
 # How a matrix of distances becomes matches.
 
 
-#: wanted share of right matches among the accepted ones
+#: wanted share of correct matches among the accepted ones
 PRECISION = 0.99
 #: sequences that are compared beside those of the drives; windows that the longest one does not
 #: match are not evaluated
@@ -295,7 +295,7 @@ def measure(draw: Draw) -> Iterator[Row]:
                     **rates(matches, inner_windows(truth, LONGEST)),
                 }
                 if starts is not None:
-                    row |= first_right(starts, decoder, pair.query.centre_us, truth)
+                    row |= first_correct(starts, decoder, pair.query.centre_us, truth)
                 if system.query_us is not None:
                     row |= {
                         "bytes per place": system.bytes_per_place,
@@ -351,13 +351,13 @@ def _starts(system: System, decoder: Decoder, windows: int) -> list[_Start]:
     return found
 
 
-def first_right(
+def first_correct(
     starts: Sequence[_Start],
     decoder: Decoder,
     centre_us: npt.NDArray[np.int64],
     truth: GroundTruth,
 ) -> dict[str, Any]:
-    """Return the median time from switching on to the first right match, and how often it comes.
+    """Return the median time from switching on to the first correct match, and its frequency.
 
     The time ends when the match is given: with the last window that it needs.
     """
@@ -366,13 +366,13 @@ def first_right(
     waits = []
     for first, matches in starts:
         at = first + matches.query
-        right = np.flatnonzero(truth.correct[matches.place, at])
+        correct = np.flatnonzero(truth.correct[matches.place, at])
         if not truth.known[at].any():
             continue
-        if not right.size:
+        if not correct.size:
             waits.append(np.inf)
             continue
-        given = min(int(at[right[0]]) + decoder.lag, len(centre_us) - 1)
+        given = min(int(at[correct[0]]) + decoder.lag, len(centre_us) - 1)
         waits.append((centre_us[given] - centre_us[first] + window_us) / 1e6)
     median = float(np.median(waits)) if waits else np.inf
     return {
@@ -412,7 +412,7 @@ def compare_systems(
 
 
 def figure(rows: Rows) -> Figure:
-    """Draw right matches against bytes per place, at the first tolerance of each pair of drives."""
+    """Draw correct matches against bytes per place, at each pair's first tolerance."""
     first: dict[str, str] = {}
     for row in rows:
         first.setdefault(row["drives"], row["tolerance"])

@@ -212,7 +212,7 @@ def measure(draw: Draw) -> Iterator[Row]:
         for constant, multiples in VARIED.items():
             for times in multiples:
                 varied = Constants(**{constant: times})
-                right, chance = (
+                correct, chance = (
                     default if times == 1 else (_correct(each, varied), _correct(null, varied))
                 )
                 for name in DELAYS:
@@ -222,7 +222,7 @@ def measure(draw: Draw) -> Iterator[Row]:
                         TIMES: times,
                         "matching": name,
                         CHOSEN_ON: BY_US if times == 1 else VARIED_ALONE,
-                        "P@100R": right[name],
+                        "P@100R": correct[name],
                         NULL: chance[name],
                     }
 
@@ -282,7 +282,7 @@ def _streets(seed: int) -> Iterator[Counted]:
 
 
 def figure(rows: Rows) -> Figure:
-    """Draw right matches over each constant: live in the first line of panels, late in the next."""
+    """Draw correct matches over each constant: live in the first row of panels, delayed below."""
     # of drives with several numbers of pixels the last one, which is the largest
     last = {row[DRIVES].rpartition(",")[0]: row[DRIVES] for row in rows}
     shown = set(last.values())

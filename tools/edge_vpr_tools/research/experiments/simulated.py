@@ -41,7 +41,7 @@ from edge_vpr_tools.research.experiments.trial import (
 
 @dataclass(frozen=True, eq=False)
 class Latency:
-    """Times from entering a place to its first right match.
+    """Times from entering a place to its first correct match.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ def measure_latency(
     every: MatchSchedule,
     reach_m: float,
 ) -> Latency:
-    """Run the query online, and measure the time to each place's first right match.
+    """Run the query online, and measure the time to each place's first correct match.
 
     A place is entered when the query reaches the position at which the reference's window began. It
     is recognised by the first later match with this place, or with a later place whose window began
@@ -103,15 +103,15 @@ def measure_latency(
         places += 1
         first, last = np.searchsorted(matches["time_us"], [entered_us[k], np.inf])
         last = first + np.searchsorted(at_m[first:last], end_m[k] + reach_m)
-        right = (named[first:last] == k) | ((named[first:last] > k) & near[first:last])
-        if right.any():
-            seconds.append((matches["time_us"][first + np.argmax(right)] - entered_us[k]) / 1e6)
+        correct = (named[first:last] == k) | ((named[first:last] > k) & near[first:last])
+        if correct.any():
+            seconds.append((matches["time_us"][first + np.argmax(correct)] - entered_us[k]) / 1e6)
     return Latency(np.array(seconds), places, len(matches))
 
 
 #: name of the pairs in tables of several experiments
 SIMULATED = "simulated streets"
-#: largest distance of a right match along the route, in metres
+#: largest distance of a correct match along the route, in metres
 TOLERANCE_M = 10.0
 #: of the streets from here on, which no parameter was chosen on
 FIRST_SEED = 70
