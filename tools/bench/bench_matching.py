@@ -75,33 +75,24 @@ def reading(rows, times):
 
 def bench_matrix(race, contestant):
     """Race on 641 x 724 places, the size of a pair of Brisbane traverses."""
-    library, make, how = contestant
-    reference, queries = counts(641, J, 1), counts(724, J, 2)
-    expected = plain(reference, queries)
-    if library == "faiss IndexFlat, nearest only":
-        expected = expected.min(axis=0)[None]
-    race(
-        "distance matrix 641 x 724, 150 pixels, 8 bits",
-        library,
-        make(reference, queries),
-        None if how.get("limit") else expected,
-        **how,
-    )
+    work = "distance matrix 641 x 724, 150 pixels, 8 bits"
+    run(race, contestant, work, counts(641, J, 1), counts(724, J, 2))
 
 
 def bench_single_query(race, contestant):
+    """Race on one query, as on a robot with a long route."""
+    work = "one query against 20,000 places, 150 pixels, 8 bits"
+    run(race, contestant, work, counts(20_000, J, 3), counts(1, J, 4))
+
+
+def run(race, contestant, work, reference, queries):
+    """Race on these counts; a limit has no result to compare."""
     library, make, how = contestant
-    reference, queries = counts(20_000, J, 3), counts(1, J, 4)
     expected = plain(reference, queries)
     if library == "faiss IndexFlat, nearest only":
         expected = expected.min(axis=0)[None]
-    race(
-        "one query against 20,000 places, 150 pixels, 8 bits",
-        library,
-        make(reference, queries),
-        None if how.get("limit") else expected,
-        **how,
-    )
+    expected = None if how.get("limit") else expected
+    race(work, library, make(reference, queries), expected, **how)
 
 
 def one_by_one(reference, queries):

@@ -49,10 +49,7 @@ from edge_vpr_tools.profile.conditions import Conditions
 from edge_vpr_tools.profile.sensors.search import find_sensors
 from edge_vpr_tools.profile.sensors.sensor import ROOT
 
-# Result of one check of this machine.
-
-
-#: "good"; "absent": an extra or device is missing; "wrong": something will fail or mislead
+#: "absent": an extra or a device is missing; "wrong": something will fail or mislead
 State = Literal["good", "absent", "wrong"]
 
 
@@ -61,8 +58,6 @@ class Finding:
     """Result of one check."""
 
     topic: str  #: What was checked.
-    #: {"good", "absent", "wrong"}: "absent": an extra or a device is missing; "wrong": something
-    #: will fail or mislead.
     state: State
     text: str  #: What was found.
     remedy: str = ""  #: What the user can do about it; empty if nothing is needed.

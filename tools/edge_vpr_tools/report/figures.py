@@ -458,12 +458,12 @@ def window_lengths(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
     return drawing
 
 
-def _truth_band(axes, truth: GroundTruth) -> None:  # type: ignore[no-untyped-def]
+def _truth_band(axes: Axes, truth: GroundTruth) -> None:
     places, queries = truth.correct.shape
     band = np.ma.masked_equal(true_cells(truth.correct), False)
     axes.imshow(
         band,
-        cmap=_single_colour(SKY),
+        cmap=ListedColormap([SKY]),
         alpha=0.55,
         origin="lower",
         aspect="auto",
@@ -489,11 +489,6 @@ def true_cells(correct: npt.NDArray[np.bool_] | TrueCells) -> npt.NDArray[np.boo
         widened[shift:] |= cells[:-shift]
         widened[:-shift] |= cells[shift:]
     return widened
-
-
-def _single_colour(colour: str):  # type: ignore[no-untyped-def]
-
-    return ListedColormap([colour])
 
 
 def _dot(colour: str, marker: str, label: str) -> Line2D:
