@@ -358,21 +358,21 @@ class View:
             self._logged = now
             self._write(self._health(status))
         if self._panel is not None:
-            said = self._said(status)
+            texts = self._texts(status)
             share = self._position(filled) if self._places else None
-            self._panel.show(said, share, stale=self._silent_s() > SILENT_S)
+            self._panel.show(texts, share, stale=self._silent_s() > SILENT_S)
             self.unread |= self._panel.lost
         elif not self._quiet:
             self._print_status(status, now)
 
     def _print_status(self, status: LiveStatus, now: float) -> None:
         """Print a line of the status if it is time to, or if what it says is new in kind."""
-        last = json.loads(self._last) if self._last is not None else {}
-        state = bool(status.lost_link), bool(last), bool(last.get("lost"))
+        newest = self._newest()
+        state = bool(status.lost_link), bool(newest), bool(newest.get("lost"))
         due = now - self._printed >= (_LINE_S if self._line_s is None else self._line_s)
         if due or state != self._state:
             self._state, self._printed = state, now
-            self._print(" | ".join(self._said(status).values()))
+            self._print(" | ".join(self._texts(status).values()))
 
     def summary(self, status: LiveStatus, bursts_removed: int) -> None:
         """Write the summary of the run."""
@@ -411,43 +411,42 @@ class View:
             "lag_p99_ms": self._lags.percentile_ms(0.99),
         }
 
-    def _said(self, status: LiveStatus) -> dict[str, str]:
+    def _texts(self, status: LiveStatus) -> dict[str, str]:
         """Return the parts of a line, or of the panel, by name."""
         health, filled = status.health, status.filled
-        said = {"rate": f"{self._rate:,.0f} events/s", "received": f"{health.events:,} events"}
+        texts = {"rate": f"{self._rate:,.0f} events/s", "received": f"{health.events:,} events"}
         if (silent_s := self._silent_s()) > SILENT_S:
-            said["silent"] = f"nothing came for {silent_s:.0f} s"
+            texts["silent"] = f"nothing came for {silent_s:.0f} s"
         if status.lost_link:
             # a place of before would be taken for the present one
-            said["silent"] = f"the link is lost for {silent_s:.0f} s"
-            said["health"] = "link lost" if str(health) == "no faults" else f"link lost, {health}"
-            return said
-        if self._last is not None:
-            last = json.loads(self._last)
-            said["place"] = (
-                f"place {last['place']} of {self._places}"
+            texts["silent"] = f"the link is lost for {silent_s:.0f} s"
+            texts["health"] = "link lost" if str(health) == "no faults" else f"link lost, {health}"
+            return texts
+        if newest := self._newest():
+            texts["place"] = (
+                f"place {newest['place']} of {self._places}"
                 f" ({100 * self._position(filled):.0f} % of the route)"
             )
-            if last.get("along_m") is not None:
-                said["place"] += f", at {last['along_m']:,.1f} m"
-            ratio, probability = last["ratio"], last["probability"]
-            said["certainty"] = "ratio -" if ratio is None else f"ratio {ratio:.3f}"
+            if newest.get("along_m") is not None:
+                texts["place"] += f", at {newest['along_m']:,.1f} m"
+            ratio, probability = newest["ratio"], newest["probability"]
+            texts["certainty"] = "ratio -" if ratio is None else f"ratio {ratio:.3f}"
             if probability is not None:
-                said["certainty"] = f"correct with probability {probability:.2f}"
-            if last["lost"]:
-                said["certainty"] += ", lost"
-            if last["misfit"] >= STRANGE:
-                said["certainty"] += f", {STRANGE_TEXT}"
-            if last["incomplete"]:
-                said["certainty"] += ", incomplete: events were lost"
+                texts["certainty"] = f"correct with probability {probability:.2f}"
+            if newest["lost"]:
+                texts["certainty"] += ", lost"
+            if newest["misfit"] >= STRANGE:
+                texts["certainty"] += f", {STRANGE_TEXT}"
+            if newest["incomplete"]:
+                texts["certainty"] += ", incomplete: events were lost"
         elif self._places:
-            said["place"] = f"waiting for the first match: {100 * filled:.0f} %"
+            texts["place"] = f"waiting for the first match: {100 * filled:.0f} %"
         if health.events:
-            said["latency"] = f"{1e3 * self._lag_s:.1f} ms from byte to {self._goal}"
+            texts["latency"] = f"{1e3 * self._lag_s:.1f} ms from byte to {self._goal}"
             if health.lag_us >= _LAG_US:
-                said["latency"] += f", {health.lag_us / 1e3:,.0f} ms late"
-        said["health"] = str(health)
-        return said
+                texts["latency"] += f", {health.lag_us / 1e3:,.0f} ms late"
+        texts["health"] = str(health)
+        return texts
 
     def _silent_s(self) -> float:
         """Return the seconds since the newest bytes."""
@@ -455,9 +454,12 @@ class View:
 
     def _position(self, filled: float) -> float:
         """Return the share of the route before the newest match, or of the time until the first."""
-        if self._last is None:
-            return filled
-        return float(json.loads(self._last)["place"] / max(1, self._places - 1))
+        newest = self._newest()
+        return newest["place"] / max(1, self._places - 1) if newest else filled
+
+    def _newest(self) -> dict[str, Any]:
+        """Return the row of the newest match, empty before the first."""
+        return {} if self._last is None else json.loads(self._last)
 
     def _write(self, row: dict[str, Any]) -> None:
         text = json.dumps(row)
