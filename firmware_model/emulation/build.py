@@ -13,8 +13,6 @@ from pathlib import Path
 
 from firmware_model.errors import ToolError
 
-# Compile the reference firmware for this computer and for microcontrollers with Zig.
-#
 # Zig comes as a Python package (extra ``firmware``), with everything that it needs for all targets.
 
 
@@ -165,34 +163,3 @@ def build_sanitized(folder: str | Path, files: Sequence[str], name: str) -> Path
         "no compiler with AddressSanitizer and UndefinedBehaviorSanitizer: install gcc, or clang "
         f"with its sanitizer libraries {refusals or ''}".rstrip()
     )
-
-
-# The firmware's replay program on this computer.
-
-
-def run_host(program: Path, folder: Path, image: bytes, events: bytes, start: int) -> bytes:
-    """Run a case by the program that was built for this computer.
-
-    Parameters
-    ----------
-    folder : path
-        For its files.
-
-    Returns
-    -------
-    bytes
-        Records of results.
-
-    Raises
-    ------
-    ToolError
-        If it fails.
-    """
-    image_file, events_file, out = (folder / f"{program.stem}.{s}" for s in ("img", "evt", "out"))
-    image_file.write_bytes(image)
-    events_file.write_bytes(events)
-    command = [*map(str, (program.absolute(), image_file, events_file, start, out))]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise ToolError(f"{program.name}: {done.stderr.strip() or f'exit {done.returncode}'}")
-    return out.read_bytes()

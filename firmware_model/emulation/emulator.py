@@ -253,7 +253,7 @@ class Emulator:
         return [getattr(arm_const, f"UC_ARM_REG_R{i}") for i in range(4)]
 
     def _special(self) -> tuple[int, int]:
-        """Stack pointer and link register."""
+        """Return the numbers of the stack pointer and the link register."""
         from unicorn import arm64_const, arm_const
 
         if self._wide:
@@ -261,7 +261,7 @@ class Emulator:
         return arm_const.UC_ARM_REG_SP, arm_const.UC_ARM_REG_LR
 
     def _counter(self) -> int:
-        """Program counter."""
+        """Return the number of the program counter."""
         from unicorn import arm64_const, arm_const
 
         return int(arm64_const.UC_ARM64_REG_PC if self._wide else arm_const.UC_ARM_REG_PC)

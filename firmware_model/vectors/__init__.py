@@ -1,8 +1,9 @@
 """Golden vectors: stimuli, memory images and expected results to test a device against."""
 
 from firmware_model.vectors.case import Case, from_binary, in_order, records, to_binary
-from firmware_model.vectors.corners import corner_cases, filter_cases
+from firmware_model.vectors.corners import corner_cases
 from firmware_model.vectors.coverage import CORNERS, FILTER_CORNERS, coverage
+from firmware_model.vectors.filter_corners import filter_cases
 from firmware_model.vectors.manifest import Manifest, check_files, load_manifest
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import smallest_cases, standard_suites, write_suites

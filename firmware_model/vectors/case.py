@@ -98,8 +98,8 @@ def records(results: Iterable[Result]) -> Iterator[Record]:
         elif isinstance(result, WindowResult):
             yield "window", (result.number, result.events, *result.codes)
         elif isinstance(result, MatchResult):
-            told = result if result.trust is not None else result[:-1]
-            yield "match", tuple(_or_none(value) for value in told)
+            shown = result if result.trust is not None else result[:-1]
+            yield "match", tuple(_or_none(value) for value in shown)
 
 
 def to_binary(found: Iterable[Record]) -> bytes:

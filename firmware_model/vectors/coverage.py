@@ -35,217 +35,6 @@ from firmware_model.model.machine import Machine, Trace
 from firmware_model.vectors.case import Case
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS
 
-# Count which corners of the place filter and of own-mean codes a case reaches.
-
-
-#: name of each corner, and what is counted as one occurrence of it
-FILTER_CORNERS = {
-    "first_window": "a first window that does not pause: its evidence is scaled by its own spread",
-    "first_window_pauses": "a first window that pauses",
-    "pause": "a window that pauses, and is not the first",
-    "pause_with_events": "a window that pauses though it has events at selected pixels",
-    "long_pause": "a window that pauses behind one that pauses",
-    "pause_at_threshold": "a window that pauses, and would not if 1/256 event less were usual",
-    "pause_by_two": "a window that pauses, and would not if 2/256 event less were usual",
-    "pause_by_eight_events": "a window that pauses, and would not if 8 events less were usual",
-    "busy_at_threshold": "a window that does not pause, and would if 1/256 event more were usual",
-    **{f"weight_{n}": f"a window whose evidence has {n}/8 of its weight" for n in range(9)},
-    **{
-        f"{half}costs_{n}": f"a place that is reached for the costs of row {n}{at_half}, not in "
-        "the first window"
-        for half, at_half in (("", ""), ("half_", " of places at half windows"))
-        for n in range(len(ACTIVITY_COSTS))
-    },
-    "costs_below": "a place that is reached for the costs of the lowest row, and is below it",
-    "costs_above": "a place that is reached for the costs of the highest row, and is above it",
-    "least_place_activity": "a place of the least activity there is",
-    "largest_place_activity": "a place of the largest activity there is",
-    "pause_restarted": "a match in a window that pauses, of a place that only a restart leads to",
-    "events_above_16_bits": "a window with more events than 16 bits can count",
-    "spread_of_nothing": "a window with the same distance to all places",
-    "spread_of_one": "a window behind the first that is scaled by a spread of 1, of distances "
-    "that differ to places of two words",
-    "evidence_saturated": "a place whose evidence is at its largest, and would be above it",
-    "metric_saturated": "a place whose metric is at its largest, and would be above it",
-    "restarted": "a place that nothing leads to for less than a restart",
-    "stood": "a match at the place of the one before",
-    "stepped": "a match one place further",
-    "largest_step": "a match that follows by the largest step that there is",
-    "beyond_the_largest_step": "a match one place further than that, which does not follow",
-    "smallest_step": "a match that follows by the smallest step: backwards, if there is such a one",
-    "beyond_the_smallest_step": "a match one place lower than that, which does not follow",
-    "filter_tie": "a match with another place at its metric",
-    "filter_no_second": "a match of the filter without a second best",
-    "several_blocks": "a window of a map of more than 32 places whose distances are not kept",
-    "kept_distances": "a window of a map whose distances are kept",
-    "trusted_at_threshold": "a match whose trust is the least that is accepted",
-    "distrusted_at_threshold": "a match that is rejected for a trust less by one",
-    "margin_limited": "a match with a margin that is above the largest that counts",
-    "residual_limited": "a match with the largest residual, whose trust is above 0 without it",
-    "residual_of_this_window": "a match with less trust for its own residual alone, and some left",
-    "residual_of_the_window_before": "the same for the residual of the match before",
-    "residual_of_two_windows_before": "the same for the residual of the match before that one",
-    "trust_of_nothing": "a match whose residual is above its support",
-    "code_at_the_bottom": "an own-mean code of 0 that would be below it",
-    "code_at_the_top": "the largest own-mean code, that would be above it",
-    "window_mean_below_nothing": "a window of contrast codes whose mean is negative",
-    "window_mean_rounded_up": "a window of contrast codes whose mean is rounded up",
-    "window_mean_rounded_down": "a window of contrast codes whose mean is rounded down",
-    "mean_falls_by_part": "a running mean that falls by what the shift does not divide",
-    "mean_rises_by_part": "a running mean that rises by what the shift does not divide",
-    "mean_held": "a window that pauses and leaves other means as they are",
-    **{f"mean_shift_{n}": f"a mean that moves by 1/{1 << n}" for n in range(FIRST_SHIFT, 9)},
-}
-
-
-_OF_RESIDUALS = (
-    "residual_of_this_window", "residual_of_the_window_before", "residual_of_two_windows_before",
-)  # fmt: skip
-
-
-class FilterCoverage:
-    """Counts corners from the states of a machine, before each window changes them."""
-
-    def __init__(self, machine: Machine) -> None:
-        self.machine = machine
-        self.found: Counter[str] = Counter(dict.fromkeys(FILTER_CORNERS, 0))
-        self._residuals = (0, 0, 0)  # of the last matches, the newest first
-        self._paused = self._restarted = False
-        self._last = -1
-
-    def see_window(self, window: WindowResult, distances: list[int]) -> None:
-        """Count the corners of a window, before it is matched and its counters are cleared."""
-        if self.machine.design.own_mean:
-            self._see_means(window)
-        if self.machine.design.filters:
-            self._see_metrics(window, distances)
-
-    def _see_metrics(self, window: WindowResult, distances: list[int]) -> None:
-        design, model, found = self.machine.design, self.machine.place_filter, self.found
-        first, paused = window.number == 0, window.paused
-        found["first_window"] += first and not paused
-        found["first_window_pauses"] += first and paused
-        found["pause"] += paused and not first
-        found["pause_with_events"] += paused and self.machine.descriptor.counted > 0
-        counted, usual = self.machine.descriptor.counted, self.machine.descriptor.activity.usual
-        threshold = counted << (ACTIVITY_BITS + PAUSE_SHIFT)
-        found["pause_at_threshold"] += counted > 0 and usual == threshold + 1
-        found["pause_by_two"] += counted > 0 and usual == threshold + 2
-        found["pause_by_eight_events"] += counted > 0 and (
-            usual == threshold + (8 << ACTIVITY_BITS)
-        )
-        found["busy_at_threshold"] += counted > 0 and usual == threshold
-        found["long_pause"] += paused and self._paused
-        self._paused = paused
-        found["events_above_16_bits"] += counted > 0xFFFF
-        predictions = model.predictions(window.activity)
-        limit = design.restart << FRACTION_BITS
-        self._restarted = (
-            paused
-            and not first
-            and predictions.index(min(predictions))
-            in {place for place, cost in enumerate(predictions) if cost == limit}
-        )
-        if design.activity_costs and not first:
-            self._see_costs(window.activity)
-        if not first and design.restart:
-            found["restarted"] += limit in predictions
-        if paused:
-            return
-        found[f"weight_{weight_of(window.activity)}"] += 1
-        found["several_blocks"] += design.places > 32 and not design.keep_distances
-        found["kept_distances"] += design.keep_distances
-        found["spread_of_nothing"] += design.places > 1 and len(set(distances)) == 1
-        scale = model.reciprocal or reciprocal_of_spread(distances)
-        least, weight = min(distances), weight_of(window.activity)
-        found["spread_of_one"] += (
-            scale == 1 << RECIPROCAL_BITS
-            and not first
-            and max(distances) > least
-            and design.words == 2
-        )
-        for distance, predicted in zip(distances, predictions, strict=True):
-            against = evidence(distance - least, scale, weight)
-            found["evidence_saturated"] += (distance - least) * scale >> 14 > EVIDENCE_TOP
-            found["metric_saturated"] += predicted + against > METRIC_TOP
-
-    def _see_costs(self, activity: int) -> None:
-        """Count the rows of the costs of a window's steps, and the activities of places."""
-        found, rows = self.found, len(ACTIVITY_COSTS)
-        half = "half_" if self.machine.design.activity_costs == 2 else ""
-        for own in self.machine.memories.place_activity:
-            row = row_of_costs(activity - own)
-            beyond = ((activity - own + 4) >> 3) + SAME_ACTIVITY
-            found[f"{half}costs_{row}"] += 1
-            found["costs_below"] += beyond < 0
-            found["costs_above"] += beyond >= rows
-            found["least_place_activity"] += own == -128
-            found["largest_place_activity"] += own == 127
-
-    def see_match(self, match: MatchResult) -> None:
-        """Count the corners of a match."""
-        design, found, last = self.machine.design, self.found, self._last
-        self._last = match.place
-        found["pause_restarted"] += self._restarted
-        found["filter_tie"] += match.ties > 0
-        found["filter_no_second"] += match.second is None
-        assert match.trust is not None, "a match of the filter has one"
-        self._see_trust(match)
-        second = match.second is not None and design.trust > 0
-        found["trusted_at_threshold"] += match.accepted and second and match.trust == design.trust
-        found["distrusted_at_threshold"] += second and match.trust == design.trust - 1
-        if last < 0:
-            return
-        step, largest = match.place - last, design.largest_step
-        found["stood"] += step == 0
-        found["stepped"] += step == 1
-        found["largest_step"] += step == largest
-        found["beyond_the_largest_step"] += step == largest + 1
-        found["smallest_step"] += step == -len(design.back)
-        found["beyond_the_smallest_step"] += step == -len(design.back) - 1
-
-    def _see_trust(self, match: MatchResult) -> None:
-        """Count the corners of the trust in a match, and keep its residual."""
-        found, model = self.found, self.machine.place_filter
-        residuals = self._residuals = (model.residual, *self._residuals[:2])
-        worst = max(residuals)
-        if match.second_sum is not None:
-            found["margin_limited"] += match.second_sum - match.sum > MARGIN_TOP
-        found["residual_limited"] += residuals[0] == RESIDUAL_TOP and model.support > 0
-        found["trust_of_nothing"] += model.support < worst << TRUST_BITS
-        for name, residual in zip(_OF_RESIDUALS, residuals, strict=True):
-            found[name] += (
-                match.trust != 0 and residuals.count(worst) == 1 and residual == worst > 0
-            )
-
-    def _see_means(self, window: WindowResult) -> None:
-        descriptor, found = self.machine.descriptor, self.found
-        mean, top, shift = descriptor.mean, self.machine.design.code_max, descriptor.mean.shift
-        levels = descriptor.entries()
-        window_mean, differences = mean.window_mean(levels), mean.differences(levels)
-        if self.machine.design.contrast:
-            exact = window_mean * len(levels)
-            found["window_mean_below_nothing"] += window_mean < 0
-            found["window_mean_rounded_up"] += exact > sum(differences)
-            found["window_mean_rounded_down"] += exact < sum(differences)
-        for slot, level in enumerate(levels):
-            octaves = (differences[slot] - window_mean + (1 << (LEVEL_BITS - 1))) >> LEVEL_BITS
-            found["code_at_the_bottom"] += octaves + (top + 1) // 2 < 0
-            found["code_at_the_top"] += octaves + (top + 1) // 2 > top
-            difference = (level << MEAN_BITS) - mean.total[slot]
-            if window.paused:
-                found["mean_held"] += difference != 0
-                continue
-            part = difference % (1 << shift) > 0
-            found["mean_falls_by_part"] += part and difference < 0
-            found["mean_rises_by_part"] += part and difference > 0
-        if not window.paused:
-            found[f"mean_shift_{min(shift, LAST_SHIFT)}"] += 1
-
-
-# Count which corners a case reaches, from the model's states while it runs.
-
-
 #: name of each corner, and what is counted as one occurrence of it
 CORNERS = {
     "saturated": "an event at a counter that is full",
@@ -440,3 +229,211 @@ def _see_match(
     one_less = match.sum > 0 and accepts(design, match.sum - 1, match.second_sum)
     found["accepted_at_threshold"] += match.accepted and not one_more
     found["rejected_at_threshold"] += not match.accepted and one_less
+
+
+# Corners of the place filter and of own-mean codes.
+
+
+#: name of each corner, and what is counted as one occurrence of it
+FILTER_CORNERS = {
+    "first_window": "a first window that does not pause: its evidence is scaled by its own spread",
+    "first_window_pauses": "a first window that pauses",
+    "pause": "a window that pauses, and is not the first",
+    "pause_with_events": "a window that pauses though it has events at selected pixels",
+    "long_pause": "a window that pauses behind one that pauses",
+    "pause_at_threshold": "a window that pauses, and would not if 1/256 event less were usual",
+    "pause_by_two": "a window that pauses, and would not if 2/256 event less were usual",
+    "pause_by_eight_events": "a window that pauses, and would not if 8 events less were usual",
+    "busy_at_threshold": "a window that does not pause, and would if 1/256 event more were usual",
+    **{f"weight_{n}": f"a window whose evidence has {n}/8 of its weight" for n in range(9)},
+    **{
+        f"{half}costs_{n}": f"a place that is reached for the costs of row {n}{at_half}, not in "
+        "the first window"
+        for half, at_half in (("", ""), ("half_", " of places at half windows"))
+        for n in range(len(ACTIVITY_COSTS))
+    },
+    "costs_below": "a place that is reached for the costs of the lowest row, and is below it",
+    "costs_above": "a place that is reached for the costs of the highest row, and is above it",
+    "least_place_activity": "a place of the least activity there is",
+    "largest_place_activity": "a place of the largest activity there is",
+    "pause_restarted": "a match in a window that pauses, of a place that only a restart leads to",
+    "events_above_16_bits": "a window with more events than 16 bits can count",
+    "spread_of_nothing": "a window with the same distance to all places",
+    "spread_of_one": "a window behind the first that is scaled by a spread of 1, of distances "
+    "that differ to places of two words",
+    "evidence_saturated": "a place whose evidence is at its largest, and would be above it",
+    "metric_saturated": "a place whose metric is at its largest, and would be above it",
+    "restarted": "a place that nothing leads to for less than a restart",
+    "stood": "a match at the place of the one before",
+    "stepped": "a match one place further",
+    "largest_step": "a match that follows by the largest step that there is",
+    "beyond_the_largest_step": "a match one place further than that, which does not follow",
+    "smallest_step": "a match that follows by the smallest step: backwards, if there is such a one",
+    "beyond_the_smallest_step": "a match one place lower than that, which does not follow",
+    "filter_tie": "a match with another place at its metric",
+    "filter_no_second": "a match of the filter without a second best",
+    "several_blocks": "a window of a map of more than 32 places whose distances are not kept",
+    "kept_distances": "a window of a map whose distances are kept",
+    "trusted_at_threshold": "a match whose trust is the least that is accepted",
+    "distrusted_at_threshold": "a match that is rejected for a trust less by one",
+    "margin_limited": "a match with a margin that is above the largest that counts",
+    "residual_limited": "a match with the largest residual, whose trust is above 0 without it",
+    "residual_of_this_window": "a match with less trust for its own residual alone, and some left",
+    "residual_of_the_window_before": "the same for the residual of the match before",
+    "residual_of_two_windows_before": "the same for the residual of the match before that one",
+    "trust_of_nothing": "a match whose residual is above its support",
+    "code_at_the_bottom": "an own-mean code of 0 that would be below it",
+    "code_at_the_top": "the largest own-mean code, that would be above it",
+    "window_mean_below_nothing": "a window of contrast codes whose mean is negative",
+    "window_mean_rounded_up": "a window of contrast codes whose mean is rounded up",
+    "window_mean_rounded_down": "a window of contrast codes whose mean is rounded down",
+    "mean_falls_by_part": "a running mean that falls by what the shift does not divide",
+    "mean_rises_by_part": "a running mean that rises by what the shift does not divide",
+    "mean_held": "a window that pauses and leaves other means as they are",
+    **{f"mean_shift_{n}": f"a mean that moves by 1/{1 << n}" for n in range(FIRST_SHIFT, 9)},
+}
+
+
+_OF_RESIDUALS = (
+    "residual_of_this_window", "residual_of_the_window_before", "residual_of_two_windows_before",
+)  # fmt: skip
+
+
+class FilterCoverage:
+    """Counts corners from the states of a machine, before each window changes them."""
+
+    def __init__(self, machine: Machine) -> None:
+        self.machine = machine
+        self.found: Counter[str] = Counter(dict.fromkeys(FILTER_CORNERS, 0))
+        self._residuals = (0, 0, 0)  # of the last matches, the newest first
+        self._paused = self._restarted = False
+        self._last = -1
+
+    def see_window(self, window: WindowResult, distances: list[int]) -> None:
+        """Count the corners of a window, before it is matched and its counters are cleared."""
+        if self.machine.design.own_mean:
+            self._see_means(window)
+        if self.machine.design.filters:
+            self._see_metrics(window, distances)
+
+    def _see_metrics(self, window: WindowResult, distances: list[int]) -> None:
+        design, model, found = self.machine.design, self.machine.place_filter, self.found
+        first, paused = window.number == 0, window.paused
+        found["first_window"] += first and not paused
+        found["first_window_pauses"] += first and paused
+        found["pause"] += paused and not first
+        found["pause_with_events"] += paused and self.machine.descriptor.counted > 0
+        counted, usual = self.machine.descriptor.counted, self.machine.descriptor.activity.usual
+        threshold = counted << (ACTIVITY_BITS + PAUSE_SHIFT)
+        found["pause_at_threshold"] += counted > 0 and usual == threshold + 1
+        found["pause_by_two"] += counted > 0 and usual == threshold + 2
+        found["pause_by_eight_events"] += counted > 0 and (
+            usual == threshold + (8 << ACTIVITY_BITS)
+        )
+        found["busy_at_threshold"] += counted > 0 and usual == threshold
+        found["long_pause"] += paused and self._paused
+        self._paused = paused
+        found["events_above_16_bits"] += counted > 0xFFFF
+        predictions = model.predictions(window.activity)
+        limit = design.restart << FRACTION_BITS
+        self._restarted = (
+            paused
+            and not first
+            and predictions.index(min(predictions))
+            in {place for place, metric in enumerate(predictions) if metric == limit}
+        )
+        if design.activity_costs and not first:
+            self._see_costs(window.activity)
+        if not first and design.restart:
+            found["restarted"] += limit in predictions
+        if paused:
+            return
+        found[f"weight_{weight_of(window.activity)}"] += 1
+        found["several_blocks"] += design.places > 32 and not design.keep_distances
+        found["kept_distances"] += design.keep_distances
+        found["spread_of_nothing"] += design.places > 1 and len(set(distances)) == 1
+        scale = model.reciprocal or reciprocal_of_spread(distances)
+        least, weight = min(distances), weight_of(window.activity)
+        found["spread_of_one"] += (
+            scale == 1 << RECIPROCAL_BITS
+            and not first
+            and max(distances) > least
+            and design.words == 2
+        )
+        for distance, predicted in zip(distances, predictions, strict=True):
+            against = evidence(distance - least, scale, weight)
+            found["evidence_saturated"] += (distance - least) * scale >> 14 > EVIDENCE_TOP
+            found["metric_saturated"] += predicted + against > METRIC_TOP
+
+    def _see_costs(self, activity: int) -> None:
+        """Count the rows of the costs of a window's steps, and the activities of places."""
+        found, rows = self.found, len(ACTIVITY_COSTS)
+        half = "half_" if self.machine.design.activity_costs == 2 else ""
+        for own in self.machine.memories.place_activity:
+            row = row_of_costs(activity - own)
+            beyond = ((activity - own + 4) >> 3) + SAME_ACTIVITY
+            found[f"{half}costs_{row}"] += 1
+            found["costs_below"] += beyond < 0
+            found["costs_above"] += beyond >= rows
+            found["least_place_activity"] += own == -128
+            found["largest_place_activity"] += own == 127
+
+    def see_match(self, match: MatchResult) -> None:
+        """Count the corners of a match."""
+        design, found, last = self.machine.design, self.found, self._last
+        self._last = match.place
+        found["pause_restarted"] += self._restarted
+        found["filter_tie"] += match.ties > 0
+        found["filter_no_second"] += match.second is None
+        assert match.trust is not None, "a match of the filter has one"
+        self._see_trust(match)
+        second = match.second is not None and design.trust > 0
+        found["trusted_at_threshold"] += match.accepted and second and match.trust == design.trust
+        found["distrusted_at_threshold"] += second and match.trust == design.trust - 1
+        if last < 0:
+            return
+        step, largest = match.place - last, design.largest_step
+        found["stood"] += step == 0
+        found["stepped"] += step == 1
+        found["largest_step"] += step == largest
+        found["beyond_the_largest_step"] += step == largest + 1
+        found["smallest_step"] += step == -len(design.back)
+        found["beyond_the_smallest_step"] += step == -len(design.back) - 1
+
+    def _see_trust(self, match: MatchResult) -> None:
+        """Count the corners of the trust in a match, and keep its residual."""
+        found, model = self.found, self.machine.place_filter
+        residuals = self._residuals = (model.residual, *self._residuals[:2])
+        worst = max(residuals)
+        if match.second_sum is not None:
+            found["margin_limited"] += match.second_sum - match.sum > MARGIN_TOP
+        found["residual_limited"] += residuals[0] == RESIDUAL_TOP and model.support > 0
+        found["trust_of_nothing"] += model.support < worst << TRUST_BITS
+        for name, residual in zip(_OF_RESIDUALS, residuals, strict=True):
+            found[name] += (
+                match.trust != 0 and residuals.count(worst) == 1 and residual == worst > 0
+            )
+
+    def _see_means(self, window: WindowResult) -> None:
+        descriptor, found = self.machine.descriptor, self.found
+        mean, top, shift = descriptor.mean, self.machine.design.code_max, descriptor.mean.shift
+        levels = descriptor.entries()
+        window_mean, differences = mean.window_mean(levels), mean.differences(levels)
+        if self.machine.design.contrast:
+            exact = window_mean * len(levels)
+            found["window_mean_below_nothing"] += window_mean < 0
+            found["window_mean_rounded_up"] += exact > sum(differences)
+            found["window_mean_rounded_down"] += exact < sum(differences)
+        for slot, level in enumerate(levels):
+            octaves = (differences[slot] - window_mean + (1 << (LEVEL_BITS - 1))) >> LEVEL_BITS
+            found["code_at_the_bottom"] += octaves + (top + 1) // 2 < 0
+            found["code_at_the_top"] += octaves + (top + 1) // 2 > top
+            difference = (level << MEAN_BITS) - mean.total[slot]
+            if window.paused:
+                found["mean_held"] += difference != 0
+                continue
+            part = difference % (1 << shift) > 0
+            found["mean_falls_by_part"] += part and difference < 0
+            found["mean_rises_by_part"] += part and difference > 0
+        if not window.paused:
+            found[f"mean_shift_{min(shift, LAST_SHIFT)}"] += 1

@@ -591,8 +591,8 @@ class LongWindow(NamedTuple):
         descriptor.counts[slot] = min(self.repeats, design.count_max)
         descriptor.counted = descriptor.events = self.repeats
         results += [result for event in self.case.events for result in machine.take(event)]
-        told = [result for result in results if isinstance(result, (WindowResult, MatchResult))]
-        return to_binary(records(told))
+        shown = [result for result in results if isinstance(result, (WindowResult, MatchResult))]
+        return to_binary(records(shown))
 
 
 def bundle(

@@ -23,8 +23,9 @@ from firmware_model.model.machine import Trace, WindowState
 from firmware_model.model.memories import Memories
 from firmware_model.vectors import formats
 from firmware_model.vectors.case import NONE, Case, in_order, records, to_binary
-from firmware_model.vectors.corners import corner_cases, filter_cases
+from firmware_model.vectors.corners import corner_cases
 from firmware_model.vectors.coverage import CORNERS, FILTER_CORNERS, watched_trace
+from firmware_model.vectors.filter_corners import filter_cases
 from firmware_model.vectors.formats import Packing, Table
 from firmware_model.vectors.manifest import (
     MANIFEST,

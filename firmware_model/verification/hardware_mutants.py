@@ -44,7 +44,7 @@ from firmware_model.vectors.manifest import MANIFEST
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import standard_suites, write_suites
 from firmware_model.vectors.verify import read_results, verify
-from firmware_model.verification.mutants import mutants_at
+from firmware_model.verification.outcomes import Outcomes, mutants_at
 
 #: Processor seconds of a simulation, after which the mutant counts as found. The longest case takes
 #: four; the testbench itself detects a core that has stopped.
@@ -179,11 +179,11 @@ def all_mutants() -> list[Mutant]:
     ]
 
 
-def judged(every: Sequence[Mutant]) -> dict[Mutant, Outcome]:
+def reasons_of(every: Sequence[Mutant]) -> dict[Mutant, Outcome]:
     """Read why mutants are equal to the core, and which other tests find those that are not.
 
-    A mutant is told by its line before and after, so that a reason holds when something else is
-    changed above it. It is of those that survive, of several of the same lines.
+    A mutant is identified by its line before and after, so that a reason holds when something else
+    is changed above it. Of several mutants of the same lines, it is of those that survive.
     """
     given = tomllib.loads(PROOFS.read_text(encoding="utf-8"))
     read: tuple[tuple[Kind, str], ...] = (("equal", "why"), ("found elsewhere", "by"))
@@ -226,7 +226,7 @@ class Region(NamedTuple):
     """Part of a source of which another text can be chosen: a condition, a statement, or a net."""
 
     kind: Literal["condition", "statement", "assign", "wire"]
-    begin: int
+    start: int
     end: int
 
 
@@ -266,16 +266,16 @@ def with_choice(source: str, numbered: Mapping[int, Mutant]) -> tuple[str, set[i
         old = source[starts[mutant.line] :].partition("\n")[0].partition("//")[0].rstrip()
         same = _alike(old, mutant.text)
         rest = _alike(old[same:][::-1], mutant.text[same:][::-1])
-        begin, end = starts[mutant.line] + same, starts[mutant.line] + len(old) - rest
-        around = [region for region in regions if region.begin <= begin and end <= region.end]
+        start, end = starts[mutant.line] + same, starts[mutant.line] + len(old) - rest
+        around = [region for region in regions if region.start <= start and end <= region.end]
         if around:
-            region = min(around, key=lambda region: region.end - region.begin)
+            region = min(around, key=lambda region: region.end - region.start)
             new = mutant.text[same : len(mutant.text) - rest]
-            text = source[region.begin : begin] + new + source[end : region.end]
+            text = source[region.start : start] + new + source[end : region.end]
             texts.setdefault(region, {})[number] = text
-    for region in sorted(texts, key=lambda region: -region.begin):
-        chosen = _chosen(region, source[region.begin : region.end], texts[region])
-        source = source[: region.begin] + chosen + source[region.end :]
+    for region in sorted(texts, key=lambda region: -region.start):
+        chosen = _chosen(region, source[region.start : region.end], texts[region])
+        source = source[: region.start] + chosen + source[region.end :]
     source = _DRIVEN.sub(r"logic\1", source)
     return source, {number for of_region in texts.values() for number in of_region}
 
@@ -494,11 +494,11 @@ class Bench:
         # the others take the library of the first
         self._with_all(self._work / "first", self.cases[0], {})
         with ThreadPoolExecutor(jobs) as pool:
-            told: set[int] = set()
+            yielded: set[int] = set()
             for found in pool.map(partial(self._found_in, left), count(), programs.values()):
-                for number in found.keys() - told:
+                for number in found.keys() - yielded:
                     yield mutants[number], found[number]
-                told |= found.keys()
+                yielded |= found.keys()
 
     def _found_in(self, left: dict[int, Mutant], at: int, cases: Sequence[Trial]) -> dict[int, str]:
         """Run the cases of one design; move what they find from those that are left."""
@@ -583,27 +583,18 @@ def outcomes(
     Parameters
     ----------
     kept : path, optional
-        File to which each outcome is added, and from which those of an earlier run are taken, as
-        long as sources and vectors are the same.
+        File of `Outcomes`: the case that finds a mutant, or nothing.
     """
-    lines = kept.read_text(encoding="ascii").splitlines() if kept and kept.exists() else []
-    # the last line of a run that was interrupted may be cut
-    known = dict(line.split("\t", 1) for line in lines if line.count("\t") == 1)
+    known = Outcomes(kept)
     keys = {mutant: bench.fingerprint(mutant) for mutant in mutants}
     left = dict.fromkeys(mutant for mutant in mutants if keys[mutant] not in known)
 
-    def keep(mutant: Mutant, case: str) -> None:
-        known[keys[mutant]] = case
-        if kept is not None:
-            with kept.open("a", encoding="ascii") as file:
-                file.write(f"{keys[mutant]}\t{case}\n")
-
     for mutant, case in bench.find(list(left), jobs) if left else ():
         del left[mutant]
-        keep(mutant, case)
-    reasons = judged(mutants)
+        known.keep(keys[mutant], case)
+    reasons = reasons_of(mutants)
     for mutant in left:
-        keep(mutant, "" if mutant in reasons else bench.found_by(mutant) or "")
+        known.keep(keys[mutant], "" if mutant in reasons else bench.found_by(mutant) or "")
     for mutant in mutants:
         if case := known[keys[mutant]]:
             yield mutant, Outcome("found", case)
@@ -632,7 +623,7 @@ def main(words: Sequence[str] | None = None) -> int:
         parser.error(str(error))
     counts: Counter[tuple[str, str]] = Counter()
     keys = _keys(every)
-    stale = {keys[mutant] for mutant in judged(every)}
+    stale = {keys[mutant] for mutant in reasons_of(every)}
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(Path(folder), args.seed)
         try:

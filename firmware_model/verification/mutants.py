@@ -12,22 +12,21 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-from bisect import bisect_left
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, TypeVar, cast, get_args
+from typing import Literal, cast, get_args
 
 from firmware_model.emulation.build import SOURCES
 from firmware_model.errors import ToolError
-from firmware_model.model.descriptor import ACTIVITY_SHIFT
-from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, Design, ilog
-from firmware_model.model.memories import Memories
-from firmware_model.vectors.case import Case, Stream, choose_pixels
-from firmware_model.vectors.corners import corner_cases, evidence_cases, filter_cases, long_window
-from firmware_model.vectors.images import LongWindow, bundle, image_cases
+from firmware_model.model.design import Design
+from firmware_model.vectors.corners import corner_cases
+from firmware_model.vectors.filter_corners import filter_cases
+from firmware_model.vectors.images import bundle, image_cases
+from firmware_model.verification.large_cases import large_cases, long_windows
+from firmware_model.verification.outcomes import Outcomes, mutants_at
 
 # Mutants of the C sources: one operator, constant, type or statement is changed in each.
 
@@ -78,7 +77,7 @@ class Mutant:
         Line, from 1.
     line, becomes : str
         The line before and after, without what is left and right of it: these and the function
-        tell a mutant, whatever stands in the lines around.
+        identify a mutant, whatever stands in the lines around.
     text : str
         The whole source.
     narrowed : str
@@ -118,20 +117,20 @@ def mutants(file: str, text: str) -> Iterator[Mutant]:
         In the order of the text, no two of the same text.
     """
     seen = {"".join(text.split())}
-    for begin, end, new in sorted(_changes(file, text), key=lambda change: change[:2]):
-        changed = text[:begin] + new + text[end:]
+    for start, end, new in sorted(_changes(file, text), key=lambda change: change[:2]):
+        changed = text[:start] + new + text[end:]
         shape = "".join(changed.split())
         if shape in seen:
             continue
         seen.add(shape)
-        number = text.count("\n", 0, begin) + 1
-        line_begin = text.rfind("\n", 0, begin) + 1
+        number = text.count("\n", 0, start) + 1
+        line_start = text.rfind("\n", 0, start) + 1
         line_end = text.find("\n", end)
-        line = " ".join(text[line_begin:line_end].split())
-        becomes = " ".join((text[line_begin:begin] + new + text[end:line_end]).split())
-        function = _function(text, begin)
+        line = " ".join(text[line_start:line_end].split())
+        becomes = " ".join((text[line_start:start] + new + text[end:line_end]).split())
+        function = _function(text, start)
         narrowed = ""
-        if (text[begin:end], new) == ("uint32_t", "uint16_t"):
+        if (text[start:end], new) == ("uint32_t", "uint16_t"):
             narrowed = f"{function}.{text[end + 1 :].partition(' ')[0].strip('(),;[]=')}"
             narrowed = re.split(r"[(),;[]", narrowed)[0]
         yield Mutant(file, function, number, line, becomes or DELETED, changed, narrowed)
@@ -143,7 +142,7 @@ def _changes(file: str, text: str) -> Iterator[tuple[int, int, str]]:
     before = ""
     for token in _TOKEN.finditer(text):
         kind, word, at = token.lastgroup, token.group(), token.start()
-        if at < first or any(begin <= at < end for begin, end in skipped):
+        if at < first or any(start <= at < end for start, end in skipped):
             continue
         if kind == "directive":
             number = re.match(r"#define \w+ (0x[0-9A-F]+U|\d+U)", word)
@@ -198,30 +197,30 @@ def _held(text: str, first: int) -> Iterator[tuple[int, int, str]]:
             continue
         if not _function(text, token.start()):
             continue
-        begin, end = _operand(tokens, i, -1), _operand(tokens, i, 1)
+        start, end = _operand(tokens, i, -1), _operand(tokens, i, 1)
         if sign == "?":
             colon = next(t.start() for t in tokens[i:] if t.group() == ":")
             # of a choice within a choice, the outer condition is held
             end = _operand(tokens, i, 1, through=(":", "?", "&&", "||"))
-            yield begin, end, text[token.end() : colon].strip()
-            yield begin, end, text[colon + 1 : end].strip()
+            yield start, end, text[token.end() : colon].strip()
+            yield start, end, text[colon + 1 : end].strip()
         else:
             neutral = "true" if sign == "&&" else "false"
-            yield begin, token.start() - 1, neutral
+            yield start, token.start() - 1, neutral
             yield token.end() + 1, end, neutral
 
 
-def _operand(tokens: list[re.Match[str]], at: int, way: int, through: tuple[str, ...] = ()) -> int:
+def _operand(tokens: list[re.Match[str]], at: int, step: int, through: tuple[str, ...] = ()) -> int:
     """Return where the operand on one side of a token begins or ends."""
     depth, last = 0, at
     stop = {"&&", "||", "?", ":", ";", ",", "=", "{", "}", "return"} - set(through)
-    for i in range(at + way, len(tokens) if way > 0 else -1, way):
+    for i in range(at + step, len(tokens) if step > 0 else -1, step):
         sign = tokens[i].group()
-        depth += way * ((sign in ("(", "[")) - (sign in (")", "]")))
+        depth += step * ((sign in ("(", "[")) - (sign in (")", "]")))
         if depth < 0 or (depth == 0 and sign in stop):
             break
         last = i
-    return tokens[last].end() if way > 0 else tokens[last].start()
+    return tokens[last].end() if step > 0 else tokens[last].start()
 
 
 def _numbers(word: str) -> Iterator[str]:
@@ -270,39 +269,6 @@ def _function(text: str, at: int) -> str:
             break
         name = line.group(1) or ""
     return name
-
-
-# Selection of mutants by the places of their changes.
-
-
-AnyMutant = TypeVar("AnyMutant")
-
-
-def mutants_at(
-    every: Iterable[AnyMutant],
-    places: Sequence[str],
-    places_of: Callable[[AnyMutant], Collection[str]],
-    expected: str,
-) -> list[AnyMutant]:
-    """Select mutants, in their order; all if there are no places.
-
-    Parameters
-    ----------
-    places_of : callable
-        Returns the names of the places where a mutant is.
-    expected : str
-        What names a place, for the error.
-
-    Raises
-    ------
-    ToolError
-        If a place has no mutant.
-    """
-    named = [(mutant, set(places_of(mutant))) for mutant in every]
-    for place in places:
-        if not any(place in names for _, names in named):
-            raise ToolError(f"no mutant is at {place!r}: give {expected}")
-    return [mutant for mutant, names in named if not places or not names.isdisjoint(places)]
 
 
 # The command compiles every mutant of ``vpr.c`` and its headers for this computer and runs the
@@ -367,8 +333,8 @@ class Bench:
         self._bundle.write_bytes(
             bundle(
                 image_cases(),
-                [*corner_cases(DESIGN), *filter_cases(FILTER), *large_cases()],
-                long_windows(),
+                [*corner_cases(DESIGN), *filter_cases(FILTER), *large_cases(FILTER)],
+                long_windows(FILTER),
             )
         )
         self._hash = hashlib.sha256(" ".join((*_compiler(), *_OPTIONS)).encode())
@@ -438,124 +404,6 @@ def _compiler() -> tuple[str, ...]:
     return sys.executable, "-m", "ziglang", "cc"
 
 
-def large_cases() -> list[Case]:
-    """Make cases of numbers above 16 bits that are too large for suites on disk."""
-    by_count = long_window(replace(FILTER, code="log", full_scales=(0,), window="count"))
-    many_pixels = replace(FILTER, code="log", full_scales=(0,), pixels=80, lookup_depth=0)
-    evidence = [c for c in evidence_cases(many_pixels) if c.name == "evidence_above_16_bits"]
-    one = Design(width=4, height=4, pixels=1, places=1, length=1, code="linear", code_bits=8)
-    # more than 65,536 distances are held, and the RAM is above 64 KiB
-    held = replace(one, length=40, places=1_700, exclusion=1, accept="margin")
-    # a second best place is searched for behind place 65,536
-    zone = replace(one, matching="filter", length=1, places=32_800, exclusion=1 << 15)
-    # rows of 65,536 bytes
-    wide = Design(
-        width=1 << 15, height=1, pixels=(1 << 15) - 1, polarity=True, places=2, length=1,
-        code="linear", code_bits=1, exclusion=0, accept="margin",
-    )  # fmt: skip
-    return [
-        by_count,
-        *evidence,
-        _wide_residual(many_pixels),
-        _shown("held", held, [3 + i % 7 for i in range(42)], lambda k: [k * 7 % 97]),
-        _shown("zone", zone, [9, 9, 9], lambda k: [9 if k > 32_795 else 30 + k % 50]),
-        _shown("wide", wide, [1, 1], lambda k: [k] * wide.slots),
-    ]
-
-
-def _wide_residual(design: Design) -> Case:
-    """Show a place, and then another, against which there was so much that the first still matches.
-
-    The evidence against the first is 0x10000, before its limit.
-    """
-    design = replace(
-        design, code="linear", code_bits=8, full_scales=(0,), restart=254, exclusion=1,
-        accept="margin", margin=0,
-    )  # fmt: skip
-    near = [0] * 65
-    far, between = [255] * 64 + [64], [127] * 32 + [128] * 32 + [32]
-    rest = [0] * (design.slots - 66)
-
-    def window(counts: list[int]) -> list[int]:
-        # as many events in each, the others at a slot that is full
-        return [*counts, *rest, 17_000 - sum(counts)]
-
-    stream = Stream.showing(
-        design, choose_pixels(design), map(window, (between, near, between, near, between, far))
-    )
-    places = [[*codes, *rest, 255] for codes in [far] * (design.places - 1) + [near]]
-    memories = Memories(design, stream.pixels, places, activity=17_000 << ACTIVITY_BITS)
-    return Case("wide_residual", memories, tuple(stream.events))
-
-
-def _shown(
-    name: str, design: Design, counts: Sequence[int], codes_at: Callable[[int], list[int]]
-) -> Case:
-    """Show counts of the last slot, one in each window, to a map of these codes."""
-    pixels = choose_pixels(design)
-    stream = Stream.showing(design, pixels, ([0] * (design.slots - 1) + [n] for n in counts))
-    memories = Memories(design, pixels, [codes_at(place) for place in range(design.places)])
-    return Case(name, memories, tuple(stream.events))
-
-
-def long_windows() -> list[LongWindow]:
-    """Make windows of more events than a file should have, see the functions that make them."""
-    return [_saturated(), *_logarithms()]
-
-
-def _logarithms() -> list[LongWindow]:
-    """Make windows that show each sixteenth of the highest octave of event numbers, and its edge.
-
-    The usual number is the least of this logarithm, or less by one; or the window has more events
-    than 23 bits can count. The metric of the only place is the cost of staying there.
-    """
-    design = replace(
-        FILTER, code="linear", code_bits=1, full_scales=(1,), places=1, activity_costs=True,
-        steps=(), exclusion=0,
-    )  # fmt: skip
-    # from an empty window on, whose costs are those of the first one
-    stream = Stream(design, choose_pixels(design))
-    stream.skip(1)
-    stream.slot(0)
-    stream.end()
-    stream.close()
-    least = [bisect_left(range(EVENTS_TOP), log, key=ilog) for log in range(352, 368)]
-    shown = [(16_000, n - less, ilog(16_000) - ilog(n)) for n in least for less in (0, 1)]
-    found = []
-    # one event less than the most of another logarithm, and more than 23 bits can count
-    for events, usual, edge in (
-        *shown,
-        (EVENTS_TOP - 2, least[1], 14),
-        (EVENTS_TOP + 2, least[1], 14),
-    ):
-        # before the empty window, behind which it is less by 1/64
-        activity = -(-(usual << ACTIVITY_BITS + ACTIVITY_SHIFT) // ((1 << ACTIVITY_SHIFT) - 1))
-        # the row of this activity is the last that has its cost of staying
-        memories = Memories(
-            design, stream.pixels, [[0] * design.slots], activity=activity,
-            place_activity=[edge + 21],
-        )  # fmt: skip
-        found.append(LongWindow(Case("", memories, tuple(stream.events)), events))
-    return found
-
-
-def _saturated() -> LongWindow:
-    """Make a window with more events than 23 bits can count, which saturates.
-
-    The events of the next window then are less than 1/16 of the usual number by so little that they
-    would be a pause if the number had not saturated.
-    """
-    design = replace(FILTER, places=4, exclusion=1)
-    stream, rest = Stream(design, choose_pixels(design)), [2] * (design.slots - 1)
-    stream.fill([1] + [0] * len(rest))
-    for _ in range(2):  # the means that it moves change the codes of the next window
-        stream.fill([8_700 - sum(rest), *rest])
-    stream.close()
-    places = [[slot * place % 8 for slot in range(design.slots)] for place in range(4)]
-    memories = Memories(design, stream.pixels, places)
-    return LongWindow(Case("", memories, tuple(stream.events)), (1 << 23) + (1 << 20))
-
-
 def all_mutants() -> list[Mutant]:
     """Generate the mutants of all files."""
     return [m for file in FILES for m in mutants(file, (SOURCES / file).read_text("ascii"))]
@@ -592,19 +440,18 @@ def survey(
     proved : iterable of tuple of str
         Keys of those that are proved to be equal.
     outcomes : path, optional
-        File to which each outcome is added, and from which those of an earlier run are taken, as
-        long as sources, vectors and compiler are the same.
+        File of `Outcomes`.
     """
     result, left = Survey(), set(proved)
-    known = frozenset(left)
-    earlier = _outcomes(outcomes)
+    equal = frozenset(left)
+    known = Outcomes(outcomes)
     for mutant in chosen:
-        outcome = _outcome(bench, mutant, earlier, outcomes)
+        outcome = _outcome(bench, mutant, known)
         if outcome == "found":
             result.found += 1
         elif outcome == "does not compile":
             result.invalid += 1
-        elif mutant.key in known:
+        elif mutant.key in equal:
             result.equal.append(mutant)
             left.discard(mutant.key)
         else:
@@ -613,26 +460,13 @@ def survey(
     return result
 
 
-def _outcomes(file: Path | None) -> dict[str, str]:
-    """Return the outcomes of an earlier run by fingerprint."""
-    if file is None or not file.exists():
-        return {}
-    lines = file.read_text(encoding="ascii").splitlines()
-    # the last line of a run that was interrupted may be cut
-    return dict(line.split("\t", 1) for line in lines if line.count("\t") == 1)
-
-
-def _outcome(bench: Bench, mutant: Mutant, earlier: dict[str, str], file: Path | None) -> Outcome:
-    if file is None:
-        return bench.run(mutant)
+def _outcome(bench: Bench, mutant: Mutant, known: Outcomes) -> Outcome:
     key = bench.fingerprint(mutant)
-    for outcome in get_args(Outcome):
-        if earlier.get(key) == outcome:
-            return cast("Outcome", outcome)
-    outcome = bench.run(mutant)
-    with file.open("a", encoding="ascii") as out:
-        out.write(f"{key}\t{outcome}\n")
-    return outcome
+    outcome = known.get(key)
+    if outcome not in get_args(Outcome):
+        outcome = bench.run(mutant)
+        known.keep(key, outcome)
+    return cast("Outcome", outcome)
 
 
 def chosen(every: Iterable[Mutant], places: Sequence[str]) -> list[Mutant]:

@@ -126,8 +126,8 @@ _UNITS_OF_CORE = tuple(
     unit for unit in UNITS if unit not in ("vpr_activity.sv", "vpr_logarithm.sv")
 )
 #: clocks in which a core of sequences has a second window
-FEW_CLOCKS = 80
-BOUNDED_TO_FEW = BOUNDED.replace(str(CLOCKS), str(FEW_CLOCKS))
+CLOCKS_OF_SEQUENCES = 80
+BOUNDED_OF_SEQUENCES = BOUNDED.replace(str(CLOCKS), str(CLOCKS_OF_SEQUENCES))
 
 
 def core_claim(define: str, kind: str, *, slow_blocks: bool = False) -> Claim:
@@ -140,7 +140,7 @@ def core_claim(define: str, kind: str, *, slow_blocks: bool = False) -> Claim:
         name = f"{name}, with registers behind block memories"
     method, filters = UNBOUNDED, _filters(kind)
     if define == "PROGRESS" and not filters:
-        name, method = f"in the first {FEW_CLOCKS} clocks, {name}", BOUNDED_TO_FEW
+        name, method = f"in the first {CLOCKS_OF_SEQUENCES} clocks, {name}", BOUNDED_OF_SEQUENCES
     elif define in ("PATIENCE", "PROGRESS") and filters:
         name, method = f"in the first {CLOCKS} clocks, {name}", BOUNDED
     elif define == "MATCH" and filters:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 import shutil
 import subprocess
@@ -30,9 +31,6 @@ from firmware_model.hardware import (
 )
 from firmware_model.hardware import (
     parameters as boards,
-)
-from firmware_model.hardware import (
-    report as netlist,
 )
 from firmware_model.hardware.parameters import (
     PACKAGE,
@@ -602,7 +600,7 @@ def test_the_cells_of_all_units_are_those_of_the_report():
     small = replace(DESIGN, pixels=4, places=6, lanes=1)
     found = unit_cells.unit_cells(small)
     assert {"search", "sequence_sums", "events: counters", "accept", "spi"} < set(found)
-    packed = netlist.packed_cells(small, boards.ICEBREAKER)
+    packed = report.packed_cells(small, boards.ICEBREAKER)
     assert found.total() == packed["logic cells"][0]
     (total,) = list(csv.reader(unit_cells.to_csv({"small": found}).splitlines()))[-1:]
     assert total == ["all", f"{found.total():,}"]
@@ -612,13 +610,43 @@ def test_the_cells_of_all_units_are_those_of_the_report():
 @pytest.mark.parametrize(
     ("design", "slow_blocks"), [*((design, False) for design in KINDS), (KINDS[2], True)]
 )
-def test_the_memories_of_the_core_are_those_of_the_cost_model(design, slow_blocks):
+def test_the_memories_of_the_core_are_those_of_the_cost_model(design, slow_blocks, tmp_path):
     """Depth and width of each, of the netlist; a single window needs none for past distances."""
     sized = cost.memories(design, slow_blocks)
     if design.length == 1:
         sized.pop("history", None)
     stated = sorted(memory for memory in sized.values() if memory.bits)
-    assert netlist.netlist_memories(design, slow_blocks) == stated
+    assert netlist_memories(design, slow_blocks, tmp_path) == stated
+
+
+def netlist_memories(design: Design, slow_blocks: bool, folder: Path) -> list[cost.Memory]:
+    """The memories of a core, sorted, before they are mapped to those of an FPGA."""
+    report.write_tables(design, folder)
+    files = [folder / f"{PACKAGE}.sv", *(sources.FOLDER / file for file in sources.DEVICE)]
+    formal.run_yosys(
+        [
+            f"read_verilog -sv {' '.join(map(str, files))}",
+            f"chparam -set SLOW_BLOCKS {int(slow_blocks)} vpr_core",
+            "hierarchy -check -top vpr_core; proc; flatten; opt_clean; memory_collect",
+            f"write_json {folder / 'core.json'}",
+        ],
+        "core",
+        folder,
+    )
+    written = json.loads((folder / "core.json").read_text(encoding="utf-8"))
+    core = written["modules"]["vpr_core"]
+    memories = [
+        cost.Memory(*(int(cell["parameters"][size], 2) for size in ("SIZE", "WIDTH")))
+        for cell in core["cells"].values()
+        if cell["type"].startswith("$mem")
+    ]
+    # the delay line of an exclusion of 0 is a register
+    registers = [
+        cost.Memory(1, len(core["netnames"][name]["bits"]))
+        for name in core["netnames"]
+        if name.endswith("search.delay.oldest_o") and design.exclusion == 0
+    ]
+    return sorted([*memories, *registers])
 
 
 @needs("verilator")
@@ -814,7 +842,7 @@ def test_programs_with_all_mutants_find_what_is_found_one_by_one(tmp_path):
     """And nothing else; of changed operators, which leave nothing undefined."""
     of_trust = mutants.chosen(mutants.all_mutants(), ["vpr_trust.sv"])
     changed_signs = [mutant for mutant in of_trust if mutant.text.strip(" ;")][::20]
-    every = [*mutants.judged(of_trust), *changed_signs]
+    every = [*mutants.reasons_of(of_trust), *changed_signs]
     bench = mutants.Bench(tmp_path, 1, only=("walk",))
     found = dict(bench.find(every))
     assert 1 < len(found) < len(every)

@@ -79,7 +79,7 @@ def small(monkeypatch):
     variants = [v for v in fixed_number.VARIANTS if v.changes["pixels"] == 25]
     monkeypatch.setattr(fixed_number, "VARIANTS", variants)
     monkeypatch.setattr(mount_shift, "SHIFTS", (2,))
-    monkeypatch.setattr(mount_shift, "WAYS", (mount_shift.WAYS[0], mount_shift.WAYS[-1]))
+    monkeypatch.setattr(mount_shift, "METHODS", (mount_shift.METHODS[0], mount_shift.METHODS[-1]))
     monkeypatch.setattr(drive_pairs, "NUMBERS", (25,))
     monkeypatch.setattr(drive_pairs, "PAPER", few)
     drive_pairs._pairs.cache_clear()
@@ -161,7 +161,7 @@ def test_fixed_number_and_fixed_time_are_compared_on_published_traverses(downloa
 def test_the_camera_of_published_traverses_is_moved(downloads, small):
     rows = rows_of(mount_shift.EXPERIMENT, downloads, 1)
     assert {row["drives"] for row in rows} == {f"{PAIR}, 25 px"}
-    assert {row["way"] for row in rows} == {way.name for way in mount_shift.WAYS}
+    assert {row["way"] for row in rows} == {method.name for method in mount_shift.METHODS}
     assert mount_shift.EXPERIMENT.figure(rows).axes[0].get_title() == f"{PAIR}, 25 px"
 
 
@@ -319,7 +319,7 @@ def test_a_missing_folder_for_the_results_is_an_error_before_any_work(
         raise AssertionError("it was run")
 
     monkeypatch.setattr(calibration, "learn", work)
-    monkeypatch.setattr(calibration, "judged_street", work)
+    monkeypatch.setattr(calibration, "unseen_street", work)
     there = tmp_path / "none" / "page.html"
     assert main(["experiment", "calibration", flag, str(there)]) == 2
     folder = there if flag == "--table" else there.parent

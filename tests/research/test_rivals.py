@@ -243,7 +243,7 @@ def test_the_mount_shift_is_undone(monkeypatch):
     assert right["all pixels, counts", 0] == 1 > right["all pixels, counts", 4]
     assert right["all pixels, 3-bit logarithms", 0] == 1
     assert {row["way"] for row in rows if mount_shift.OFF in row} == {
-        way.name for way in mount_shift.WAYS if way.registered
+        method.name for method in mount_shift.METHODS if method.registered
     }
 
 

@@ -17,7 +17,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from edge_vpr_tools import cli, console
-from edge_vpr_tools.cli import EXAMPLES, GROUPS, VERBS, find_verb, module_name, takes_value, tree
+from edge_vpr_tools.cli import (
+    EXAMPLES,
+    GROUPS,
+    VERBS,
+    completion_parser,
+    find_verb,
+    module_name,
+    takes_value,
+)
 from edge_vpr_tools.research.intensity import open_intensity
 from edge_vpr_tools.research.sweep.plan import content_hash
 from streams import random_events
@@ -485,7 +493,7 @@ def test_completion_offers_verbs_flags_and_choices(tmp_path):
 
 def test_the_tree_for_completion_has_every_verb():
     for verb in VERBS:
-        tree(verb)
+        completion_parser(verb)
         assert module_name(verb).isidentifier()
 
 

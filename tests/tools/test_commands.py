@@ -11,13 +11,8 @@ from functools import partial
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.research.experiments import (
-    EXPERIMENTS,
-    SOURCES,
-    STREETS_ONLY,
-    rivals,
-    window_length,
-)
+from edge_vpr_tools.research.catalogue import stand_in_text
+from edge_vpr_tools.research.experiments import EXPERIMENTS, STREETS_ONLY, rivals, window_length
 from edge_vpr_tools.research.experiments.experiment import Drives, Experiment
 from edge_vpr_tools.research.experiments.plots import dots
 from streams import random_events
@@ -210,7 +205,7 @@ def test_a_map_from_a_newer_version(drive, capsys, tmp_path, monkeypatch):
 
 #: what an experiment says of a folder without drives
 WITHOUT = {
-    **dict.fromkeys(("speck-walks", "burst-filters"), SOURCES["speck_walks"]),
+    **dict.fromkeys(("speck-walks", "burst-filters"), stand_in_text("speck_walks")),
     **dict.fromkeys(("codes", "mount-shift", "trust", "place-filter"), "records/10494919"),
 }
 

@@ -21,8 +21,15 @@ from edge_vpr_tools.estimate import accuracy, emulation, search, targets
 from edge_vpr_tools.estimate import model as counts
 from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_of
 from edge_vpr_tools.estimate.of_map import design_of
-from edge_vpr_tools.estimate.search import FIRMWARE_LIMITS, Budget, broken_by, fit, memory_bytes
-from edge_vpr_tools.estimate.targets import busy
+from edge_vpr_tools.estimate.search import (
+    FIRMWARE_LIMITS,
+    Budget,
+    Limits,
+    broken_by,
+    fit,
+    memory_bytes,
+)
+from edge_vpr_tools.estimate.wording import busy
 from edge_vpr_tools.report.page import quantity
 from test_commands import drive  # noqa: F401
 
@@ -627,7 +634,7 @@ def test_power_is_the_energy_of_the_rates():
 def test_a_fit_is_the_largest(name):
     """What fits keeps the budget, and one more breaks it."""
     target, budget = targets.find(name), Budget.parse("24KiB")
-    found = [f for f in fit(SMALL, target, RATE, [budget]) if 0 < f.value < 1 << 15]
+    found = [f for f in fit(SMALL, RATE, Limits(target, [budget])) if 0 < f.value < 1 << 15]
     assert {one.parameter for one in found} >= {"places"}
     for one in found:
         for more, within in ((0, True), (1, False)):
@@ -641,7 +648,7 @@ def test_a_fit_is_the_largest(name):
 def test_a_fit_tells_the_most_bits_too():
     """With J and K as given: one more bit breaks the budget."""
     target, budget = targets.find("ice40up5k"), Budget.parse("16KiB")
-    (most,) = (f for f in fit(SMALL, target, RATE, [budget]) if f.parameter == "code_bits")
+    (most,) = (f for f in fit(SMALL, RATE, Limits(target, [budget])) if f.parameter == "code_bits")
     assert most.value == most.code_bits and most.limited_by == "16KiB"
     sizes = [memory_bytes(replace(SMALL, code_bits=most.value + n), target) for n in (0, 1)]
     assert sizes[0] <= budget.limit < sizes[1]
@@ -652,9 +659,9 @@ def test_a_design_over_the_firmwares_widths_does_not_fit():
     wide = Design(
         width=64, height=64, pixels=600, places=50, code="linear", code_bits=8, lookup_depth=2048
     )
-    assert broken_by(wide, targets.find("cortex-m4"), RATE, ()) == FIRMWARE_LIMITS
-    assert broken_by(wide, targets.find("ice40up5k"), RATE, ()) == ""
-    assert broken_by(SMALL, targets.find("cortex-m4"), RATE, ()) == ""
+    assert broken_by(wide, RATE, Limits(targets.find("cortex-m4"))) == FIRMWARE_LIMITS
+    assert broken_by(wide, RATE, Limits(targets.find("ice40up5k"))) == ""
+    assert broken_by(SMALL, RATE, Limits(targets.find("cortex-m4"))) == ""
 
 
 def evaluated(folder, drive):  # noqa: F811
@@ -672,7 +679,7 @@ def test_evaluated_runs_are_set_against_their_cost(drive, tmp_path, capsys):  # 
     """Accuracy of the run, cost of its design on the mission's route, and what limits it."""
     runs = evaluated(tmp_path, drive)
     m4, budget = targets.find("cortex-m4"), [Budget.parse("64KiB")]
-    asked = search.Asked(m4, budget)
+    asked = search.Asked(Limits(m4, budget, choose_distances=True))
     short = search.candidates(runs, asked)
     assert [one.accuracy for one in short] == [0.9, 0.2]
     assert not any(one.limited_by for one in short)
@@ -706,7 +713,9 @@ def test_evaluated_runs_are_set_against_their_cost(drive, tmp_path, capsys):  # 
 def test_accuracy_is_drawn_against_energy_and_against_bytes(name, drive, tmp_path):  # noqa: F811
     """Two panels; where energy is unknown, the one of energy says so and draws nothing."""
     target = targets.find(name)
-    found = search.candidates(evaluated(tmp_path, drive), search.Asked(target))
+    found = search.candidates(
+        evaluated(tmp_path, drive), search.Asked(Limits(target, choose_distances=True))
+    )
     energy, memory = search.draw(found, target).axes
     assert "modelled" in energy.get_xlabel() or "unknown" in energy.texts[0].get_text()
     assert bool(energy.lines) == (found[0].cost.per_match_j is not None)
@@ -818,7 +827,7 @@ def parsed(words):
 def test_a_budget_of_power_needs_a_power():
     """A target without a constant cannot be held against milliwatts."""
     with pytest.raises(UsageError, match="unknown"):
-        fit(SMALL, targets.find("raspberry-pi-5"), RATE, [Budget.parse("10mW")])
+        fit(SMALL, RATE, Limits(targets.find("raspberry-pi-5"), [Budget.parse("10mW")]))
     assert Budget.parse("10mW").limit == pytest.approx(0.01)
     assert Budget.parse("500µW") == replace(Budget.parse("500uW"), text="500µW")
     for text in ("10", "mW", "-3KiB", "0KiB", "3 apples"):

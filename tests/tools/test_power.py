@@ -21,7 +21,7 @@ import pytest
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.console import terminated_as_interrupted
 from edge_vpr_tools.estimate.estimation import calibrated
-from edge_vpr_tools.profile import profiling
+from edge_vpr_tools.profile import meter_trace, profiling
 from edge_vpr_tools.profile.conditions import Conditions, void_because
 from edge_vpr_tools.profile.measurement import (
     NotMeasured,
@@ -36,7 +36,7 @@ from edge_vpr_tools.profile.measurement import (
     paired_energy,
     take_turns,
 )
-from edge_vpr_tools.profile.profiling import align, read_csv
+from edge_vpr_tools.profile.meter_trace import align, read_csv
 from edge_vpr_tools.profile.record import Profile
 from edge_vpr_tools.profile.sensors import pmic
 from edge_vpr_tools.profile.sensors.hwmon import CHIPS, with_shunt
@@ -551,8 +551,8 @@ def test_samples_of_the_same_second_are_averaged(tmp_path):
 
 def test_a_trace_of_any_length_takes_the_same_memory(tmp_path, monkeypatch):
     """Neighbours are averaged; a PPK2 writes 100,000 samples a second."""
-    monkeypatch.setattr(profiling, "MOST_SAMPLES", 5_000)
-    monkeypatch.setattr(profiling, "_BLOCK_CHARS", 50_000)
+    monkeypatch.setattr(meter_trace, "MOST_SAMPLES", 5_000)
+    monkeypatch.setattr(meter_trace, "_BLOCK_CHARS", 50_000)
     n, path = 200_003, tmp_path / "ppk.csv"
     ua = np.where(np.arange(n) // 40_000 % 2, 1_000_000, 500_000)
     rows = (f"{i / 100:.2f},{x}.000,00000000\n" for i, x in enumerate(ua.tolist()))

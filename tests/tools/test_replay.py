@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from browser import open_browser, program
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.inputs import RecordedInputs
+from edge_vpr_tools.commands.replay import RecordedInputs
 from edge_vpr_tools.report.replay import load_replay
 from PIL import Image
 from streams import random_events

@@ -18,7 +18,7 @@ EVENTS, J = 20_000_000, 150
 
 @pytest.fixture(scope="module")
 def drive():
-    """Events at random pixels: the hardest case for the caches; a camera's cluster."""
+    """Make events at random pixels, the hardest case for the caches; those of a camera cluster."""
     rng = np.random.default_rng(2022)
     x = rng.integers(0, SENSOR.width, EVENTS).astype(np.uint16)
     y = rng.integers(0, SENSOR.height, EVENTS).astype(np.uint16)

@@ -21,7 +21,7 @@ SENSOR, EVENTS = Sensor(128, 128), 4_000_000
 #: bytes a second of a line of 12 Mbaud, ten bits a byte
 LINE = 1_200_000
 PIECES = {"64 KiB": 65_536, "4 KiB": 4_096, "600 bytes": 600}
-#: what the device speaks, and what the host is told
+#: what the device speaks, and what the host is set to
 PROTOCOLS = {
     "evpr": "evpr",
     "evpr:width=3,frame=200": "evpr",
@@ -42,7 +42,7 @@ PROTOCOLS = {
 
 @pytest.fixture(scope="module", params=PROTOCOLS)
 def line(request):
-    """4 million events, 10 us apart on average, as one device sends them."""
+    """Make 4 million events, 10 us apart on average, as one device sends them."""
     rng = np.random.default_rng(2022)
     x, y = rng.integers(0, 128, EVENTS), rng.integers(0, 128, EVENTS)
     p = rng.integers(0, 2, EVENTS)
@@ -112,7 +112,7 @@ def bench_reading_only(race, line, size):
 
 @pytest.mark.parametrize("line", ["evpr", "evpr:width=3,frame=200"], indirect=True)
 def bench_framing_of_others(race, line):
-    """COBS and its checksum only, no event decoded: `cobs` with its C part, and zlib."""
+    """Race COBS and its checksum alone, without decoding events: `cobs` in C, and zlib."""
     cobs = pytest.importorskip("cobs.cobs", reason="cobs is not installed")
     pieces = cut(line.data, PIECES["64 KiB"])
 
@@ -147,7 +147,7 @@ def by_expelliarmus(path, encoding):
 @pytest.mark.parametrize("line", ["evt2", "evt3"], indirect=True)
 @pytest.mark.parametrize("peer", ["eventcv", "faery", "expelliarmus"])
 def bench_words_by_readers_of_files(race, line, peer, tmp_path):
-    """None takes words from a line: they read a file, which lies in memory, at once."""
+    """Race readers of files, none of which takes words from a line: the file lies in memory."""
     path = tmp_path / "words.raw"
     header = (
         f"% evt {line.device[3]}.0\n% format {line.device.upper()}\n% geometry {SENSOR}\n% end\n"

@@ -69,7 +69,7 @@ def timed(race, s, what, library, update, expected, **how):
     ids=["best", "match"],
 )
 def bench_event_by_event(race, places, what, every):
-    """Each round feeds the same events again, so that the window is different at its start."""
+    """Race with the same events in each round, so that the window is different at its start."""
     rest = places.stream[places.first :]
     fresh = Localiser(places.reference)
     fresh.update(places.stream[: places.first])

@@ -17,7 +17,7 @@ def counts(rows, columns, seed):
 
 
 def plain(reference, queries):
-    """Distances by NumPy, which all results must equal."""
+    """Return the distances by NumPy, which all results must equal."""
     wide = reference.astype(np.int64)
     return np.stack([np.abs(wide - query).sum(axis=1) for query in queries], axis=1)
 
@@ -30,7 +30,7 @@ def by_faiss(reference, queries):
 
 
 def by_faiss_index(reference, queries):
-    """Faiss's other way: it gives the distances in order, which the check puts back."""
+    """Search by an index of Faiss, which sorts the distances."""
     faiss = pytest.importorskip("faiss", reason="faiss-cpu is not installed")
     faiss.omp_set_num_threads(1)
     index = faiss.IndexFlat(reference.shape[1], faiss.METRIC_L1)
@@ -59,7 +59,7 @@ def by_numpy(reference, queries):
 
 @njit
 def read(words, times):
-    """Touch every word so many times; an OR of all of them costs less than anything else."""
+    """Read every word so many times; an OR of all of them costs less than anything else."""
     seen = np.uint64(0)
     for _ in range(times):
         for i in range(words.size):
@@ -74,34 +74,25 @@ def reading(rows, times):
 
 
 def bench_matrix(race, contestant):
-    """641 x 724 places: the size of a Brisbane traverse pair."""
-    library, make, how = contestant
-    reference, queries = counts(641, J, 1), counts(724, J, 2)
-    expected = plain(reference, queries)
-    if library == "faiss IndexFlat, nearest only":
-        expected = expected.min(axis=0)[None]
-    race(
-        "distance matrix 641 x 724, 150 pixels, 8 bits",
-        library,
-        make(reference, queries),
-        None if how.get("limit") else expected,
-        **how,
-    )
+    """Race on 641 x 724 places, the size of a pair of Brisbane traverses."""
+    work = "distance matrix 641 x 724, 150 pixels, 8 bits"
+    run(race, contestant, work, counts(641, J, 1), counts(724, J, 2))
 
 
 def bench_single_query(race, contestant):
+    """Race on one query, as on a robot with a long route."""
+    work = "one query against 20,000 places, 150 pixels, 8 bits"
+    run(race, contestant, work, counts(20_000, J, 3), counts(1, J, 4))
+
+
+def run(race, contestant, work, reference, queries):
+    """Race on these counts; a limit has no result to compare."""
     library, make, how = contestant
-    reference, queries = counts(20_000, J, 3), counts(1, J, 4)
     expected = plain(reference, queries)
     if library == "faiss IndexFlat, nearest only":
         expected = expected.min(axis=0)[None]
-    race(
-        "one query against 20,000 places, 150 pixels, 8 bits",
-        library,
-        make(reference, queries),
-        None if how.get("limit") else expected,
-        **how,
-    )
+    expected = None if how.get("limit") else expected
+    race(work, library, make(reference, queries), expected, **how)
 
 
 def one_by_one(reference, queries):

@@ -38,7 +38,7 @@ WARM = 100
 
 
 def frames(rng: np.random.Generator, rate: float, number: int) -> list[Events]:
-    """Make frames of events at random pixels, the first event of each right at its begin."""
+    """Make frames of events at random pixels, the first event of each at its start."""
     made = []
     for i in range(FRAMES * number):
         n = 1 + rng.poisson(rate * FRAME_US / 1e6)
@@ -60,7 +60,6 @@ def byte_to_match(
         Events a second.
     number : int
         Matches to measure.
-    burst_filter : str
     in_program : bool
         To the match in the program that reads the line; else to the line of `edge-vpr stream` in
         the program that reads its output.
@@ -108,10 +107,10 @@ def _played(
     poll = select.poll()
     poll.register(out, select.POLLIN)
     read_s: dict[int, float] = {}
-    rest, begin = b"", time.monotonic()
+    rest, begun_s = b"", time.monotonic()
     written = np.empty(len(sent))
     for number, frame in enumerate([*sent, b""]):
-        due = begin + (number if frame else number + 200) * FRAME_US / 1e6
+        due = begun_s + (number if frame else number + 200) * FRAME_US / 1e6
         while (wait := due - time.monotonic()) > 0:
             if poll.poll(1e3 * wait):
                 data, now = os.read(out, 1 << 16), time.perf_counter()
@@ -157,9 +156,9 @@ def feed(
     for i, frame in enumerate(sent):
         if pause_us:
             time.sleep(pause_us / 1e6)
-        begin = time.perf_counter()
+        start = time.perf_counter()
         live.feed(frame, i)
-        taken[i] = 1e6 * (time.perf_counter() - begin)
+        taken[i] = 1e6 * (time.perf_counter() - start)
     return taken[FRAMES * WARM :]
 
 
@@ -179,10 +178,6 @@ while True:
 def echo(number: int) -> npt.NDArray[np.float64]:
     """Measure what a pseudo-terminal, a pipe and the system take, without any work in between.
 
-    Parameters
-    ----------
-    number : int
-
     Returns
     -------
     ndarray of float64, shape (number,)
@@ -197,10 +192,10 @@ def echo(number: int) -> npt.NDArray[np.float64]:
             time.sleep(0.01)
         for i in range(number):
             time.sleep(FRAMES * FRAME_US / 1e6)
-            begin = time.perf_counter()
+            start = time.perf_counter()
             os.write(line, b"x")
             os.read(process.stdout.fileno(), 1)
-            taken[i] = 1e6 * (time.perf_counter() - begin)
+            taken[i] = 1e6 * (time.perf_counter() - start)
         process.kill()
     link.close()
     return taken

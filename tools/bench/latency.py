@@ -45,15 +45,15 @@ def row(name: str, reference: ReferenceMap, events: Events, chunk: int) -> tuple
     """Feed the stream in chunks of one size; microseconds of the calls that gave matches."""
     warm = EVENTS_PER_SECOND * 3
     localiser = Localiser(reference)
-    for begin in range(0, warm, 10_000):
-        localiser.update(events[begin : begin + 10_000])
+    for first in range(0, warm, 10_000):
+        localiser.update(events[first : first + 10_000])
     stop = min(events.size, warm + ONE_BY_ONE) if chunk == 1 else events.size
     waited, matches = [], 0
     gc.disable()
     start = time.perf_counter()
-    for begin in range(warm, stop, chunk):
+    for first in range(warm, stop, chunk):
         arrived = time.perf_counter_ns()
-        found = localiser.update(events[begin : begin + chunk])
+        found = localiser.update(events[first : first + chunk])
         if found.size:
             waited.append(time.perf_counter_ns() - arrived)
             matches += found.size
@@ -79,7 +79,7 @@ def filtered() -> ReferenceMap:
 
 
 def line_rows(rates: tuple[float, ...] = (20_000.0, 296_000.0)) -> list[tuple[str, ...]]:
-    """Say how long it takes from a frame on a pseudo-terminal to the line with its match."""
+    """Measure the time from a frame on a pseudo-terminal to the line with its match."""
     rows = []
     for burst_filter in ("causal", "exact"):
         for rate in rates:
@@ -114,8 +114,8 @@ def memory(reference: ReferenceMap, events: Events) -> int:
     """Measure the most bytes that a localiser holds at once beside its map, chunk by chunk."""
     tracemalloc.start()
     localiser = Localiser(reference)
-    for begin in range(0, events.size // 2, 1_000):
-        localiser.update(events[begin : begin + 1_000])
+    for first in range(0, events.size // 2, 1_000):
+        localiser.update(events[first : first + 1_000])
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return peak - localiser.map_bytes

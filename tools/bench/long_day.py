@@ -28,7 +28,7 @@ from edge_vpr.reference_map import ReferenceMap
 
 SENSOR = Sensor(346, 260)
 HOUR_US = 3_600_000_000
-#: Protocols, and the longest silence after which their clocks are still told apart: evt3's wraps
+#: Protocols, and the longest silence after which their clocks are still unambiguous: evt3's wraps
 #: after 16.8 s, and evpr says each second that it is there.
 SILENCES_S = {"evpr": 120.0, "evt2": 30.0, "evt3": 15.0}
 
@@ -38,7 +38,6 @@ class Day(NamedTuple):
 
     Attributes
     ----------
-    matches : int
     same : bool
         Whether the live matches are the offline ones, to the bit.
     wraps, lost, rejected : int
@@ -75,8 +74,6 @@ def live_day(protocol: str, reference: ReferenceMap, hours: float, pauses: int =
     ----------
     protocol : str
         Of `SILENCES_S`.
-    reference : ReferenceMap
-    hours : float
     pauses : int
         Silences are so many times shorter than the protocol allows.
     """
@@ -86,7 +83,7 @@ def live_day(protocol: str, reference: ReferenceMap, hours: float, pauses: int =
     live = LiveLocaliser(decoder, reference, every)
     offline, bursts = Localiser(reference, every=every), BurstFilter(SENSOR)
     digests = hashlib.sha256(), hashlib.sha256()
-    matches, begin, reached, hour = 0, None, 0, HOUR_US
+    matches, start, reached, hour = 0, None, 0, HOUR_US
     blocks: list[int] = []
     resident: list[int] = []
 
@@ -98,13 +95,13 @@ def live_day(protocol: str, reference: ReferenceMap, hours: float, pauses: int =
 
     take(encoder.start())
     for events in spells(rng, SILENCES_S[protocol] / pauses, hours):
-        begin = int(events["t"][0]) if begin is None else begin
+        start = int(events["t"][0]) if start is None else start
         for second in range(reached // 1_000_000 + 1, int(events["t"][0]) // 1_000_000):
             matches += take(encoder.idle(second * 1_000_000))
         matches += take(encoder.encode(events))
         reached = int(events["t"][-1])
         if protocol != "evpr":
-            events["t"] -= begin  # only evpr tells when the stream began
+            events["t"] -= start  # only evpr tells when the stream began
         for piece in bursts.pieces(events):
             digests[1].update(offline.update(piece).tobytes())
         if reached >= hour:

@@ -26,7 +26,7 @@ from edge_vpr.settings import PRESETS
 
 SENSOR, PIXELS, WINDOW_US = Sensor(346, 260), 150, 1_000_000
 MOST_BYTES = 1e9
-WAYS = {
+MATCHINGS = {
     "live": ["--no-smooth"],
     "4 windows late": ["--no-smooth", "--delay", "4"],
     "smoothed": [],
@@ -72,13 +72,13 @@ def write_inputs(folder: Path, places: int, windows: int) -> tuple[Path, Path]:
 
 def measure(command: list[str]) -> tuple[float, float, int]:
     """Run a process to its end; return its time, its processor time (s), and its peak memory."""
-    begin = time.perf_counter()
+    start = time.perf_counter()
     child = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(child.pid, 0)
     if os.waitstatus_to_exitcode(status):
         sys.exit(f"{' '.join(command)} failed")
     peak = usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    return time.perf_counter() - begin, usage.ru_utime + usage.ru_stime, peak
+    return time.perf_counter() - start, usage.ru_utime + usage.ru_stime, peak
 
 
 def main() -> None:
@@ -95,7 +95,7 @@ def main() -> None:
         writer += "from pathlib import Path; from many_places import write_inputs; "
         writer += f"write_inputs(Path({name!r}), {args.places}, {args.windows})"
         subprocess.run([sys.executable, "-c", writer], check=True)
-        for way, flags in WAYS.items():
+        for name, flags in MATCHINGS.items():
             seconds, busy, peak = measure(
                 [
                     *(sys.executable, "-m", "edge_vpr_tools.cli", "match"),
@@ -103,7 +103,7 @@ def main() -> None:
                     *("-o", str(folder / "out"), "--overwrite", "--no-figures", "-q", *flags),
                 ]
             )
-            print(f"{way}: {seconds:.0f} s, {busy:.0f} s busy, {peak / 1e9:.2f} GB", flush=True)
+            print(f"{name}: {seconds:.0f} s, {busy:.0f} s busy, {peak / 1e9:.2f} GB", flush=True)
             too_much = too_much or peak >= MOST_BYTES
     sys.exit(int(too_much))
 

@@ -39,13 +39,13 @@ _PAGE, _TICK = os.sysconf("SC_PAGE_SIZE"), os.sysconf("SC_CLK_TCK")
 
 def slices(rng: np.random.Generator, sensor: Sensor, rate: float) -> Any:
     """Yield events at random pixels, a millisecond at a time, for ever."""
-    begin = 0
+    start = 0
     while True:
         n = rng.poisson(rate * SLICE_US / 1e6)
         flat = rng.integers(0, sensor.pixels, n)
-        times = begin + np.sort(rng.integers(0, SLICE_US, n))
+        times = start + np.sort(rng.integers(0, SLICE_US, n))
         yield make_events(times, flat % sensor.width, flat // sensor.width, rng.integers(0, 2, n))
-        begin += SLICE_US
+        start += SLICE_US
 
 
 class Watched:
@@ -72,11 +72,11 @@ class Watched:
                 self.summary = row
 
     def resident(self) -> int:
-        """Bytes in memory."""
+        """Return the bytes in memory."""
         return int(Path(f"/proc/{self.process.pid}/statm").read_text().split()[1]) * _PAGE
 
     def cpu_s(self) -> float:
-        """Seconds of processor time so far, of all its threads."""
+        """Return the seconds of processor time so far, of all its threads."""
         fields = Path(f"/proc/{self.process.pid}/stat").read_text().rsplit(") ", 1)[1].split()
         return (int(fields[11]) + int(fields[12])) / _TICK
 
@@ -93,8 +93,8 @@ def soak(protocol: str, minutes: float, baud: int, every: str, burst_filter: str
     sensor = SENSORS.get(protocol.partition(":")[0], Sensor(346, 260))
     encoder = open_encoder(protocol, sensor)
     # about what fits, as a protocol may take more bytes an event where there are few
-    few = slices(rng, sensor, baud / 40)
-    probe = np.concatenate([next(few) for _ in range(100)])
+    light = slices(rng, sensor, baud / 40)
+    probe = np.concatenate([next(light) for _ in range(100)])
     bytes_per_event = len(open_encoder(protocol, sensor).encode(probe)) / probe.size
     rate = baud / 10 / bytes_per_event
     with tempfile.TemporaryDirectory() as folder:
@@ -114,8 +114,8 @@ def soak(protocol: str, minutes: float, baud: int, every: str, burst_filter: str
         cpu = watched.cpu_s()
         watched.stop()
         link.close()
-    judgement = judged(watched, *seen.pop("slices"))
-    return {"protocol": protocol, "every": every, "cpu_s": cpu, **seen, **judgement}
+    seen_later = compared(watched, *seen.pop("slices"))
+    return {"protocol": protocol, "every": every, "cpu_s": cpu, **seen, **seen_later}
 
 
 def a_map(rng: np.random.Generator, sensor: Sensor) -> ReferenceMap:
@@ -141,15 +141,15 @@ def _play(
     sent, sent_bytes, late = 0, 0, 0.0
     times, writes, memory = [0], [0.0], []
     link.write(encoder.start(), 1)
-    begin = time.monotonic()
+    start = time.monotonic()
     cpu = watched.cpu_s()
     for number, events in enumerate(stream):
-        due = begin + number * SLICE_US / 1e6
+        due = start + number * SLICE_US / 1e6
         now = time.monotonic()
         if now < due:
             time.sleep(due - now)
         late = max(late, now - due)
-        if due - begin >= seconds:
+        if due - start >= seconds:
             break
         data = encoder.encode(events)
         view = memoryview(data)
@@ -161,13 +161,13 @@ def _play(
         if number % 1_000 == 0:
             memory.append(watched.resident())
     return {
-        "sent": sent, "sent_bytes": sent_bytes, "seconds": time.monotonic() - begin,
+        "sent": sent, "sent_bytes": sent_bytes, "seconds": time.monotonic() - start,
         "device_late_ms": 1e3 * late, "cpu_before_s": cpu, "memory": memory,
         "slices": (times, writes),
     }  # fmt: skip
 
 
-def judged(watched: Watched, times: list[int], writes: list[float]) -> dict[str, Any]:
+def compared(watched: Watched, times: list[int], writes: list[float]) -> dict[str, Any]:
     """Compare what was sent with what came out, and when."""
     # a match at time T is known with the first event that is not earlier
     late = np.array(
@@ -187,7 +187,7 @@ def judged(watched: Watched, times: list[int], writes: list[float]) -> dict[str,
 
 
 def main() -> None:
-    """Soak one protocol and say what was seen."""
+    """Run one protocol, and print what was seen."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--protocol", default="evpr")
     parser.add_argument("--minutes", type=float, default=10)

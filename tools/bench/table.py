@@ -61,12 +61,12 @@ def write_csv(path: Path, entries: Iterable[Entry]) -> None:
 
 
 def machine() -> str:
-    """Name of the processor, its cores, and the system."""
+    """Return the name of the processor, its cores, and the system."""
     return f"{processor_name()}, {os.cpu_count()} cores, {platform.system()} {platform.machine()}"
 
 
 def versions() -> str:
-    """Versions of Python and of the libraries that took part."""
+    """Return the versions of Python and of the libraries that took part."""
     found = [f"Python {platform.python_version()}"]
     for library in _LIBRARIES:
         try:

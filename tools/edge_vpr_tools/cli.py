@@ -50,7 +50,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "replay": "show a match as a film: events, cost of each place, position, probability",
         "sweep": "run many settings on many drives, on this machine or on a cluster",
         "compare": "show the results of several runs and sweeps in one table and one figure",
-        "calibrate": "learn how probable correct matches are, from a drive with ground truth",
+        "calibrate": "learn the probability of a correct match from a drive with ground truth",
     },
     "recordings": {
         "info": "show what a recording holds: sensor, events, duration, rate, polarity, faults",
@@ -325,7 +325,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     sys.unraisablehook = _interrupt_again
     try:
         if "_ARGCOMPLETE" in os.environ:
-            answer()
+            complete()
         with interrupts_kept(), warnings.catch_warnings():
             warnings.showwarning = lambda message, *_: warning(str(message))
             run(argv)
@@ -473,16 +473,16 @@ def _report(error: Exception) -> int:
 # Completion of command lines in a shell.
 
 
-def answer() -> None:
+def complete() -> None:
     """Write the completions that the shell asked for by its environment, and end the process."""
     # only the arguments of the verb on the line are needed: those of the others are not imported
     words = os.environ.get("COMP_LINE", "").split()[1:]
     import argcomplete  # when a shell asks; other commands need not load it
 
-    argcomplete.autocomplete(tree(find_verb(words)[0]))
+    argcomplete.autocomplete(completion_parser(find_verb(words)[0]))
 
 
-def tree(chosen: str) -> argparse.ArgumentParser:
+def completion_parser(chosen: str) -> argparse.ArgumentParser:
     """Build a parser of all verbs, with arguments for the chosen verb only."""
     top = argparse.ArgumentParser(prog="edge-vpr")
     top.add_argument("--version", action="store_true", help="print the version")

@@ -56,11 +56,6 @@ def is_quiet() -> bool:
 
 
 def summary(text: str) -> None:
-    """Print a line of the summary on standard output; not if quiet."""
-    answer(text)
-
-
-def answer(text: str) -> None:
     """Print a line of a command's result on standard output; not if quiet."""
     if not is_quiet():
         print(escaped(text), flush=True)
@@ -192,7 +187,6 @@ def table(
     *,
     title: str | None = None,
     width: int = WIDTH,
-    quiet: bool = False,
 ) -> None:
     """Print a table: the first column to the left, numbers to the right; not if quiet.
 
@@ -202,8 +196,6 @@ def table(
         Cells of each row, one a column.
     width : int
         In columns, where the output is no terminal.
-    quiet : bool
-        Print nothing.
     """
     from rich.table import Table  # slow to load, as all of rich
 
@@ -212,12 +204,12 @@ def table(
         shown.add_column(_plain(name), justify="left" if i == 0 else "right")
     for row in rows:
         shown.add_row(*map(_plain, row))
-    _console(width, quiet).print(shown)
+    _console(width).print(shown)
 
 
-def say(text: str, *, width: int = WIDTH, markup: bool = False, quiet: bool = False) -> None:
+def say(text: str, *, width: int = WIDTH, markup: bool = False) -> None:
     """Print a paragraph, see `table`; use `markup` only for texts without words from a file."""
-    _console(width, quiet).print(text if markup else _plain(text), highlight=False)
+    _console(width).print(text if markup else _plain(text), highlight=False)
 
 
 def _plain(text: str) -> Text:
@@ -227,10 +219,10 @@ def _plain(text: str) -> Text:
     return Text("\n".join(map(escaped, text.split("\n"))))
 
 
-def _console(width: int, quiet: bool) -> Console:
+def _console(width: int) -> Console:
     from rich.console import Console
 
-    return Console(width=None if Console().is_terminal else width, quiet=quiet or is_quiet())
+    return Console(width=None if Console().is_terminal else width, quiet=is_quiet())
 
 
 # Note that kernels are being compiled, which takes long, or that compiled ones were damaged.

@@ -49,10 +49,7 @@ from edge_vpr_tools.profile.conditions import Conditions
 from edge_vpr_tools.profile.sensors.search import find_sensors
 from edge_vpr_tools.profile.sensors.sensor import ROOT
 
-# Result of one check of this machine.
-
-
-#: "good"; "absent": an extra or device is missing; "wrong": something will fail or mislead
+#: "absent": an extra or a device is missing; "wrong": something will fail or mislead
 State = Literal["good", "absent", "wrong"]
 
 
@@ -61,8 +58,6 @@ class Finding:
     """Result of one check."""
 
     topic: str  #: What was checked.
-    #: {"good", "absent", "wrong"}: "absent": an extra or a device is missing; "wrong": something
-    #: will fail or mislead.
     state: State
     text: str  #: What was found.
     remedy: str = ""  #: What the user can do about it; empty if nothing is needed.
@@ -146,8 +141,8 @@ def _run(
     for causal_bursts in (False, True):
         LiveLocaliser(decoder, reference, schedule, causal_bursts=causal_bursts).finish()
     if settings.matching == "filter":
-        late = replace(reference.settings, smooth=False, delay=1)
-        LiveLocaliser(decoder, reference.matched_with(late)).finish()
+        delayed = replace(reference.settings, smooth=False, delay=1)
+        LiveLocaliser(decoder, reference.matched_with(delayed)).finish()
         metred = replace(reference, odometer_mm=np.arange(len(reference), dtype=np.int64))
         bursts = BurstFilter(first.sensor)
         warm_up([
@@ -177,13 +172,8 @@ def _compiled(index: Path) -> list[Path]:
 def _state_of(index: Path, source: Path, processor: object, changed_s: float) -> _State:
     """Return whether a kernel from an index is of the sources as they are, and for this processor.
 
-    Parameters
-    ----------
-    processor : object
-        As Numba describes it.
-    changed_s : float
-        When the newest of all sources was changed. A kernel holds the code of those that it calls,
-        so that any change may make it older.
+    A kernel holds the code of those that it calls, so that any change of a source may make it
+    older: `changed_s` is when the newest was changed.
     """
     try:
         content, *compiled = map(checked_code, (index, *_compiled(index)))

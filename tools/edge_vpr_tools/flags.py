@@ -1,4 +1,4 @@
-"""Flags that several commands share: recordings, settings, ground truth, figures."""
+"""Flags that several commands share: recordings, settings, ground truth, output, figures."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 from edge_vpr.errors import UsageError, did_you_mean
 from edge_vpr.settings import PRESETS, SETTING_FIELDS, SettingField, Settings, resolve_settings
 from edge_vpr_tools.console import warning
+from edge_vpr_tools.report import FORMATS
 
 # Flags by which every command opens a recording.
 
@@ -246,7 +247,7 @@ def _checked(field: SettingField) -> Callable[[str], str]:
 
 
 def add_truth_flags(group: argparse._ActionsContainer) -> None:
-    """Add the flags that `inputs.load_truth` reads."""
+    """Add the flags that `truth_files.load_truth` reads."""
     group.add_argument(
         "--ground-truth",
         nargs="+",
@@ -282,7 +283,47 @@ def add_truth_flags(group: argparse._ActionsContainer) -> None:
     )  # fmt: skip
 
 
-# Help of the flag for the formats of figures, which several commands have.
+# Flags of the output: where it goes, and the formats of figures.
+
+
+def add_output_flags(
+    parser: argparse.ArgumentParser,
+    metavar: str = "DIR",
+    help: str = "folder to write",
+    *,
+    required: bool = True,
+    default: str | None = None,
+) -> argparse._ArgumentGroup:
+    """Add a group with ``--output`` and ``--overwrite``, and return the group."""
+    group = parser.add_argument_group("output")
+    group.add_argument(
+        "-o", "--output", metavar=metavar, help=help, required=required, default=default
+    )
+    group.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    return group
 
 
 FIGURES_HELP = "formats of the figures: png, pdf, svg, or several separated by commas"
+
+
+def add_figures_flag(group: argparse._ActionsContainer, default: str) -> None:
+    """Add the flag that `figure_formats` reads."""
+    group.add_argument("--figures", metavar="FORMATS", default=default, help=FIGURES_HELP)
+
+
+def figure_formats(text: str) -> tuple[str, ...]:
+    """Read names of formats that are separated by commas, each once.
+
+    Raises
+    ------
+    UsageError
+        If one is unknown, or none is given.
+    """
+    names = tuple(dict.fromkeys(name.strip().lower() for name in text.split(",")))
+    for name in names:
+        if name not in FORMATS:
+            raise UsageError(
+                f"--figures {text!r}: {name!r} is no format of figures"
+                f"{did_you_mean(name, FORMATS)}: choose from {', '.join(FORMATS)}"
+            )
+    return names

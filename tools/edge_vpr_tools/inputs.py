@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
 from contextlib import suppress
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from edge_vpr.descriptors.windows import PublishedWindows
-from edge_vpr.errors import GroundTruthError, UsageError
+from edge_vpr.errors import GroundTruthError
 from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.evaluation.tracks import load_odometry
 from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import Recording, crop_of, open_recording, parse_period
 from edge_vpr.reference_map import MatchResult, ReferenceMap
-from edge_vpr.results import InputFile, hash_input
-from edge_vpr.route import Odometry
-from edge_vpr_tools.cli import find_verb, parser_of
 from edge_vpr_tools.console import warning
-from edge_vpr_tools.runs.truth_files import load_truth
+from edge_vpr_tools.truth_files import load_truth
 
 # Open recordings with the flags of the command line, and describe their faults.
 
@@ -146,66 +140,3 @@ def load_evaluated(args: argparse.Namespace) -> tuple[ReferenceMap, Matches, Gro
                     f"correct instead of {share:.0%}: name the log of the reference first"
                 )
     return reference, matches, truth
-
-
-# The inputs of an earlier `edge-vpr match`, opened again with the flags that it had.
-
-
-class RecordedInputs:
-    """The files that a run has read; each is opened when it is asked for.
-
-    Parameters
-    ----------
-    run : mapping
-        Contents of `run.json`.
-    """
-
-    def __init__(self, run: Mapping[str, Any]) -> None:
-        self._files = run.get("inputs", ())
-        verb, words = find_verb([str(word) for word in run.get("command", ())][1:])
-        self._args: argparse.Namespace | None = None
-        if verb == "match":
-            self._args = parser_of(verb).parse(words)
-
-    def recording(self, what: str) -> Recording | PublishedWindows:
-        """Open the recording of the query.
-
-        Parameters
-        ----------
-        what : str
-            What needs it, for the message.
-
-        Raises
-        ------
-        UsageError
-            If the run was not of `edge-vpr match`, or the recording has moved or changed.
-        """
-        if self._args is None:
-            raise UsageError(
-                f"{what} needs the recording, which the record of this run does not name: replay "
-                "results of edge-vpr match"
-            )
-        return open_source(self._args, self._unchanged(self._args.recording, what))
-
-    def odometry(self) -> Odometry | None:
-        """Read the odometry of the query; None if the run had none.
-
-        Raises
-        ------
-        UsageError
-            If the file has moved or changed.
-        """
-        if self._args is None or self._args.odometry is None:
-            return None
-        return load_odometry(self._unchanged(self._args.odometry, "a match with --odometry"))
-
-    def _unchanged(self, path: str, what: str) -> str:
-        remedy = "run edge-vpr replay in the folder where edge-vpr match ran, or match again"
-        if not Path(path).exists():
-            raise UsageError(f"{path}, which {what} needs, is not there: {remedy}")
-        for record in self._files:
-            if record["path"] == path and hash_input(Path(path)) != InputFile(**record):
-                raise UsageError(
-                    f"{path}, which {what} needs, has changed since it was matched: {remedy}"
-                )
-        return path

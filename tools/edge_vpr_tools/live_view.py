@@ -164,7 +164,7 @@ class MatchRows:
     def __init__(self, reference: ReferenceMap | None = None) -> None:
         self._names: tuple[str, ...] = ()
         self._where: list[list[float | None]] = []
-        self._late = reference is not None and reference.settings.match_delay > 0
+        self._delayed = reference is not None and reference.settings.match_delay > 0
         self._texts: dict[int, str] = {}  # of `_where`, made when a place is first matched
         if reference is not None and reference.route is not None:
             route = reference.route
@@ -194,9 +194,9 @@ class MatchRows:
         """
         incomplete = _FLAG[result.incomplete]
         for values in result.matches.tolist():
-            time_us, place, distance, second, after, ratio, events, start, *judged = values
-            trust, misfit, chance, lost = judged
-            came_us = host_us - (result.reached_us - time_us) * self._late
+            time_us, place, distance, second, after, ratio, events, start, *rest = values
+            trust, misfit, chance, lost = rest
+            came_us = host_us - (result.reached_us - time_us) * self._delayed
             yield (
                 f'{{"kind": "match", "time_s": {time_us / 1e6!r}, "place": {place}, '
                 f'"distance": {distance!r}, "second": {second}, '
@@ -284,8 +284,8 @@ class View:
         self._goal = "match" if self._places else "event"
         self.unread = False  #: Whether nobody reads our output any more, as after `head`.
         self.unwritten = ""  #: Which file was given up and why, if one was.
-        self._begin = self._shown = self._logged = self._heard = time.monotonic()
-        self._line_s, self._printed = line_s, self._begin
+        self._started = self._shown = self._logged = self._heard = time.monotonic()
+        self._line_s, self._printed = line_s, self._started
         self._state: tuple[bool, ...] = ()
         self._events_then = 0
         self._rate = 0.0
@@ -358,21 +358,21 @@ class View:
             self._logged = now
             self._write(self._health(status))
         if self._panel is not None:
-            said = self._said(status)
+            texts = self._texts(status)
             share = self._position(filled) if self._places else None
-            self._panel.show(said, share, stale=self._silent_s() > SILENT_S)
+            self._panel.show(texts, share, stale=self._silent_s() > SILENT_S)
             self.unread |= self._panel.lost
         elif not self._quiet:
             self._print_status(status, now)
 
     def _print_status(self, status: LiveStatus, now: float) -> None:
         """Print a line of the status if it is time to, or if what it says is new in kind."""
-        last = json.loads(self._last) if self._last is not None else {}
-        state = bool(status.lost_link), bool(last), bool(last.get("lost"))
+        newest = self._newest()
+        state = bool(status.lost_link), bool(newest), bool(newest.get("lost"))
         due = now - self._printed >= (_LINE_S if self._line_s is None else self._line_s)
         if due or state != self._state:
             self._state, self._printed = state, now
-            self._print(" | ".join(self._said(status).values()))
+            self._print(" | ".join(self._texts(status).values()))
 
     def summary(self, status: LiveStatus, bursts_removed: int) -> None:
         """Write the summary of the run."""
@@ -384,7 +384,7 @@ class View:
             # notices disappear with the screen
             self._panel.close()
             self._print(*self._panel.history())
-        seconds = time.monotonic() - self._begin
+        seconds = time.monotonic() - self._started
         text = f"{health.events:,} events in {health.bytes:,} bytes over {seconds:.1f} s"
         if self._places:
             text += f", {self.matched:,} matches; {bursts_removed:,} events removed as bursts"
@@ -411,53 +411,55 @@ class View:
             "lag_p99_ms": self._lags.percentile_ms(0.99),
         }
 
-    def _said(self, status: LiveStatus) -> dict[str, str]:
+    def _texts(self, status: LiveStatus) -> dict[str, str]:
         """Return the parts of a line, or of the panel, by name."""
         health, filled = status.health, status.filled
-        said = {"rate": f"{self._rate:,.0f} events/s", "received": f"{health.events:,} events"}
+        texts = {"rate": f"{self._rate:,.0f} events/s", "received": f"{health.events:,} events"}
         if (silent_s := self._silent_s()) > SILENT_S:
-            said["silent"] = f"nothing came for {silent_s:.0f} s"
+            texts["silent"] = f"nothing came for {silent_s:.0f} s"
         if status.lost_link:
             # a place of before would be taken for the present one
-            said["silent"] = f"the link is lost for {silent_s:.0f} s"
-            said["health"] = "link lost" if str(health) == "no faults" else f"link lost, {health}"
-            return said
-        if self._last is not None:
-            last = json.loads(self._last)
-            said["place"] = (
-                f"place {last['place']} of {self._places}"
+            texts["silent"] = f"the link is lost for {silent_s:.0f} s"
+            texts["health"] = "link lost" if str(health) == "no faults" else f"link lost, {health}"
+            return texts
+        if newest := self._newest():
+            texts["place"] = (
+                f"place {newest['place']} of {self._places}"
                 f" ({100 * self._position(filled):.0f} % of the route)"
             )
-            if last.get("along_m") is not None:
-                said["place"] += f", at {last['along_m']:,.1f} m"
-            ratio, probability = last["ratio"], last["probability"]
-            said["certainty"] = "ratio -" if ratio is None else f"ratio {ratio:.3f}"
+            if newest.get("along_m") is not None:
+                texts["place"] += f", at {newest['along_m']:,.1f} m"
+            ratio, probability = newest["ratio"], newest["probability"]
+            texts["certainty"] = "ratio -" if ratio is None else f"ratio {ratio:.3f}"
             if probability is not None:
-                said["certainty"] = f"correct with probability {probability:.2f}"
-            if last["lost"]:
-                said["certainty"] += ", lost"
-            if last["misfit"] >= STRANGE:
-                said["certainty"] += f", {STRANGE_TEXT}"
-            if last["incomplete"]:
-                said["certainty"] += ", incomplete: events were lost"
+                texts["certainty"] = f"correct with probability {probability:.2f}"
+            if newest["lost"]:
+                texts["certainty"] += ", lost"
+            if newest["misfit"] >= STRANGE:
+                texts["certainty"] += f", {STRANGE_TEXT}"
+            if newest["incomplete"]:
+                texts["certainty"] += ", incomplete: events were lost"
         elif self._places:
-            said["place"] = f"waiting for the first match: {100 * filled:.0f} %"
+            texts["place"] = f"waiting for the first match: {100 * filled:.0f} %"
         if health.events:
-            said["latency"] = f"{1e3 * self._lag_s:.1f} ms from byte to {self._goal}"
+            texts["latency"] = f"{1e3 * self._lag_s:.1f} ms from byte to {self._goal}"
             if health.lag_us >= _LAG_US:
-                said["latency"] += f", {health.lag_us / 1e3:,.0f} ms late"
-        said["health"] = str(health)
-        return said
+                texts["latency"] += f", {health.lag_us / 1e3:,.0f} ms late"
+        texts["health"] = str(health)
+        return texts
 
     def _silent_s(self) -> float:
-        """Seconds since the newest bytes."""
+        """Return the seconds since the newest bytes."""
         return time.monotonic() - self._heard
 
     def _position(self, filled: float) -> float:
-        """Share of the route before the newest match; without one, of the time until the first."""
-        if self._last is None:
-            return filled
-        return float(json.loads(self._last)["place"] / max(1, self._places - 1))
+        """Return the share of the route before the newest match, or of the time until the first."""
+        newest = self._newest()
+        return newest["place"] / max(1, self._places - 1) if newest else filled
+
+    def _newest(self) -> dict[str, Any]:
+        """Return the row of the newest match, empty before the first."""
+        return {} if self._last is None else json.loads(self._last)
 
     def _write(self, row: dict[str, Any]) -> None:
         text = json.dumps(row)
@@ -533,7 +535,7 @@ class RerunView:
         self._recording = recording
         self._blank = np.full((sensor.height, sensor.width, 3), _NONE, dtype=np.uint8)
         self._picture = self._blank.copy()
-        self._begin_us = 0
+        self._start_us = 0
 
     def show(self, result: LiveResult) -> None:
         """Send the events and matches of a chunk."""
@@ -542,9 +544,9 @@ class RerunView:
         events = result.events
         slots = events["t"] // PICTURE_US
         for part in np.split(events, np.flatnonzero(np.diff(slots)) + 1) if events.size else []:
-            begin_us = int(part["t"][0]) // PICTURE_US * PICTURE_US
-            if begin_us != self._begin_us:
-                self._send_picture(begin_us)
+            start_us = int(part["t"][0]) // PICTURE_US * PICTURE_US
+            if start_us != self._start_us:
+                self._send_picture(start_us)
             colours = np.where(part["p"][:, None], _ON, _OFF)
             self._picture[part["y"], part["x"]] = colours
         matches = result.matches
@@ -563,10 +565,10 @@ class RerunView:
     def _send_picture(self, next_us: int) -> None:
         import rerun
 
-        self._recording.set_time("stream", duration=(self._begin_us + PICTURE_US) / 1e6)
+        self._recording.set_time("stream", duration=(self._start_us + PICTURE_US) / 1e6)
         self._recording.log("events", rerun.Image(self._picture))
         self._picture = self._blank.copy()
-        self._begin_us = next_us
+        self._start_us = next_us
 
 
 @contextmanager

@@ -19,7 +19,61 @@ from urllib.parse import parse_qsl, unquote
 from edge_vpr.errors import MissingExtraError, UsageError
 from edge_vpr.live.links import LinkError, bracketed
 
-# Server that sends rows of JSON, one in each line, to every program that connects.
+#: Time at the end for readers to read what waits for them, in seconds.
+_LAST_S = 1.0
+
+
+class Publisher(Protocol):
+    """Sends rows to readers, without ever waiting for a reader.
+
+    Attributes
+    ----------
+    name : str
+        Kind of the row that its notices are.
+    """
+
+    name: str
+
+    def send(self, kind: str, line: str) -> None:
+        """Send a row of JSON.
+
+        Parameters
+        ----------
+        kind : str
+            The row's own.
+        line : str
+            Without a line feed.
+        """
+
+    def notices(self) -> Iterator[tuple[str, bool]]:
+        """Yield what happened since the last call, and whether it is good news."""
+
+
+@contextmanager
+def open_publishers(serve: str | None, mqtt: str | None) -> Iterator[tuple[Publisher, ...]]:
+    """Open the requested publishers, until the block ends.
+
+    Parameters
+    ----------
+    serve : str or None
+        ``[HOST:]PORT`` to listen on.
+    mqtt : str or None
+        ``mqtt://[USER@]HOST[:PORT]/TOPIC``.
+
+    Raises
+    ------
+    UsageError
+        If an address is none, or a library is missing.
+    LinkError
+        If the port cannot be listened on.
+    """
+    with ExitStack() as stack:
+        publishers: list[Publisher] = []
+        if serve is not None:
+            publishers.append(stack.enter_context(LineServer(serve)))
+        if mqtt is not None:
+            publishers.append(stack.enter_context(open_mqtt(mqtt)))
+        yield tuple(publishers)
 
 
 # Notices that would come too often are counted, and shown once a minute.
@@ -72,14 +126,15 @@ class RareNotices:
                 yield f"{text} ({more:,} times in {now - last:.0f} s)", good
 
 
+# Server that sends rows of JSON, one in each line, to every program that connects.
+
+
 #: Largest number of lines that wait for a reader; beyond it, its oldest lines are left out.
 WAITING_LINES = 1_000
 #: Largest number of readers; others are refused.
 MOST_READERS = 32
 #: Buffer of the system for a slow reader, in bytes.
 _SYSTEM_BYTES = 65_536
-#: Time at the end for readers to read their waiting lines, in seconds.
-_LAST_S = 1.0
 #: Pause after a connection that could not be accepted for want of these, in seconds.
 _PAUSE_S = 1.0
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
@@ -519,59 +574,3 @@ def open_mqtt(url: str) -> Iterator[MqttPublisher]:
         yield publisher
     finally:
         publisher.close()
-
-
-# Interface of publishers, which send the rows of a live run to other programs.
-
-
-class Publisher(Protocol):
-    """Sends rows to readers, without ever waiting for a reader.
-
-    Attributes
-    ----------
-    name : str
-        Kind of the row that its notices are.
-    """
-
-    name: str
-
-    def send(self, kind: str, line: str) -> None:
-        """Send a row of JSON.
-
-        Parameters
-        ----------
-        kind : str
-            The row's own.
-        line : str
-            Without a line feed.
-        """
-
-    def notices(self) -> Iterator[tuple[str, bool]]:
-        """Yield what happened since the last call, and whether it is good news."""
-
-
-@contextmanager
-def open_publishers(serve: str | None, mqtt: str | None) -> Iterator[tuple[Publisher, ...]]:
-    """Open the requested publishers, until the block ends.
-
-    Parameters
-    ----------
-    serve : str or None
-        ``[HOST:]PORT`` to listen on.
-    mqtt : str or None
-        ``mqtt://[USER@]HOST[:PORT]/TOPIC``.
-
-    Raises
-    ------
-    UsageError
-        If an address is none, or a library is missing.
-    LinkError
-        If the port cannot be listened on.
-    """
-    with ExitStack() as stack:
-        publishers: list[Publisher] = []
-        if serve is not None:
-            publishers.append(stack.enter_context(LineServer(serve)))
-        if mqtt is not None:
-            publishers.append(stack.enter_context(open_mqtt(mqtt)))
-        yield tuple(publishers)

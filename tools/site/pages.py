@@ -42,7 +42,6 @@ class Stage:
 
     Attributes
     ----------
-    title, text : str
     packages : tuple of str
         What each exports in ``__all__`` is on the page.
     names : tuple of str

@@ -26,12 +26,12 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from edge_vpr_tools.inputs import RecordedInputs
+from edge_vpr_tools.commands.replay import RecordedInputs
 from edge_vpr_tools.report.figures import draw_outcomes, total_counts
 from edge_vpr_tools.report.replay import Replay, event_images, load_replay
 from edge_vpr_tools.report.style import BLUE, GREY, ORANGE, panels, save
 from edge_vpr_tools.report.verdict import Outcome, outcome_of
-from edge_vpr_tools.runs.truth_files import load_truth
+from edge_vpr_tools.truth_files import load_truth
 from matplotlib.axes import Axes
 from matplotlib.colors import PowerNorm
 from matplotlib.patches import ConnectionPatch
@@ -97,9 +97,9 @@ def strip(folder: Path, path: Path) -> None:
     }
     with panels(1, 3, 10.5, 3.6, width_ratios=[1, 1, 1.5]) as (drawing, (row,)):
         titles = {"query": f"query, {time_us / 1e6:.0f} s", "reference": f"matched place {place}"}
-        for axes, (name, (begin, end)) in zip(row, spans.items(), strict=False):
+        for axes, (name, (start, end)) in zip(row, spans.items(), strict=False):
             recording = open_recording(folder / f"street/{name}.npz")
-            (image,) = event_images(recording, np.array([begin]), np.array([end]))
+            (image,) = event_images(recording, np.array([start]), np.array([end]))
             show_events(axes, image)
             axes.scatter(reference.pixel_map.x, reference.pixel_map.y, s=5, color=BLUE)
             axes.set_title(titles[name])

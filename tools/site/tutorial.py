@@ -38,7 +38,6 @@ def rerun(text: str, folder: Path) -> str:
 
     Parameters
     ----------
-    text : str
     folder : path
         Where the commands run, one after the other.
     """

@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     faults = parser.add_argument_group("faults")
     faults.add_argument(
         "--faults", default="", metavar="LIST",
-        help="faults of the line to imitate: drop=P, flip=P, insert=P (probability for each byte), "
+        help="faults of the line to imitate: drop=P, flip=P, insert=P (probability per byte), "
         "garbage=BYTES, stall=SECONDS (default: none)",
     )  # fmt: skip
     faults.add_argument("--seed", type=int, default=0, help="seed of random faults")

@@ -1,13 +1,21 @@
-"""`edge-vpr calibrate`: learn the probability of a right match from a drive."""
+"""`edge-vpr calibrate`: learn the probability of a correct match from a drive."""
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import note, summary
-from edge_vpr_tools.flags import add_truth_flags
+from edge_vpr_tools.flags import add_output_flags, add_truth_flags
+
+if TYPE_CHECKING:
+    from edge_vpr.confidence import Confidence
+    from edge_vpr.evaluation.ground_truth import GroundTruth
+    from edge_vpr.matching.matches import Matches
+    from edge_vpr.reference_map import ReferenceMap
 
 EXAMPLES = """\
   edge-vpr calibrate tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70
@@ -17,20 +25,73 @@ EXAMPLES = """\
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("results", metavar="RESULTS", help="folder that edge-vpr match wrote")
-    output = parser.add_argument_group("output")
-    output.add_argument(
-        "-o",
-        "--output",
-        metavar="MAP.npz",
-        help="map to write, which holds the learnt table of probabilities (default: the map in "
-        "RESULTS)",
+    add_output_flags(
+        parser,
+        "MAP.npz",
+        "map to write, which holds the learnt table of probabilities (default: the map in RESULTS)",
+        required=False,
     )
-    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
     add_truth_flags(parser.add_argument_group("ground truth"))
 
 
-#: with fewer matches, even if all are right, the table cannot reach a precision of 0.99
-FEW_MATCHES = 100
+class Calibrated(NamedTuple):
+    """A map with a table of probabilities, and their error."""
+
+    reference: ReferenceMap
+    confidence: Confidence  #: The table, as the map has it.
+    #: Whether the map took over the settings that the drive was matched with.
+    settings_changed: bool
+    #: matches, correct, off_map: that were learnt from, those of them that are correct, and queries
+    #: off the map.
+    matches: int
+    correct: int
+    off_map: int
+    error_before: float | None  #: Expected calibration error of the table used before.
+    error: float  #: Expected calibration error on the drive that it was learnt from.
+
+
+def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> Calibrated:
+    """Learn the probability that a match is correct.
+
+    Parameters
+    ----------
+    matches : Matches
+        Of a drive against this map.
+
+    Raises
+    ------
+    EdgeVprError
+        If there is nothing to learn from.
+    """
+    from edge_vpr.evaluation.calibration import learn_confidence, reliability
+    from edge_vpr.evaluation.metrics import evaluate
+
+    found = evaluate(matches, truth)
+    trust, correct = matches.net_trust[found.evaluated], found.correct[found.evaluated]
+    confidence = learn_confidence(trust, correct)
+    changed = reference.settings.of_trust != matches.settings.of_trust
+    if changed:
+        taken = matches.settings.to_dict()
+        of_map = reference.settings.to_dict()
+        kept = {name: of_map[name] for name in ("precision", "query_mean", "stays_on_map")}
+        settings = reference.settings.replaced(taken | kept, "the matches")
+        reference = replace(reference, settings=settings)
+    before = found.reliability
+    within = reliability(confidence.probability_of(trust), correct)
+    return Calibrated(
+        reference=replace(reference, confidence=confidence),
+        confidence=confidence,
+        settings_changed=changed,
+        matches=int(trust.size),
+        correct=int(correct.sum()),
+        off_map=found.rejection.off_map,
+        error_before=None if before is None else before.expected_calibration_error,
+        error=within.expected_calibration_error,
+    )
+
+
+#: with fewer matches, even if all are correct, the table cannot reach a precision of 0.99
+LEAST_MATCHES = 100
 
 
 def run(args: argparse.Namespace) -> None:
@@ -38,7 +99,6 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr import results
     from edge_vpr.files import check_output
     from edge_vpr_tools.inputs import load_evaluated
-    from edge_vpr_tools.runs.mapping import calibrate
 
     folder = Path(args.results)
     output = folder / results.MAP if args.output is None else Path(args.output)
@@ -57,7 +117,7 @@ def run(args: argparse.Namespace) -> None:
         )
     found.reference.save(output)
 
-    if found.matches < FEW_MATCHES:
+    if found.matches < LEAST_MATCHES:
         note(f"{found.matches} matches are few to learn probabilities from: calibrate with more")
     if not (folder / results.QUERIES).is_file():
         note(
@@ -76,7 +136,7 @@ def run(args: argparse.Namespace) -> None:
     table = found.confidence
     summary(
         f"{output}: probabilities in {len(table.trust)} steps from {found.matches} matches, "
-        f"{found.right} of them correct{before}"
+        f"{found.correct} of them correct{before}"
     )
     summary(
         f"they range from {table.probability[0]:.3f} to {table.probability[-1]:.3f}, and are off "

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import summary
-from edge_vpr_tools.flags import FIGURES_HELP
+from edge_vpr_tools.flags import add_figures_flag, add_output_flags, figure_formats
 
 EXAMPLES = """\
   edge-vpr compare pixels
@@ -32,31 +32,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "runs", metavar="RUN", nargs="+",
         help="folder that edge-vpr sweep wrote, or folder of matches that were evaluated",
     )  # fmt: skip
-    output = parser.add_argument_group("output")
-    output.add_argument(
-        "-o", "--output", metavar="DIR",
-        help="folder to write the tables to (CSV by row, by result and by mean over drives; JSON; "
-        "Markdown; LaTeX), and the figure",
-    )  # fmt: skip
-    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
-    output.add_argument("--figures", metavar="FORMATS", default="png", help=FIGURES_HELP)
+    output = add_output_flags(
+        parser,
+        help="folder for the tables (CSV of rows, of single results and of means over drives; "
+        "JSON; Markdown; LaTeX) and for the figure",
+        required=False,
+    )
+    add_figures_flag(output, "png")
     output.add_argument(
         "--measure", choices=MEASURES, default=MEASURES[0],
         help="measure of the figure, and of the differences from the first variant",
     )  # fmt: skip
     output.add_argument(
         "--over", metavar="SETTING",
-        help="show the measure over this setting, as a curve for each combination of the others",
+        help="draw the measure against this setting, with a curve for each combination of the "
+        "other settings",
     )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> None:
     """Print the table, and write it with the figure if asked."""
     from edge_vpr import results
-    from edge_vpr_tools.report.formats import read_formats
     from edge_vpr_tools.research.sweep.comparison import markdown, rows_of, write_comparison
 
-    runs, formats = [Path(run) for run in args.runs], read_formats(args.figures)
+    runs, formats = [Path(run) for run in args.runs], figure_formats(args.figures)
     output = None if args.output is None else Path(args.output)
     if args.over is not None and output is None:
         raise UsageError("--over says what the figure shows: name a folder for it with -o")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from edge_vpr_tools.console import is_quiet, say, table
+from edge_vpr_tools.console import say, table
+from edge_vpr_tools.flags import add_output_flags
 
 EXAMPLES = """\
   edge-vpr demo
@@ -14,12 +15,8 @@ EXAMPLES = """\
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    group = parser.add_argument_group("demo")
-    group.add_argument(
-        "-o", "--output", metavar="DIR", default="results/demo", help="folder for the report"
-    )
-    group.add_argument("--overwrite", action="store_true", help="replace the folder if it exists")
-    group.add_argument("--seed", type=int, default=0, help="seed of the simulated street")
+    add_output_flags(parser, help="folder for the report", required=False, default="results/demo")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the simulated street")
 
 
 _WIDTH = 100
@@ -54,10 +51,9 @@ def run(args: argparse.Namespace) -> None:
             write_json(folder / results.RUN, run_record(settings.to_dict(), []))
             write_json(folder / results.METRICS, metrics)
             write_report(folder, trials, latencies, reference.track)
-    quiet = is_quiet()
     title = "One street, driven twice, the second time at half to double the speed"
-    table(HEADER, rows(trials), title=title, width=_WIDTH, quiet=quiet)
+    table(HEADER, rows(trials), title=title, width=_WIDTH)
     for line in remarks(trials, latencies):
-        say(line, width=_WIDTH, markup=True, quiet=quiet)
+        say(line, width=_WIDTH, markup=True)
     film = f"edge-vpr replay {output} -o match.gif"
-    say(f"See {output / results.REPORT}; as a film: {film}", width=_WIDTH, quiet=quiet)
+    say(f"See {output / results.REPORT}; as a film: {film}", width=_WIDTH)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from edge_vpr.errors import EdgeVprError
-from edge_vpr_tools.console import answer
+from edge_vpr_tools.console import summary
 
 EXAMPLES = """\
   edge-vpr doctor
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
         print(json_text(findings, indent=2))
     else:
         for line in as_text(findings).splitlines():
-            answer(line)
+            summary(line)
     wrong = sum(finding.state == "wrong" for finding in findings)
     if wrong:
         raise EdgeVprError(f"{wrong} of {len(findings)} findings are wrong: they are marked !!")

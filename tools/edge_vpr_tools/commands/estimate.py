@@ -125,9 +125,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     asked.add_argument(
         "--fit", action="append", metavar="LIMIT", default=[],
-        help="limit on memory or power, such as 64KiB or 10mW, may be repeated: with one --target, "
-        "prints the largest numbers of pixels, places and bits that fit; with --accuracy-on or "
-        "--pareto, recommends a design for each target",
+        help="limit on memory or power, such as 64KiB or 10mW; may be repeated; with one --target, "
+        "print the largest numbers of pixels, places and bits that fit; with --accuracy-on or "
+        "--pareto, recommend a design for each target",
     )  # fmt: skip
     asked.add_argument(
         "--calibrate", metavar="PROFILE.json",
@@ -145,8 +145,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     asked.add_argument(
         "--ground-truth", nargs="+", metavar="FILE",
-        help="two tracks, or one alignment in seconds, as for edge-vpr evaluate; a matrix does not "
-        "fit, since designs have windows of their own",
+        help="two tracks, or one alignment in seconds, as for edge-vpr evaluate; not a matrix, "
+        "because each design has windows of its own",
     )  # fmt: skip
     asked.add_argument(
         "--tolerance", type=float, metavar="T",
@@ -193,7 +193,7 @@ def _drives(args: argparse.Namespace) -> Drives:
     from edge_vpr_tools.estimate import accuracy
     from edge_vpr_tools.estimate.accuracy import Drives, Pair
     from edge_vpr_tools.research.experiments.trial import Kept
-    from edge_vpr_tools.runs.truth_files import load_truth
+    from edge_vpr_tools.truth_files import load_truth
 
     if args.accuracy_on == ["simulated"]:
         return accuracy.simulated()
@@ -371,7 +371,7 @@ def other_design(name: str) -> Other:
 
 
 def matching_is_chosen(args: argparse.Namespace) -> bool:
-    """Return whether the user chose how designs match; otherwise several ways are compared."""
+    """Return whether the user chose how designs match; otherwise several are compared."""
     chosen = (args.map, args.design, args.matching, args.sequence_length, args.counter_code)
     return args.pareto is not None or any(one is not None for one in chosen)
 

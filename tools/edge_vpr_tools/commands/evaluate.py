@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.run_log import warnings_so_far
-from edge_vpr_tools.console import answer
-from edge_vpr_tools.flags import FIGURES_HELP, add_truth_flags
+from edge_vpr_tools.console import summary
+from edge_vpr_tools.flags import add_figures_flag, add_truth_flags, figure_formats
 
 if TYPE_CHECKING:
     from edge_vpr.evaluation.metrics import Evaluation
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("results", metavar="RESULTS", help="folder that edge-vpr match wrote")
     add_truth_flags(parser.add_argument_group("ground truth"))
     output = parser.add_argument_group("output")
-    output.add_argument("--figures", metavar="FORMATS", default="svg", help=FIGURES_HELP)
+    add_figures_flag(output, "svg")
     metrics = parser.add_argument_group("metrics")
     metrics.add_argument(
         "--score", choices=("distance", "ratio", "margin", "trust"),
@@ -56,13 +56,12 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.files import read_json
     from edge_vpr.results import run_record, write_json
     from edge_vpr_tools.inputs import load_evaluated
-    from edge_vpr_tools.report.formats import read_formats
     from edge_vpr_tools.report.page import MISSED
     from edge_vpr_tools.report.traverse import write_report
     from edge_vpr_tools.report.verdict import outcome_of
-    from edge_vpr_tools.runs.truth_files import load_tracks
+    from edge_vpr_tools.truth_files import load_tracks
 
-    folder, formats = Path(args.results), read_formats(args.figures)
+    folder, formats = Path(args.results), figure_formats(args.figures)
     reference, matches, truth = load_evaluated(args)
     found = evaluate(
         matches,
@@ -84,19 +83,19 @@ def run(args: argparse.Namespace) -> None:
     write_report(folder, outcome, formats, route, warnings_so_far())
     write_json(folder / results.METRICS, metrics)
 
-    answer(outcome.sentence())
-    answer(
+    summary(outcome.sentence())
+    summary(
         f"P@100R {found.precision_at_100_recall:.3f}   R@99P {found.recall_at_99_precision:.3f}   "
         f"average precision {found.curve.average_precision:.3f}   "
         + "   ".join(f"Recall@{n} {recall:.3f}" for n, recall in found.recall_at.items())
     )
-    answer(
+    summary(
         f"{found.queries} queries evaluated by {truth.description}; without known "
         f"truth {found.queries_unknown}, off the map {found.queries_without_place}, tied "
         f"{found.queries_tied}"
     )
     _print_trust(matches, found)
-    answer(
+    summary(
         f"recall counts a query as missed if {MISSED[args.recall_denominator]}; "
         f"see {folder / results.REPORT}"
     )
@@ -106,7 +105,7 @@ def _print_trust(matches: Matches, found: Evaluation) -> None:
     """Print figures on probabilities, rejected matches and queries off the map."""
     rejection = found.rejection
     if found.reliability is not None:
-        answer(
+        summary(
             f"probabilities are off by {found.reliability.expected_calibration_error:.3f} on "
             "average (expected calibration error)"
         )
@@ -115,12 +114,12 @@ def _print_trust(matches: Matches, found: Evaluation) -> None:
             "-" if value is None else f"{value:.3f}"
             for value in (rejection.precision, rejection.recall)
         )
-        answer(
+        summary(
             f"--precision {matches.settings.precision}: {rejection.accepted} of {found.queries} "
             f"matches accepted, precision {precision}, recall {recall} of those on the map"
         )
     if rejection.off_map_auroc is not None:
-        answer(
+        summary(
             f"off the map: AUROC of the trust {rejection.off_map_auroc:.3f}; "
             f"{rejection.right_on_map:.3f} of the queries on the map are correct, "
             f"{rejection.found_at_99_precision:.3f} of them at 99 % precision over all queries"

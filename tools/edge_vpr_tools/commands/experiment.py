@@ -11,6 +11,7 @@ from pathlib import Path
 
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr_tools.console import note, summary, warning
+from edge_vpr_tools.flags import figure_formats
 from edge_vpr_tools.research.experiments import EXPERIMENTS, STREETS_ONLY
 
 EXAMPLES = """\
@@ -48,8 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="SYSTEM",
-        help="compare this system too (rivals, frames): lens:FILE.pth, model:FILE.onnx, "
-        "NAME@1,2,4 for an ensemble of windows, NAME+NAME of systems; repeatable",
+        help="also compare this system (rivals, frames): lens:FILE.pth, model:FILE.onnx, "
+        "NAME@1,2,4 for an ensemble of windows, NAME+NAME for one of systems; may be repeated",
     )
     group.add_argument(
         "--seeds", type=int, default=5, metavar="N", help="number of trials with different seeds"
@@ -76,8 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--table", metavar="DIR",
-        help="calibration only: instead of judging the shipped tables of probabilities, learn new "
-        "ones on as many streets as --seeds says, and write them to this folder",
+        help="calibration only: learn new tables of probabilities on as many streets as --seeds "
+        "says, and write them to this folder, instead of evaluating the shipped ones",
     )  # fmt: skip
 
 
@@ -87,7 +88,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.research.catalogue import damaged_files
     from edge_vpr_tools.research.experiments.drives import check_logs, downloads
 
-    begin = time.perf_counter()
+    start = time.perf_counter()
     if args.seeds < 1:
         raise UsageError(f"{args.seeds} seeds: expected 1 or more")
     if args.figures is not None and args.figure is None:
@@ -129,7 +130,7 @@ def run(args: argparse.Namespace) -> None:
             summary(line)
     if args.report is not None:
         _write_report(Path(args.report), folder, pages, args.seeds)
-    summary(f"{folder}: {len(names)} experiments in {time.perf_counter() - begin:,.0f} s")
+    summary(f"{folder}: {len(names)} experiments in {time.perf_counter() - start:,.0f} s")
 
 
 def _list_files(names: list[str], args: argparse.Namespace, data: Path | None) -> None:
@@ -241,8 +242,6 @@ def _write_report(path: Path, folder: Path, pages: Mapping[str, str], seeds: int
 
 def _figure_files(named: Path, formats: str | None) -> list[Path]:
     """Return the given file, or one with its stem for each format."""
-    from edge_vpr_tools.report.formats import read_formats
-
     if formats is None:
         return [named]
-    return [named.with_suffix(f".{kind}") for kind in read_formats(formats)]
+    return [named.with_suffix(f".{kind}") for kind in figure_formats(formats)]

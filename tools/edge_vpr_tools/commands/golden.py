@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import note, summary
-from edge_vpr_tools.flags import add_reading_arguments
+from edge_vpr_tools.flags import add_output_flags, add_reading_arguments
 
 if TYPE_CHECKING:
     from firmware_model import Design
@@ -40,8 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     vectors.add_argument(
         "--case-size", metavar="SIZE", default="512KiB",
-        help="flash of the microcontroller for the recording's case.h: windows, and events at "
-        "other than selected pixels, are left out until it fits",
+        help="flash of the microcontroller, into which case.h of the recording must fit: windows, "
+        "and events at unselected pixels, are left out until it does",
     )  # fmt: skip
     vectors.add_argument(
         "--ram", metavar="SIZE", default="64KiB",
@@ -66,11 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rtl", action="store_true",
         help="also write the hardware core, its parameters for each case, and a testbench",
     )  # fmt: skip
-    output = parser.add_argument_group("output")
-    output.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
-    output.add_argument(
-        "--overwrite", action="store_true", help="replace a folder of vectors that exists"
-    )
+    add_output_flags(parser)
     add_reading_arguments(parser)
 
 
@@ -78,7 +74,8 @@ def run(args: argparse.Namespace) -> None:
     """Make vectors and write them."""
     from edge_vpr.files import check_output, read_toml, replacing_folder
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr_tools.device import (
+    from edge_vpr_tools.estimate.of_map import design_of
+    from edge_vpr_tools.golden_vectors import (
         case_size,
         check_vectors_folder,
         distances_text,
@@ -87,7 +84,6 @@ def run(args: argparse.Namespace) -> None:
         recorded_case,
         vectors_size,
     )
-    from edge_vpr_tools.estimate.of_map import design_of
     from edge_vpr_tools.inputs import open_from
     from edge_vpr_tools.progress import status
     from firmware_model import Design

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from edge_vpr.errors import EdgeVprError, UsageError
-from edge_vpr_tools.console import answer
+from edge_vpr_tools.console import summary
 
 EXAMPLES = """\
   edge-vpr golden verify vectors
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> None:
     folder = Path(args.vectors)
     files = check_files(folder)
     if args.results is None:
-        answer(f"{folder}: {files} files are as they were made")
+        summary(f"{folder}: {files} files are as they were made")
         return
     kinds = tuple(args.only.split(","))
     if not set(kinds) <= set(COMPARED):
@@ -48,9 +48,9 @@ def run(args: argparse.Namespace) -> None:
     compared = ", ".join(f"{number} of {kind}" for kind, number in verdict.compared.items())
     if verdict.differences:
         for difference in verdict.differences:
-            answer(difference)
+            summary(difference)
         raise EdgeVprError(
             f"{args.results}: {len(verdict.differences)} of {verdict.cases} cases differ from the "
             f"vectors in {folder}, first in {verdict.differences[0]}"
         )
-    answer(f"{args.results}: {verdict.cases} of {verdict.known} cases, equal records: {compared}")
+    summary(f"{args.results}: {verdict.cases} of {verdict.known} cases, equal records: {compared}")

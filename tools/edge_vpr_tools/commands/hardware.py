@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import note, summary
+
+if TYPE_CHECKING:
+    from firmware_model import Design, Memories
+
 
 EXAMPLES = """\
   edge-vpr hardware --map monday.npz -o core
@@ -42,8 +47,8 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.files import check_output, replacing_folder
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.results import check_parent
-    from edge_vpr_tools.device import blank_memories, vectors_size
     from edge_vpr_tools.estimate.of_map import design_of, memories_of
+    from edge_vpr_tools.golden_vectors import vectors_size
     from edge_vpr_tools.progress import status
     from firmware_model import Design
     from firmware_model.hardware.project import write_project
@@ -57,7 +62,7 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError(f"{output} is not an empty folder: name a new one")
     if args.map is None:
         design = Design.load(args.design)
-        memories = blank_memories(design)
+        memories = _test_memories(design)
         note(
             "a design file has no pixels, so that those of the tables are for tests only; use --map"
         )
@@ -74,3 +79,13 @@ def run(args: argparse.Namespace) -> None:
         f"{args.output}: core of {design.pixels} pixels and {design.places} places; make builds it "
         "for an iCEBreaker or a ULX3S, make test holds it to its vectors"
     )
+
+
+def _test_memories(design: Design) -> Memories:
+    """Return tables with pixels for tests, and places without events."""
+    from firmware_model import Memories
+    from firmware_model.vectors.case import choose_pixels
+
+    places = [[0] * design.slots] * design.places
+    tables = [slot % len(design.full_scales) for slot in range(design.slots)]
+    return Memories(design, choose_pixels(design), places, tables)

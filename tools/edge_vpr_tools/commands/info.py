@@ -6,7 +6,7 @@ import argparse
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edge_vpr_tools.console import answer
+from edge_vpr_tools.console import summary
 from edge_vpr_tools.flags import add_reading_arguments
 
 if TYPE_CHECKING:
@@ -99,4 +99,4 @@ def run(args: argparse.Namespace) -> None:
         "faults": str(recording.faults),
     }
     for name, text in lines.items():
-        answer(f"{name:<9} {text}")
+        summary(f"{name:<9} {text}")

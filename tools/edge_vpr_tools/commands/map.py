@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import detail_settings, summary, warning
 from edge_vpr_tools.flags import (
     add_map_flags,
+    add_output_flags,
     add_reading_arguments,
     add_window_argument,
     given_map_flags,
@@ -19,11 +21,12 @@ from edge_vpr_tools.flags import (
 )
 
 if TYPE_CHECKING:
+    from edge_vpr.descriptors.counting import Removed
     from edge_vpr.descriptors.windows import PublishedWindows
     from edge_vpr.evaluation.tracks import Track
     from edge_vpr.recordings import Recording
+    from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.settings import Settings
-    from edge_vpr_tools.runs.mapping import MapRun
 
 EXAMPLES = """\
   edge-vpr map monday.raw -o monday.npz
@@ -49,9 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="recordings of further drives of the route, averaged into the map, which stays as "
         "large",
     )
-    output = parser.add_argument_group("output")
-    output.add_argument("-o", "--output", metavar="MAP.npz", required=True, help="file to write")
-    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    add_output_flags(parser, "MAP.npz", "file to write")
     track = parser.add_argument_group("positions")
     track.add_argument(
         "--track",
@@ -126,15 +127,15 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError(f"{len(tracks)} tracks are given for {drives} drives: give one per drive")
 
     of_drives = [load_track(track).shifted(args.track_offset or 0.0) for track in tracks]
-    run = None
+    removed, seconds = Removed(), None
     if learns:
         _check_flags_of_a_map(args)
         reference = ReferenceMap.load(args.recording)
     else:
         settings = map_settings(args)
         recording = open_source(args, args.recording)
-        run = _mapped(args, settings, recording, of_drives.pop(0) if of_drives else None)
-        reference = run.reference
+        track = of_drives.pop(0) if of_drives else None
+        reference, seconds = _mapped(args, settings, recording, track, removed)
     for drive, track in itertools.zip_longest(args.more, of_drives):
         other = open_source(args, drive, reference.frame_period)
         update = reference.update(tracked(other, "learning"), track=track)
@@ -144,7 +145,6 @@ def run(args: argparse.Namespace) -> None:
         reference = update.reference
     reference.save(output)
     hot_pixels = int(reference.hot.sum())
-    removed = Removed() if run is None else run.removed
     left_out = removed_record(removed, hot_pixels)
     write_json(run_file, run_record(reference.settings.to_dict(), inputs, left_out))
 
@@ -154,10 +154,10 @@ def run(args: argparse.Namespace) -> None:
         f"{reference.pixel_map.sensor}, {reference.bytes_text}, "
         f"{reference.packed_bytes_per_place * len(places) / 1e3:.1f} kB in all"
     )
-    if run is not None:
+    if seconds is not None:
         summary(
             f"counted {places.events.sum():,} events over {places.end_us[-1] / 1e6:.1f} s "
-            f"in {run.seconds:.2f} s; {hot_pixels} hot pixels left out"
+            f"in {seconds:.2f} s; {hot_pixels} hot pixels left out"
             f"{describe_removed(removed, reference.settings)}"
             f"{describe_faults(recording)}"
         )
@@ -175,35 +175,31 @@ def _mapped(
     settings: Settings,
     recording: Recording | PublishedWindows,
     track: Track | None,
-) -> MapRun:
-    """Make the map of the reference drive."""
-    from edge_vpr.descriptors.cleaning import load_hot_pixels
+    removed: Removed,
+) -> tuple[ReferenceMap, float]:
+    """Return the map of the reference drive, and the time that it took in seconds."""
     from edge_vpr.descriptors.counting import WindowSource
-    from edge_vpr.evaluation.tracks import load_odometry
+    from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.warm_up import mapping_steps
     from edge_vpr_tools.progress import tracked, warmed_up
-    from edge_vpr_tools.runs.mapping import map_recording
 
-    listed = _hot_pixel_file(args)
     detail_settings(settings.to_dict())
     if not isinstance(recording, WindowSource):
         warmed_up(mapping_steps(settings))
-    run = map_recording(
-        tracked(recording, "mapping"),
-        settings,
-        pixel_map=args.pixel_map,
-        hot=None if listed is None else load_hot_pixels(listed, recording.sensor),
-        track=track,
-        odometry=None if args.odometry is None else load_odometry(args.odometry),
-        jumps=args.jumps,
-    )
-    found = len(run.reference.pixel_map)
+    start = time.perf_counter()
+    reference = ReferenceMap.build(
+        tracked(recording, "mapping"), settings, pixel_map=args.pixel_map,
+        hot=_hot_pixel_file(args), track=track, odometry=args.odometry, jumps=args.jumps,
+        removed=removed,
+    )  # fmt: skip
+    seconds = time.perf_counter() - start
+    found = len(reference.pixel_map)
     if args.pixel_map is None and found < settings.pixels:
         warning(
             f"{args.recording} has events at {found} pixels alone, of {settings.pixels} that were "
             "asked for: the map has only these"
         )
-    return run
+    return reference, seconds
 
 
 def _hot_pixel_file(args: argparse.Namespace) -> str | None:

@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import detail_settings, summary, warning
 from edge_vpr_tools.flags import (
-    FIGURES_HELP,
+    add_figures_flag,
     add_match_flags,
+    add_output_flags,
     add_reading_arguments,
     add_window_argument,
+    figure_formats,
     match_flags,
     with_match_flags,
 )
@@ -37,11 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("map", metavar="MAP.npz", help="reference map from edge-vpr map")
     parser.add_argument("recording", metavar="QUERY", help="recording of the query drive")
-    output = parser.add_argument_group("output")
-    output.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
-    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    output = add_output_flags(parser)
     output.add_argument("--no-figures", action="store_true", help="write no figures and no report")
-    output.add_argument("--figures", metavar="FORMATS", default="svg", help=FIGURES_HELP)
+    add_figures_flag(output, "svg")
     output.add_argument(
         "--matrix", metavar="FILE.npy",
         help="also write the distance of every place (row) to every query window (column)",
@@ -94,7 +94,6 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.warm_up import matching_steps
     from edge_vpr_tools.inputs import describe_faults, open_source
     from edge_vpr_tools.progress import describe_removed, tracked, warmed_up, warn_if_much
-    from edge_vpr_tools.report.formats import read_formats
 
     output = Path(args.output)
     inputs = list(filter(None, (args.map, args.recording, args.odometry)))
@@ -104,7 +103,7 @@ def run(args: argparse.Namespace) -> None:
             f"{args.recording} is the map and {args.map} is not: the map comes first, then the "
             "recording of the query drive"
         )
-    formats = read_formats(args.figures)
+    formats = figure_formats(args.figures)
     matrix = None if args.matrix is None else Path(args.matrix)
     if matrix is not None:
         _check_matrix(matrix, inputs, args)
@@ -230,13 +229,7 @@ _MUCH_STRANGE = 0.25
 
 
 def _report_shift(reference: ReferenceMap, found: MatchResult) -> None:
-    """Print by how much the image of a query was shifted, if that was estimated.
-
-    Parameters
-    ----------
-    reference : ReferenceMap
-        Before its pixels were moved.
-    """
+    """Print by how much the image of a query was shifted against the map, if that was estimated."""
     shift = found.shift
     if shift is None:
         return

@@ -6,7 +6,7 @@ import argparse
 from typing import NamedTuple
 
 from edge_vpr.errors import printable
-from edge_vpr_tools.console import answer
+from edge_vpr_tools.console import summary
 
 EXAMPLES = """\
   edge-vpr ports
@@ -105,6 +105,6 @@ def run(args: argparse.Namespace) -> None:
         how += f" --baud {one.baud}" if one.baud else ""
         # the name comes from the device and can contain anything
         name, what = printable(one.port), printable(one.description, 80)
-        answer(f"{name}  {one.usb or '-'}  {what}  {how}")
+        summary(f"{name}  {one.usb or '-'}  {what}  {how}")
     if not found:
-        answer("no serial ports; edge-vpr bridge RECORDING makes a virtual one")
+        summary("no serial ports; edge-vpr bridge RECORDING makes a virtual one")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import check_interrupted, is_quiet, summary, terminated_as_interrupted
-from edge_vpr_tools.flags import add_reading_arguments
+from edge_vpr_tools.flags import add_output_flags, add_reading_arguments
 
 if TYPE_CHECKING:
     from edge_vpr_tools.profile.workload import Load
@@ -23,11 +23,7 @@ EXAMPLES = """\
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    output = parser.add_argument_group("output")
-    output.add_argument(
-        "-o", "--output", metavar="DIR", default="results/profile", help="folder to write"
-    )
-    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    output = add_output_flags(parser, required=False, default="results/profile")
     output.add_argument("--no-figures", action="store_true", help="write no report")
     load = parser.add_argument_group("load", "a simulated street, or a map and a recording")
     load.add_argument("--map", metavar="MAP.npz", help="reference map from edge-vpr map")
@@ -98,7 +94,7 @@ def load_of(args: argparse.Namespace) -> Load:
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.inputs import open_from
     from edge_vpr_tools.profile.workload import Load, of_map, simulated_load
-    from edge_vpr_tools.runs.truth_files import load_truth
+    from edge_vpr_tools.truth_files import load_truth
 
     if args.map is None:
         return simulated_load(args.seed)

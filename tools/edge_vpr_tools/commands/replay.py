@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from edge_vpr.errors import MapError, UsageError
+from edge_vpr_tools.cli import find_verb, parser_of
 from edge_vpr_tools.console import summary
+from edge_vpr_tools.flags import add_output_flags
+
+if TYPE_CHECKING:
+    from edge_vpr.descriptors.windows import PublishedWindows
+    from edge_vpr.recordings import Recording
+    from edge_vpr.route import Odometry
 
 EXAMPLES = """\
   edge-vpr replay tuesday -o match.gif
@@ -19,12 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "results", metavar="RESULTS", help="folder that edge-vpr match or demo wrote"
     )
-    output = parser.add_argument_group("output")
-    output.add_argument(
-        "-o", "--output", metavar="FILE", required=True,
-        help="film to write: an animated picture (.gif), or a page with a slider (.html)",
-    )  # fmt: skip
-    output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    output = add_output_flags(
+        parser, "FILE", "film to write: an animated picture (.gif), or a page with a slider (.html)"
+    )
     output.add_argument(
         "--frames", type=int, default=150, metavar="N",
         help="largest number of frames; with more windows, some are left out, evenly",
@@ -47,6 +53,75 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+# The inputs of an earlier `edge-vpr match`, opened again with the flags that it had.
+
+
+class RecordedInputs:
+    """The files that a run has read; each is opened when it is asked for.
+
+    Parameters
+    ----------
+    run : mapping
+        Contents of `run.json`.
+    """
+
+    def __init__(self, run: Mapping[str, Any]) -> None:
+        self._files = run.get("inputs", ())
+        verb, words = find_verb([str(word) for word in run.get("command", ())][1:])
+        self._args: argparse.Namespace | None = None
+        if verb == "match":
+            self._args = parser_of(verb).parse(words)
+
+    def recording(self, what: str) -> Recording | PublishedWindows:
+        """Open the recording of the query.
+
+        Parameters
+        ----------
+        what : str
+            What needs it, for the message.
+
+        Raises
+        ------
+        UsageError
+            If the run was not of `edge-vpr match`, or the recording has moved or changed.
+        """
+        from edge_vpr_tools.inputs import open_source
+
+        if self._args is None:
+            raise UsageError(
+                f"{what} needs the recording, which the record of this run does not name: replay "
+                "results of edge-vpr match"
+            )
+        return open_source(self._args, self._unchanged(self._args.recording, what))
+
+    def odometry(self) -> Odometry | None:
+        """Read the odometry of the query; None if the run had none.
+
+        Raises
+        ------
+        UsageError
+            If the file has moved or changed.
+        """
+        from edge_vpr.evaluation.tracks import load_odometry
+
+        if self._args is None or self._args.odometry is None:
+            return None
+        return load_odometry(self._unchanged(self._args.odometry, "a match with --odometry"))
+
+    def _unchanged(self, path: str, what: str) -> str:
+        from edge_vpr.results import InputFile, hash_input
+
+        remedy = "run edge-vpr replay in the folder where edge-vpr match ran, or match again"
+        if not Path(path).exists():
+            raise UsageError(f"{path}, which {what} needs, is not there: {remedy}")
+        for record in self._files:
+            if record["path"] == path and hash_input(Path(path)) != InputFile(**record):
+                raise UsageError(
+                    f"{path}, which {what} needs, has changed since it was matched: {remedy}"
+                )
+        return path
+
+
 _SUFFIXES = (".gif", ".html")
 
 
@@ -54,7 +129,6 @@ def run(args: argparse.Namespace) -> None:
     """Compute the costs again, draw the frames and write the film."""
     from edge_vpr.files import read_json
     from edge_vpr.results import RUN, check_new_file
-    from edge_vpr_tools.inputs import RecordedInputs
     from edge_vpr_tools.progress import status
     from edge_vpr_tools.report.replay import frames, load_replay, write_gif, write_html
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr_tools.console import summary
+from edge_vpr_tools.flags import add_output_flags
 
 if TYPE_CHECKING:
     from edge_vpr.simulation import SimulatedRecording
@@ -21,13 +22,11 @@ EXAMPLES = """\
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    output = parser.add_argument_group("output")
-    output.add_argument(
-        "-o", "--output", metavar="DIR", required=True,
+    add_output_flags(
+        parser,
         help="folder to write the recordings reference.npz and query.npz to, each with its track "
         "and its wheel odometry as .csv",
-    )  # fmt: skip
-    output.add_argument("--overwrite", action="store_true", help="replace the folder if it exists")
+    )
     drives = parser.add_argument_group("the two drives")
     drives.add_argument(
         "--sensor", choices=SENSORS, default="default",

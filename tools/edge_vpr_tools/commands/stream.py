@@ -112,12 +112,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     learning = parser.add_argument_group("learning")
     learning.add_argument(
         "--learn", action="store_true",
-        help="make a map of this drive; with --map, and without other settings than it has, that "
-        "map learns this drive",
+        help="make a map of this drive; with --map, and without a preset or settings for a new "
+        "map, add this drive to that map",
     )  # fmt: skip
     learning.add_argument(
         "-o", "--output", metavar="MAP.npz",
-        help="with --learn, the map to write; the drive is meanwhile matched with that of --map",
+        help="with --learn, the map to write; meanwhile the drive is matched with the map of --map",
     )  # fmt: skip
     add_map_flags(parser)
 

@@ -1,7 +1,7 @@
 """Logic cells of the hardware core on an FPGA, as a function of the design.
 
 ``python -m edge_vpr_tools.estimate.core_area`` synthesizes and packs the board designs of
-`FITTED_ON` and `JUDGED_ON` by yosys and nextpnr, and writes the table of their cells beside this
+`FITTED_ON` and `CHECKED_ON` by yosys and nextpnr, and writes the table of their cells beside this
 file. `cells` fits the first at its first call; the others say how far it errs.
 """
 
@@ -46,8 +46,8 @@ FITTED_ON = {
     "place filter by activity, contrast codes, 8 lanes": _DEFAULT,
     "place filter at half windows, contrast codes, 8 lanes": replace(_DEFAULT, activity_costs=2),
 }
-#: designs that the fit is judged on
-JUDGED_ON = {
+#: designs that the fit is checked with
+CHECKED_ON = {
     "place filter, 8 lanes": _FILTER,
     "sequences, 100 pixels, 400 places, 5 lanes": replace(
         _SEQUENCES, pixels=100, places=400, lanes=5
@@ -106,7 +106,7 @@ def errors() -> dict[str, float]:
         Relative error by the name of the design, positive where too many cells are predicted.
     """
     measured = read()
-    return {name: cells(of) / measured[name].cells - 1 for name, of in JUDGED_ON.items()}
+    return {name: cells(of) / measured[name].cells - 1 for name, of in CHECKED_ON.items()}
 
 
 @cache
@@ -143,7 +143,7 @@ def measure(designs: Mapping[str, Design]) -> list[Netlist]:
 
 def main() -> None:
     """Write the table of all designs."""
-    rows = measure(FITTED_ON | JUDGED_ON)
+    rows = measure(FITTED_ON | CHECKED_ON)
     with TABLE.open("w", encoding="ascii", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(Netlist._fields)

@@ -69,7 +69,7 @@ FITTED_ON = tuple(
         (100, 10, (25, 64, 208)),
         (100, 20, (33, 150)),
         (200, 5, (150,)),
-        # few complete sequences, so that they are told apart from places
+        # few complete sequences, so that they differ from places
         (20, 12, (100,)),
         (24, 14, (16, 150)),
         (26, 15, (250,)),
@@ -162,7 +162,7 @@ def scaling() -> Mapping[str, Mapping[str, float]]:
 
 
 def predict(design: Design, core: str) -> Counted:
-    """Instructions of a window's end and of a match on a processor.
+    """Predict the instructions of a window's end and of a match on a processor.
 
     Parameters
     ----------

@@ -19,22 +19,17 @@ from edge_vpr_tools.estimate.search import (
     DesignOnTarget,
     Evaluated,
     Fit,
+    Limits,
     Recommendation,
-    blocks_of,
     candidates,
     fit,
     on_target,
     recommend,
 )
 from edge_vpr_tools.estimate.targets import (
-    UNKNOWN,
     Constant,
     Spread,
     Target,
-    per_joule,
-    short_text,
-    size_text,
-    watts,
 )
 from edge_vpr_tools.profile.measurement import Energy
 from edge_vpr_tools.profile.record import Profile
@@ -162,7 +157,7 @@ class Question:
     design: Design
     #: One of the same size that matches by sequences, to show beside it.
     beside: Design | None = None
-    choose_distances: bool = False  #: See `fit.on_target`.
+    choose_distances: bool = False  #: See `search.Limits`.
     mission: Mission
     places_per_metre: float = 0.1  #: Density of the route.
     targets: tuple[Target, ...]
@@ -264,23 +259,18 @@ def estimate(question: Question) -> Estimation:
     measured, alone = question.measured, question.alone
     answers = None if question.tried is None else _answers(question, question.tried)
     budgets = question.budgets if alone is not None else ()
+    limits = {
+        target.name: Limits(target, budgets, measured, question.choose_distances)
+        for target in question.targets
+    }
 
     def on(design: Design, mission: Mission) -> dict[str, DesignOnTarget]:
-        return {
-            target.name: on_target(
-                design, target, mission, budgets, measured,
-                choose_distances=question.choose_distances,
-            )
-            for target in question.targets
-        }  # fmt: skip
+        return {name: on_target(design, mission, of) for name, of in limits.items()}
 
     fits: list[Fit] = []
-    if question.budgets and alone is not None and answers is None:
+    if budgets and alone is not None and answers is None:
         for one in filter(None, (question.design, question.beside)):
-            fits += fit(
-                one, alone, question.mission, question.budgets, measured,
-                choose_distances=question.choose_distances,
-            )  # fmt: skip
+            fits += fit(one, question.mission, limits[alone.name])
     recommended = None
     if answers is not None and alone is not None:
         recommended = answers.recommended[alone.name].design
@@ -320,10 +310,8 @@ def _other_side(other: Other, design: Design, mission: Mission) -> Side:
 def _answers(question: Question, tried: Tried) -> Answers:
     recommended, every, unknown = {}, {}, {}
     for target in question.targets:
-        asked = Asked(
-            target, question.budgets, question.route_places, question.matches_per_s,
-            question.events_per_s, question.measured,
-        )  # fmt: skip
+        limits = Limits(target, question.budgets, question.measured, choose_distances=True)
+        asked = Asked(limits, question.route_places, question.matches_per_s, question.events_per_s)
         try:
             found = candidates(tried.designs, asked)
         except UsageError as error:
@@ -334,113 +322,6 @@ def _answers(question: Question, tried: Tried) -> Answers:
         recommended[target.name] = recommend(found)
         every[target.name] = found
     return Answers(recommended, every, unknown)
-
-
-# The answer of an estimate: one table of designs on targets, and one sentence.
-
-
-_HEADER = ["target", "design", "memory", "power (modelled)"]
-
-
-class Answer(NamedTuple):
-    """What is printed first."""
-
-    #: header, rows: of the table.
-    header: list[str]
-    rows: list[list[str]]
-    lines: list[str]  #: A sentence, and a line on the targets whose power is unknown.
-
-
-def answer(found: Estimation) -> Answer:
-    """Return the table of an estimate, the sentence that goes with it, and what is unknown."""
-    asked = found.question
-    told = found.answers
-    shown = [target for target in asked.targets if _has_power(target, asked)]
-    hidden = [target.name for target in asked.targets if target not in shown]
-    if told is None:
-        rows = [
-            [*_row(target, of), per_joule(of.cost.matches_per_joule), of.limited_by or "-"]
-            for target in shown
-            for of in _designs(found, target)
-        ]
-        header = [*_HEADER, "matches per joule (modelled)", "over"]
-        lines = ["accuracy is not estimated: --accuracy-on tries designs on two drives"]
-    else:
-        rows = [_recommended(target, told, asked) for target in shown]
-        header = [*_HEADER, "correct", "limited by"]
-        lines = [_sentence(asked, told)]
-    if hidden:
-        lines.append(
-            f"power {UNKNOWN}: {', '.join(hidden)} (--target shows one; --calibrate takes a "
-            "profile of your board)"
-        )
-    return Answer(header, rows, lines)
-
-
-def _has_power(target: Target, asked: Question) -> bool:
-    """Return whether a part of the power of a target is known, or no other is asked for."""
-    return asked.alone is not None or not target.unknown or bool(target.idle_power)
-
-
-def _designs(found: Estimation, target: Target) -> Iterable[DesignOnTarget]:
-    yield found.on[target.name]
-    if target.name in found.beside:
-        yield found.beside[target.name]
-
-
-def _recommended(target: Target, told: Answers, asked: Question) -> list[str]:
-    chosen = told.recommended[target.name]
-    if chosen.design is None:
-        tried = len(told.candidates[target.name])
-        return [target.name, f"none of {tried} fits", "-", "-", "-", chosen.limit]
-    correct = f"{chosen.design.accuracy:.1%} ± {chosen.design.error:.1%}"
-    return [*_row(target, chosen.design), correct, chosen.limit or "-"]
-
-
-def _sentence(asked: Question, told: Answers) -> str:
-    """Return what `correct` is, and how the designs were chosen."""
-    assert asked.tried is not None
-    tried, some = asked.tried, [one for found in told.candidates.values() for one in found]
-    within = " and ".join(budget.text for budget in asked.budgets)
-    chosen = "the smallest design" + f" within {within}" * bool(within)
-    on = (
-        f"of the queries of {tried.drives}, each run on its own, as evaluated (a smoothed run sees "
-        "later windows too, which a device does not)"
-    )
-    if tried.same_queries:
-        on = f"of the {some[0].queries if some else 0} queries on {tried.drives}, the same for all"
-        on += f" {len(tried.designs)} designs"
-    return (
-        f"{chosen} whose share of correct matches is within a standard error of the best that "
-        f"fits; correct is the share {on}, and a longer route has more places that look alike"
-    )
-
-
-def _row(target: Target, of: DesignOnTarget) -> list[str]:
-    return [
-        target.name, short_text(of.design), memory_text(of, target), power_text(of.cost)
-    ]  # fmt: skip
-
-
-def power_text(of: Cost) -> str:
-    """Return the power of a device at the mission's rates, as far as it is known."""
-    if of.whole_w is not None:
-        return watts(of.whole_w)
-    if of.marginal_w is not None:
-        return f"{watts(of.marginal_w)} of the work"
-    return UNKNOWN if of.idle_w is None else f"{watts(of.idle_w)} at rest"
-
-
-def memory_text(of: DesignOnTarget, target: Target) -> str:
-    """Return the memory that a design takes on a target, and its blocks and cells on an FPGA."""
-    if target.kind == "processor":
-        return size_text(of.memory_bytes)
-    text = size_text(sizes(of.design).packed_bytes)
-    if target.blocks:
-        text += f": {blocks_of(of.design, target)[0]}"
-    if of.cost.logic_cells is not None:
-        text += f"; {of.cost.logic_cells:,} of {target.logic_cells:,} logic cells"
-    return text
 
 
 # Energy of a processor's clock cycle, from the profile of a board with a power sensor.

@@ -422,15 +422,15 @@ def cost(
 
 
 def instructions_of(design: Design, core: str, mission: Mission) -> dict[str, float]:
-    """Instructions of the reference firmware in C, for each unit of work.
+    """Return the instructions of the reference firmware in C, for each unit of work.
 
     A call's own instructions are shared among its events.
     """
-    told, window_and_match = firmware()[core], predict(design, core)
-    call = told.events_call / mission.events_per_call
+    counted, window_and_match = firmware()[core], predict(design, core)
+    call = counted.events_call / mission.events_per_call
     return {
-        "selected event": told.event_selected + call,
-        "other event": told.event_unselected + call,
+        "selected event": counted.event_selected + call,
+        "other event": counted.event_unselected + call,
         "window": float(window_and_match.window),
         "search": float(window_and_match.match),
     }
@@ -445,7 +445,7 @@ def per_second(of_unit: Mapping[str, Spread], mission: Mission) -> Spread:
 
 
 def _datapath(design: Design) -> tuple[dict[str, Spread], list[Constant]]:
-    """Energy of the operations and memory accesses themselves, and of nothing else."""
+    """Return the energy of the operations and memory accesses alone, and its constants."""
     names = ("add-8", "add-16", "multiply-32", "sram-byte")
     add8, add16, multiply, byte = (constants()[name] for name in names)
     energy = {}

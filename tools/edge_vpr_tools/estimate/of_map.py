@@ -123,9 +123,9 @@ def device_codes(reference: ReferenceMap) -> PixelCodes:
 
 
 def event_rates(reference: ReferenceMap) -> tuple[float, float]:
-    """Events a second of the whole sensor in the reference drive, and the share at selected pixels.
+    """Return the events per second of the reference drive, and their share at selected pixels.
 
-    Counts that are codes are put back, each in the middle of its code's.
+    A code stands for the count in the middle of its range.
     """
     places = reference.places
     seconds = int((places.end_us - places.start_us).sum()) / 1e6

@@ -102,28 +102,38 @@ class DesignOnTarget:
     limited_by: str  #: What keeps it from fitting; empty if it fits.
 
 
-def memory_bytes(design: Design, target: Target) -> int:
-    """Memory that a budget is held against.
+@dataclass(frozen=True)
+class Limits:
+    """A target, and the budgets that a design must keep there."""
 
-    On a processor what the reference firmware in C takes, flash and RAM with code and stack; on
-    others all memories, packed.
+    target: Target
+    budgets: Sequence[Budget] = ()
+    cycle_energy: Constant | None = None  #: See `cost`.
+    #: Keep the distances of the place filter where the memory allows it, which takes less time and
+    #: energy than to compute them twice; else do as the design says.
+    choose_distances: bool = False
+
+    def variants(self, design: Design) -> tuple[Design, ...]:
+        """Return a design as it may be built, the preferred one first."""
+        if not (self.choose_distances and design.filters):
+            return (design,)
+        return tuple(replace(design, keep_distances=kept) for kept in (True, False))
+
+
+def memory_bytes(design: Design, target: Target) -> int:
+    """Return the memory that a budget is held against.
+
+    On a processor it is what the reference firmware in C takes, flash and RAM with code and stack;
+    on others it is all memories, packed.
     """
     if target.kind != "processor":
         return sizes(design).packed_bytes
-    told, size = firmware()[target.core], sizes(design)
-    return size.flash_bytes + size.ram_bytes + told.code_bytes + told.stack_bytes
+    program, size = firmware()[target.core], sizes(design)
+    return size.flash_bytes + size.ram_bytes + program.code_bytes + program.stack_bytes
 
 
-def fit(
-    design: Design,
-    target: Target,
-    mission: Mission,
-    budgets: Sequence[Budget],
-    cycle_energy: Constant | None = None,
-    *,
-    choose_distances: bool = False,
-) -> list[Fit]:
-    """Find the largest J, and the largest K, for some numbers of bits a code; and the most bits.
+def fit(design: Design, mission: Mission, limits: Limits) -> list[Fit]:
+    """Find the largest J, and the largest K, for some numbers of bits per code; and the most bits.
 
     Parameters
     ----------
@@ -131,8 +141,6 @@ def fit(
         The parameters that are not searched.
     mission : Mission
         Its share of selected events grows with J.
-    budgets : sequence of Budget
-        All must hold.
 
     Raises
     ------
@@ -143,15 +151,10 @@ def fit(
     def broken(candidate: Design) -> str:
         share = min(1.0, mission.selected_share * candidate.pixels / design.pixels)
         scaled = replace(mission, selected_share=share)
-        found = ""
-        for one in _variants(candidate) if choose_distances else (candidate,):
-            found = broken_by(one, target, scaled, budgets, cycle_energy)
-            if not found:
-                break
-        return found
+        return _best_variant(candidate, scaled, limits)[1]
 
     # the firmware in C keeps a byte a code, so that fewer bits save a processor nothing
-    packed = target.kind != "processor"
+    packed = limits.target.kind != "processor"
     most_pixels, found = min(design.width * design.height, 1 << 15), []
     for bits in _BITS if packed else (design.code_bits,):
         found.append(_largest(design, bits, "pixels", 1, most_pixels, broken))
@@ -160,51 +163,29 @@ def fit(
     return [*found, replace(widest, code_bits=widest.value or design.code_bits)]
 
 
-def on_target(
-    design: Design,
-    target: Target,
-    mission: Mission,
-    budgets: Sequence[Budget] = (),
-    cycle_energy: Constant | None = None,
-    *,
-    choose_distances: bool = False,
-) -> DesignOnTarget:
+def on_target(design: Design, mission: Mission, limits: Limits) -> DesignOnTarget:
     """Take a design to a target, and see whether it fits.
-
-    Parameters
-    ----------
-    choose_distances : bool
-        Keep the distances of the place filter where the memory allows it, which takes less time and
-        energy than to compute them twice; else do as the design says.
 
     Raises
     ------
     UsageError
         If a budget of power is given and the target's is unknown.
     """
-    chosen, limit = design, ""
-    for chosen in _variants(design) if choose_distances else (design,):
-        limit = broken_by(chosen, target, mission, budgets, cycle_energy)
+    chosen, limit = _best_variant(design, mission, limits)
+    of = cost(chosen, limits.target, mission, limits.cycle_energy)
+    return DesignOnTarget(chosen, mission, of, memory_bytes(chosen, limits.target), limit)
+
+
+def _best_variant(design: Design, mission: Mission, limits: Limits) -> tuple[Design, str]:
+    """Return the first variant that fits, or else the last one, and what it exceeds."""
+    for chosen in limits.variants(design):
+        limit = broken_by(chosen, mission, limits)
         if not limit:
             break
-    of = cost(chosen, target, mission, cycle_energy)
-    return DesignOnTarget(chosen, mission, of, memory_bytes(chosen, target), limit)
+    return chosen, limit
 
 
-def _variants(design: Design) -> tuple[Design, ...]:
-    """Return a design with the filter's distances kept, and with them computed twice."""
-    if not design.filters:
-        return (design,)
-    return tuple(replace(design, keep_distances=kept) for kept in (True, False))
-
-
-def broken_by(
-    design: Design,
-    target: Target,
-    mission: Mission,
-    budgets: Sequence[Budget],
-    cycle_energy: Constant | None = None,
-) -> str:
+def broken_by(design: Design, mission: Mission, limits: Limits) -> str:
     """Return which budget or limit of the target a design exceeds; empty if none.
 
     Raises
@@ -212,6 +193,7 @@ def broken_by(
     UsageError
         If a budget of power is given and the target's is unknown.
     """
+    target = limits.target
     if target.kind == "processor":
         try:
             check_limits(design)
@@ -219,12 +201,12 @@ def broken_by(
             return FIRMWARE_LIMITS
     elif target.blocks and not blocks_of(design, target)[1]:
         return BLOCKS
-    of = cost(design, target, mission, cycle_energy)
+    of = cost(design, target, mission, limits.cycle_energy)
     if of.logic_cells is not None and of.logic_cells > target.logic_cells:
         return LOGIC_CELLS
     if of.load.low >= 1:
         return SPEED
-    for budget in budgets:
+    for budget in limits.budgets:
         if budget.quantity == "bytes":
             used: float = memory_bytes(design, target)
         else:
@@ -313,7 +295,7 @@ class Accuracy(NamedTuple):
 
 
 class Metrics(NamedTuple):
-    """The part of `metrics.json` that tells the accuracy; None before an evaluation."""
+    """The part of `metrics.json` that has the accuracy; None before an evaluation."""
 
     evaluation: Accuracy | None = None
 
@@ -353,15 +335,13 @@ class Recommendation(NamedTuple):
 
 @dataclass(frozen=True)
 class Asked:
-    """Requirements for a candidate: a target, budgets, and the mission."""
+    """Requirements for a candidate: the limits of a target, and the mission."""
 
-    target: Target
-    budgets: Sequence[Budget] = ()
+    limits: Limits
     #: Places of the mission's route at one per window, instead of each map's.
     places: int | None = None
     matches_per_s: float | None = None  #: By default one a window.
     events_per_s: float | None = None  #: By default those of the reference drive.
-    cycle_energy: Constant | None = None  #: See `cost`.
 
     def candidate(self, one: Evaluated) -> Candidate:
         """Take a map as a device with the mission's number of places.
@@ -384,9 +364,7 @@ class Asked:
         windows_s = int((reference.places.end_us - reference.places.start_us).sum()) / 1e6
         a_second = self.matches_per_s or len(reference) / max(windows_s, 1e-6)
         mission = Mission(self.events_per_s or rate, share, a_second)
-        found = on_target(
-            design, self.target, mission, self.budgets, self.cycle_energy, choose_distances=True
-        )
+        found = on_target(design, mission, self.limits)
         return Candidate(
             **{field.name: getattr(found, field.name) for field in fields(found)},
             name=one.name,
@@ -430,10 +408,10 @@ def evaluated_runs(folder: Path) -> list[Evaluated]:
     for metrics in sorted(folder.rglob(results.METRICS)):
         if not (metrics.parent / results.MAP).is_file():
             continue
-        told = evaluation_of(metrics)
-        if told is not None:
+        evaluation = evaluation_of(metrics)
+        if evaluation is not None:
             reference = ReferenceMap.load(metrics.parent / results.MAP)
-            found.append(Evaluated(str(metrics.parent), *told, reference))
+            found.append(Evaluated(str(metrics.parent), *evaluation, reference))
     if not found:
         raise UsageError(f"no evaluated run in {folder}: edge-vpr match, then edge-vpr evaluate")
     return found

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 
 from edge_vpr_tools.console import say, table
 from edge_vpr_tools.estimate import core_area
-from edge_vpr_tools.estimate.estimation import Comparison, Costs, Estimation, Question, answer
-from edge_vpr_tools.estimate.model import Cost, EveryPixel, Mission, firmware, per_second
-from edge_vpr_tools.estimate.search import Candidate, DesignOnTarget, Fit, memory_bytes
-from edge_vpr_tools.estimate.targets import (
+from edge_vpr_tools.estimate.estimation import Answers, Comparison, Costs, Estimation, Question
+from edge_vpr_tools.estimate.model import Cost, EveryPixel, Mission, firmware, per_second, sizes
+from edge_vpr_tools.estimate.search import (
+    Candidate,
+    DesignOnTarget,
+    Fit,
+    blocks_of,
+    memory_bytes,
+)
+from edge_vpr_tools.estimate.targets import Constant, Target
+from edge_vpr_tools.estimate.wording import (
     UNKNOWN,
-    Constant,
-    Target,
     busy,
     count,
     design_text,
     joules,
+    per_joule,
+    short_text,
     size_text,
     spread,
     three,
@@ -25,6 +32,105 @@ from edge_vpr_tools.estimate.targets import (
     watts,
 )
 from edge_vpr_tools.report.page import quantity
+
+# The answer of an estimate: one table of designs on targets, and one sentence.
+
+
+_HEADER = ["target", "design", "memory", "power (modelled)"]
+
+
+def _answer(found: Estimation) -> None:
+    """Print a table of designs on targets, the sentence that goes with it, and what is unknown."""
+    asked, answers = found.question, found.answers
+    shown = [target for target in asked.targets if _has_power(target, asked)]
+    hidden = [target.name for target in asked.targets if target not in shown]
+    if answers is None:
+        rows = [
+            [*_row(target, of), per_joule(of.cost.matches_per_joule), of.limited_by or "-"]
+            for target in shown
+            for of in _designs(found, target)
+        ]
+        header = [*_HEADER, "matches per joule (modelled)", "over"]
+        lines = ["accuracy is not estimated: --accuracy-on tries designs on two drives"]
+    else:
+        rows = [_recommended(target, answers, asked) for target in shown]
+        header = [*_HEADER, "correct", "limited by"]
+        lines = [_sentence(asked, answers)]
+    if hidden:
+        lines.append(
+            f"power {UNKNOWN}: {', '.join(hidden)} (--target shows one; --calibrate takes a "
+            "profile of your board)"
+        )
+    table(header, rows)
+    for line in lines:
+        say(line)
+
+
+def _has_power(target: Target, asked: Question) -> bool:
+    """Return whether a part of the power of a target is known, or no other is asked for."""
+    return asked.alone is not None or not target.unknown or bool(target.idle_power)
+
+
+def _designs(found: Estimation, target: Target) -> Iterable[DesignOnTarget]:
+    yield found.on[target.name]
+    if target.name in found.beside:
+        yield found.beside[target.name]
+
+
+def _recommended(target: Target, answers: Answers, asked: Question) -> list[str]:
+    chosen = answers.recommended[target.name]
+    if chosen.design is None:
+        tried = len(answers.candidates[target.name])
+        return [target.name, f"none of {tried} fits", "-", "-", "-", chosen.limit]
+    correct = f"{chosen.design.accuracy:.1%} ± {chosen.design.error:.1%}"
+    return [*_row(target, chosen.design), correct, chosen.limit or "-"]
+
+
+def _sentence(asked: Question, answers: Answers) -> str:
+    """Return what `correct` is, and how the designs were chosen."""
+    assert asked.tried is not None
+    tried, some = asked.tried, [one for found in answers.candidates.values() for one in found]
+    within = " and ".join(budget.text for budget in asked.budgets)
+    chosen = "the smallest design" + f" within {within}" * bool(within)
+    on = (
+        f"of the queries of {tried.drives}, each run on its own, as evaluated (a smoothed run sees "
+        "later windows too, which a device does not)"
+    )
+    if tried.same_queries:
+        on = f"of the {some[0].queries if some else 0} queries on {tried.drives}, the same for all"
+        on += f" {len(tried.designs)} designs"
+    return (
+        f"{chosen} whose share of correct matches is within a standard error of the best that "
+        f"fits; correct is the share {on}, and a longer route has more places that look alike"
+    )
+
+
+def _row(target: Target, of: DesignOnTarget) -> list[str]:
+    return [
+        target.name, short_text(of.design), _memory_text(of, target), _power_text(of.cost)
+    ]  # fmt: skip
+
+
+def _power_text(of: Cost) -> str:
+    """Return the power of a device at the mission's rates, as far as it is known."""
+    if of.whole_w is not None:
+        return watts(of.whole_w)
+    if of.marginal_w is not None:
+        return f"{watts(of.marginal_w)} of the work"
+    return UNKNOWN if of.idle_w is None else f"{watts(of.idle_w)} at rest"
+
+
+def _memory_text(of: DesignOnTarget, target: Target) -> str:
+    """Return the memory that a design takes on a target, and its blocks and cells on an FPGA."""
+    if target.kind == "processor":
+        return size_text(of.memory_bytes)
+    text = size_text(sizes(of.design).packed_bytes)
+    if target.blocks:
+        text += f": {blocks_of(of.design, target)[0]}"
+    if of.cost.logic_cells is not None:
+        text += f"; {of.cost.logic_cells:,} of {target.logic_cells:,} logic cells"
+    return text
+
 
 # Two designs side by side on the terminal.
 
@@ -94,16 +200,16 @@ def sources(found: Estimation) -> list[str]:
     cited: dict[Constant, None] = {}
     for target in found.question.targets:
         if target.kind == "processor":
-            told = firmware()[target.core]
+            compiler = firmware()[target.core].compiler
             said.append(
-                f"{target.name}: instructions of the reference firmware ({told.compiler}, "
+                f"{target.name}: instructions of the reference firmware ({compiler}, "
                 f"{target.core}); cycles per instruction {three(target.cpi)}: {target.cpi_source}"
             )
         if target.logic_cells:
             furthest = max(map(abs, core_area.errors().values()))
             said.append(
                 f"{target.name}: logic cells are predicted from {len(core_area.FITTED_ON)} "
-                f"netlists of the hardware core; of {len(core_area.JUDGED_ON)} others they were "
+                f"netlists of the hardware core; of {len(core_area.CHECKED_ON)} others they were "
                 f"{furthest:.1%} off at most"
             )
         if target.note:
@@ -121,7 +227,7 @@ def sources(found: Estimation) -> list[str]:
     return said
 
 
-#: designs shown of each way of matching
+#: designs shown of each kind of matching
 _SHOWN = 6
 
 
@@ -134,10 +240,7 @@ def show(found: Estimation, *, with_sources: bool = False) -> None:
         Print the assumptions and the cited constants too.
     """
     asked = found.question
-    first = answer(found)
-    table(first.header, first.rows)
-    for line in first.lines:
-        say(line)
+    _answer(found)
     if found.fit and asked.alone is not None:
         _fits(found.fit, asked, asked.alone)
     if found.answers is not None:
@@ -239,18 +342,18 @@ def _units(found: Cost, target: Target, mission: Mission) -> None:
     """Print what each unit of work takes on one target, and a second of the mission."""
     rows = []
     for unit in found.cycles:
-        told = "-" if found.instructions is None else f"{found.instructions[unit]:,.0f}"
+        taken = "-" if found.instructions is None else f"{found.instructions[unit]:,.0f}"
         rows.append(
-            [unit, told, count(found.cycles[unit]), spread(found.seconds[unit], "s"),
+            [unit, taken, count(found.cycles[unit]), spread(found.seconds[unit], "s"),
              UNKNOWN if found.energy_j is None else spread(found.energy_j[unit], "J")]
         )  # fmt: skip
-    told = "-"
+    taken = "-"
     if found.instructions is not None:
         each = found.instructions
-        told = f"{sum(each[unit] * rate for unit, rate in mission.rates.items()):,.0f}"
+        taken = f"{sum(each[unit] * rate for unit, rate in mission.rates.items()):,.0f}"
     every_second = per_second(found.cycles, mission)
     rows.append(
-        ["a second of the mission", told, count(every_second), spread(found.load, "s"),
+        ["a second of the mission", taken, count(every_second), spread(found.load, "s"),
          UNKNOWN if found.marginal_w is None else spread(found.marginal_w, "J")]
     )  # fmt: skip
     table([target.name, "instructions", "cycles", "time", "energy (modelled)"], rows)
@@ -280,7 +383,7 @@ def _fits(found: Sequence[Fit], asked: Question, target: Target) -> None:
 
 
 def _candidates(found: Sequence[Candidate], recommended: DesignOnTarget) -> None:
-    """Print evaluated designs by accuracy, the best ones of each way of matching."""
+    """Print evaluated designs by accuracy, the best ones of each kind of matching."""
     shown = [
         one
         for kind in ("filter", "sequence")

@@ -26,7 +26,7 @@ from edge_vpr_tools.report.style import (
     quantity_axis,
     save,
 )
-from edge_vpr_tools.spreadsheets import write_spreadsheet
+from edge_vpr_tools.report.tables import write_spreadsheet
 
 
 def write_profile(found: Profile, folder: Path, *, report: bool, name: str = PROFILE) -> None:

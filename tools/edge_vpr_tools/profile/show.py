@@ -19,7 +19,7 @@ from edge_vpr_tools.profile.record import (
 )
 from edge_vpr_tools.profile.speed import Timing
 from edge_vpr_tools.report.page import quantity
-from edge_vpr_tools.spreadsheets import write_spreadsheet
+from edge_vpr_tools.report.tables import write_spreadsheet
 
 # Text of a profile, with units: rows of its tables, and notes.
 
@@ -32,7 +32,7 @@ DESIGNS = ("design", "P@100R", "bytes per place", "processor time per match", "m
 def rows(found: Profile) -> list[tuple[str, str]]:
     """Return the figures of a profile as pairs of name and value; missing ones are marked."""
     speed = found.throughput
-    told = [
+    lines = [
         ("events per second", f"{speed.events_per_s:,.0f}"),
         ("matches per second", f"{speed.matches_per_s:,.1f}"),
         ("times real time", f"{speed.times_real_time:,.1f}"),
@@ -48,11 +48,12 @@ def rows(found: Profile) -> list[tuple[str, str]]:
             what += f", {against.places:,} places"
         if name.endswith("_paper"):
             what += ", made up"
-        few, every = (quantity(one.value, "s") for one in (against.sparse_s, against.all_s))
-        told.append((what, f"{few} against {every} {against.unit}: {_three(against.times)} times"))
+        sparse, every = (quantity(one.value, "s") for one in (against.sparse_s, against.all_s))
+        seconds = f"{sparse} against {every} {against.unit}"
+        lines.append((what, f"{seconds}: {_three(against.times)} times"))
     # the headline first
     energy = _energy_rows(found.energy, found.void)
-    return energy[:1] + told + energy[1:]
+    return energy[:1] + lines + energy[1:]
 
 
 def _energy_rows(energy: Outcome, void: bool) -> list[tuple[str, str]]:
@@ -94,57 +95,57 @@ def _marginal(energy: Energy, figures: Figures) -> str:
 
 def designs(found: Profile) -> list[list[str]]:
     """Return the accuracy of each design and the cost of its match, as rows of `DESIGNS`."""
-    told = []
+    lines = []
     for one in found.designs:
         figures = one.energy.figures if isinstance(one.energy, Energy) else None
         joules = VOID if found.void else NOT_MEASURED
         if figures is not None and isinstance(one.energy, Energy) and not found.void:
             joules = _marginal(one.energy, figures)
-        told.append(
+        lines.append(
             [one.name, f"{one.precision_at_100_recall:.3f}", f"{one.bytes_per_place:,}",
              quantity(one.cpu_s_per_match, "s", *one.cpu_s_per_match_interval), joules]
         )  # fmt: skip
-    return told
+    return lines
 
 
 def notes(found: Profile) -> list[str]:
     """Return notes on the figures."""
-    said = []
+    notes = []
     if found.quick:
-        said.append("--quick: windows too short for a figure to be published.")
+        notes.append("--quick: windows too short for a figure to be published.")
     if found.void:
-        said.append(
+        notes.append(
             f"VOID: the board was throttled ({found.conditions.void_because}). Cool it, or give "
             "it a stronger supply, and run again."
         )
     if found.designs:
         places = sorted({one.places for one in found.designs})
         span = " to ".join(map(str, dict.fromkeys((places[0], places[-1]))))
-        said.append(
+        notes.append(
             f"P@100R of {found.load.recording}, among {span} places; it says nothing of "
             "other drives."
         )
     speed, of = found.throughput, found.load
-    said += [
+    notes += [
         f"Load: {of.recording}, in packets of {of.packet:,} events, a match --every "
         f"{of.every}. Time and energy of a match include the counting of its "
         f"{speed.events_per_s / speed.matches_per_s:,.0f} events.",
         _provenance(found.provenance),
     ]
-    said += [f"{when.capitalize()}: {one}." for when, one in found.conditions.named().items()]
-    return said + _energy_notes(found.energy)
+    notes += [f"{when.capitalize()}: {one}." for when, one in found.conditions.named().items()]
+    return notes + _energy_notes(found.energy)
 
 
 def _energy_notes(energy: Outcome) -> list[str]:
     if isinstance(energy, NotMeasured):
-        said = [f"Energy is not measured. {reason}." for reason in energy.not_measured_because]
+        notes = [f"Energy is not measured. {reason}." for reason in energy.not_measured_because]
         if energy.windows:
-            said.append("Turns were taken: `edge-vpr profile trace` adds a meter's CSV.")
-        return said
+            notes.append("Turns were taken: `edge-vpr profile trace` adds a meter's CSV.")
+        return notes
     readings, figures = energy.readings, energy.figures
-    said = [] if readings is None else [_sensor(readings)]
+    notes = [] if readings is None else [_sensor(readings)]
     if figures is None:
-        return said
+        return notes
     with_gain = "the meter's gain error is not known, and not in them"
     gain = 0.0 if readings is None else readings.sensor.gain_error
     if gain:
@@ -153,13 +154,13 @@ def _energy_notes(energy: Outcome) -> list[str]:
         with_gain = (
             f"with the meter's gain error of {gain:.2%} the marginal energy is {low} to {high}"
         )
-    said.append(f"Intervals are of 95 %, by bootstrap over {energy.pairs} pairs; {with_gain}.")
+    notes.append(f"Intervals are of 95 %, by bootstrap over {energy.pairs} pairs; {with_gain}.")
     if energy.sampler_cpu_share is not None:
-        said.append(f"Sampling took {energy.sampler_cpu_share:.2%} of a core, idle or not.")
+        notes.append(f"Sampling took {energy.sampler_cpu_share:.2%} of a core, idle or not.")
     if figures.resolved:
         share = figures.idle_w / energy.mission_matches_per_s / figures.mission_j_per_match
-        said.append(f"At the mission's rate, {share:.2%} of the energy is the board at rest.")
-    return said
+        notes.append(f"At the mission's rate, {share:.2%} of the energy is the board at rest.")
+    return notes
 
 
 def _sensor(readings: Readings) -> str:
@@ -230,16 +231,16 @@ def compare(first: Path, second: Path, spreadsheet: Path | None = None) -> None:
     for path, one in zip((first, second), found, strict=True):
         check_shown(one, path)
     sides = [{number.name: number for number in numbers(one)} for one in found]
-    told, cells = [], []
+    lines, cells = [], []
     for name in dict.fromkeys(name for side in sides for name in side):
         a, b = (side.get(name, Number(name, None, why=NOT_MEASURED)) for side in sides)
         ratio = b.value / a.value if a.value and b.value is not None else None
         overlap = _overlap(a, b)
         cells.append((name, *a[1:4], *b[1:4], ratio, overlap))
-        told.append(
+        lines.append(
             (name, _cell(a), _cell(b), "-" if ratio is None else f"{ratio:.3g}", overlap or "-")
         )
-    table(("", str(first), str(second), "times", "intervals"), told, width=_WIDTH)
+    table(("", str(first), str(second), "times", "intervals"), lines, width=_WIDTH)
     if any(cell[-1] == OVERLAP for cell in cells):
         say(
             "intervals are of 95 %; where they overlap, the two profiles show no difference",

@@ -92,7 +92,7 @@ def sparse_against_all(events: Events, pixel_map: PixelMap, places: int) -> Spar
         stream = DescriptorStream(pixels, tau)
         return collect(stream.windows(events), len(pixels)).counts
 
-    few, all_of_them = count(pixel_map), count(everything)
+    sparse, all_of_them = count(pixel_map), count(everything)
     places = max(2, min(places, _MOST_COUNTS // sensor.pixels))
     counting = _against(
         "per event", lambda: count(pixel_map), lambda: count(everything), events.size,
@@ -102,23 +102,22 @@ def sparse_against_all(events: Events, pixel_map: PixelMap, places: int) -> Spar
     made_up = rng.integers(0, 16, (_PAPER_PLACES, PAPER_SENSOR.pixels), dtype=np.uint8)
     return SparseAgainstAll(
         counting,
-        _matching(few, all_of_them, places),
+        _matching(sparse, all_of_them, places),
         _matching(made_up[:, :PAPER_PIXELS], made_up, _PAPER_PLACES),
     )
 
 
-def _matching(few: Counts, everything: Counts, places: int) -> Against:
+def _matching(sparse: Counts, everything: Counts, places: int) -> Against:
     """Time the distances of one query to every place."""
-    indices = [
-        ReferenceIndex(np.resize(counts, (places, counts.shape[1]))) for counts in (few, everything)
-    ]
-    queries = [counts[0] for counts in (few, everything)]
+    both = (sparse, everything)
+    indices = [ReferenceIndex(np.resize(counts, (places, counts.shape[1]))) for counts in both]
+    queries = [counts[0] for counts in both]
     return _against(
         "per query",
         lambda: indices[0].distances(queries[0]),
         lambda: indices[1].distances(queries[1]),
         1,
-        (few.shape[1], everything.shape[1], places),
+        (sparse.shape[1], everything.shape[1], places),
     )
 
 

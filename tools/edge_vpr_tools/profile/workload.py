@@ -139,7 +139,7 @@ class Workload:
 
 #: numbers of pixels (J) of the designs, and codes of their counters
 PIXELS = (10, 25, 50, 150)
-FEW_BITS = {"counter_code": "log", "counter_bits": 3}
+CODED = {"counter_code": "log", "counter_bits": 3}
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +162,7 @@ def of_pair(drive: EventSource, main: ReferenceMap) -> Iterator[Compared]:
         if pixels != settings.pixels:
             mapped = ReferenceMap.build(drive, settings.replaced({"pixels": pixels}, "designs"))
         yield Compared(f"{pixels} px", mapped)
-    coded = ReferenceMap.build(drive, settings.replaced(FEW_BITS, "designs"))
+    coded = ReferenceMap.build(drive, settings.replaced(CODED, "designs"))
     yield Compared(f"{settings.pixels} px, 3-bit log", coded)
     every = map_all_pixels(drive, settings, main.hot)
     yield Compared(f"all {len(every.pixel_map):,} px", every)
@@ -239,10 +239,6 @@ def simulated_load(seed: int) -> Load:
 # Accuracy and measured cost of several designs on the same drives.
 
 
-#: a map, and its measured energy or the reason why it was not measured
-Known = tuple[ReferenceMap, Outcome]
-
-
 @dataclass(frozen=True, kw_only=True)
 class DesignResult:
     """Accuracy of a design, and the cost of its match."""
@@ -260,45 +256,33 @@ class DesignResult:
 
 
 def compare(
-    designs: Iterable[Compared],
-    query: EventSource,
-    events: Sequence[Events],
-    truth_of: TruthOf,
-    sensor: Sensor | None,
-    plan: Plan,
-    rate: float,
-    known: Known,
+    load: Load, sensor: Sensor | None, plan: Plan, rate: float, known: Outcome
 ) -> list[DesignResult]:
-    """Evaluate each design, and measure the cost of its match.
+    """Evaluate each design of a load whose truth is known, and measure the cost of its match.
 
     Parameters
     ----------
-    query : EventSource
-        The query drive.
-    events : sequence of ndarray
-        Its cleaned events, which are the load.
-    truth_of : callable
-        Returns the ground truth for the times of places and queries.
     sensor : Sensor, optional
         Measures joules; without it, only processor time is measured.
     rate : float
         Matches per second of the mission.
-    known : tuple of ReferenceMap and Energy
-        A map whose energy has already been measured.
+    known : NotMeasured or Energy
+        Energy of the load's own map, which has already been measured.
     """
+    assert load.truth_of is not None
     found = []
-    for design in designs:
+    for design in load.designs:
         note(f"design: {design.name}")
         reference, settings = design.reference, design.reference.settings
-        queries = describe_query(reference, query)
+        queries = describe_query(reference, load.query)
         matches = match_descriptors(reference.places, queries, settings)
-        truth = truth_of(reference.places.centre_us, queries.centre_us)
-        load = Workload(reference, events, MatchSchedule.window(settings))
-        cpu = _cpu_s_per_match(load, plan)
+        truth = load.truth_of(reference.places.centre_us, queries.centre_us)
+        workload = Workload(reference, load.events, MatchSchedule.window(settings))
+        cpu = _cpu_s_per_match(workload, plan)
         energy: Outcome | None = None
         if sensor is not None:
-            measured = known[1] if reference is known[0] else None
-            energy = measured or _energy(sensor, plan, load, rate)
+            measured = known if reference is load.reference else None
+            energy = measured or _energy(sensor, plan, workload, rate)
         found.append(
             DesignResult(
                 name=design.name,

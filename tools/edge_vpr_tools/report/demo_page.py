@@ -57,11 +57,13 @@ def _reading(trials: dict[str, Trial]) -> list[str]:
             simulated.DEFAULT,
             simulated.BY_TIME,
         ),
-        compare("The place filter with 25 pixels", simulated.DEFAULT_FEW, simulated.BY_TIME),
+        compare("The place filter with 25 pixels", simulated.DEFAULT_25, simulated.BY_TIME),
         compare("Fixed N against fixed tau, by sequences", simulated.BEST, simulated.BY_TIME),
         compare("150 pixels against all 16,384", simulated.BEST, simulated.DENSE),
         compare("Counts as 3-bit logarithms against counts", simulated.CODED, simulated.BEST),
-        compare("25 varying pixels against 25 random ones", simulated.FEW, simulated.FEW_RANDOM),
+        compare(
+            "25 varying pixels against 25 random ones", simulated.FIXED_N_25, simulated.RANDOM_25
+        ),
         "One street of one seed; `edge-vpr experiment simulated` gives five, with their spread.",
         "P@100R: share of correct matches when every window is matched; R@99P: recall at 99 % "
         f"precision; correct is within {simulated.TOLERANCE_M:g} m.",

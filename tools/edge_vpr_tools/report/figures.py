@@ -341,10 +341,10 @@ def distance_matrix(
             axes.plot(matches.query, matches.place, ".", color=ORANGE, ms=4)
             handles.append(_dot(ORANGE, ".", "match"))
         else:
-            right, wrong = found.correct, found.evaluated & ~found.correct
+            correct, wrong = found.correct, found.evaluated & ~found.correct
             axes.plot(matches.query[wrong], matches.place[wrong], "x", color=RED, ms=5)
-            axes.plot(matches.query[right], matches.place[right], ".", color=ORANGE, ms=4)
-            handles.append(_dot(ORANGE, ".", f"correct match ({right.sum()})"))
+            axes.plot(matches.query[correct], matches.place[correct], ".", color=ORANGE, ms=4)
+            handles.append(_dot(ORANGE, ".", f"correct match ({correct.sum()})"))
             if wrong.any():
                 handles.append(_dot(RED, "x", f"wrong match ({wrong.sum()})"))
         bar = drawing.colorbar(image, ax=axes, location="bottom", shrink=0.8, aspect=30)
@@ -458,12 +458,12 @@ def window_lengths(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
     return drawing
 
 
-def _truth_band(axes, truth: GroundTruth) -> None:  # type: ignore[no-untyped-def]
+def _truth_band(axes: Axes, truth: GroundTruth) -> None:
     places, queries = truth.correct.shape
     band = np.ma.masked_equal(true_cells(truth.correct), False)
     axes.imshow(
         band,
-        cmap=_single_colour(SKY),
+        cmap=ListedColormap([SKY]),
         alpha=0.55,
         origin="lower",
         aspect="auto",
@@ -489,11 +489,6 @@ def true_cells(correct: npt.NDArray[np.bool_] | TrueCells) -> npt.NDArray[np.boo
         widened[shift:] |= cells[:-shift]
         widened[:-shift] |= cells[shift:]
     return widened
-
-
-def _single_colour(colour: str):  # type: ignore[no-untyped-def]
-
-    return ListedColormap([colour])
 
 
 def _dot(colour: str, marker: str, label: str) -> Line2D:

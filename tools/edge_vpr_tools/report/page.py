@@ -37,9 +37,9 @@ class _Section:
         return re.sub(r"[^a-z0-9]+", "-", self.title.lower()).strip("-")
 
     def html(self) -> str:
-        begin = f'<section id="{self.anchor}">\n' if self.anchor else "<section>\n"
+        opening = f'<section id="{self.anchor}">\n' if self.anchor else "<section>\n"
         title = f"<h2>{as_html(self.title)}</h2>\n" if self.title else ""
-        return f"{begin}{title}{''.join(self.parts)}</section>\n"
+        return f"{opening}{title}{''.join(self.parts)}</section>\n"
 
 
 class Page:
@@ -164,14 +164,10 @@ _COLOUR = re.compile(r"(?<=: )#(?:000000|ffffff|0072b2)\b")
 
 
 def _themed(svg: str, prefix: str) -> str:
-    """Return an SVG file as an element of a page, in the colours of the page.
+    """Return an SVG file of Matplotlib as an element of a page, in the colours of the page.
 
-    Parameters
-    ----------
-    svg : str
-        As Matplotlib writes it; black is taken as ink, and white as paper.
-    prefix : str
-        For names within it, which must be different from those of all other elements.
+    Black is taken as ink, and white as paper. The prefix keeps the names within it apart from those
+    of all other elements.
     """
     element = _OUTER.sub("", svg[svg.index("<svg") :])
     element = _NAMED.sub(rf"\1{prefix}", element)
@@ -266,12 +262,14 @@ def quantity(
     """
     factor, prefix = next(((f, p) for f, p in _PREFIXES if abs(value) >= f), _PREFIXES[-1])
 
-    def told(number: float) -> str:
+    def written(number: float) -> str:
         scaled = number / factor
         return f"{scaled:,.0f}" if abs(scaled) >= 1_000 else f"{scaled:.{digits}g}"
 
-    bounds = "" if low is None or high is None or low == high else f" ({told(low)} to {told(high)})"
-    return f"{told(value)}{bounds} {prefix}{unit}"
+    bounds = ""
+    if low is not None and high is not None and low != high:
+        bounds = f" ({written(low)} to {written(high)})"
+    return f"{written(value)}{bounds} {prefix}{unit}"
 
 
 # Names of choices in words, for pages and figures.

@@ -373,9 +373,9 @@ def event_images(
     images = np.zeros((len(start_us), height * width), dtype=np.int64)
     for events in recording:
         time, flat = events["t"], events["y"].astype(np.int64) * width + events["x"]
-        begin, end = np.searchsorted(time, start_us), np.searchsorted(time, end_us)
-        for row in np.flatnonzero(end > begin):
-            images[row] += np.bincount(flat[begin[row] : end[row]], minlength=height * width)
+        first, last = np.searchsorted(time, start_us), np.searchsorted(time, end_us)
+        for row in np.flatnonzero(last > first):
+            images[row] += np.bincount(flat[first[row] : last[row]], minlength=height * width)
     return images.reshape(-1, height, width)
 
 

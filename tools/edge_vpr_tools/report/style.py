@@ -24,10 +24,7 @@ from edge_vpr.errors import UsageError, printable
 from edge_vpr.files import replacing
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
-from edge_vpr_tools.report.formats import FORMATS
-
-# One look for every figure: colour-blind safe (Okabe and Ito, 2008), legible in print.
-
+from edge_vpr_tools.report import FORMATS
 
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
     "#0072B2",

@@ -1,21 +1,22 @@
-"""Tables of results: CSV files with a row per trial, and the Markdown tables of pages from them.
+"""Tables of results: CSV files, and the Markdown tables of pages from them.
 
-The columns before ``seed`` name what was tried, those after it were measured. Trials that differ in
-their seed alone are one row of a page, with the mean and the sample standard deviation of each
-measurement. A file without the column ``seed`` is shown as it is.
+In a file with a row per trial, the columns before ``seed`` name what was tried, those after it were
+measured. Trials that differ in their seed alone are one row of a page, with the mean and the sample
+standard deviation of each measurement. A file without the column ``seed`` is shown as it is.
 """
 
 from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from edge_vpr.errors import UsageError, did_you_mean
+from edge_vpr.errors import UsageError, did_you_mean, printable
+from edge_vpr.files import replacing
 
 SEED = "seed"
 #: cell of a page where nothing was measured
@@ -183,3 +184,31 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Format a table as Markdown."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+#: a spreadsheet takes a cell that begins like this as a formula, which can run programs
+_OF_FORMULAS = ("=", "+", "-", "@")
+
+
+def write_spreadsheet(
+    path: Path, header: Sequence[str], lines: Iterable[Sequence[str | float | None]]
+) -> None:
+    """Write a CSV file, atomically.
+
+    Parameters
+    ----------
+    lines : iterable of sequence of str, float or None
+        None is an empty cell, which was not measured. Text that a spreadsheet would compute has an
+        apostrophe before it.
+    """
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(map(_cell, header))
+        writer.writerows(map(_cell, line) for line in lines)
+
+
+def _cell(value: str | float | None) -> str | float:
+    if not isinstance(value, str):
+        return "" if value is None else value
+    text = printable(value)
+    return f"'{text}" if text.startswith(_OF_FORMULAS) else text

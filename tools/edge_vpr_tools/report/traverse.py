@@ -59,7 +59,7 @@ def write_report(
     outcome : Outcome, optional
         Of an evaluation; by default, of all matches of the folder without one.
     formats : sequence of str
-        Of `report.formats.FORMATS`: each figure is also written in each.
+        Of `report.FORMATS`: each figure is also written in each.
     route : Route, optional
         Positions of the places; without it, those that the map holds.
     warnings : sequence of str
@@ -175,10 +175,7 @@ def _add_wrong_windows(
 ) -> None:
     """Show the windows of the worst matches, first one of each part of the drive.
 
-    Parameters
-    ----------
-    at : ndarray of int, shape (n,)
-        Which of them belongs to each match.
+    `at` says which of the queries belongs to each match.
     """
     errors, truth = outcome.errors, outcome.truth
     if errors is None or truth is None or not outcome.wrong.any():
@@ -208,10 +205,10 @@ def _add_wrong_windows(
             shown("query", queries, int(at[i])),
             shown(f"matched: place {k}", reference.places, k),
         ]
-        right = np.flatnonzero(truth.correct[:, j])
-        if right.size:
-            off = truth.errors(every_place[right], np.full(right.size, j))
-            best = int(right[np.argmin(np.nan_to_num(off, nan=np.inf))])
+        correct = np.flatnonzero(truth.correct[:, j])
+        if correct.size:
+            off = truth.errors(every_place[correct], np.full(correct.size, j))
+            best = int(correct[np.argmin(np.nan_to_num(off, nan=np.inf))])
             windows.append(shown(f"correct: place {best}", reference.places, best))
         caption = f"{number}. At {outcome.time_s[i]:.1f} s"
         if np.isfinite(errors[i]):
@@ -221,7 +218,7 @@ def _add_wrong_windows(
         if outcome.precision is not None:
             caption += f" ({'' if outcome.accepted[i] else 'not '}accepted"
             caption += f" at {outcome.precision:g})"
-        if not right.size:
+        if not correct.size:
             caption += "; no place of the map is correct"
         page.picture(save(windows_side_by_side(reference, windows)), f"{caption}.")
 

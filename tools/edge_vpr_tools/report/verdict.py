@@ -1,4 +1,4 @@
-"""What is to be said of the matches of a drive: how many are correct, which are wrong."""
+"""Summary of the matches of a drive: how many are correct, and which are wrong."""
 
 from __future__ import annotations
 
@@ -78,9 +78,9 @@ class Outcome:
         n = len(self.matches)
         if self.found is None:
             return [f"{n:,} windows were matched", self._accepted_before_evaluation()]
-        n, right = self.found.queries, int(np.count_nonzero(self.correct))
-        parts = [f"{right:,} of {n:,} matches {'is' if n == 1 else 'are'} correct"]
-        if right < n:
+        n, correct = self.found.queries, int(np.count_nonzero(self.correct))
+        parts = [f"{correct:,} of {n:,} matches {'is' if n == 1 else 'are'} correct"]
+        if correct < n:
             parts.append(self._where_wrong())
         off = self.found.queries_without_place
         if off:
@@ -113,15 +113,18 @@ class Outcome:
         if self.precision is None or self.found is None:
             return ""
         taken = self.accepted & self.found.evaluated
-        accepted, right = int(np.count_nonzero(taken)), int(np.count_nonzero(taken & self.correct))
+        accepted, correct = (
+            int(np.count_nonzero(taken)),
+            int(np.count_nonzero(taken & self.correct)),
+        )
         asked = self.matches.settings.precision is not None
         text = f"{percent(accepted, self.found.queries)} {'are' if asked else 'would be'} accepted "
         text += f"at {self.precision:g}" if asked else f"with --precision {self.precision:g}"
         if not accepted:
             return text.replace("0 %", "none", 1)
-        if right == accepted:
+        if correct == accepted:
             return text if not self.wrong.any() else f"{text}, all correct"
-        return f"{text}, {percent(right, accepted)} of them correct"
+        return f"{text}, {percent(correct, accepted)} of them correct"
 
 
 def outcome_of(

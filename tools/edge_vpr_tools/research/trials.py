@@ -14,7 +14,7 @@ from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
@@ -308,7 +308,6 @@ class AnyResult(Protocol):
 
 TrialT = TypeVar("TrialT", bound=AnyTrial)
 ResultT = TypeVar("ResultT", bound=AnyResult)
-Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -331,7 +330,7 @@ class SweepRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class _Stored:
-    """File of a result or of a failure, whose trial and result are not checked yet."""
+    """File of a result or of a failure; `Store` says of which types trial and result are."""
 
     key: str
     trial: Any
@@ -424,11 +423,11 @@ class Store(Generic[TrialT, ResultT]):
         write_json(self._path(_FAILURES, key), whole)
 
     def result(self, key: str) -> ResultT | None:
-        """Return the result under a key; None if there is none. See `kept`."""
-        kept = self.kept(key)
-        return None if kept is None else kept[1]
+        """Return the result under a key; None if there is none. Raises as `stored`."""
+        found = self.stored(key)
+        return None if found is None else found[1]
 
-    def kept(self, key: str) -> tuple[TrialT, ResultT] | None:
+    def stored(self, key: str) -> tuple[TrialT, ResultT] | None:
         """Return the trial and the result under a key; None if there is none.
 
         Raises
@@ -436,33 +435,34 @@ class Store(Generic[TrialT, ResultT]):
         UsageError
             If its file is damaged, or of another trial.
         """
-        return self._read(
-            _RESULTS, key,
-            lambda one, trial: (trial, from_json(self._result, one.found, "found")),
-        )  # fmt: skip
+        found = self._read(_RESULTS, key)
+        return None if found is None else (found.trial, found.found)
 
     def failure(self, key: str) -> str | None:
-        """Return the error under a key; None if there is none. Raises as `kept`."""
-        return self._read(_FAILURES, key, lambda one, trial: one.error)
+        """Return the error under a key; None if there is none. Raises as `stored`."""
+        found = self._read(_FAILURES, key)
+        return None if found is None else found.error
 
     def _path(self, kind: str, key: str) -> Path:
         if not key.isalnum():  # read from a file: it must not lead to another folder
             raise UsageError(f"{self.folder}: {key!r} is no key of a result: run the sweep again")
         return self.folder / kind / f"{key}.json"
 
-    def _read(self, kind: str, key: str, value: Callable[[_Stored, TrialT], Value]) -> Value | None:
+    def _read(self, kind: str, key: str) -> _Stored | None:
         """Read the file of a key, which may have been copied or changed; None if there is none."""
         path = self._path(kind, key)
         if not path.is_file():
             return None
         with _named(path, _REMEDY):
-            kept = from_json(_Stored, read_json(path, "a sweep's file", _REMEDY))
-            trial = from_json(self._trial, kept.trial, "trial")
+            stored = from_json(_Stored, read_json(path, "a sweep's file", _REMEDY))
+            trial = from_json(self._trial, stored.trial, "trial")
             # another version makes another key of the same trial
             of_trial = key if trial.version != edge_vpr.__version__ else trial.key
-            if not key == kept.key == of_trial:
+            if not key == stored.key == of_trial:
                 raise UsageError(f"{path} holds another trial than its name says: {_REMEDY}")
-            return value(kept, trial)
+            if kind == _RESULTS:
+                stored = replace(stored, found=from_json(self._result, stored.found, "found"))
+            return replace(stored, trial=trial)
 
 
 # Compute the trials that are not stored yet.
@@ -548,7 +548,7 @@ def compute(
         for key, trial in trials.items()
         if store.result(key) is None and (retry_failed or store.failure(key) is None)
     }
-    failed, busy_s, begin = 0, 0.0, time.perf_counter()
+    failed, busy_s, start = 0, 0.0, time.perf_counter()
     progress(0, len(missing), 0)
     for done, outcome in enumerate(run_all(missing, run, workers), 1):
         key, trial = outcome.key, missing[outcome.key]
@@ -559,7 +559,7 @@ def compute(
             failed += 1
             store.keep_failure(key, trial, outcome.error, outcome.where)
         progress(done, len(missing), failed)
-    elapsed_s = time.perf_counter() - begin
+    elapsed_s = time.perf_counter() - start
     return TrialsRun(
         trials=len(named),
         different=len(trials),

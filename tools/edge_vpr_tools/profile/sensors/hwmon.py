@@ -193,9 +193,9 @@ def _sensor(channel: _Channel) -> Sensor | None:
     micro = read_text(channel.shunt)
     # an absurd shunt is ignored, since a division by it would give no reading
     micro_ohms = int(micro) if not inside and micro.isdigit() and int(micro) > 0 else None
-    said = "shunt of 2 mOhm inside" if inside else "shunt unknown: confirm the driver's"
+    shunt = "shunt of 2 mOhm inside" if inside else "shunt unknown: confirm the driver's"
     if micro_ohms is not None:
-        said = (
+        shunt = (
             f"shunt of {micro_ohms / 1e3:g} mOhm taken by the driver: confirm that it is your "
             "board's (--shunt-mohm)"
         )
@@ -211,7 +211,7 @@ def _sensor(channel: _Channel) -> Sensor | None:
             gain_error=chip.gain_error + counted + (0.0 if inside else SHUNT_TOLERANCE),
             detail=f"gain error after {chip.source}"
             + ("" if inside else f" and {SHUNT_TOLERANCE:.0%} of the shunt, assumed")
-            + f"; {said}",
+            + f"; {shunt}",
             shunt_mohm=None if micro_ohms is None else micro_ohms / 1e3,
         )
 

@@ -137,15 +137,7 @@ def _member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
 
 
 class _Machine:
-    """Stack on which a pickle builds its objects.
-
-    Parameters
-    ----------
-    storage : callable
-        Function that maps ``(kind, key, count)`` to the numbers of a storage.
-    most : int
-        Limit of all tensors together, in bytes.
-    """
+    """Stack on which a pickle builds its objects, with at most so many bytes of tensors."""
 
     def __init__(self, storage: Callable[[str, str, int], npt.NDArray[Any]], most: int) -> None:
         self._storage, self._left = storage, most

@@ -3,8 +3,6 @@
 Each is a module of this package that declares an `experiment.Experiment` as ``EXPERIMENT``.
 """
 
-from edge_vpr_tools.research.catalogue import STAND_INS, stand_in_text
-
 #: names on the command line; the module of each has underscores in place of hyphens
 EXPERIMENTS = (
     "simulated", "speck-walks", "codes", "place-filter", "sensitivity", "calibration", "trust",
@@ -19,6 +17,3 @@ STREETS_ONLY = {
     "event-speed": "fixed-number",
     "calibration": "trust",
 }
-
-#: folders of recordings, and their sources
-SOURCES = {folder: stand_in_text(folder) for folder in STAND_INS}

@@ -69,7 +69,7 @@ def measure(draw: Draw) -> Iterator[Row]:
             settings = pair.settings.replaced(changes, strategy)
             chosen = SelectedPixels(strategy, settings)
             try:
-                few, matched = _matched(pair, chosen)
+                sparse, matched = _matched(pair, chosen)
             except UsageError:  # on this sensor, the surrounds of fewer pixels cover all others
                 continue
             at = chosen.pixel_map
@@ -79,7 +79,7 @@ def measure(draw: Draw) -> Iterator[Row]:
                 "pixels chosen": called,
                 "pixels": number,
                 PROFILE: correlation(profile, every),
-                DISTANCES: correlation(few, dense),
+                DISTANCES: correlation(sparse, dense),
                 PLACES: float(near.mean()),
             }
 

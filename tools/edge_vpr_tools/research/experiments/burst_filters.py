@@ -44,9 +44,9 @@ class Flashed:
     def __iter__(self) -> Iterator[Events]:
         rng = np.random.default_rng(self._seed)
         for events in self._recording:
-            begin, end = int(events["t"][0]), int(events["t"][-1])
-            number = rng.poisson(self._rate * (end - begin) / 1e6)
-            flashes = [self._flash(rng, int(t)) for t in rng.integers(begin, end + 1, number)]
+            start, end = int(events["t"][0]), int(events["t"][-1])
+            number = rng.poisson(self._rate * (end - start) / 1e6)
+            flashes = [self._flash(rng, int(t)) for t in rng.integers(start, end + 1, number)]
             joined = np.concatenate([events, *flashes])
             joined = joined[np.argsort(joined["t"], kind="stable")]
             # a flash at the end of a chunk is cut off, since the next chunk begins there

@@ -6,7 +6,7 @@ street, as long as a quarter of the drive; with the camera carried to another pa
 back; backwards; and of another street altogether. Matches of a robot have the running mean of the
 query, those of whole drives the drive's own mean. `learn` learns the tables on other streets, in
 the same way; that for robots that stay on the map, from the drives as they were. Queries of
-`nulls`, whose windows or pixels are shuffled, judge them only.
+`nulls`, whose windows or pixels are shuffled, only test them.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def carried_off(case: Case, first: int, last: int) -> Case:
 
 
 def with_detour(case: Case, elsewhere: Descriptors, at: int) -> Case:
-    """Insert the windows of another drive before window `at`; no place is right for them."""
+    """Insert the windows of another drive before window `at`; no place is correct for them."""
     n, more = len(case.counted), len(elsewhere)
     columns = {
         name: np.concatenate([column, elsewhere.to_arrays()[name]])
@@ -322,7 +322,7 @@ def learnt_seeds() -> tuple[int, int]:
     return int(first), int(last)
 
 
-# Judge the shipped tables.
+# Evaluate the shipped tables.
 
 
 PRECISION = 0.99
@@ -348,15 +348,15 @@ def described(name: str) -> str:
     return {SMOOTHED: "smoothed", AT_ONCE: "live"}.get(name, f"{name} windows late")
 
 
-def judge(
+def evaluate_tables(
     versions: Mapping[str, Sequence[Case]], matchings: Sequence[str], switched_on: Sequence[str]
 ) -> Iterator[Row]:
-    """Judge the shipped tables on drives whose truth is known.
+    """Evaluate the shipped tables on drives whose truth is known.
 
     Parameters
     ----------
     versions : mapping of str to sequence of Case
-        Drives by version; those of one version are judged together.
+        Drives by version; those of one version are evaluated together.
     matchings : sequence of str
         Of `MATCHINGS`.
     switched_on : sequence of str
@@ -373,12 +373,12 @@ def judge(
             )
             row = {"map": version, "matching": described(name), LEARNT_ON: learnt_on}
             found = [sample(case) for case in changed]
-            stays = _if_on_map(judged(on_map, found)) if name == AT_ONCE else {}
-            yield {**row, **judged(table, found), **stays}
+            stays = _if_on_map(figures_of_table(on_map, found)) if name == AT_ONCE else {}
+            yield {**row, **figures_of_table(table, found), **stays}
             if version == WHOLE and name in switched_on:
                 row["map"] = SWITCHED_ON
-                stays = _if_on_map(first_sure(on_map, changed)) if name == AT_ONCE else {}
-                yield {**row, **first_sure(table, changed), **stays}
+                stays = _if_on_map(first_confident(on_map, changed)) if name == AT_ONCE else {}
+                yield {**row, **first_confident(table, changed), **stays}
 
 
 def _if_on_map(measured: Row) -> Row:
@@ -388,7 +388,7 @@ def _if_on_map(measured: Row) -> Row:
     }
 
 
-def judged(table: Confidence, found: Sequence[Sample]) -> dict[str, float | int | None]:
+def figures_of_table(table: Confidence, found: Sequence[Sample]) -> dict[str, float | int | None]:
     """Return what a table says of some drives, each in the order of time, and what is true."""
     pooled = joined(found)
     given = table.probability_of(pooled.trust)
@@ -429,12 +429,12 @@ def windows_past_the_edge(found: Sequence[Sample], least: int) -> list[int]:
     return lasted
 
 
-def first_sure(table: Confidence, cases: Sequence[Case]) -> dict[str, float | int | None]:
+def first_confident(table: Confidence, cases: Sequence[Case]) -> dict[str, float | int | None]:
     """Start at many windows, and measure the time to the first match of each probability."""
     waits: dict[float, list[tuple[float, bool]]] = {0.95: [], 0.99: []}
     starts = 0
     for case in cases:
-        windows, late = len(case.counted), case.reference.settings.match_delay
+        windows, delay = len(case.counted), case.reference.settings.match_delay
         for start in range(0, windows - _LEFT, START_EVERY):
             if not case.truth.known[start]:
                 continue
@@ -444,13 +444,13 @@ def first_sure(table: Confidence, cases: Sequence[Case]) -> dict[str, float | in
             matches = rest.match()
             given = table.probability_of(matches.net_trust)
             for least, found in waits.items():
-                sure = np.flatnonzero(given >= least)
-                if sure.size:
-                    j = int(sure[0])
-                    given_at = min(j + late, len(matches) - 1)
+                confident = np.flatnonzero(given >= least)
+                if confident.size:
+                    j = int(confident[0])
+                    given_at = min(j + delay, len(matches) - 1)
                     lasted = rest.counted.end_us[given_at] - rest.counted.start_us[0]
-                    right = bool(case.truth.correct[matches.place[j], start + j])
-                    found.append((float(lasted) / 1e6, right))
+                    correct = bool(case.truth.correct[matches.place[j], start + j])
+                    found.append((float(lasted) / 1e6, correct))
     row: dict[str, float | int | None] = {"starts": starts}
     for least, found in waits.items():
         times, rights = zip(*found, strict=True) if found else ((), ())
@@ -460,7 +460,7 @@ def first_sure(table: Confidence, cases: Sequence[Case]) -> dict[str, float | in
     return row
 
 
-def judged_street(seed: int) -> dict[str, list[Case]]:
+def unseen_street(seed: int) -> dict[str, list[Case]]:
     """Open the versions of all drives of a street that no table was learnt from."""
     street_seed = learnt_seeds()[1] + 1 + seed
     rng = np.random.default_rng((_CUTS, street_seed))
@@ -473,8 +473,8 @@ def judged_street(seed: int) -> dict[str, list[Case]]:
 
 
 def measure(draw: Draw) -> Iterator[Row]:
-    """Judge every table on all drives of one street."""
-    yield from judge(draw.pair, list(MATCHINGS), (AT_ONCE,))
+    """Evaluate every table on all drives of one street."""
+    yield from evaluate_tables(draw.pair, list(MATCHINGS), (AT_ONCE,))
 
 
 def figure(rows: Rows) -> Figure:
@@ -492,7 +492,7 @@ def figure(rows: Rows) -> Figure:
 
 
 EXPERIMENT = Experiment(
-    drives=lambda data: [Drives("simulated streets", judged_street, varied=True)],
+    drives=lambda data: [Drives("simulated streets", unseen_street, varied=True)],
     names=NAMES,
     measure=measure,
     figure=figure,

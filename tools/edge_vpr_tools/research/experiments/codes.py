@@ -63,13 +63,13 @@ def variants() -> dict[tuple[str, int, str | int], Mapping[str, Any]]:
 def measure(draw: Draw) -> Iterator[Row]:
     """Match a pair with every code."""
     pixels = draw.pair.settings.pixels
-    for (code, bits, scale), right in score(draw.pair, draw.seed, variants()).items():
+    for (code, bits, scale), correct in score(draw.pair, draw.seed, variants()).items():
         row = {"code": code, "bits": bits, "full scale": scale}
-        yield {**row, "P@100R": right, "bytes per place": packed_bytes(pixels, bits)}
+        yield {**row, "P@100R": correct, "bytes per place": packed_bytes(pixels, bits)}
 
 
 def figure(rows: Rows) -> Figure:
-    """Draw right matches against bytes per place, for every code."""
+    """Draw correct matches against bytes per place, for every code."""
     learnt = [row for row in rows if row["full scale"] == "learnt"]
     return lines(learnt, x="bytes per place", y="P@100R", line="code", log=True)
 

@@ -24,7 +24,6 @@ from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulation import SimulatedRecording, simulate_pair
 from edge_vpr_tools.research.catalogue import NOT_OPENED, STAND_INS, Download
 from edge_vpr_tools.research.datasets import DATA_SETS, found_traverses, published_pairs
-from edge_vpr_tools.research.experiments import SOURCES
 from edge_vpr_tools.research.experiments.experiment import Drives, recorded_folder
 from edge_vpr_tools.research.experiments.simulated import (
     FIRST_SEED,
@@ -43,7 +42,7 @@ INDOOR, WALKS, BRISBANE, LENS = (
     "brisbane_sparse49",
     "brisbane_lens49",
 )
-#: truth by tolerance, the one that pairs are judged by first
+#: truth by tolerance, the one that pairs are evaluated by first
 Truths = Mapping[str, TruthOf]
 
 
@@ -224,7 +223,7 @@ def downloads(data: Path | None) -> list[Download]:
     return [*found, *NOT_OPENED]
 
 
-def without_pairs(data: Path | None, folders: Collection[str] = tuple(SOURCES)) -> str:
+def without_pairs(data: Path | None, folders: Collection[str] = tuple(STAND_INS)) -> str:
     """Return a sentence on why there is no pair of drives, and where drives come from."""
     where = "no folder was given with --data" if data is None else f"{data} holds no pair"
     lone = [] if data is None else [

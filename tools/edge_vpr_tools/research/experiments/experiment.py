@@ -23,8 +23,8 @@ import edge_vpr
 import fixedpoint
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr_tools import research
-from edge_vpr_tools.report.tables import SEED, TableView, table_of
-from edge_vpr_tools.research.experiments import SOURCES
+from edge_vpr_tools.report.tables import SEED, TableView, table_of, write_spreadsheet
+from edge_vpr_tools.research.catalogue import stand_in_text
 from edge_vpr_tools.research.trials import (
     SCHEMA,
     NamedTrial,
@@ -35,7 +35,6 @@ from edge_vpr_tools.research.trials import (
     compute,
     failures,
 )
-from edge_vpr_tools.spreadsheets import write_spreadsheet
 
 #: what a row is named by, and what was measured
 Row = Mapping[str, Any]
@@ -144,8 +143,8 @@ def recorded_folder(data: Path | None, folder: str) -> Path:
     """
     if data is None or not (data / folder).is_dir():
         raise UsageError(
-            f"the folder {folder}, {SOURCES[folder]}, is not in {data or 'any folder given'}: name "
-            "the folder that holds it with --data"
+            f"the folder {folder}, {stand_in_text(folder)}, is not in {data or 'any folder given'}"
+            ": name the folder that holds it with --data"
         )
     return data / folder
 
@@ -213,12 +212,12 @@ class ExperimentResult:
 
 def run_trial(trial: ExperimentTrial) -> ExperimentResult:
     """Measure one pair of drives with one seed."""
-    begin = time.perf_counter()
+    start = time.perf_counter()
     experiment = open_experiment(trial.experiment)
     data = None if trial.data is None else Path(trial.data)
     (drives,) = (each for each in experiment.drives(data) if each.name == trial.drives)
     rows = tuple(_measured(experiment, drives, trial.seed, trial.systems))
-    return ExperimentResult(rows=rows, elapsed_s=time.perf_counter() - begin)
+    return ExperimentResult(rows=rows, elapsed_s=time.perf_counter() - start)
 
 
 def trials_of(

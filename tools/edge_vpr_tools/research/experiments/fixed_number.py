@@ -95,7 +95,7 @@ def drives(data: Path | None) -> list[Drives]:
 
 
 def figure(rows: Rows) -> Figure:
-    """Draw right matches against the duration of the query."""
+    """Draw correct matches against the duration of the query."""
     taken: dict[tuple[str, str], list[float]] = {}
     for row in rows:
         taken.setdefault((row["drives"], row["query"]), []).append(row[DURATION])

@@ -199,7 +199,7 @@ def drives(data: Path | None) -> list[Drives]:
 
 
 def figure(rows: Rows) -> Figure:
-    """Draw right matches of every choice, as events and as frames."""
+    """Draw correct matches of every choice, as events and as frames."""
     return dots(rows, measures=("P@100R", "R@99P"), row="system", series="seen")
 
 

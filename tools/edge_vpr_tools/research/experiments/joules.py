@@ -2,8 +2,8 @@
 
 Modelled is the work alone, of one match per second on a route of 1,000 places, with the cited
 constants of ``estimate/energy.toml``; low and high bound their spread. Published figures were
-measured by their authors; what they include differs, and is told. A measurement on a board of your
-own is `edge-vpr profile`, whose result has the same name, matches per joule.
+measured by their authors; what they include differs, and is stated. A measurement on a board of
+your own is `edge-vpr profile`, whose result has the same name, matches per joule.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from edge_vpr_tools.estimate.model import Mission
-from edge_vpr_tools.estimate.search import on_target
+from edge_vpr_tools.estimate.search import Limits, on_target
 from edge_vpr_tools.estimate.targets import find, names
 from edge_vpr_tools.report.style import CYCLE, panels
 from edge_vpr_tools.report.tables import TableView
@@ -56,7 +56,7 @@ def measure(draw: Draw) -> Iterator[Row]:
         mission = Mission(EVENTS_PER_S, pixels / (346 * 260), 1.0)
         for name in names():
             target = find(name)
-            of = on_target(design, target, mission, choose_distances=True)
+            of = on_target(design, mission, Limits(target, choose_distances=True))
             found = of.cost.matches_per_joule
             if found is None or of.limited_by or target.kind == "datapath":
                 continue

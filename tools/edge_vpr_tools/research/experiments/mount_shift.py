@@ -41,8 +41,8 @@ _CODED = {"counter_code": "log"}
 
 
 @dataclass(frozen=True)
-class Way:
-    """Way to match a shifted drive."""
+class Method:
+    """How a shifted drive is matched."""
 
     name: str
     changes: dict[str, Any]
@@ -50,18 +50,18 @@ class Way:
     all_pixels: bool = False
 
 
-WAYS = (
-    Way("counts", {}),
-    Way("counts, registered", {}, True),
-    Way("3-bit logarithms", _CODED),
-    Way("3-bit logarithms, registered", _CODED, True),
-    Way("place filter (default)", DEFAULT_MATCHING),
-    Way("place filter, registered", DEFAULT_MATCHING, True),
+METHODS = (
+    Method("counts", {}),
+    Method("counts, registered", {}, True),
+    Method("3-bit logarithms", _CODED),
+    Method("3-bit logarithms, registered", _CODED, True),
+    Method("place filter (default)", DEFAULT_MATCHING),
+    Method("place filter, registered", DEFAULT_MATCHING, True),
 )
-#: ways that draw no pixels, and are therefore matched once, beside the largest number of pixels
+#: methods that draw no pixels, and are therefore matched once, beside the largest number of pixels
 EVERY = (
-    Way("all pixels, counts", {}, all_pixels=True),
-    Way("all pixels, 3-bit logarithms", _CODED, all_pixels=True),
+    Method("all pixels, counts", {}, all_pixels=True),
+    Method("all pixels, 3-bit logarithms", _CODED, all_pixels=True),
 )
 
 
@@ -114,21 +114,21 @@ def counted_images(drive: EventSource | WindowSource, window_us: int) -> npt.NDA
 
 
 def measure(draw: Draw) -> Iterator[Row]:
-    """Shift the query, and match it in every way."""
+    """Shift the query, and match it by every method."""
     pair: Pair = draw.pair
     window_us = pair.settings.tau_us
     first, second = (counted_images(drive, window_us) for drive in (pair.reference, pair.query))
     reference = ShiftedWindows(first, window_us)
     every = draw.is_new and pair.settings.pixels == PAPER.pixels
-    for way in (*WAYS, *(EVERY if every else ())):
-        chosen = pair.settings.replaced({"seed": draw.seed, **way.changes}, way.name)
+    for method in (*METHODS, *(EVERY if every else ())):
+        chosen = pair.settings.replaced({"seed": draw.seed, **method.changes}, method.name)
         mapped = ReferenceMap.build(reference, chosen)
-        if way.all_pixels:
+        if method.all_pixels:
             mapped = map_all_pixels(reference, chosen, mapped.hot)
         for shift in SHIFTS:
-            row: dict[str, Any] = {"way": way.name, "shift": shift}
+            row: dict[str, Any] = {"way": method.name, "shift": shift}
             query, used = ShiftedWindows(second, window_us, shift, shift), mapped
-            if way.registered:
+            if method.registered:
                 found = register(mapped, query)
                 used = found.reference
                 row[OFF] = max(abs(found.dx - shift), abs(found.dy - shift))

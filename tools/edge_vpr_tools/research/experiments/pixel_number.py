@@ -53,8 +53,8 @@ def measure(draw: Draw) -> Iterator[Row]:
             row = {"pixels chosen by": name, "pixels": number}
             yield {"matching": PAPER, **row, "P@100R": found[0]["P@100R"]}
             matches = match_as_robot(pair, pixels.pixel_map)
-            right = evaluate(matches, truth).precision_at_100_recall
-            yield {"matching": ROBOT, **row, "P@100R": right}
+            correct = evaluate(matches, truth).precision_at_100_recall
+            yield {"matching": ROBOT, **row, "P@100R": correct}
     if draw.is_new:
         for found_all in compare_systems(pair, [(ALL, open_baseline("all-pixels"))]):
             every = pair.reference.images[0].size

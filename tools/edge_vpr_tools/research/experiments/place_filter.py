@@ -1,8 +1,8 @@
 """What the place filter, its code and its measure of trust bring, each on its own.
 
 Parameters were chosen on the real drives and on simulated streets of the seeds 0 to 4 and 30 to 49.
-The streets here have other seeds, and light that was not tried before. All rows are judged on the
-windows that sequences of 10 match.
+The streets here have other seeds, and light that was not tried before. All rows are evaluated on
+the windows that sequences of 10 match.
 """
 
 from __future__ import annotations
@@ -184,10 +184,10 @@ def measure(draw: Draw) -> Iterator[Row]:
 def rows_of_variants(counted: Counted, seed: int) -> Iterator[Row]:
     """Yield the rows of one pair of drives."""
     truth = inner_windows(counted.truth, LONGEST)
-    ways: list[tuple[str, str, Odometry | None]] = [(name, name, None) for name in VARIANTS]
+    tried: list[tuple[str, str, Odometry | None]] = [(name, name, None) for name in VARIANTS]
     if counted.odometry is not None:
-        ways += [(f"{name}, odometry", name, counted.odometry) for name in (ROBOT, BEST)]
-    for name, variant, odometry in ways:
+        tried += [(f"{name}, odometry", name, counted.odometry) for name in (ROBOT, BEST)]
+    for name, variant, odometry in tried:
         matches = counted.matched(VARIANTS[variant], odometry)
         found = evaluate(matches, truth)
         yield {
@@ -220,7 +220,7 @@ SHOWN = (
 
 
 def figure(rows: Rows) -> Figure:
-    """Draw right matches of every method, on some pairs of drives where there are these."""
+    """Draw correct matches of every method, on some pairs of drives where there are these."""
     shown = [row for row in rows if row[DRIVES] in SHOWN] or rows
     return dots(shown, measures=("P@100R",), row="method")
 

@@ -96,7 +96,7 @@ def route_of(pair: Pair) -> Route:
 
 
 def measure(draw: Draw) -> Iterator[Row]:
-    """Match whole drives, and drives that leave the map, with both maps in every way."""
+    """Match whole drives, and drives that leave the map, with both maps, live and recorded."""
     route: Route = draw.pair
     for pixels in PIXELS:
         settings = PRESETS["default"].replaced({"pixels": pixels, "seed": draw.seed}, "half")
@@ -118,17 +118,17 @@ def measure(draw: Draw) -> Iterator[Row]:
                     named = {**row, "matched": matched, "odometry": "none"}
                     asked = mapped.settings.replaced(changes, matched)
                     drive = Case(mapped.matched_with(asked), seen, truths[-1])
-                    yield {**named, "drive": name, **_judged(drive, drive.match(), truths)}
+                    yield {**named, "drive": name, **_figures(drive, drive.match(), truths)}
                     for part_name, left in LEFT_MAP.items() if name == WHOLE else ():
                         part = left(drive, number)
-                        judged = _judged(part, part.match(), [part.truth])
-                        yield {**named, "drive": part_name, **judged}
+                        figures = _figures(part, part.match(), [part.truth])
+                        yield {**named, "drive": part_name, **figures}
                     if query.odometry is not None and route.odometry is not None:
-                        way = route.odometry.along(mapped.places.centre_us)
-                        metred = replace(drive.reference, odometer_mm=way)
+                        along_mm = route.odometry.along(mapped.places.centre_us)
+                        metred = replace(drive.reference, odometer_mm=along_mm)
                         found = match_query(metred, metred.coded(seen), query.odometry)
-                        judged = _judged(drive, found, truths)
-                        yield {**named, "odometry": "wheels", "drive": name, **judged}
+                        figures = _figures(drive, found, truths)
+                        yield {**named, "odometry": "wheels", "drive": name, **figures}
 
 
 def _cut(drive: Case, number: int) -> Case:
@@ -148,7 +148,7 @@ LEFT_MAP = {"a quarter cut out": _cut, "carried off": _carried}
 NULLS = ("null: windows shuffled", "null: query reversed")
 
 
-def _judged(drive: Case, found: Matches, truths: Sequence[GroundTruth]) -> Row:
+def _figures(drive: Case, found: Matches, truths: Sequence[GroundTruth]) -> Row:
     """Return the figures of a drive; those of probabilities, and "wide", are by the last truth."""
     reference, known = drive.reference, truths[-1].known
     wide = truths[-1].correct[found.place, found.query]

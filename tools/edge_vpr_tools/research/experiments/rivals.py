@@ -1,10 +1,10 @@
 """Every system beside the default, on the same windows: how often it is right, and what it costs.
 
 All systems get the same counted and cleaned windows and the same truth. The distances of each are
-matched by sequences and by the place filter, so that the choice of pixels can be told from the
-matching. Only windows that every row matches are judged. The ``null`` rows are the place filter on
-a query whose windows or pixels were shuffled, and a constant speed without any look at the query:
-what they find, the filter assumes.
+matched by sequences and by the place filter, so that the choice of pixels is apart from the
+matching. Only windows that every row matches are evaluated. The ``null`` rows are the place filter
+on a query whose windows or pixels were shuffled, and a constant speed without any look at the
+query: what they find, the filter assumes.
 """
 
 from __future__ import annotations
@@ -55,17 +55,17 @@ from edge_vpr_tools.research.experiments.trial import inner_windows
 # How a matrix of distances becomes matches.
 
 
-#: wanted share of right matches among the accepted ones
+#: wanted share of correct matches among the accepted ones
 PRECISION = 0.99
 #: sequences that are compared beside those of the drives; windows that the longest one does not
-#: match are not judged
+#: match are not evaluated
 LENGTHS = (10, 20)
 LONGEST = max(LENGTHS)
 _DEFAULT = PRESETS["default"].replaced({"precision": PRECISION}, "rivals")
 
 
 class Decoder(NamedTuple):
-    """Way to match windows, given their distances.
+    """Settings that match windows, given their distances.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Decoder(NamedTuple):
 
 
 def decoders(length: int) -> dict[str, Decoder]:
-    """Return the ways to match, by name."""
+    """Return the decoders by name."""
     found = {}
     for windows in sorted({length, *LENGTHS}):
         sequences = PRESETS["paper"].replaced({"sequence_length": windows}, "rivals")
@@ -116,7 +116,7 @@ class System:
     query_us : float or None
         Time to describe one query and to compare it.
     only : sequence of str, optional
-        Ways to match it, if not all.
+        Decoders to match it with, if not all.
     """
 
     name: str
@@ -270,9 +270,9 @@ _NOT_MEASURED: dict[str, Any] = dict.fromkeys(
 
 
 def measure(draw: Draw) -> Iterator[Row]:
-    """Match a pair of drives by every system in every way, and judge the matches."""
+    """Match a pair of drives by every system with every decoder, and evaluate the matches."""
     pair: CountedPair = draw.pair
-    ways = decoders(pair.settings.sequence_length)
+    matchings = decoders(pair.settings.sequence_length)
     truths = {
         tolerance: truth_of(pair.reference.centre_us, pair.query.centre_us)
         for tolerance, truth_of in pair.truths.items()
@@ -280,22 +280,22 @@ def measure(draw: Draw) -> Iterator[Row]:
     windows = len(pair.query.centre_us)
     rivals = rivals_of(pair, draw.seed, draw.is_new, draw.systems)
     for system in (*our_systems(pair, draw.seed), *rivals):
-        for way, decoder in ways.items():
-            if system.only is not None and way not in system.only:
+        for matching, decoder in matchings.items():
+            if system.only is not None and matching not in system.only:
                 continue
             matches, matching_s = fastest(partial(system.match, decoder.settings, 0, windows))
             starts = _starts(system, decoder, windows) if decoder.lag is not None else None
             for tolerance, truth in truths.items():
                 row = {
                     "system": system.name,
-                    "matching": way,
+                    "matching": matching,
                     "tolerance": tolerance,
                     CHOSEN_ON: _chosen_on(system, decoder),
                     **_NOT_MEASURED,
-                    **judge(matches, inner_windows(truth, LONGEST)),
+                    **rates(matches, inner_windows(truth, LONGEST)),
                 }
                 if starts is not None:
-                    row |= first_right(starts, decoder, pair.query.centre_us, truth)
+                    row |= first_correct(starts, decoder, pair.query.centre_us, truth)
                 if system.query_us is not None:
                     row |= {
                         "bytes per place": system.bytes_per_place,
@@ -321,8 +321,8 @@ def _chosen_on(system: System, decoder: Decoder) -> str:
     return f"{system.chosen_on}; filter: {BY_US}"
 
 
-def judge(matches: Matches, truth: GroundTruth) -> dict[str, Any]:
-    """Return how often matches are right, and how surely the right ones can be told."""
+def rates(matches: Matches, truth: GroundTruth) -> dict[str, Any]:
+    """Return how often matches are correct, and how many of them are accepted."""
     found = evaluate(matches, truth)
     rejection = found.rejection
     row: dict[str, Any] = {
@@ -351,13 +351,13 @@ def _starts(system: System, decoder: Decoder, windows: int) -> list[_Start]:
     return found
 
 
-def first_right(
+def first_correct(
     starts: Sequence[_Start],
     decoder: Decoder,
     centre_us: npt.NDArray[np.int64],
     truth: GroundTruth,
 ) -> dict[str, Any]:
-    """Return the median time from switching on to the first right match, and how often it comes.
+    """Return the median time from switching on to the first correct match, and its frequency.
 
     The time ends when the match is given: with the last window that it needs.
     """
@@ -366,13 +366,13 @@ def first_right(
     waits = []
     for first, matches in starts:
         at = first + matches.query
-        right = np.flatnonzero(truth.correct[matches.place, at])
+        correct = np.flatnonzero(truth.correct[matches.place, at])
         if not truth.known[at].any():
             continue
-        if not right.size:
+        if not correct.size:
             waits.append(np.inf)
             continue
-        given = min(int(at[right[0]]) + decoder.lag, len(centre_us) - 1)
+        given = min(int(at[correct[0]]) + decoder.lag, len(centre_us) - 1)
         waits.append((centre_us[given] - centre_us[first] + window_us) / 1e6)
     median = float(np.median(waits)) if waits else np.inf
     return {
@@ -400,11 +400,11 @@ def compare_systems(
             matches, matching_s = fastest(partial(match_distances, *part))
         except UsageError:
             continue
-        judged = evaluate(matches, truth)
+        evaluated = evaluate(matches, truth)
         yield {
             "system": name,
-            "P@100R": judged.precision_at_100_recall,
-            "R@99P": judged.recall_at_99_precision,
+            "P@100R": evaluated.precision_at_100_recall,
+            "R@99P": evaluated.recall_at_99_precision,
             "bytes per place": found.bytes_per_place,
             "operations per query": found.operations,
             "time per query (us)": found.query_us + 1e6 * matching_s / len(matches),
@@ -412,7 +412,7 @@ def compare_systems(
 
 
 def figure(rows: Rows) -> Figure:
-    """Draw right matches against bytes per place, at the first tolerance of each pair of drives."""
+    """Draw correct matches against bytes per place, at each pair's first tolerance."""
     first: dict[str, str] = {}
     for row in rows:
         first.setdefault(row["drives"], row["tolerance"])
@@ -426,7 +426,7 @@ def figure(rows: Rows) -> Figure:
     return costs(shown, x="bytes per place", y="P@100R", label="system", series="matching")
 
 
-#: ways to match in the figure
+#: decoders in the figure
 SHOWN = ("sequences of 20", "place filter, live", "place filter, recorded")
 EXPERIMENT = Experiment(
     drives=contests,

@@ -4,7 +4,7 @@ Each constant is varied alone, as a multiple of the default. A rule that the fil
 varied too: a limit on the evidence while the running misfit is high. Beside each setting stands
 what it finds in a query whose pixels were shuffled: that it assumes. The last rows leave one pair
 out: of all settings of the table, the one that is best on the other pairs of drives, the streets as
-one pair, is judged on the pair that is left out, which chose nothing.
+one pair, is evaluated on the pair that is left out, which chose nothing.
 """
 
 from __future__ import annotations
@@ -155,10 +155,10 @@ def match_with(
         if not pause:
             scale = reciprocal_of_spread(distances[i])
         mean = mean_activity_after(mean, events)
-    return {delay: _late(rows, transitions, delay) for delay in delays}
+    return {delay: _delayed(rows, transitions, delay) for delay in delays}
 
 
-def _late(rows: WindowRows, transitions: Transitions, delay: int) -> npt.NDArray[np.int64]:
+def _delayed(rows: WindowRows, transitions: Transitions, delay: int) -> npt.NDArray[np.int64]:
     """Return the place of each window, decided some windows later."""
     if not delay:
         return rows.columns[:, 0].copy()
@@ -212,7 +212,7 @@ def measure(draw: Draw) -> Iterator[Row]:
         for constant, multiples in VARIED.items():
             for times in multiples:
                 varied = Constants(**{constant: times})
-                right, chance = (
+                correct, chance = (
                     default if times == 1 else (_correct(each, varied), _correct(null, varied))
                 )
                 for name in DELAYS:
@@ -222,7 +222,7 @@ def measure(draw: Draw) -> Iterator[Row]:
                         TIMES: times,
                         "matching": name,
                         CHOSEN_ON: BY_US if times == 1 else VARIED_ALONE,
-                        "P@100R": right[name],
+                        "P@100R": correct[name],
                         NULL: chance[name],
                     }
 
@@ -237,7 +237,7 @@ def _correct(counted: Counted, constants: Constants) -> dict[str, float]:
 
 
 def left_out(rows: Rows) -> list[Row]:
-    """Judge on each pair the setting that is best on the others, live, beside the default."""
+    """Evaluate on each pair the setting that is best on the others, live, beside the default."""
     live = [row for row in rows if row["matching"] == "live"]
     found: dict[Setting, dict[str, list[float]]] = {}
     for row in live:
@@ -246,7 +246,7 @@ def left_out(rows: Rows) -> list[Row]:
     # the default first, so that it is chosen where it is as good as any
     settings = sorted(found, key=lambda each: each[1] != 1)
     groups = dict.fromkeys(_group(row[DRIVES]) for row in live)
-    judged: list[Row] = []
+    chosen_rows: list[Row] = []
     for group in groups if len(groups) > 1 else ():
         others = [each for each in groups if each != group]
         on_others = {
@@ -262,8 +262,8 @@ def left_out(rows: Rows) -> list[Row]:
         for chosen, default in zip(*of_setting, strict=True):
             name = THE_DEFAULT if best[1] == 1 else chosen[CONSTANT]
             more = {CONSTANT: name, CHOSEN_ON: BY_OTHERS, OF_DEFAULT: default["P@100R"]}
-            judged.append({**chosen, **more})
-    return judged
+            chosen_rows.append({**chosen, **more})
+    return chosen_rows
 
 
 def _group(drives: str) -> str:
@@ -282,7 +282,7 @@ def _streets(seed: int) -> Iterator[Counted]:
 
 
 def figure(rows: Rows) -> Figure:
-    """Draw right matches over each constant: live in the first line of panels, late in the next."""
+    """Draw correct matches over each constant: live in the first row of panels, delayed below."""
     # of drives with several numbers of pixels the last one, which is the largest
     last = {row[DRIVES].rpartition(",")[0]: row[DRIVES] for row in rows}
     shown = set(last.values())

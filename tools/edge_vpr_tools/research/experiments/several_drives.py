@@ -1,7 +1,7 @@
 """Maps of one drive and of several, in the same light and in others, on simulated streets.
 
 The map is made of a drive in the sun. One or two more drives of the street in other light are
-learnt, aligned by matching or by their tracks; a further drive in each light judges the map.
+learnt, aligned by matching or by their tracks; a further drive in each light tests the map.
 Nothing was chosen on these streets.
 """
 
@@ -42,36 +42,36 @@ LEARNT: Mapping[str, tuple[str, ...]] = {
 
 
 class Street(NamedTuple):
-    """The drive that a map is made of, one per light to learn, and one per light to judge by."""
+    """The drive that a map is made of, one per light to learn, and one per light to match."""
 
     reference: SimulatedRecording
     learnt: Mapping[str, SimulatedRecording]
-    judges: Mapping[str, SimulatedRecording]
+    queries: Mapping[str, SimulatedRecording]
 
 
 def open_street(seed: int) -> Street:
     """Simulate the drives of one street."""
     reference, query = simulate_pair(FIRST_SEED + seed, "default", length_m=LENGTH_M)
 
-    learnt, judges = (
+    learnt, queries = (
         {
             light: second_drive(query, name, offset + i)
             for i, (light, name) in enumerate(LIGHTS.items())
         }
         for offset in (1_000, 2_000)
     )
-    return Street(reference.keep(), learnt, judges)
+    return Street(reference.keep(), learnt, queries)
 
 
 def measure(draw: Draw) -> Iterator[Row]:
-    """Learn the drives in both ways, and judge each map in each light."""
+    """Learn the drives aligned in both ways, and match each map in each light."""
     street: Street = draw.pair
     for pixels in PIXELS:
         settings = PRESETS["default"].replaced({"pixels": pixels, "seed": draw.seed}, "street")
         first = ReferenceMap.build(street.reference, settings)
         counted = {
             name: {light: count_windows(one, first.pixel_map, settings) for light, one in of}
-            for name, of in (("learnt", street.learnt.items()), ("judges", street.judges.items()))
+            for name, of in (("learnt", street.learnt.items()), ("queries", street.queries.items()))
         }
         for name, lights in LEARNT.items():
             for aligned in ("by matching", "by tracks") if lights else ("alone",):
@@ -80,17 +80,17 @@ def measure(draw: Draw) -> Iterator[Row]:
                 for light in lights:
                     track = street.learnt[light].track if by_tracks else None
                     route = learn_drive(route, counted["learnt"][light], track=track).reference
-                for light, judge in street.judges.items():
-                    queries = counted["judges"][light]
+                for light, query in street.queries.items():
+                    described = counted["queries"][light]
                     truth = from_tracks(
                         street.reference.track,
-                        judge.track,
+                        query.track,
                         first.places.centre_us,
-                        queries.centre_us,
+                        described.centre_us,
                         TOLERANCE_M,
                     )
                     for matched, by in (("live", route.causal()), ("recorded", route)):
-                        found = evaluate(match_query(by, by.coded(queries)), truth)
+                        found = evaluate(match_query(by, by.coded(described)), truth)
                         yield {
                             "map": name,
                             "aligned": aligned,

@@ -41,7 +41,7 @@ from edge_vpr_tools.research.experiments.trial import (
 
 @dataclass(frozen=True, eq=False)
 class Latency:
-    """Times from entering a place to its first right match.
+    """Times from entering a place to its first correct match.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ def measure_latency(
     every: MatchSchedule,
     reach_m: float,
 ) -> Latency:
-    """Run the query online, and measure the time to each place's first right match.
+    """Run the query online, and measure the time to each place's first correct match.
 
     A place is entered when the query reaches the position at which the reference's window began. It
     is recognised by the first later match with this place, or with a later place whose window began
@@ -88,14 +88,14 @@ def measure_latency(
     localiser = Localiser(reference, every=every)
     given = [localiser.update(events) for events in cleaned(query, reference.settings)]
     matches = np.concatenate(given)
-    begin_m = reference_track.at(reference.places.start_us)[:, 0]
+    start_m = reference_track.at(reference.places.start_us)[:, 0]
     end_m = reference_track.at(reference.places.end_us)[:, 0]
     at_m = query_track.at(matches["time_us"])[:, 0]
-    way = query_track.position[:, 0]
-    entered_us = np.interp(begin_m, way, query_track.time_us, left=np.nan, right=np.nan)
+    along_m = query_track.position[:, 0]
+    entered_us = np.interp(start_m, along_m, query_track.time_us, left=np.nan, right=np.nan)
 
     named = matches["place"]
-    near = np.abs(begin_m[named] - at_m) <= reach_m
+    near = np.abs(start_m[named] - at_m) <= reach_m
     seconds, places = [], 0
     for k in range(reference.settings.windows_per_match - 1, len(reference)):
         if not (np.isfinite(entered_us[k]) and matches["time_us"][0] <= entered_us[k]):
@@ -103,34 +103,34 @@ def measure_latency(
         places += 1
         first, last = np.searchsorted(matches["time_us"], [entered_us[k], np.inf])
         last = first + np.searchsorted(at_m[first:last], end_m[k] + reach_m)
-        right = (named[first:last] == k) | ((named[first:last] > k) & near[first:last])
-        if right.any():
-            seconds.append((matches["time_us"][first + np.argmax(right)] - entered_us[k]) / 1e6)
+        correct = (named[first:last] == k) | ((named[first:last] > k) & near[first:last])
+        if correct.any():
+            seconds.append((matches["time_us"][first + np.argmax(correct)] - entered_us[k]) / 1e6)
     return Latency(np.array(seconds), places, len(matches))
 
 
 #: name of the pairs in tables of several experiments
 SIMULATED = "simulated streets"
-#: largest distance of a right match along the route, in metres
+#: largest distance of a correct match along the route, in metres
 TOLERANCE_M = 10.0
 #: of the streets from here on, which no parameter was chosen on
 FIRST_SEED = 70
 SETTINGS = PRESETS["paper"]
 DEFAULT = "150 varying pixels, place filter (default)"
-DEFAULT_FEW = "25 varying pixels, place filter"
+DEFAULT_25 = "25 varying pixels, place filter"
 BEST, BY_TIME = "150 varying pixels, fixed N", "150 varying pixels, fixed tau"
 CODED = "150 varying pixels, fixed N, 3-bit log"
-FEW, FEW_RANDOM = "25 varying pixels, fixed N", "25 random pixels, fixed N"
+FIXED_N_25, RANDOM_25 = "25 varying pixels, fixed N", "25 random pixels, fixed N"
 DENSE = "all pixels, fixed N"
 VARIANTS = (
     Variant(DEFAULT, DEFAULT_MATCHING),
-    Variant(DEFAULT_FEW, {**DEFAULT_MATCHING, "pixels": 25}),
+    Variant(DEFAULT_25, {**DEFAULT_MATCHING, "pixels": 25}),
     Variant(BEST, {"window": "count"}),
     Variant(CODED, {"window": "count", "counter_code": "log"}),
     Variant(BY_TIME),
     Variant("150 random pixels, fixed N", {"window": "count", "strategy": "random"}),
-    Variant(FEW, {"window": "count", "pixels": 25}),
-    Variant(FEW_RANDOM, {"window": "count", "pixels": 25, "strategy": "random"}),
+    Variant(FIXED_N_25, {"window": "count", "pixels": 25}),
+    Variant(RANDOM_25, {"window": "count", "pixels": 25, "strategy": "random"}),
     Variant(DENSE, {"window": "count"}, all_pixels=True),
     Variant("all pixels, fixed tau", all_pixels=True),
 )

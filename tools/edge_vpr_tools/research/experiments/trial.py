@@ -44,7 +44,7 @@ def truth_of_tracks(reference: Track, query: Track, tolerance_m: float) -> Truth
 def inner_windows(truth: GroundTruth, longest: int) -> GroundTruth:
     """Leave out the windows at both ends, which the longest sequences do not match.
 
-    What is compared with sequences is then judged on the same windows.
+    What is compared with sequences is then evaluated on the same windows.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def rows_of_variants(
 ) -> Iterator[Row]:
     """Yield a row for each variant, and for the null baselines of the default.
 
-    All are judged on the windows that the sequences of `settings` match.
+    All are evaluated on the windows that the sequences of `settings` match.
 
     Parameters
     ----------

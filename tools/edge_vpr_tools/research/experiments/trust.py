@@ -22,7 +22,7 @@ from edge_vpr_tools.research.experiments.calibration import (
     Case,
     carried_off,
     described,
-    judge,
+    evaluate_tables,
     scrambled,
     with_settings,
     without_places,
@@ -30,9 +30,9 @@ from edge_vpr_tools.research.experiments.calibration import (
 from edge_vpr_tools.research.experiments.drives import Pair, Tracks, recorded_drives
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
 
-#: of `MATCHINGS`, those that are judged, and those that a robot can use
+#: of `MATCHINGS`, those that are evaluated, and those that a robot can use
 LIVE = ("4", "0")
-JUDGED = (SMOOTHED, *LIVE)
+EVALUATED = (SMOOTHED, *LIVE)
 #: places that are cut out of the map of Brisbane's counts; of other maps, it is the third quarter
 _CUT = (220, 330)
 _NULLS = 11  # random stream that shuffles windows and pixels
@@ -50,7 +50,7 @@ def case_of(pair: Pair, seed: int) -> Case:
 
 
 def measure(draw: Draw) -> Iterator[Row]:
-    """Judge the shipped tables on a pair: whole, a piece cut out, carried off twice, and nulls."""
+    """Evaluate the tables on a pair: whole, a piece cut out, carried off twice, and nulls."""
     pair: Pair = draw.pair
     case = case_of(pair, draw.seed)
     places, windows = len(case.reference), len(case.counted)
@@ -66,9 +66,9 @@ def measure(draw: Draw) -> Iterator[Row]:
     if pair.tracks is not None:
         intervals = {
             described(name): interval(pair.tracks, with_settings(case, **MATCHINGS[name]))
-            for name in JUDGED
+            for name in EVALUATED
         }
-    for row in judge(versions, JUDGED, LIVE):
+    for row in evaluate_tables(versions, EVALUATED, LIVE):
         yield {**row, **(intervals.get(row["matching"], {}) if row["map"] == WHOLE else {})}
 
 

@@ -55,7 +55,7 @@ def measure(draw: Draw) -> Iterator[Row]:
 
 
 def figure(rows: Rows) -> Figure:
-    """Draw right matches against the length of a window."""
+    """Draw correct matches against the length of a window."""
     return lines(
         [{**row, "window (s)": float(row["window (s)"])} for row in rows],
         x="window (s)", y="P@100R", line="match (s)", log=True,

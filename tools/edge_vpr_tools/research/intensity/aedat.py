@@ -64,7 +64,7 @@ class Aedat2Frames:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._begin, chip = read_header(path)
+        self._data_at, chip = read_header(path)
         name = (chip or "").lower()
         size = chip_size(name)
         if size is None or "davis" not in name or "rgb" in name or "color" in name:
@@ -73,7 +73,7 @@ class Aedat2Frames:
                 "frames are not read: convert it with DV to AEDAT 4"
             )
         self._sensor = size
-        pairs = read_pairs(path, self._begin, CHUNK_EVENTS, self._log())
+        pairs = read_pairs(path, self._data_at, CHUNK_EVENTS, self._log())
         self.has_events = any(bool((part.address & _NOT_EVENT == 0).any()) for part in pairs)
         self.start_us = start_of(self, path)
 
@@ -91,7 +91,7 @@ class Aedat2Frames:
         """Yield the samples in runs of one kind of read, at most as long as a frame has pixels."""
         most = self._sensor.pixels
         left = np.empty((2, 0), np.int64)
-        for part in read_pairs(self._path, self._begin, CHUNK_EVENTS, self._log()):
+        for part in read_pairs(self._path, self._data_at, CHUNK_EVENTS, self._log()):
             kind = part.address >> 10 & 3
             samples = (part.address & _SAMPLE != 0) & (kind != _IMU)
             left = np.hstack([left, np.stack([part.address[samples], part.time_us[samples]])])
@@ -230,8 +230,8 @@ def _aedat3_frame(packet: Packet, first: int, head: np.void) -> IntensityFrame:
         )
     pixels = np.frombuffer(packet.data, "<u2", samples, first + _HEAD.itemsize) >> 8
     image = _grey(pixels.astype(np.uint8), width, height, blue_first=False)
-    begin, end = int(head["exposure_start"]), int(head["exposure_end"])
-    return IntensityFrame(packet.origin_us + begin + (end - begin) // 2, image)
+    start, end = int(head["exposure_start"]), int(head["exposure_end"])
+    return IntensityFrame(packet.origin_us + start + (end - start) // 2, image)
 
 
 def _samples(width: int, height: int, channels: int) -> int:

@@ -21,9 +21,9 @@ from edge_vpr.files import parse_errors, read_json, replacing
 from edge_vpr.results import RUN, run_record, write_json
 from edge_vpr.settings import SETTING_FIELDS
 from edge_vpr_tools.report.style import CYCLE, figure, legend_below, look, name_label, save
+from edge_vpr_tools.report.tables import write_spreadsheet
 from edge_vpr_tools.research.sweep.plan import sweep_store
 from edge_vpr_tools.research.trials import SWEEP, ListedTrial
-from edge_vpr_tools.spreadsheets import write_spreadsheet
 
 #: figures of merit by their name in a file, with the heading of their column
 MEASURES = {
@@ -156,18 +156,20 @@ def draw(rows: Sequence[Row], measure: str = "precision_at_100_recall") -> Figur
 def _of_sweep(run: Path, name: str) -> list[Row]:
     store = sweep_store(run)
     groups: dict[tuple[str, str], list[ListedTrial]] = {}
-    for trial in store.listed():
-        groups.setdefault((trial.variant, trial.drives), []).append(trial)
+    for one in store.listed():
+        groups.setdefault((one.variant, one.drives), []).append(one)
     rows = []
     for (variant, drives), listed in groups.items():
-        known = [(one.seed, kept) for one in listed if (kept := store.kept(one.key)) is not None]
+        known = [
+            (one.seed, *stored) for one in listed if (stored := store.stored(one.key)) is not None
+        ]
         measured = []
-        for _, (kept_trial, found) in known:
+        for _, trial, found in known:
             operations = found.operations
-            if operations is None:
-                operations = _operations(found.pixels, found.places, kept_trial.settings)
+            if operations is None:  # of an earlier version
+                operations = _operations(found.pixels, found.places, trial.settings)
             measured.append({**asdict(found), "operations_per_match": operations})
-        last = known[-1][1][0] if known else None
+        last = known[-1][1] if known else None
         rows.append(
             Row(
                 run=name,
@@ -175,7 +177,7 @@ def _of_sweep(run: Path, name: str) -> list[Row]:
                 drives=drives,
                 values={each: tuple(float(one[each]) for one in measured) for each in MEASURES},
                 failed=len(listed) - len(known),
-                seeds=tuple(seed for seed, _ in known),
+                seeds=tuple(seed for seed, *_ in known),
                 settings={} if last is None else last.settings,
                 system=(last and last.system) or "",
             )
@@ -535,7 +537,7 @@ def write_comparison(
     Parameters
     ----------
     formats : sequence of str
-        Names from `report.formats.FORMATS`.
+        Names from `report.FORMATS`.
     measure : str
         Measure of the figure and of the differences, one of `MEASURES`.
     over : str, optional

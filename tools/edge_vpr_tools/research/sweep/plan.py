@@ -20,11 +20,10 @@ import edge_vpr
 from edge_vpr.errors import UsageError, did_you_mean
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
-from edge_vpr.events import Sensor
 from edge_vpr.files import read_toml
 from edge_vpr.matching.matches import Matches
-from edge_vpr.recordings import Recording, TimeCrop, open_recording, parse_period, seconds_us
-from edge_vpr.reference_map import MatchMetrics
+from edge_vpr.recordings import Recording, crop_of, open_recording
+from edge_vpr.reference_map import MatchMetrics, ReferenceMap
 from edge_vpr.results import RecordError, from_json
 from edge_vpr.settings import SETTING_FIELDS, Settings, resolve_settings
 from edge_vpr.warm_up import mapping_steps, matching_steps, warm_up
@@ -45,8 +44,7 @@ from edge_vpr_tools.research.trials import (
     Workers,
     compute,
 )
-from edge_vpr_tools.runs.mapping import map_recording
-from edge_vpr_tools.runs.truth_files import load_truth
+from edge_vpr_tools.truth_files import load_truth
 
 # One trial of a sweep: a variant of the method on one pair of drives with one seed.
 
@@ -120,26 +118,14 @@ class PairOfDrives:
         EdgeVprError
             If it cannot be read.
         """
-        period = None if self.frame_period is None else parse_period(self.frame_period)
         recording = open_recording(
-            (self.reference, self.query)[which],
-            format=self.format,
-            sensor=None if self.sensor is None else Sensor.parse(self.sensor),
-            on_fault=self.on_fault,
-            frame_period=period,
-            topic=self.topic,
-            time_unit=self.time_unit,
-            columns=self.columns,
-        )
-        if self.start is self.end is self.start_offset is None:
-            return recording
-        start, end, offset = (
-            None if pair is None else seconds_us(pair[which], name)
-            for name, pair in (
-                ("start", self.start), ("end", self.end), ("start_offset", self.start_offset)
-            )
+            (self.reference, self.query)[which], format=self.format, sensor=self.sensor,
+            on_fault=self.on_fault, frame_period=self.frame_period, topic=self.topic,
+            time_unit=self.time_unit, columns=self.columns,
         )  # fmt: skip
-        return recording.cropped(TimeCrop(start_us=start or 0, end_us=end, offset_us=offset))
+        given = (self.start, self.end, self.start_offset)
+        crop = crop_of(*(None if pair is None else pair[which] for pair in given))
+        return recording if crop is None else recording.cropped(crop)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,7 +207,7 @@ def run_trial(trial: Trial) -> TrialResult:
     EdgeVprError
         If an input cannot be used, or `trial` is of another version of edge-vpr.
     """
-    begin = time.perf_counter()
+    start = time.perf_counter()
     if trial.version != edge_vpr.__version__:
         raise UsageError(
             f"this worker has edge-vpr {edge_vpr.__version__} and the sweep is of {trial.version}: "
@@ -245,7 +231,7 @@ def run_trial(trial: Trial) -> TrialResult:
         recall_at_1=found.recall_at[1],
         queries=found.queries,
         **costs,
-        elapsed_s=time.perf_counter() - begin,
+        elapsed_s=time.perf_counter() - start,
     )
 
 
@@ -253,10 +239,12 @@ def _run_method(drives: PairOfDrives, settings: Settings) -> tuple[Evaluation, d
     """Map and match two drives; return their evaluation, and the costs of a `TrialResult`."""
     # the times are of the work: a worker that is new would add those of compiling and loading
     warm_up(mapping_steps(settings))
-    mapped = map_recording(drives.open(0), settings)
-    warm_up(matching_steps(mapped.reference))
-    matched = mapped.reference.match(drives.open(1))
-    matches, reference, metrics = matched.matches, mapped.reference, matched.metrics
+    start = time.perf_counter()
+    reference = ReferenceMap.build(drives.open(0), settings)
+    mapping_s = time.perf_counter() - start
+    warm_up(matching_steps(reference))
+    matched = reference.match(drives.open(1))
+    matches, metrics = matched.matches, matched.metrics
     assert isinstance(metrics, MatchMetrics)
     truth = drives.truth(reference.places.centre_us, matched.query_time_us)
     return evaluate(matches, truth), {
@@ -265,7 +253,7 @@ def _run_method(drives: PairOfDrives, settings: Settings) -> tuple[Evaluation, d
         "bytes_per_place": reference.bytes_per_place,
         "packed_bytes_per_place": reference.packed_bytes_per_place,
         "events": metrics.events,
-        "mapping_s": mapped.seconds,
+        "mapping_s": mapping_s,
         "counting_s": metrics.counting_s,
         "microseconds_per_match": 1e6 * metrics.matching_s / len(matches),
         "operations": reference.places.counts.size,
@@ -276,12 +264,12 @@ def _run_system(
     drives: PairOfDrives, settings: Settings, system: str
 ) -> tuple[Evaluation, dict[str, Any]]:
     """Count two drives at all pixels, compare them by a baseline, and match its distances."""
-    begin = time.perf_counter()
+    start = time.perf_counter()
     baseline = open_baseline(system, settings.seed)
     truths = {system: drives.truth}
     counted = count_pair(system, drives.open(0), drives.open(1), settings, truths)
     places, queries = counted.reference, counted.query
-    counting_s = time.perf_counter() - begin
+    counting_s = time.perf_counter() - start
     compared = compare(baseline, places.images, queries.images)
 
     def match() -> Matches:

@@ -1,4 +1,4 @@
-"""Golden vectors of a map and a drive, the folder to which they are written, and blank tables."""
+"""Golden vectors of a map and a drive, and the folder to which they are written."""
 
 from __future__ import annotations
 
@@ -17,14 +17,10 @@ from edge_vpr.results import check_parent
 from edge_vpr_tools.estimate.model import flash_bytes
 from edge_vpr_tools.estimate.of_map import memories_of
 from edge_vpr_tools.estimate.search import Budget
-from firmware_model import Design, Event, Memories
+from firmware_model import Design, Event
 from firmware_model.image import kept_bytes, ram_bytes
 from firmware_model.vectors import FILTER_CORNERS, Case, load_manifest
-from firmware_model.vectors.case import choose_pixels
 from firmware_model.vectors.manifest import SuiteEntry
-
-# Golden vectors of a map and a drive, and the folder to which they are written.
-
 
 #: flash of a microcontroller that is left for the program beside a case
 _PROGRAM_BYTES = 16 * 1024
@@ -234,13 +230,3 @@ def missed_corners(suite: SuiteEntry) -> list[str]:
     if suite.name == "filter":
         missed = [corner for corner in missed if corner in FILTER_CORNERS]
     return missed
-
-
-# Tables of a device with a design but without a map.
-
-
-def blank_memories(design: Design) -> Memories:
-    """Return tables with pixels for tests, and places without events."""
-    places = [[0] * design.slots] * design.places
-    tables = [slot % len(design.full_scales) for slot in range(design.slots)]
-    return Memories(design, choose_pixels(design), places, tables)

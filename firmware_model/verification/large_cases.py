@@ -1,0 +1,138 @@
+"""Cases of numbers above 16 bits that are too large for suites on disk."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from firmware_model.model.descriptor import ACTIVITY_SHIFT
+from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, Design, ilog
+from firmware_model.model.memories import Memories
+from firmware_model.vectors.case import Case, Stream, choose_pixels
+from firmware_model.vectors.filter_corners import evidence_cases, long_window
+from firmware_model.vectors.images import LongWindow
+
+
+def large_cases(design: Design) -> list[Case]:
+    """Make cases of numbers above 16 bits that are too large for suites on disk.
+
+    Parameters
+    ----------
+    design : Design
+        With the place filter.
+    """
+    by_count = long_window(replace(design, code="log", full_scales=(0,), window="count"))
+    many_pixels = replace(design, code="log", full_scales=(0,), pixels=80, lookup_depth=0)
+    evidence = [c for c in evidence_cases(many_pixels) if c.name == "evidence_above_16_bits"]
+    one = Design(width=4, height=4, pixels=1, places=1, length=1, code="linear", code_bits=8)
+    # more than 65,536 distances are held, and the RAM is above 64 KiB
+    held = replace(one, length=40, places=1_700, exclusion=1, accept="margin")
+    # a second best place is searched for behind place 65,536
+    zone = replace(one, matching="filter", length=1, places=32_800, exclusion=1 << 15)
+    # rows of 65,536 bytes
+    wide = Design(
+        width=1 << 15, height=1, pixels=(1 << 15) - 1, polarity=True, places=2, length=1,
+        code="linear", code_bits=1, exclusion=0, accept="margin",
+    )  # fmt: skip
+    return [
+        by_count,
+        *evidence,
+        _wide_residual(many_pixels),
+        _shown("held", held, [3 + i % 7 for i in range(42)], lambda k: [k * 7 % 97]),
+        _shown("zone", zone, [9, 9, 9], lambda k: [9 if k > 32_795 else 30 + k % 50]),
+        _shown("wide", wide, [1, 1], lambda k: [k] * wide.slots),
+    ]
+
+
+def _wide_residual(design: Design) -> Case:
+    """Show a place, and then another, against which there was so much that the first still matches.
+
+    The evidence against the first is 0x10000, before its limit.
+    """
+    design = replace(
+        design, code="linear", code_bits=8, full_scales=(0,), restart=254, exclusion=1,
+        accept="margin", margin=0,
+    )  # fmt: skip
+    near = [0] * 65
+    far, between = [255] * 64 + [64], [127] * 32 + [128] * 32 + [32]
+    rest = [0] * (design.slots - 66)
+
+    def window(counts: list[int]) -> list[int]:
+        # as many events in each, the others at a slot that is full
+        return [*counts, *rest, 17_000 - sum(counts)]
+
+    stream = Stream.showing(
+        design, choose_pixels(design), map(window, (between, near, between, near, between, far))
+    )
+    places = [[*codes, *rest, 255] for codes in [far] * (design.places - 1) + [near]]
+    memories = Memories(design, stream.pixels, places, activity=17_000 << ACTIVITY_BITS)
+    return Case("wide_residual", memories, tuple(stream.events))
+
+
+def _shown(
+    name: str, design: Design, counts: Sequence[int], codes_at: Callable[[int], list[int]]
+) -> Case:
+    """Show counts of the last slot, one in each window, to a map of these codes."""
+    pixels = choose_pixels(design)
+    stream = Stream.showing(design, pixels, ([0] * (design.slots - 1) + [n] for n in counts))
+    memories = Memories(design, pixels, [codes_at(place) for place in range(design.places)])
+    return Case(name, memories, tuple(stream.events))
+
+
+def long_windows(design: Design) -> list[LongWindow]:
+    """Make windows of more events than a file should have."""
+    return [_saturated(design), *_logarithms(design)]
+
+
+def _logarithms(design: Design) -> list[LongWindow]:
+    """Make windows that show each sixteenth of the highest octave of event numbers, and its edge.
+
+    The usual number is the least of this logarithm, or less by one; or the window has more events
+    than 23 bits can count. The metric of the only place is the cost of staying there.
+    """
+    design = replace(
+        design, code="linear", code_bits=1, full_scales=(1,), places=1, activity_costs=True,
+        steps=(), exclusion=0,
+    )  # fmt: skip
+    # from an empty window on, whose costs are those of the first one
+    stream = Stream(design, choose_pixels(design))
+    stream.skip(1)
+    stream.slot(0)
+    stream.end()
+    stream.close()
+    least = [bisect_left(range(EVENTS_TOP), log, key=ilog) for log in range(352, 368)]
+    shown = [(16_000, n - less, ilog(16_000) - ilog(n)) for n in least for less in (0, 1)]
+    found = []
+    # one event less than the most of another logarithm, and more than 23 bits can count
+    for events, usual, edge in (
+        *shown,
+        (EVENTS_TOP - 2, least[1], 14),
+        (EVENTS_TOP + 2, least[1], 14),
+    ):
+        # before the empty window, behind which it is less by 1/64
+        activity = -(-(usual << ACTIVITY_BITS + ACTIVITY_SHIFT) // ((1 << ACTIVITY_SHIFT) - 1))
+        # the row of this activity is the last that has its cost of staying
+        memories = Memories(
+            design, stream.pixels, [[0] * design.slots], activity=activity,
+            place_activity=[edge + 21],
+        )  # fmt: skip
+        found.append(LongWindow(Case("", memories, tuple(stream.events)), events))
+    return found
+
+
+def _saturated(design: Design) -> LongWindow:
+    """Make a window with more events than 23 bits can count, which saturates.
+
+    The events of the next window then are less than 1/16 of the usual number by so little that they
+    would be a pause if the number had not saturated.
+    """
+    design = replace(design, places=4, exclusion=1)
+    stream, rest = Stream(design, choose_pixels(design)), [2] * (design.slots - 1)
+    stream.fill([1] + [0] * len(rest))
+    for _ in range(2):  # the means that it moves change the codes of the next window
+        stream.fill([8_700 - sum(rest), *rest])
+    stream.close()
+    places = [[slot * place % 8 for slot in range(design.slots)] for place in range(4)]
+    memories = Memories(design, stream.pixels, places)
+    return LongWindow(Case("", memories, tuple(stream.events)), (1 << 23) + (1 << 20))

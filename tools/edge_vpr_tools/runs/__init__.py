@@ -1,1 +1,0 @@
-"""The work of the commands as functions: map, match, calibrate, summarise a recording."""
