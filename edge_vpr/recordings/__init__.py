@@ -403,6 +403,8 @@ FORMATS: dict[str, Format] = {each.name: each for each in (
     Format("rosbag2", "ROS 2 bag", ".rosbag:BagSource", "", (".db3", ".mcap")),
     Format("es", "Event Stream", ".es:EsSource", ".es:EsSink", (".es",)),
 )}  # fmt: skip
+#: Suffixes of the formats of this package that can be written.
+WRITTEN = tuple(suffix for each in FORMATS.values() if each.sink for suffix in each.suffixes)
 
 #: An entry point of this group names a module with ``SUFFIXES``, ``open_source(path, options)``
 #: and perhaps ``open_sink(path, sensor, start_us)`` and ``TITLE``.
@@ -724,7 +726,7 @@ def write_recording(
         If the events do not fit the format, there are none, or the disk cannot be written.
     """
     path = as_path(path, "a recording")
-    entry = _writable(path, format)
+    entry = writable_format(path, format)
     sensor = getattr(events, "sensor", None) if sensor is None else sensor
     start_us = getattr(events, "start_us", 0) if start_us is None else start_us
     if sensor is None:
@@ -763,7 +765,14 @@ def _fill(sink: Sink, chunks: Iterable[Events], sensor: Sensor) -> int:
     return n
 
 
-def _writable(path: Path, name: str | None) -> Format:
+def writable_format(path: Path, name: str | None = None) -> Format:
+    """Return the format that a file is written in, by its name or else by the file's suffix.
+
+    Raises
+    ------
+    UsageError
+        If no package writes such files.
+    """
     if name is not None:
         entries = [format_of(name)]
     else:
@@ -773,5 +782,6 @@ def _writable(path: Path, name: str | None) -> Format:
     for entry in entries:
         if entry.sink:
             return entry
-    known = ", ".join(s for entry in FORMATS.values() if entry.sink for s in entry.suffixes)
-    raise UsageError(f"{name or path.suffix or path} cannot be written: choose one of {known}")
+    raise UsageError(
+        f"{name or path.suffix or path} cannot be written: choose one of {', '.join(WRITTEN)}"
+    )

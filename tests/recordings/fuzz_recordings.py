@@ -37,7 +37,7 @@ import recording_files as files
 
 from edge_vpr.errors import EdgeVprError
 from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Sensor, make_events
-from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.recordings import WRITTEN, open_recording, write_recording
 
 SENSOR = Sensor(40, 30)
 MEMORY_BYTES, SECONDS, BATCH = 512 << 20, 60.0, 500
@@ -56,7 +56,7 @@ def write_seeds(folder: Path) -> None:
     columns = np.sort(rng.integers(0, 10**6, n)), rng.integers(0, 40, n), rng.integers(0, 30, n)
     events = make_events(*columns, rng.integers(0, 2, n))
     t, x, y, p = (events[name].copy() for name in "txyp")
-    for suffix in (".npz", ".npy", ".csv", ".parquet", ".raw", ".dat", ".h5", ".es"):
+    for suffix in WRITTEN:
         write_recording(folder / f"ours{suffix}", events, sensor=SENSOR)
     np.savez_compressed(folder / "columns.npz", t=t / 1e6, x=x, y=y, p=p, width=40, height=30)
     np.savez(folder / "datetime.npz", t=t.astype("M8[us]"), x=x, y=y, p=p, sensor=[40, 30])

@@ -17,16 +17,15 @@ from streams import random_events
 
 from edge_vpr.errors import EdgeVprError, EventError, RecordingError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
-from edge_vpr.recordings import FORMATS, open_recording, write_recording
+from edge_vpr.recordings import FORMATS, WRITTEN, open_recording, write_recording
 from edge_vpr.recordings.reading import Columns, FaultLog, Unwrapper
 
 SENSOR = Sensor(40, 30)
+
+
 #: all but .es keep the start too
-SUFFIXES = (".npz", ".parquet", ".raw", ".dat", ".h5", ".npy", ".csv", ".txt", ".es")
-
-
 def need(suffix: str) -> None:
-    library = {".parquet": "pyarrow", ".h5": "h5py", ".es": "faery"}.get(suffix)
+    library = {".parquet": "pyarrow", ".h5": "h5py", ".hdf5": "h5py", ".es": "faery"}.get(suffix)
     if library:
         pytest.importorskip(library)
 
@@ -54,7 +53,7 @@ def from_steps(rows):
     return make_events(np.cumsum(steps), x, y, p)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", WRITTEN)
 @given(rows=events_strategy, start=st.integers(-(10**15), 10**15), chunk=st.integers(1, 70))
 @settings(max_examples=40)  # of each format, which share what cuts events into chunks
 def test_what_is_written_is_read_again_to_the_bit_for_any_chunking(
@@ -75,7 +74,7 @@ def test_what_is_written_is_read_again_to_the_bit_for_any_chunking(
     assert np.array_equal(again, events)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", WRITTEN)
 def test_a_recording_can_be_walked_again_and_its_chunks_keep_the_promises(suffix, tmp_path):
     need(suffix)
     events = random_events(np.random.default_rng(3), 5000, SENSOR, 10**7)
@@ -266,7 +265,7 @@ def test_nothing_half_written_is_left_and_nothing_is_replaced_unasked(tmp_path):
         yield make_events([0, 1], [0, 1], [0, 1])
         yield make_events([0], [0], [0])  # goes back
 
-    for suffix in SUFFIXES:
+    for suffix in WRITTEN:
         need(suffix)
         with pytest.raises(EventError, match="runs backwards"):
             write_recording(tmp_path / f"a{suffix}", broken(), sensor=SENSOR)

@@ -13,7 +13,7 @@ from edge_vpr_tools.progress import tracked
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.recordings import WRITTEN, open_recording, write_recording
 
 SENSOR = Sensor(40, 30)
 EVENTS = make_events([0, 500_000, 500_000, 2_000_000], [1, 2, 3, 39], [1, 2, 3, 29], [1, 0, 1, 1])
@@ -77,6 +77,13 @@ def test_convert_goes_from_one_format_to_another(first, second, tmp_path, capsys
     assert err == ""
     again = open_recording(tmp_path / f"b{second}", sensor=SENSOR)
     assert np.array_equal(np.concatenate(list(again)), EVENTS)
+
+
+def test_the_help_of_convert_names_every_suffix_that_can_be_written(capsys):
+    with pytest.raises(SystemExit):
+        run("convert", "--help")
+    shown = capsys.readouterr().out
+    assert [suffix for suffix in WRITTEN if suffix not in shown] == []
 
 
 def test_convert_of_frames_needs_their_period(tmp_path, capsys):

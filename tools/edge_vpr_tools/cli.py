@@ -12,10 +12,12 @@ import re
 import signal
 import sys
 import threading
+import time
 import traceback
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from types import FrameType
 from typing import Any, NoReturn
 
 from edge_vpr import __version__
@@ -374,10 +376,24 @@ def _interrupt_again(ignored: Any) -> None:
     if not issubclass(ignored.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(ignored)
         return
-    # from another thread and later: here, it would be ignored once more
-    again = threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT))
+    again = threading.Timer(0.01, _interrupt_main_thread)
     _repeated.append(again)
     again.start()
+
+
+def _interrupt_main_thread() -> None:
+    """Interrupt the main thread once it has left `_interrupt_again`, where no error is raised."""
+    while any(frame.f_code is _interrupt_again.__code__ for frame in _main_frames()):
+        time.sleep(0.001)
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def _main_frames() -> Iterator[FrameType]:
+    """Yield what the main thread executes now, from the innermost function on."""
+    frame = sys._current_frames().get(threading.main_thread().ident or 0)
+    while frame is not None:
+        yield frame
+        frame = frame.f_back
 
 
 def run(argv: Sequence[str]) -> None:

@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "output",
         metavar="OUT",
         help="file to write; its suffix names the format: .npz, .npy, .csv, .txt, .parquet, .raw "
-        "(EVT 2.0), .dat, .h5 or .es",
+        "(EVT 2.0), .dat, .h5, .hdf5 or .es",
     )
     output = parser.add_argument_group("output")
     output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")

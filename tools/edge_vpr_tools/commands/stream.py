@@ -166,17 +166,19 @@ def _check_odometry(args: argparse.Namespace) -> None:
 
 def _check_files(args: argparse.Namespace) -> None:
     from edge_vpr.files import check_output
-    from edge_vpr.recordings import FORMATS
+    from edge_vpr.recordings import WRITTEN, writable_format
 
-    known = [suffix for entry in FORMATS.values() if entry.sink for suffix in entry.suffixes]
     of_events = [name for name in args.record if Path(name).suffix != ".bin"]
     if len(of_events) > (0 if args.learn else 1):
         raise UsageError(
             "--record can write one file of events, and none with --learn: record bytes (.bin)"
         )
     for name in of_events:
-        if Path(name).suffix not in known:
-            raise UsageError(f"--record {name}: expected .bin for bytes, or {', '.join(known)}")
+        try:
+            writable_format(Path(name))
+        except UsageError as error:
+            known = ", ".join(WRITTEN)
+            raise UsageError(f"--record {name}: expected .bin for bytes, or {known}") from error
     saved = None if args.rerun == "viewer" else args.rerun
     seen = {Path(name).resolve() for name in (args.port, args.map) if name}
     for name in filter(None, [*args.record, args.log, args.output, saved]):
