@@ -362,7 +362,7 @@ class Transitions:
     >>> costs, jumps = TransitionCosts((1, 0, 1), restart=5), np.array([[3, 0]], dtype=np.int32)
     >>> transitions, prediction = Transitions(4, costs, jumps=jumps), np.empty(4, dtype=np.int16)
     >>> metric = np.array([9, 9, 9, 0], dtype=np.int32)  # at the end, which leads to the start
-    >>> plain(predict)(metric, transitions.table, 0, prediction)
+    >>> predict(metric, transitions.table, 0, prediction)
     >>> prediction.tolist()
     [0, 4, 9, 4]
     """

@@ -188,6 +188,30 @@ def test_a_format_of_another_package_is_read_by_its_suffix_or_name(tmp_path, cap
         open_recording(tmp_path / "a.bin", sensor=SENSOR)
 
 
+TALLY = """
+SUFFIXES = (".tally",)
+
+class open_sink:
+    def __init__(self, path, sensor, start_us):
+        self._path, self._events = path, 0
+
+    def write(self, events):
+        self._events += len(events)
+
+    def close(self):
+        self._path.write_text(f"{self._events} events")
+"""
+
+
+def test_a_stream_is_recorded_into_a_format_of_another_package(drive, tmp_path, monkeypatch):
+    install(tmp_path, monkeypatch, {"edge_vpr.formats": "tally = my_tally"}, my_tally=TALLY)
+    encoder, sent = open_encoder("evpr", SENSOR), tmp_path / "sent.bin"
+    sent.write_bytes(encoder.start() + b"".join(encoder.encode(events) for events in drive))
+    words = ["stream", "--port", sent, "--protocol", "evpr", "--sensor", "24x20"]
+    assert main([str(word) for word in (*words, "--record", tmp_path / "a.tally")]) == 0
+    assert (tmp_path / "a.tally").read_text() == "20000 events"
+
+
 @pytest.mark.usefixtures("as_the_page_says")
 def test_a_protocol_of_another_package_is_decoded_and_imitated(drive):
     events = np.concatenate(list(drive))
