@@ -705,7 +705,7 @@ def test_the_pages_say_how_many_corners_and_faults_there_are():
         " ".join((docs / page).read_text(encoding="utf-8").split())
         for page in ("vectors.md", "testing.md")
     )
-    assert f"the {len(FILTER_CORNERS)} corners of the filter" in vectors
+    assert f"own-mean codes: {len(FILTER_CORNERS)} corners" in vectors
     assert f"`corners` finds all {len(MUTATIONS)} faults" in testing
     assert f"`filter` all {len(FILTER_MUTATIONS)} faults of the filter" in testing
 
