@@ -323,7 +323,7 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
     ("results_methods", "{:.3f} with 25 varying pixels, {:.3f} with 25 random pixels, {:.3f} with"
      " all",
      lambda: means("simulated.csv", "P@100R", variant="25 *, fixed N|all pixels, fixed N")),
-    ("results_methods", "the default: {:.3f}; a guess at constant speed: {:.3f}",
+    ("results_methods", "the default (smoothed): {:.3f}; a guess at constant speed: {:.3f}",
      lambda: means("simulated.csv", "P@100R", variant="*(default)|null: constant*")),
     ("results_methods", "sequences of 20 of our codes reach {:.3f}, the live filter {:.3f}",
      lambda: indoors("edge-vpr (default)", "sequences of 20|*, live")),
@@ -435,7 +435,7 @@ CLAIMS: list[tuple[str, str, Callable[[], bool]]] = [
      lambda: all(abs(ours - theirs) < 0.01 for ours, theirs in zip(
          *(means("pixel-number.csv", "P@100R", matching="*(robot)", pixels="150",
                  pixels_chosen_by=by) for by in ("variance", "random")), strict=True))),
-    ("results_robustness", "before the edge was accepted, none after it was on recorded drives",
+    ("results_robustness", "Right after the edge, no live match was accepted on recorded drives",
      lambda: max(trust("most windows accepted after leaving", map=CUT)) == 0),
     ("results_robustness", "Live it accepts none",
      lambda: max(trust("accepted at 0.99", map="null: *")) == 0),
