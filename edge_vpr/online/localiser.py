@@ -462,7 +462,7 @@ CONTROL = np.dtype(
         ("next_tick", "<i8"),  # time of the next match by the interval
         ("last_reported", "<i8"),  # place of the last match
         # search
-        ("exclusion", "<i8"),  # width of the zone around the best place
+        ("exclusion", "<i8"),  # of sequences: width of the zone around the best place
         ("recent", "<i8"),  # number of the newest places that are not searched
         ("least_trust", "<i8"),  # of a match that is not lost
         # place filter

@@ -50,7 +50,7 @@ class Candidate(NamedTuple):
     sum: int
 
 
-class ComparatorModel:
+class DistanceModel:
     """Compares a descriptor with every place, P codes in each cycle."""
 
     def __init__(self, memories: Memories) -> None:

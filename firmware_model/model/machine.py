@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 from firmware_model.cost import filter_cycles as cycles
 from firmware_model.cost import window_mean_cycles
 from firmware_model.model.comparator import (
-    ComparatorModel,
+    DistanceModel,
     MatchResult,
     PlaceFilterModel,
     SearchModel,
@@ -140,7 +140,7 @@ class Machine:
     def __init__(self, memories: Memories, start: int = 0) -> None:
         self.memories, self.design = memories, memories.design
         self.descriptor = DescriptorModel(memories, start)
-        self.comparator = ComparatorModel(memories)
+        self.comparator = DistanceModel(memories)
         self.sequence = SequenceModel(self.design)
         self.search = SearchModel(self.design)
         self.place_filter = PlaceFilterModel(memories)

@@ -44,7 +44,7 @@ from firmware_model.emulation.build import EMULATED, build
 from firmware_model.emulation.emulator import Emulator
 from firmware_model.emulation.instructions import DESIGN, FILTER, TABLE
 from firmware_model.image import image
-from firmware_model.model.comparator import ComparatorModel, SearchModel
+from firmware_model.model.comparator import DistanceModel, SearchModel
 from firmware_model.model.descriptor import DescriptorModel
 from firmware_model.model.memories import Lookup
 from firmware_model.vectors.random_cases import (
@@ -142,7 +142,7 @@ class MeteredDescriptor(DescriptorModel):
         self._tallies["counts"]["writes"] += len(values)
 
 
-class MeteredComparator(ComparatorModel):
+class MeteredComparator(DistanceModel):
     """Counts the words of a place and of the query that are compared."""
 
     words = 0

@@ -68,7 +68,7 @@ def add_reading_arguments(
 
 
 def add_window_argument(group: argparse._ArgumentGroup) -> None:
-    """Add the further flag that `reading.open_source` reads."""
+    """Add the further flag that `inputs.open_source` reads."""
     group.add_argument(
         "--frames-as-windows", action="store_true",
         help="take each frame of counts as one window, instead of turning it into events",
