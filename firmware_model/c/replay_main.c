@@ -26,13 +26,14 @@ static uint32_t read_words(const char *path, uint32_t *words, size_t size)
 
 int main(int argc, char **argv)
 {
-    if (argc != 5) {
-        (void)fprintf(stderr, "usage: replay IMAGE EVENTS START RESULTS\n");
+    char *after = NULL;
+    const uint32_t start = (argc == 5) ? (uint32_t)strtoul(argv[3], &after, 10) : 0U;
+    if ((argc != 5) || (after == argv[3]) || (*after != '\0')) {
+        (void)fprintf(stderr, "usage: replay IMAGE EVENTS START RESULTS (START: a decimal number)\n");
         return 2;
     }
     const uint32_t image_words = read_words(argv[1], image, sizeof image / sizeof *image);
     const uint32_t event_words = read_words(argv[2], events, sizeof events / sizeof *events);
-    const uint32_t start = (uint32_t)strtoul(argv[3], NULL, 10);
     vpr_design_t design;
     const bool opened = vpr_open(&design, image, image_words * 4U) &&
                         (vpr_ram_bytes(&design) <= (sizeof ram - GUARD));

@@ -94,6 +94,10 @@ def test_every_suite_passes_on_this_computer(folder, cases, expected):
     for suite in cases.values():
         for case in suite:
             assert run_host(program, case, folder) == expected[case.name], case.name
+    start = cases["corners"][0].start
+    for wrong in ("start.mem", "", f"{start} us"):
+        words = [program, folder / "image", folder / "events", wrong, folder / "out"]
+        assert subprocess.run(words, capture_output=True, check=False).returncode == 2
 
 
 def run_host(program: Path, case: Case, folder: Path) -> bytes:

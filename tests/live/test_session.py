@@ -459,6 +459,20 @@ def test_a_precision_marks_the_matches_below_it_as_lost(street, tmp_path):
         LiveSession(sent, protocol="evpr", reference=known, tau_us=1)
 
 
+def test_a_delay_gives_a_match_per_window_without_being_told_when(route, query, tmp_path):
+    """Also with a map that smooths recordings, which a live session never does."""
+    sent, encoder = tmp_path / "sent.bin", open_encoder("evpr", SENSOR)
+    sent.write_bytes(encoder.start() + encoder.encode(query))
+    found = []
+    asked = {"protocol": "evpr", "reference": route, "matching": "filter", "delay": 2}
+    for settings in ({"smooth": True}, {"smooth": False, "every": "window"}):
+        with LiveSession(sent, **asked, **settings) as session:
+            found.append([(match.place, match.time_s) for match in session])
+    assert found[0] == found[1] and len(found[0]) > 10
+    with pytest.raises(UsageError, match=r"a delay of 2 windows, .* leave --every out"):
+        LiveSession(sent, **asked, smooth=True, every="50ms")
+
+
 def test_a_map_in_place_of_a_port_is_called_a_map(route, tmp_path):
     route.save(tmp_path / "map.npz")
     with pytest.raises(UsageError, match=r"map.npz is a map, .* give the map as reference="):

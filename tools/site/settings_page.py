@@ -11,9 +11,9 @@ from edge_vpr.settings import PRESETS, SETTING_FIELDS, SettingField
 
 _HEAD = """# Settings
 
-Every setting is a key of a TOML file for `--config`, and a flag of `edge-vpr map`: the key
-`filter_steps` is the flag `--filter-steps`. `match` has those of matching too. Flags override the
-file, and the file the preset. A map stores its settings; the query is described by them.
+Every setting is a key of a TOML file for `--config`, and a flag of `edge-vpr map` (`filter_steps`:
+`--filter-steps`), those of matching of `match` too. Flags override the file, and the file the
+preset. A map stores its settings, by which queries are described.
 
 ```toml
 preset = "default"
@@ -24,8 +24,8 @@ filter_steps = [1, 0, 1]   # or "1,0,1", as the flag takes it
 ```
 
 `edge_vpr.Settings` has the same names, except `tau_us` (in microseconds), `remove_hot_pixels` and
-`remove_bursts` (booleans); `none` and `auto` are None. Defaults are those of `--preset default`; in
-brackets, those of other presets.
+`remove_bursts` (booleans); `none` and `auto` are None. Defaults of other presets than `default` are
+in brackets.
 """
 
 #: the name of a page in the text of a meaning
