@@ -8,11 +8,11 @@ from firmware_model.model.machine import Cycle, Machine, Trace, trace
 from firmware_model.model.memories import Lookup, Memories
 
 __all__ = [
-    "DistanceModel",
     "Cycle",
     "DescriptorModel",
     "Design",
     "DesignError",
+    "DistanceModel",
     "Event",
     "EventResult",
     "Lookup",
