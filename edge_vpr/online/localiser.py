@@ -372,12 +372,11 @@ class MatchSchedule:
         """
         if isinstance(when, MatchSchedule):
             return when
-        delay = replace(settings, smooth=False).match_delay  # live matches are never smoothed
-        text = when or ("window" if delay else default)
+        text = when or ("window" if settings.match_delay else default)
         schedule = read_every(text)
-        if schedule is not None and delay:
+        if schedule is not None and settings.match_delay:
             raise UsageError(
-                f"--every {text} with a delay of {delay} windows, which gives a "
+                f"--every {text} with a delay of {settings.match_delay} windows, which gives a "
                 "match at the end of each window: leave --every out, or set --delay 0"
             )
         return schedule or cls.window(settings)

@@ -12,6 +12,7 @@ import threading
 import time
 import tty
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numba
@@ -467,8 +468,11 @@ def test_a_delay_gives_a_match_per_window_without_being_told_when(route, query, 
     asked = {"protocol": "evpr", "reference": route, "matching": "filter", "delay": 2}
     for settings in ({"smooth": True}, {"smooth": False, "every": "window"}):
         with LiveSession(sent, **asked, **settings) as session:
-            found.append([(match.place, match.time_s) for match in session])
-    assert found[0] == found[1] and len(found[0]) > 10
+            found.append([(match.place, match.time_s, match.host_us) for match in session])
+    places = [[match[:2] for match in each] for each in found]
+    assert places[0] == places[1] and len(found[0]) > 10
+    # the bytes of a match came before those of the two windows that it has waited for
+    assert all(before[2] < after[2] for before, after in pairwise(found[0][:-3]))
     with pytest.raises(UsageError, match=r"a delay of 2 windows, .* leave --every out"):
         LiveSession(sent, **asked, smooth=True, every="50ms")
 
