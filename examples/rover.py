@@ -13,7 +13,7 @@ FAST, SLOW = 1.0, 0.2  # m/s
 
 def follow(port: str, protocol: str, map_path: str, goal_m: float, drive: Callable) -> float | None:
     """Return the metre of the goal, or None if the line ends before."""
-    route = {"protocol": protocol, "reference": map_path, "every": "50ms", "heartbeat": "500ms"}
+    route = {"protocol": protocol, "reference": map_path, "heartbeat": "500ms"}
     try:
         with LiveSession(port, **route, reconnect=False) as session:
             if session.reference.route is None:

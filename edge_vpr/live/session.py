@@ -474,7 +474,8 @@ class LiveSession:
     reconnect : bool
         Open a live link again when it is lost; else its end is the session's.
     heartbeat : str, optional
-        Yield a heartbeat (see `LiveMatch`) whenever no match came for this time, such as ``500ms``.
+        Yield a heartbeat (see `LiveMatch`) whenever no match came for this time, such as ``500ms``;
+        longer than a window if matches come at its end.
     odometry : str, optional
         Where the robot sends its odometer, see `open_link`.
     burst_filter : {"exact", "causal"}
