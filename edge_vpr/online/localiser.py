@@ -1816,7 +1816,10 @@ def check_filter_state(
     """
     check_array(arrays["filter_metric"], "filter_metric", (np.int32,), (places,))
     check_range(arrays["filter_metric"], "filter_metric", 0, METRIC_TOP)
-    reciprocal, mean_activity, place, support, *residuals, lasting, windows = filter_state(arrays)
+    # one name for each of `NUMBER_NAMES`, so that a new number cannot pass for another one
+    reciprocal, mean_activity, place, support, residual, before, lasting, windows = filter_state(
+        arrays
+    )
     ended = floor_us // window.tau_us if isinstance(window, FixedTime) else (
         int(arrays["bound"][0]) // window.events
     )  # fmt: skip
@@ -1825,7 +1828,8 @@ def check_filter_state(
         and 0 <= mean_activity <= TIME_LIMIT_US
         and (0 <= place < places if windows else place == -1)
         and 0 <= support <= TRUST_TOP
-        and 0 <= min(residuals) <= max(residuals) <= RESIDUAL_TOP
+        and 0 <= residual <= RESIDUAL_TOP
+        and 0 <= before <= RESIDUAL_TOP
         and abs(lasting) <= 2 * RESIDUAL_TOP << (TRUST_BITS + LASTING_BITS)
     )
     if not within or windows != ended:

@@ -47,7 +47,7 @@ from edge_vpr.matching.place_filter import LASTING_BITS, MISFIT_ZERO
 from edge_vpr.online.localiser import Localiser, filter_state
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import MOST_DELAY, PRESETS, Settings
+from edge_vpr.settings import MOST_DELAY, PRESETS, SETTING_FIELDS, Settings
 
 SENSOR = Sensor(16, 12)
 outcomes = st.lists(st.tuples(st.integers(0, 8), st.booleans()), min_size=1, max_size=60)
@@ -262,6 +262,23 @@ def test_a_table_is_not_used_with_settings_that_give_trust_another_scale():
     for changes in ({"filter_restart": 9}, {"exclusion": 1}, {"matching": "sequence"}):
         changed = reference.settings.replaced(changes, "test")
         assert reference.matched_with(changed).confidence is None
+
+
+#: another value of each setting that changes the scale of the trust, and those that do not
+OF_TRUST = {
+    "matching": "sequence", "filter_steps": (1, 0), "filter_back": (1,), "filter_restart": 9,
+    "smooth": False, "delay": 2, "exclusion": 1, "sequence_length": 9,
+}  # fmt: skip
+NOT_OF_TRUST = {"query_mean", "anchor", "score", "precision", "stays_on_map"}
+
+
+def test_every_setting_of_matching_changes_the_scale_of_the_trust_or_is_known_not_to():
+    names = {name for name, setting in SETTING_FIELDS.items() if setting.group == "matching"}
+    assert names == set(OF_TRUST) | NOT_OF_TRUST
+    for name, value in OF_TRUST.items():
+        base = PRESETS["paper" if name == "sequence_length" else "default"]
+        base = replace(base, smooth=False) if name == "delay" else base
+        assert replace(base, **{name: value}).of_trust != base.of_trust, name
 
 
 COLUMNS = ("place", "probability", "lost")
