@@ -184,6 +184,18 @@ def words_and_figures(text: str) -> tuple[str, list[float]]:
 
 
 @pytest.mark.slow
+def test_the_readme_has_the_pages_of_the_site_in_its_groups_and_order():
+    nav = (ROOT / "mkdocs.yml").read_text().partition("\nnav:\n")[2]
+    groups = re.findall(r"^  - (.+):\n((?:      .*\n)+)", nav, re.MULTILINE)
+    site = {name.lower(): re.findall(r"(\w+)\.md$", pages, re.MULTILINE) for name, pages in groups}
+    table = (ROOT / "README.md").read_text().partition("## Where next?")[2]
+    rows = re.findall(r"^\| ([\w ]+) \| (.*) \|$", table, re.MULTILINE)
+    shown = {name: re.findall(r"\(docs/(\w+)\.md\)", links) for name, links in rows}
+    docs = {path.stem for path in (ROOT / "docs").glob("*.md")}
+    assert len(site) > 5 and sum(map(len, shown.values())) == len(docs)
+    assert shown == {name: [page for page in site[name] if page in docs] for name in site}
+
+
 def test_the_tutorial_runs_word_for_word_and_prints_what_it_says(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs/tutorial.md").read_text()
