@@ -13,7 +13,6 @@ import stat
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from io import FileIO
 from itertools import count
 from pathlib import Path
@@ -561,9 +560,7 @@ class LiveSession:
             settings = reference.settings if settings is None else settings
             if changes:
                 reference = reference.changed(changes, "LiveSession")
-            if reference.settings.smooth:  # which needs the end of the drive
-                live = replace(reference.settings, smooth=False)
-                reference = reference.matched_with(live)
+            reference = reference.causal()
         elif changes:
             raise UsageError(f"{', '.join(changes)}: nothing is matched without reference=")
         self.reference = reference
