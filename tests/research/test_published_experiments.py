@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from functools import partial
 
 import h5py
@@ -27,6 +28,7 @@ from edge_vpr_tools.research.experiments.experiment import Draw, rows_of
 from test_datasets import brisbane, qcr, write_bag, write_log, write_parquet
 
 from edge_vpr.errors import GroundTruthError, UsageError
+from edge_vpr.evaluation.ground_truth import GroundTruth, TruePositions
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 
@@ -178,6 +180,24 @@ def test_codes_and_probabilities_are_judged_on_published_traverses(downloads, sm
         (whole,) = (row for row in rows if (row["map"], row["matching"]) == ("whole", how))
         assert whole["correct"] == 1 and whole["positions in their interval"] == 1
     assert len(trust.EXPERIMENT.figure(rows).axes) == 3
+
+
+def test_a_promise_is_kept_up_to_the_edge_of_the_exclusion_zone_and_no_further():
+    """Places are 30 m apart; the first and the last, and no others, lie within 5 m."""
+    along = np.array([0.0, 30.0, 60.0, 90.0, 120.0, 150.0, 4.0, np.nan])
+    query = np.array([61.0, 2.0, np.nan])
+    positions = TruePositions(along[:, None], query[:, None], "metric", "m", 1.0)
+    correct = np.abs(along[:, None] - query) <= positions.tolerance
+    truth = GroundTruth(correct, np.array([True, True, False]), "by hand", positions=positions)
+    zone = trust.in_zone(truth, 1)
+    assert np.flatnonzero(zone.correct[:, 0]).tolist() == [1, 2, 3]
+    assert np.flatnonzero(zone.correct[:, 1]).tolist() == [0, 1, 5, 6, 7]
+    assert not zone.correct[:, 2].any() and np.array_equal(zone.known, truth.known)
+    frames = replace(truth, positions=replace(positions, unit="frames"))
+    assert np.flatnonzero(trust.in_zone(frames, 1).correct[:, 1]).tolist() == [0, 1, 5, 6, 7]
+    nearer = replace(positions, query=np.array([[61.0], [1.0], [np.nan]]), unit="frames")
+    found = trust.in_zone(replace(truth, positions=nearer), 1).correct[:, 1]
+    assert np.flatnonzero(found).tolist() == [0, 1]
 
 
 def test_published_traverses_are_compared_by_every_system_at_both_tolerances(downloads):

@@ -332,8 +332,8 @@ SWITCHED_ON = "switched on in mid-route"
 STAYS_ON_MAP = " (stays on map)"
 #: columns that the table has no effect on
 _OF_MATCHES = (
-    "correct", "correct of those on the map", "found at 99 % precision", "AUROC off the map",
-    "starts",
+    "windows", "correct", "correct of those on the map", "found at 99 % precision",
+    "AUROC off the map", "starts",
 )  # fmt: skip
 #: columns that name a row of the tables of this experiment and of `trust`
 NAMES = ("map", "matching", LEARNT_ON)
@@ -396,7 +396,9 @@ def figures_of_table(table: Confidence, found: Sequence[Sample]) -> dict[str, fl
     accepted = pooled.trust >= least
     counts = evaluate_rejection(*pooled, accepted)
     left = windows_past_the_edge(found, least)
+    off_map = accepted[~pooled.has_place]
     return {
+        "windows": pooled.trust.size,
         "correct": float(pooled.correct.mean()),
         "correct of those on the map": counts.right_on_map,
         "mean probability": float(given.mean()),
@@ -406,6 +408,7 @@ def figures_of_table(table: Confidence, found: Sequence[Sample]) -> dict[str, fl
         "recall": counts.recall,
         "found at 99 % precision": counts.found_at_99_precision,
         "AUROC off the map": counts.off_map_auroc,
+        "accepted off the map": float(off_map.mean()) if off_map.size else None,
         "windows accepted after leaving the map": float(np.mean(left)) if left else None,
         "most windows accepted after leaving": max(left, default=None),
     }
