@@ -31,7 +31,7 @@ SMOOTHED = "smoothed"
 TABLES, LIVE_ON_MAP = "tables", "live_on_map"
 MOST_STEPS = 4_096
 #: number of the rule for the trust of the place filter: tables learnt with another one do not hold
-TRUST_RULE = 4
+TRUST_RULE = 5
 #: largest trust of the place filter (9 bits); a unit of misfit counts as 4 units of trust
 TRUST_TOP, MISFIT_SHIFT = 368, 2
 #: misfit of matches by sequences, which is not known

@@ -591,9 +591,21 @@ def smoothed_trust(
 ) -> list[int]:
     """Mean of 16 times the margin over 9 windows, without those behind a jump.
 
-    It is reduced by 16 times the worst evidence against a match in the 9 windows.
+    It is reduced by 16 times the worst evidence against a match in the 9 windows, and each margin
+    before by a sixteenth for each other window in a row at the same place.
     """
     residual = [row[best] for row, best in zip(evidence, place, strict=True)]
+    scaled = []
+    for j, best in enumerate(place):
+        begin = end = j
+        while begin > 0 and place[begin - 1] == best:
+            begin -= 1
+        while end + 1 < len(place) and place[end + 1] == best:
+            end += 1
+        value = 16 * margin[j]
+        for _ in range(end - begin):
+            value -= value // 16
+        scaled.append(value)
     trust = []
     for j in range(len(place)):
         first = last = j
@@ -603,7 +615,7 @@ def smoothed_trust(
             (place[last], place[last + 1]) in follow[last + 1]
         ):
             last += 1
-        mean = 16 * sum(margin[first : last + 1]) // 9
+        mean = sum(scaled[first : last + 1]) // 9
         trust.append(max(mean - 16 * max(residual[max(j - 4, 0) : j + 5]), 0))
     return trust
 

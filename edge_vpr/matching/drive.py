@@ -28,6 +28,7 @@ from edge_vpr.matching.matches import CANDIDATES, Matches, margin_to_second
 from edge_vpr.matching.place_filter import (
     LASTING_NEIGHBOURS,
     MISFIT_ZERO,
+    STANDING_SHIFT,
     TRUST_BITS,
     FilterMatch,
     HeldWindows,
@@ -261,7 +262,8 @@ def filter_drive(
         If smoothed, the trust is the mean margin of the summed metrics over the window and the
         four before and after it, in units of 1/16 of a metric, less the largest evidence against a
         match of these nine windows, and at least 0. A margin counts as 0 where a match between
-        does not follow from the one before. The misfit is the mean of `window_misfit` over the
+        does not follow from the one before, and is reduced by 1/16 for each other window in a row
+        that is matched with the same place. The misfit is the mean of `window_misfit` over the
         window and sixteen before and after it. Else trust and misfit are those of `match_window`.
 
     Raises
@@ -385,10 +387,34 @@ def _smooth(drive: _Drive, found: _Found) -> None:
             some = rows.part(first, min(first + drive.block, end - begin))
             found.put(begin + first, some.columns, some.metrics)
         del rows, some  # else two segments are in memory while the next one is computed
-    residual = _largest_around(residual)
-    trust = _mean_trust(found.columns, drive.travelled, place_filter.transitions)
-    found.columns[:, 5] = np.maximum(trust - (residual << TRUST_BITS), 0)
+    found.columns[:, 5] = smoothed_trust(
+        found.columns[:, 0],
+        found.columns[:, 5],
+        residual,
+        drive.travelled,
+        place_filter.transitions,
+    )
     found.columns[:, 6] = _mean_misfit(found.columns[:, 6], informative)
+
+
+def smoothed_trust(
+    place: npt.NDArray[np.int64],
+    margin: npt.NDArray[np.int64],
+    residual: npt.NDArray[np.int64],
+    travelled: Sequence[Travelled],
+    transitions: Transitions,
+) -> npt.NDArray[np.int64]:
+    """Return the trust of the matches of a smoothed drive, see `filter_drive`.
+
+    Parameters
+    ----------
+    place, margin, residual : ndarray of int64, shape (n,)
+        Match of each window, its margin in units of 1/16 of a metric, and the evidence against it.
+    travelled : sequence of int or None
+        Of each window.
+    """
+    mean = _mean_around(place, _standing(place, margin), travelled, transitions)
+    return np.maximum(mean - (_largest_around(residual) << TRUST_BITS), 0)
 
 
 def _largest_around(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
@@ -399,16 +425,36 @@ def _largest_around(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     )
 
 
-def _mean_trust(
-    columns: npt.NDArray[np.int64], travelled: Sequence[Travelled], transitions: Transitions
+def _standing(place: npt.NDArray[np.int64], margin: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return the margins, reduced by 1/16 for each other window in a row with the same place.
+
+    The same view again says nothing new: a path that leaves the map may wait at one place, which is
+    then better than all others for as long.
+    """
+    begin = np.flatnonzero(np.diff(place, prepend=-1))
+    windows = np.diff(begin, append=len(place))
+    others, left = np.repeat(windows - 1, windows), margin.copy()
+    for passed in range(others.max(initial=0)):
+        fall = np.where(others > passed, left >> STANDING_SHIFT, 0)
+        if not fall.any():
+            break
+        left -= fall
+    return left
+
+
+def _mean_around(
+    place: npt.NDArray[np.int64],
+    margin: npt.NDArray[np.int64],
+    travelled: Sequence[Travelled],
+    transitions: Transitions,
 ) -> npt.NDArray[np.int64]:
-    """Return the mean trust of each window and its neighbours, with 0 for those beyond a jump."""
-    place, margin = columns[:, 0].tolist(), columns[:, 5]
+    """Return the mean margin of each window and its neighbours, with 0 for those beyond a jump."""
+    places = place.tolist()
     total = np.concatenate([[0], np.cumsum(margin)])
-    chain = np.zeros(len(place), dtype=np.int64)  # runs without a jump
-    for j in range(1, len(place)):
-        chain[j] = chain[j - 1] + (not transitions.lead_to(place[j - 1], place[j], travelled[j]))
-    at = np.arange(len(place))
+    chain = np.zeros(len(places), dtype=np.int64)  # runs without a jump
+    for j in range(1, len(places)):
+        chain[j] = chain[j - 1] + (not transitions.lead_to(places[j - 1], places[j], travelled[j]))
+    at = np.arange(len(places))
     first = np.maximum(at - NEIGHBOURS, np.searchsorted(chain, chain, side="left"))
     last = np.minimum(at + NEIGHBOURS, np.searchsorted(chain, chain, side="right") - 1)
     return np.asarray((total[last + 1] - total[first]) // (2 * NEIGHBOURS + 1))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -376,6 +377,14 @@ class Drive:
         n = len(self.metrics)
         found = self.matches(lambda _: n - 1)
         chained = [w > 0 and self.follows(w, found[w - 1][0], found[w][0]) for w in range(n)]
+        alike = [len(list(same)) for _, same in groupby(best for best, _, _ in found)]
+        row = [size for size in alike for _ in range(size)]
+        terms = []
+        for size, (_, _, margin) in zip(row, found, strict=True):
+            term = 16 * margin
+            for _ in range(size - 1):
+                term -= term >> 4
+            terms.append(term)
         matches = []
         for w, (best, metric, _) in enumerate(found):
             first, last = w, w
@@ -383,7 +392,7 @@ class Drive:
                 first -= 1
             while last < min(w + 4, n - 1) and chained[last + 1]:
                 last += 1
-            margins = sum(16 * margin for _, _, margin in found[first : last + 1])
+            margins = sum(terms[first : last + 1])
             near = range(max(w - 4, 0), min(w + 4, n - 1) + 1)
             residual = max(self.evidence[v][found[v][0]] for v in near)
             matches.append((best, metric, max(margins // 9 - 16 * residual, 0)))

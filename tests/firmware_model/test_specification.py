@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from specification_device import HALF_ROWS, ROWS, Device, Drive, table
 
-from edge_vpr.matching.drive import BackwardPass, FixedLag, _largest_around, _mean_trust
-from edge_vpr.matching.place_filter import TRUST_BITS, PlaceFilter, TransitionCosts, WindowRows
+from edge_vpr.matching.drive import BackwardPass, FixedLag, smoothed_trust
+from edge_vpr.matching.place_filter import PlaceFilter, TransitionCosts, WindowRows
 from firmware_model import Design
 from firmware_model.vectors import load_manifest, standard_suites, write_suites
 from firmware_model.vectors.random_cases import random_adaptive_design
@@ -114,7 +114,9 @@ def test_smoothing_delay_odometry_and_jumps_are_those_of_the_page(delay):
             every = WindowRows(*parts)
             BackwardPass(place_filter.transitions).add_to(every, driven)
             against = every.evidence[np.arange(len(driven)), every.columns[:, 0]].astype(np.int64)
-            trust = _mean_trust(every.columns, driven, place_filter.transitions)
-            trust = np.maximum(trust - (_largest_around(against) << TRUST_BITS), 0)
-            found = zip(every.columns[:, 0], every.columns[:, 1], trust, strict=True)
+            place, metric = every.columns[:, 0], every.columns[:, 1]
+            trust = smoothed_trust(
+                place, every.columns[:, 5], against, driven, place_filter.transitions
+            )
+            found = zip(place, metric, trust, strict=True)
             assert page.smoothed() == [tuple(map(int, one)) for one in found]

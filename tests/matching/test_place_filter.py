@@ -191,6 +191,17 @@ def test_the_windows_after_decide_with(smooth, delay, first):
     assert found.place.tolist() == [first, *range(26, 35)]
 
 
+def test_a_smoothed_match_that_stays_at_one_place_loses_trust():
+    """A path waits at the last place before a gap of the map, which is best for as long."""
+    rng = np.random.default_rng(9)
+    reference = rng.integers(0, 100, (30, 12))
+    waits = reference[[*range(10), *[10] * 40, *range(11, 30)]]
+    chosen = Settings(matching="filter", pixels=12, smooth=True)
+    found = match_descriptors(descriptors(reference), descriptors(waits), chosen)
+    assert (found.place[10:50] == 10).all()
+    assert 4 * found.trust[30] < min(found.trust[4], found.trust[60])
+
+
 @pytest.mark.parametrize("values", [1, 40, 200])
 def test_smoothing_a_drive_in_segments_gives_the_same_bits(values, monkeypatch):
     """The forward pass is repeated from the states between segments, also with odometry."""
