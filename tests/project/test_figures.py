@@ -466,7 +466,7 @@ SETTINGS = re.compile(
     # trust, will it work
     r"|\b0 while|64 or more|From 64 on|0 or 1|at 0 where|limit of 23|100 correct|101/102"
     r"|at 49 or 150|over 5 %|10 KiB|probability of 0\.9\b|\b[123]\. [A-Z]"
-    r"|2 or 3 s|1: always, 0\.5: by chance"
+    r"|2 or 3 s|1: always, 0\.5: by chance|by 1/16"
 )
 PAGES = (
     "README", "results", "results_cost", "results_methods", "results_robustness", "trust",
