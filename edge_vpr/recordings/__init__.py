@@ -697,8 +697,7 @@ def write_recording(
     Parameters
     ----------
     path : str or Path
-        With a suffix of a writable format: .npz, .npy, .csv, .txt, .parquet, .raw (EVT 2.0),
-        .dat, .h5, .hdf5, .es.
+        With one of the suffixes of `WRITTEN`; .raw is EVT 2.0.
     events : Recording, other iterable of event arrays, or one event array
         In time order, with times counted from the start.
     sensor : Sensor, optional
