@@ -10,9 +10,9 @@
 // window's activity stands (`settled_i`): it says what the evidence weighs, and what steps cost
 // (ACTIVITY_COSTS; otherwise STEP_COSTS).
 //
-// `residual_o` is the evidence that the metric has, saturated at 23. `found_i` says that the search
-// stands at `best_sum_i`, the least metric. Distances come two clocks apart at least, and so do
-// metrics.
+// `residual_o` is the evidence that the metric has, saturated at RESIDUAL_TOP. `found_i` says that
+// the search stands at `best_sum_i`, the least metric. Distances come two clocks apart at least, and
+// so do metrics.
 module vpr_filter #(
     localparam int           PLACES          = vpr_pkg::PLACES,
     localparam bit           KEEP_DISTANCES  = vpr_pkg::KEEP_DISTANCES,
@@ -28,6 +28,8 @@ module vpr_filter #(
     localparam int           EVIDENCE_BITS   = vpr_pkg::EVIDENCE_BITS,
     localparam int           METRIC_BITS     = vpr_pkg::METRIC_BITS,
     localparam int           RESIDUAL_BITS   = vpr_pkg::RESIDUAL_BITS,
+    localparam int           RESIDUAL_LOW    = vpr_pkg::RESIDUAL_LOW,
+    localparam logic [RESIDUAL_BITS-1:0] RESIDUAL_TOP = RESIDUAL_BITS'(vpr_pkg::RESIDUAL_TOP),
     parameter  bit           LOADABLE        = 0
 ) (
     input  logic                     clk_i,
@@ -59,7 +61,6 @@ module vpr_filter #(
     // fraction bits of the reciprocal, less those of a metric
     localparam int SHIFT         = RECIPROCAL_BITS - 1 - 2;
     localparam int LEAD_BITS     = $clog2(BACK + 2);
-    localparam logic [RESIDUAL_BITS-1:0] RESIDUAL_TOP = RESIDUAL_BITS'(23);
 
     localparam logic [1:0] IDLE   = 2'd0;
     localparam logic [1:0] LEAD   = 2'd1;  // metrics of the BACK places ahead of the first
@@ -275,8 +276,7 @@ module vpr_filter #(
         sum_valid_o <= valid_q[PREDICTED-1];
         if (valid_q[PREDICTED-1]) begin
             sum_inverse_q <= metric[METRIC_BITS] ? '0 : ~metric[METRIC_BITS-1:0];
-            // 24 and above are those with both upper bits, or with more
-            residual_o <= (against >> RESIDUAL_BITS) != 0 || &against[RESIDUAL_BITS-1:RESIDUAL_BITS-2]
+            residual_o <= (against >> RESIDUAL_BITS) != 0 || &against[RESIDUAL_BITS-1:RESIDUAL_LOW]
                 ? RESIDUAL_TOP : RESIDUAL_BITS'(against);
             place_o <= place_o + 1'b1;
         end

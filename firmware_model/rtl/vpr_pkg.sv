@@ -91,7 +91,11 @@ package vpr_pkg;
     localparam int DISTANCE_TOTAL_BITS = width_of(((64'd1 << DISTANCE_BITS) - 64'd1) * 64'(PLACES));
     localparam int RECIPROCAL_BITS     = 17;
     localparam int EVIDENCE_BITS       = 8;
+    // largest evidence against a match that counts, and largest margin: 23. So chosen that what is
+    // above it has all bits from RESIDUAL_LOW on, or a bit beyond RESIDUAL_BITS
     localparam int RESIDUAL_BITS       = 5;
+    localparam int RESIDUAL_LOW        = 3;
+    localparam int RESIDUAL_TOP        = (1 << RESIDUAL_BITS) - (1 << RESIDUAL_LOW) - 1;
     localparam int TRUST_BITS          = 9;
     localparam int COST_BITS           = ACTIVITY_COSTS ? 7 : 10;  // of a step ahead
 

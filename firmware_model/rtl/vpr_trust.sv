@@ -3,7 +3,7 @@
 // The support moves by 1/4 of its difference to 16 x margin, from 0 where the place does not follow
 // from the one before by a step, and falls by 1/16 at least where the place stays the same. The
 // residual is the most evidence against the matched place of this window and the two before, times
-// 16. Margin and evidence saturate at 23. Below TRUST a match is not trusted.
+// 16. Margin and evidence saturate at RESIDUAL_TOP. Below TRUST a match is not trusted.
 //
 // `residual_i` is that of the place that has become the best (`became_i`). `update_i` begins when the
 // match stands; `trust_o` and `trusted_o` are registered at the seventh clock edge behind it, and
@@ -15,7 +15,9 @@ module vpr_trust #(
     localparam int         PLACE_BITS  = vpr_pkg::PLACE_BITS,
     localparam int         METRIC_BITS = vpr_pkg::METRIC_BITS,
     localparam int         TRUST_BITS  = vpr_pkg::TRUST_BITS,
-    localparam int         MARGIN_BITS = vpr_pkg::RESIDUAL_BITS
+    localparam int         MARGIN_BITS = vpr_pkg::RESIDUAL_BITS,
+    localparam int         MARGIN_LOW  = vpr_pkg::RESIDUAL_LOW,
+    localparam logic [MARGIN_BITS-1:0] MARGIN_TOP = MARGIN_BITS'(vpr_pkg::RESIDUAL_TOP)
 ) (
     input  logic                   clk_i,
     input  logic                   rst_i,
@@ -37,7 +39,6 @@ module vpr_trust #(
     // steps to compare: wide enough for the longest as well
     localparam int BITS           = (PLACE_BITS > 5 ? PLACE_BITS : 5) + 1;
     localparam logic [4:0] LONGEST = 5'(LAST + BACK);
-    localparam logic [MARGIN_BITS-1:0] MARGIN_TOP = MARGIN_BITS'(23);
 
     logic [5:0]                    phase_q;
     logic                          placed_q, beyond_q, stays_q, falls_q;
@@ -65,9 +66,8 @@ module vpr_trust #(
         phase_q      <= {phase_q[4:0], update_i};
         margin_inverse_q <= best_sum_i + ~second_sum_i;
         if (!has_second_i) margin_inverse_q <= '0;
-        // 24 and above are those with both upper bits, or with more
         limited_inverse_q <= &margin_inverse_q[METRIC_BITS-1:MARGIN_BITS]
-            && |margin_inverse_q[MARGIN_BITS-1:MARGIN_BITS-2]
+            && |margin_inverse_q[MARGIN_BITS-1:MARGIN_LOW]
             ? margin_inverse_q[MARGIN_BITS-1:0] : ~MARGIN_TOP;
         step_q       <= BITS'(({BITS'(best_i), 1'b1} + {lowest_inverse_q, 1'b1}) >> 1);
         beyond_q     <= step_q[BITS-1:5] != 0 || step_q[4:0] > LONGEST;

@@ -42,7 +42,13 @@ from firmware_model.hardware.parameters import (
 from firmware_model.hardware.simulation import Conditions
 from firmware_model.model.comparator import row_of_costs
 from firmware_model.model.descriptor import ActivityModel, Event
-from firmware_model.model.design import COSTS_BY_ACTIVITY, formats_of, ilog
+from firmware_model.model.design import (
+    COSTS_BY_ACTIVITY,
+    MARGIN_TOP,
+    RESIDUAL_TOP,
+    formats_of,
+    ilog,
+)
 from firmware_model.vectors import (
     check_files,
     load_manifest,
@@ -449,6 +455,7 @@ def test_the_packages_widths_are_those_of_the_model(tmp_path):
         found = values_of_package(tmp_path, design)
         assert found.items() >= constants(design).items()
         assert (found["SLOTS"], found["WORDS"]) == (design.slots, design.words)
+        assert found["RESIDUAL_TOP"] == RESIDUAL_TOP == MARGIN_TOP
         assert found["EVENT_TIME_BITS"] == (32 if design.timestamp_bits <= 32 else 64)
         for name, form in formats_of(design).items():
             if name not in INNER and (name != "entry" or design.own_mean):
