@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 from firmware_model.model.descriptor import moved
 from firmware_model.model.design import (
-    ACTIVITY_COSTS,
     EVIDENCE_TOP,
     FRACTION_BITS,
     MARGIN_TOP,
@@ -17,10 +16,10 @@ from firmware_model.model.design import (
     RECIPROCAL_BITS,
     RESIDUAL_TOP,
     TRUST_BITS,
-    WEIGHT_BITS,
     Design,
 )
 from firmware_model.model.memories import Memories
+from fixedpoint.activity import ACTIVITY_COSTS, ROW_BITS, SAME_ROW, WEIGHT_BITS, WEIGHT_FROM
 
 # Model of the comparator: distances to all places, best and second best place, acceptance.
 
@@ -198,10 +197,6 @@ class SequenceModel:
 # Model of the place filter: one metric for each place, advanced by each window in integers.
 
 
-#: bits of an activity within a row of `COSTS_BY_ACTIVITY`, and the row of the same activity
-ROW_BITS, SAME_ACTIVITY = 3, 12
-#: activity, in units of 1/16 octave, from which on evidence has weight
-WEIGHT_FROM = -48
 #: the support moves by 1/4 of the difference to the margin in each window
 TRUST_SHIFT = 2
 #: while the place stays the same, the support falls by 1/16 in each window
@@ -321,7 +316,7 @@ class PlaceFilterModel:
 def row_of_costs(activity: int) -> int:
     """Return the row of `COSTS_BY_ACTIVITY` of a window's activity less that of a place."""
     row = (activity + (1 << (ROW_BITS - 1))) >> ROW_BITS
-    return min(max(row + SAME_ACTIVITY, 0), len(ACTIVITY_COSTS) - 1)
+    return min(max(row + SAME_ROW, 0), len(ACTIVITY_COSTS) - 1)
 
 
 def weight_of(activity: int) -> int:

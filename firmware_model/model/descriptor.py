@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, Design, ilog
+from firmware_model.model.design import ACTIVITY_BITS, Design, ilog
 from firmware_model.model.memories import Codes, Memories
+from fixedpoint.activity import EVENTS_TOP
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS
 
 # Running means of a device: events of a window, and the logarithm of each counter.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import numbers
 import tomllib
 from collections.abc import Mapping
@@ -13,88 +14,11 @@ from typing import Any, Literal, Self, get_args
 import numpy as np
 
 from firmware_model.errors import DesignError
+from fixedpoint.activity import COSTS_BY_ACTIVITY, EVENTS_TOP, WEIGHT_BITS
 from fixedpoint.codes import CodeKind, CounterCode
 from fixedpoint.errors import FixedPointError
 from fixedpoint.formats import UnsignedFormat
 from fixedpoint.own_mean import MEAN_BITS, OwnMeanCode
-
-# Conversion of a design to and from plain values and TOML files.
-
-
-_MOST_BYTES = 1 << 20
-
-
-class DesignFile:
-    """Base class that writes and reads a dataclass of plain values and tuples."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON and TOML."""
-        values = asdict(self)  # type: ignore[call-overload]
-        return {n: list(v) if isinstance(v, tuple) else v for n, v in values.items()}
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any], source: str = "design") -> Self:
-        """Build from plain values.
-
-        Raises
-        ------
-        DesignError
-            If a name is unknown or missing, or a value out of range; `source` is named.
-        """
-        known = {field.name for field in fields(cls)}  # type: ignore[arg-type]
-        unknown = sorted(set(values) - known)
-        if unknown:
-            raise DesignError(
-                f"{source} has the unknown name {unknown[0]!r}: choose from "
-                f"{', '.join(sorted(known))}"
-            )
-        missing = sorted({"width", "height", "pixels", "places"} - set(values))
-        if missing:
-            raise DesignError(f"{source} lacks {missing[0]}: name it")
-        try:
-            return cls(**values)
-        except DesignError:
-            raise
-        except Exception as error:  # a value of an unexpected type
-            raise DesignError(f"{source} is no design ({error}): check its values") from error
-
-    def to_toml(self) -> str:
-        """Write as TOML, which `load` reads."""
-        values = self.to_dict()
-        return "".join(f"{name} = {_toml(value)}\n" for name, value in values.items())
-
-    def save(self, path: str | Path) -> None:
-        """Write as a TOML file."""
-        Path(path).write_text(self.to_toml(), encoding="utf-8")
-
-    @classmethod
-    def load(cls, path: str | Path) -> Self:
-        """Read a TOML file.
-
-        Raises
-        ------
-        DesignError
-            If it cannot be read, or is no design.
-        """
-        try:
-            with Path(path).open("rb") as file:
-                raw = file.read(_MOST_BYTES)  # a longer file is not a design
-            values = tomllib.loads(raw.decode("utf-8-sig"))
-        # the parser also raises other errors for deep nesting, long numbers and invalid dates
-        except Exception as error:
-            raise DesignError(
-                f"cannot read a design from {path}: {str(error)[:200]}: name a TOML file"
-            ) from error
-        return cls.from_dict(values, str(path))
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return f'"{value}"'
-    return repr(value)
-
 
 # Largest values of what a device computes, and fraction bits of its numbers.
 
@@ -112,31 +36,10 @@ TRUST_BITS = 4
 TRUST_TOP = MARGIN_TOP << TRUST_BITS
 #: fraction bits of the usual number of events in a window
 ACTIVITY_BITS = 8
-#: largest number of events of a window; larger ones saturate
-EVENTS_TOP = (1 << 23) - 1
-#: fraction bits of the logarithm of a number of events, and of what is left of the evidence
-LOG_BITS, WEIGHT_BITS = 4, 3
+#: fraction bits of the logarithm of a number of events
+LOG_BITS = 4
 #: bits of the activity of a place, a number with sign
 PLACE_ACTIVITY_BITS = 8
-#: costs of a step of 0, 1, 2 and 3 places, with fraction bits, by the activity of the window
-#: against that of the place it reaches: a row a half octave, from 6 octaves below to 2 above
-ACTIVITY_COSTS = (
-    (4, 24, 47, 71), (4, 22, 43, 66), (4, 20, 39, 61), (4, 17, 36, 57), (4, 15, 32, 52),
-    (4, 12, 28, 48), (4, 10, 24, 43), (4, 7, 20, 38), (4, 5, 17, 34), (4, 3, 13, 30),
-    (5, 1, 10, 26), (7, 0, 8, 22), (9, 0, 6, 20), (11, 0, 5, 18), (15, 1, 5, 17),
-    (19, 3, 5, 16), (22, 4, 4, 15),
-)  # fmt: skip
-#: the same of a step of 0 to 6 places, two of which start in each window
-HALF_PLACE_COSTS = (
-    (4, 17, 44, 63, 80, 107, 120), (4, 15, 39, 57, 73, 100, 111), (4, 14, 35, 51, 67, 92, 103),
-    (4, 12, 31, 45, 60, 84, 95), (4, 10, 26, 40, 53, 77, 87), (4, 8, 22, 34, 46, 69, 79),
-    (4, 6, 18, 28, 40, 62, 70), (4, 4, 14, 22, 33, 54, 62), (5, 3, 10, 17, 27, 47, 55),
-    (5, 1, 6, 11, 20, 40, 46), (6, 1, 2, 7, 14, 33, 39), (8, 1, 1, 4, 10, 28, 34),
-    (12, 3, 0, 2, 7, 24, 29), (17, 6, 1, 1, 5, 22, 26), (23, 11, 2, 1, 4, 20, 24),
-    (30, 16, 6, 3, 5, 20, 23), (37, 21, 8, 4, 5, 20, 22),
-)  # fmt: skip
-#: by the number of places per window
-COSTS_BY_ACTIVITY = {1: ACTIVITY_COSTS, 2: HALF_PLACE_COSTS}
 
 
 # Ranges of the parameters of a design.
@@ -179,42 +82,6 @@ _RANGES = {
 }
 
 
-def check_parameters(design: Any) -> None:
-    """Check the range of each parameter, and convert lists to tuples of plain integers.
-
-    Raises
-    ------
-    DesignError
-        If a parameter is of another type, or out of its range.
-    """
-    for name in _TUPLES:
-        parts = getattr(design, name)
-        if not isinstance(parts, (list, tuple)) or len(parts) > MOST_PARTS:
-            raise DesignError(f"design: {name} = {_shown(parts)}: expected a list of numbers")
-        if not all(isinstance(part, numbers.Integral) for part in parts):
-            raise DesignError(f"design: {name} = {_shown(parts)}: expected whole numbers")
-        object.__setattr__(design, name, tuple(int(part) for part in parts))
-    for name in _SWITCHES:
-        value = getattr(design, name)
-        if not isinstance(value, bool):
-            raise DesignError(f"design: {name} = {_shown(value)}: expected true or false")
-    costs = design.activity_costs
-    if not isinstance(costs, int) or costs not in (0, *COSTS_BY_ACTIVITY):
-        raise DesignError(f"design: activity_costs = {_shown(costs)}: expected false, true or 2")
-    # as files have it
-    object.__setattr__(design, "activity_costs", costs if costs > 1 else bool(costs))
-    for name, (low, high) in _RANGES.items():
-        value = getattr(design, name)
-        if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-            raise DesignError(f"design: {name} = {_shown(value)}: expected {low} to {high}")
-    for name, choices in _CHOICES.items():
-        value = getattr(design, name)
-        if value not in get_args(choices):
-            raise DesignError(
-                f"design: {name} = {_shown(value)}: choose from {', '.join(get_args(choices))}"
-            )
-
-
 def _shown(value: object) -> str:
     try:
         return repr(value)[:80]
@@ -225,12 +92,14 @@ def _shown(value: object) -> str:
 # The design of a device: all its parameters.
 
 
+#: a longer file is no design
+_MOST_BYTES = 1 << 20
 #: sequence length if 0 is given, and costs of steps if none are given
 LENGTH, STEPS = 5, (1, 0, 1)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Design(DesignFile):
+class Design:
     """All parameters of what a device computes, without the contents of its tables.
 
     Parameters
@@ -324,12 +193,42 @@ class Design(DesignFile):
     lookup_depth: int = 0
 
     def __post_init__(self) -> None:
-        check_parameters(self)
+        self._check_each()
         self._check_together()
         if self.lookup_depth == 0:
-            object.__setattr__(
-                self, "lookup_depth", _power_of_two(max(self.width, 2 * self.pixels))
+            least = max(self.width, 2 * self.pixels)
+            object.__setattr__(self, "lookup_depth", 1 << (least - 1).bit_length())
+
+    def _check_each(self) -> None:
+        """Check type and range of each parameter; make lists tuples of plain integers."""
+        for name in _TUPLES:
+            parts = getattr(self, name)
+            if not isinstance(parts, (list, tuple)) or len(parts) > MOST_PARTS:
+                raise DesignError(f"design: {name} = {_shown(parts)}: expected a list of numbers")
+            if not all(isinstance(part, numbers.Integral) for part in parts):
+                raise DesignError(f"design: {name} = {_shown(parts)}: expected whole numbers")
+            object.__setattr__(self, name, tuple(int(part) for part in parts))
+        for name in _SWITCHES:
+            value = getattr(self, name)
+            if not isinstance(value, bool):
+                raise DesignError(f"design: {name} = {_shown(value)}: expected true or false")
+        costs = self.activity_costs
+        if not isinstance(costs, int) or costs not in (0, *COSTS_BY_ACTIVITY):
+            raise DesignError(
+                f"design: activity_costs = {_shown(costs)}: expected false, true or 2"
             )
+        # as files have it
+        object.__setattr__(self, "activity_costs", costs if costs > 1 else bool(costs))
+        for name, (low, high) in _RANGES.items():
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+                raise DesignError(f"design: {name} = {_shown(value)}: expected {low} to {high}")
+        for name, choices in _CHOICES.items():
+            value = getattr(self, name)
+            if value not in get_args(choices):
+                raise DesignError(
+                    f"design: {name} = {_shown(value)}: choose from {', '.join(get_args(choices))}"
+                )
 
     def _check_together(self) -> None:
         if self.pixels > self.width * self.height:
@@ -480,9 +379,66 @@ class Design(DesignFile):
         """Memory words of a descriptor, with P codes in each; the last one is filled with zeros."""
         return -(-self.slots // self.lanes)
 
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON and TOML."""
+        values = asdict(self)
+        return {n: list(v) if isinstance(v, tuple) else v for n, v in values.items()}
 
-def _power_of_two(least: int) -> int:
-    return 1 << (least - 1).bit_length()
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any], source: str = "design") -> Self:
+        """Build from plain values.
+
+        Raises
+        ------
+        DesignError
+            If a name is unknown or missing, or a value out of range; `source` is named.
+        """
+        known = {field.name for field in fields(cls)}
+        unknown = sorted(set(values) - known)
+        if unknown:
+            raise DesignError(
+                f"{source} has the unknown name {unknown[0]!r}: choose from "
+                f"{', '.join(sorted(known))}"
+            )
+        missing = sorted({"width", "height", "pixels", "places"} - set(values))
+        if missing:
+            raise DesignError(f"{source} lacks {missing[0]}: name it")
+        try:
+            return cls(**values)
+        except DesignError:
+            raise
+        except Exception as error:  # a value of an unexpected type
+            raise DesignError(f"{source} is no design ({error}): check its values") from error
+
+    def to_toml(self) -> str:
+        """Write as TOML, which `load` reads."""
+        # JSON and TOML write these kinds of values alike
+        values = self.to_dict().items()
+        return "".join(f"{name} = {json.dumps(value)}\n" for name, value in values)
+
+    def save(self, path: str | Path) -> None:
+        """Write as a TOML file."""
+        Path(path).write_text(self.to_toml(), encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a TOML file.
+
+        Raises
+        ------
+        DesignError
+            If it cannot be read, or is no design.
+        """
+        try:
+            with Path(path).open("rb") as file:
+                raw = file.read(_MOST_BYTES)
+            values = tomllib.loads(raw.decode("utf-8-sig"))
+        # the parser also raises other errors for deep nesting, long numbers and invalid dates
+        except Exception as error:
+            raise DesignError(
+                f"cannot read a design from {path}: {str(error)[:200]}: name a TOML file"
+            ) from error
+        return cls.from_dict(values, str(path))
 
 
 # Widths of all quantities of a device, computed from the largest values that can occur.

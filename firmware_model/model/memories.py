@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_model.errors import DesignError
-from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, PLACE_ACTIVITY_BITS, Design
+from firmware_model.model.design import ACTIVITY_BITS, PLACE_ACTIVITY_BITS, Design
+from fixedpoint.activity import EVENTS_TOP
 
 Pixel = tuple[int, int]
 Codes = tuple[int, ...]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 
 from firmware_model.model.comparator import (
-    SAME_ACTIVITY,
     MatchResult,
     accepts,
     evidence,
@@ -21,7 +20,6 @@ from firmware_model.model.descriptor import (
 )
 from firmware_model.model.design import (
     ACTIVITY_BITS,
-    ACTIVITY_COSTS,
     EVIDENCE_TOP,
     FRACTION_BITS,
     MARGIN_TOP,
@@ -33,6 +31,7 @@ from firmware_model.model.design import (
 )
 from firmware_model.model.machine import Machine, Trace
 from firmware_model.vectors.case import Case
+from fixedpoint.activity import ACTIVITY_COSTS, SAME_ROW
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS
 
 #: name of each corner, and what is counted as one occurrence of it
@@ -371,7 +370,7 @@ class FilterCoverage:
         half = "half_" if self.machine.design.activity_costs == 2 else ""
         for own in self.machine.memories.place_activity:
             row = row_of_costs(activity - own)
-            beyond = ((activity - own + 4) >> 3) + SAME_ACTIVITY
+            beyond = ((activity - own + 4) >> 3) + SAME_ROW
             found[f"{half}costs_{row}"] += 1
             found["costs_below"] += beyond < 0
             found["costs_above"] += beyond >= rows

@@ -11,10 +11,11 @@ import numpy as np
 
 from firmware_model.model.comparator import row_of_costs, weight_of
 from firmware_model.model.descriptor import PAUSE_SHIFT, ActivityModel
-from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, TRUST_TOP, Design
+from firmware_model.model.design import ACTIVITY_BITS, TRUST_TOP, Design
 from firmware_model.model.memories import Memories
 from firmware_model.vectors.case import Case, Stream, choose_pixels, shown_codes, unselected_pixel
 from firmware_model.vectors.corners import adaptive_event_cases
+from fixedpoint.activity import EVENTS_TOP
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS, RunningMean
 
 

@@ -7,11 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from firmware_model.model.descriptor import ACTIVITY_SHIFT
-from firmware_model.model.design import ACTIVITY_BITS, EVENTS_TOP, Design, ilog
+from firmware_model.model.design import ACTIVITY_BITS, Design, ilog
 from firmware_model.model.memories import Memories
 from firmware_model.vectors.case import Case, Stream, choose_pixels
 from firmware_model.vectors.filter_corners import evidence_cases, long_window
 from firmware_model.vectors.images import LongWindow
+from fixedpoint.activity import EVENTS_TOP
 
 
 def large_cases(design: Design) -> list[Case]:

@@ -42,13 +42,7 @@ from firmware_model.hardware.parameters import (
 from firmware_model.hardware.simulation import Conditions
 from firmware_model.model.comparator import row_of_costs
 from firmware_model.model.descriptor import ActivityModel, Event
-from firmware_model.model.design import (
-    COSTS_BY_ACTIVITY,
-    MARGIN_TOP,
-    RESIDUAL_TOP,
-    formats_of,
-    ilog,
-)
+from firmware_model.model.design import MARGIN_TOP, RESIDUAL_TOP, formats_of, ilog
 from firmware_model.vectors import (
     check_files,
     load_manifest,
@@ -66,6 +60,7 @@ from firmware_model.verification import (
     stream_proof,
     unit_proof,
 )
+from fixedpoint.activity import COSTS_BY_ACTIVITY
 
 #: full scale and events of a window are small, so that a simulation of all corners is short
 DESIGN = Design(
