@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from firmware_model.errors import ToolError
-from firmware_model.hardware.formal import bounded_to
 from firmware_model.verification import stream_proof, unit_proof
 
 
@@ -103,8 +102,7 @@ def _put(table: Path, name: str, seconds: float | None) -> None:
         for kind in kinds:
             stated = stream_proof.core_claim(define, kind)
             if stated.name == name:
-                bound = bounded_to(stated.method)
-                first = "" if bound is None else f"first {bound} clocks: "
+                first = f"first {stated.bound} clocks: " if stated.bound else ""
                 cells[claim, kind] = "" if seconds is None else f"{first}{seconds:.0f}"
     with table.open("w", newline="", encoding="utf-8") as file:
         rows_now = (

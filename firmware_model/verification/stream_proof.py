@@ -15,20 +15,25 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from firmware_model.hardware.formal import (
-    BOUNDED,
-    CLOCKS,
+from firmware_model.errors import ToolError
+from firmware_model.hardware.sources import UNITS
+from firmware_model.verification.formal import (
     PROPERTIES,
-    SIMPLIFIED,
-    UNBOUNDED,
     broken_source,
     chparam,
     core_source,
-    model_check,
+    run,
     run_yosys,
     write_package,
 )
-from firmware_model.hardware.sources import UNITS
+
+#: commands of yosys-abc that prove a claim for any number of clocks; the same where these give no
+#: answer
+UNBOUNDED, SIMPLIFIED = "fold; pdr", "fold; scorr; dc2; scorr; pdr"
+#: clocks of a claim about the first ones alone; a core of sequences has its second window in fewer
+CLOCKS, CLOCKS_OF_SEQUENCES = 120, 80
+#: time limit of the model checker
+_SECONDS = 3600
 
 #: module of the core
 CORE = "vpr_core"
@@ -108,7 +113,9 @@ class Claim:
     free_memories : bool
         Whether memories return any word, and the activity is any.
     method : str
-        Of `firmware_model.hardware.formal.model_check`.
+        `UNBOUNDED` or `SIMPLIFIED`.
+    bound : int or None
+        Number of the first clocks that it is about; None if it is about all.
     """
 
     name: str
@@ -119,15 +126,13 @@ class Claim:
     parameters: dict[str, int] = field(default_factory=dict)
     free_memories: bool = False
     method: str = UNBOUNDED
+    bound: int | None = None
 
 
 #: units of the core but for those of the activity, which is replaced
 _UNITS_OF_CORE = tuple(
     unit for unit in UNITS if unit not in ("vpr_activity.sv", "vpr_logarithm.sv")
 )
-#: clocks in which a core of sequences has a second window
-CLOCKS_OF_SEQUENCES = 80
-BOUNDED_OF_SEQUENCES = BOUNDED.replace(str(CLOCKS), str(CLOCKS_OF_SEQUENCES))
 
 
 def core_claim(define: str, kind: str, *, slow_blocks: bool = False) -> Claim:
@@ -135,18 +140,20 @@ def core_claim(define: str, kind: str, *, slow_blocks: bool = False) -> Claim:
 
     With `slow_blocks`, it is about the core that has registers behind its block memories.
     """
+    filters = "FILTER" in CORE_KINDS[kind].constants
     name = f"{CORE_CLAIMS[define]} ({kind})"
     if slow_blocks:
         name = f"{name}, with registers behind block memories"
-    method, filters = UNBOUNDED, _filters(kind)
-    if define == "PROGRESS" and not filters:
-        name, method = f"in the first {CLOCKS_OF_SEQUENCES} clocks, {name}", BOUNDED_OF_SEQUENCES
-    elif define in ("PATIENCE", "PROGRESS") and filters:
-        name, method = f"in the first {CLOCKS} clocks, {name}", BOUNDED
-    elif define == "MATCH" and filters:
-        method = SIMPLIFIED
-    claim = _of_core(name, f"PROVE_{define}", kind, method, slow_blocks=slow_blocks)
-    return replace(claim, constants=claim.constants | _OF_FILTERS.get(define, {}))
+    bound = None
+    if define == "PROGRESS" or (define == "PATIENCE" and filters):
+        bound = CLOCKS if filters else CLOCKS_OF_SEQUENCES
+        name = f"in the first {bound} clocks, {name}"
+    claim = _of_core(name, f"PROVE_{define}", kind, bound, slow_blocks=slow_blocks)
+    return replace(
+        claim,
+        constants=claim.constants | _OF_FILTERS.get(define, {}),
+        method=SIMPLIFIED if define == "MATCH" and filters else UNBOUNDED,
+    )
 
 
 def cover(define: str, kind: str) -> Claim:
@@ -154,19 +161,17 @@ def cover(define: str, kind: str) -> Claim:
 
     `holds` must refuse it: then there are inputs that lead there in the first clocks.
     """
-    return _of_core(f"never: {COVERS[define]} ({kind})", f"COVER_{define}", kind, BOUNDED)
+    return _of_core(f"never: {COVERS[define]} ({kind})", f"COVER_{define}", kind, CLOCKS)
 
 
-def _filters(kind: str) -> bool:
-    return "FILTER" in CORE_KINDS[kind].constants
-
-
-def _of_core(name: str, define: str, kind: str, method: str, *, slow_blocks: bool = False) -> Claim:
+def _of_core(
+    name: str, define: str, kind: str, bound: int | None, *, slow_blocks: bool = False
+) -> Claim:
     patience, progress, constants = CORE_KINDS[kind]
     parameters = {"PATIENCE": patience, "PROGRESS": progress, "SLOW_BLOCKS": int(slow_blocks)}
-    top = f"{CORE}_properties"
     return Claim(
-        name, top, _UNITS_OF_CORE, define, _SMALL | constants, parameters, True, method
+        name, f"{CORE}_properties", _UNITS_OF_CORE, define, _SMALL | constants, parameters,
+        free_memories=True, bound=bound,
     )  # fmt: skip
 
 
@@ -191,7 +196,7 @@ CLAIMS = (
         core_claim(define, kind)
         for kind in CORE_KINDS
         for define in CORE_CLAIMS
-        if define not in _OF_FILTERS or _filters(kind)
+        if define not in _OF_FILTERS or "FILTER" in CORE_KINDS[kind].constants
     ),
     *(
         core_claim(define, kind, slow_blocks=True)
@@ -302,15 +307,13 @@ BROKEN: dict[str, tuple[Claim, str, str, str]] = {
 }
 
 
-def holds(claim: Claim, changed: Mapping[str, str] | None = None, *, seconds: int = 3600) -> bool:
+def holds(claim: Claim, changed: Mapping[str, str] | None = None) -> bool:
     """Return whether a claim holds: for any number of clocks, unless it is of the first alone.
 
     Parameters
     ----------
     changed : mapping of str to str, optional
         Text of changed source files, by name.
-    seconds : int
-        Time limit of the model checker in seconds.
 
     Raises
     ------
@@ -344,15 +347,23 @@ def holds(claim: Claim, changed: Mapping[str, str] | None = None, *, seconds: in
             ],
             claim.top,
         )
-        return model_check(model, seconds, claim.method)
+        # property directed reachability (pdr) finds an invariant and checks it
+        bounded = f"fold; strash; bmc3 -F {claim.bound}"
+        method = claim.method if claim.bound is None else bounded
+        done = run(["yosys-abc", "-c", f"read_aiger {model}; {method}"], _SECONDS)
+    if "Property proved." in done.stdout or f"asserted in {claim.bound} frames" in done.stdout:
+        return True
+    if "was asserted in frame" in done.stdout:
+        return False
+    raise ToolError(f"yosys-abc gives no answer: {(done.stderr + done.stdout).strip()}")
 
 
-def reached(claim: Claim, *, seconds: int = 3600) -> bool:
+def reached(claim: Claim) -> bool:
     """Return whether the state of a `cover` is reached; raises as `holds`."""
-    return not holds(claim, seconds=seconds)
+    return not holds(claim)
 
 
-def refused(name: str, *, seconds: int = 3600) -> bool:
+def refused(name: str) -> bool:
     """Return whether a broken version, by its name in `BROKEN`, is refused; raises as `holds`."""
     claim, file, old, new = BROKEN[name]
-    return not holds(claim, {file: broken_source(file, old, new)}, seconds=seconds)
+    return not holds(claim, {file: broken_source(file, old, new)})

@@ -12,7 +12,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from firmware_model.hardware.formal import broken_source, solve, translate
+from firmware_model.errors import ToolError
+from firmware_model.verification.formal import (
+    PROPERTIES,
+    broken_source,
+    chparam,
+    core_source,
+    run,
+    run_yosys,
+    write_package,
+)
 
 
 @dataclass(frozen=True)
@@ -54,7 +63,7 @@ class Unit:
         ToolError
             If a tool is missing, refuses the source, or takes too long.
         """
-        return self._solved(None, self.induction)
+        return self._solved(core_source(f"{self.name}.sv"), self.induction)
 
     def refused(self, name: str) -> bool:
         """Return whether a broken version, by its name in `broken`, fails.
@@ -66,20 +75,57 @@ class Unit:
         """
         return not self._solved(broken_source(f"{self.name}.sv", *self.broken[name]))
 
-    def _solved(self, source: str | None, induction: int | None = None) -> bool:
+    def _solved(self, source: str, induction: int | None = None) -> bool:
         with tempfile.TemporaryDirectory() as folder:
-            model = translate(
-                Path(folder), self.name, source, self.constants, self.exposed, self.claimed,
-                self.beside,
-            )  # fmt: skip
-            base = solve(model, ["-t", str(self.base)], _SECONDS)
+            model = self._model(Path(folder), source)
+            base = _holds(model, "-t", str(self.base))
             if induction is None:
                 return base
-            return base and solve(model, ["-i", "-t", str(induction)], _SECONDS)
+            return base and _holds(model, "-i", "-t", str(induction))
+
+    def _model(self, folder: Path, source: str) -> Path:
+        """Write the SMT2 model of the unit, whose file has this text, and of its properties."""
+        file, model = folder / f"{self.name}.sv", folder / f"{self.name}.smt2"
+        file.write_text(source, encoding="ascii")
+        properties = f"{self.name}_properties"
+        files = [write_package(folder, self.constants), file]
+        files += [PROPERTIES / name for name in self.beside]
+        # wires of an inner unit get names that ports can have
+        outer = [name.rpartition(".")[2] for name in self.exposed]
+        run_yosys(
+            [
+                f"read_verilog -formal -sv {' '.join(map(str, files))}",
+                f"hierarchy -top {self.name}; proc; flatten; cd {self.name}",
+                *(
+                    f"rename {inner} {name}"
+                    for inner, name in zip(self.exposed, outer, strict=True)
+                    if inner != name
+                ),
+                "cd",
+                f"expose {' '.join(f'{self.name}/w:{name}' for name in outer)}",
+                f"read_verilog -formal -sv {PROPERTIES / f'{properties}.sv'}",
+                chparam(self.claimed, properties),
+                f"hierarchy -top {properties}; proc; flatten; opt_clean",
+                f"write_smt2 -wires {model}",
+            ],
+            self.name,
+        )
+        return model
 
 
 #: time limit of the solver
 _SECONDS = 600
+
+
+def _holds(model: Path, *options: str) -> bool:
+    """Return whether the assertions of an SMT2 model hold, by yosys-smtbmc and z3."""
+    done = run(["yosys-smtbmc", "-s", "z3", *options, str(model)], _SECONDS)
+    if "Status: PASSED" in done.stdout:
+        return True
+    if "Status: FAILED" in done.stdout:
+        return False
+    raise ToolError(f"yosys-smtbmc gives no answer: {(done.stderr + done.stdout).strip()}")
+
 
 _REGISTERS_OF_SEARCH = (
     *("delay.delayed_q", "filled_q", "behind_q", "has_left_q", "left_q", "left_sum_q", "update_q"),

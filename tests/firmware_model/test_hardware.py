@@ -20,7 +20,9 @@ from edge_vpr_tools.cli import main
 
 from firmware_model import Design, ToolError, VectorError, cost
 from firmware_model.hardware import (
-    formal,
+    parameters as boards,
+)
+from firmware_model.hardware import (
     registers,
     replay,
     report,
@@ -28,9 +30,6 @@ from firmware_model.hardware import (
     sources,
     unit_cells,
     waves,
-)
-from firmware_model.hardware import (
-    parameters as boards,
 )
 from firmware_model.hardware.parameters import (
     PACKAGE,
@@ -53,12 +52,13 @@ from firmware_model.vectors import (
 )
 from firmware_model.vectors.random_cases import random_adaptive_design, random_cases, random_design
 from firmware_model.verification import (
-    hardware_mutants as mutants,
-)
-from firmware_model.verification import (
+    formal,
     proof,
     stream_proof,
     unit_proof,
+)
+from firmware_model.verification import (
+    hardware_mutants as mutants,
 )
 from fixedpoint.activity import COSTS_BY_ACTIVITY
 
