@@ -15,7 +15,7 @@ from numba import carray, cfunc, types  # type: ignore[attr-defined]
 from firmware_model.emulation.build import Target
 from firmware_model.errors import ToolError
 
-# Count the instructions of an emulated processor, and its stack, by a compiled callback.
+# Instructions are counted by a compiled callback.
 #
 # Unicorn's binding to Python calls a Python function for each instruction, at 10 us each. The same
 # few operations as machine code take 30 ns.
@@ -98,8 +98,6 @@ def _callback() -> Any:
     return step
 
 
-# Run the compiled firmware on an emulated processor, and count its instructions.
-#
 # Unicorn executes instructions, and knows no clock, caches or buses. The counts are exact, but they
 # are instructions, not cycles.
 
@@ -134,7 +132,7 @@ class Emulator:
     instructions : int
         Executed by the last counted call.
     stack : int
-        Bytes of stack that the last counted call used.
+        Bytes of stack, the most that a counted call used.
     patience_s : float
         After which a call that has not returned is given up.
 
@@ -155,6 +153,8 @@ class Emulator:
             ) from error
         self.target = target
         self._wide = target.triple.startswith("aarch64")
+        #: of the first arguments; the first of them has the result
+        self._registers = [f"X{i}" for i in range(8)] if self._wide else [f"R{i}" for i in range(4)]
         self._uc: Any = _processor(unicorn, target)
         with Path(elf).open("rb") as file:
             parsed = ELFFile(file)
@@ -228,58 +228,43 @@ class Emulator:
         address = self.symbols[function][0]
         stack = self._pass(arguments)
         if count and self._counted is None:
-            self._counted = InstructionCounter(self._uc, self._special()[0])
+            self._counted = InstructionCounter(self._uc, self._number("SP"))
         if self._counted is not None:
             self._counted.restart(stack)
         try:
             self._uc.emu_start(address, _RETURN, timeout=int(self.patience_s * 1e6))
         except unicorn.UcError as error:  # type: ignore[attr-defined]
             raise ToolError(f"{function} on {self.target.name}: {error}") from error
-        if self._uc.reg_read(self._counter()) & ~1 != _RETURN:
+        if self._uc.reg_read(self._number("PC")) & ~1 != _RETURN:
             raise ToolError(
                 f"{function} on {self.target.name} has not returned after {self.patience_s} s: it "
                 "loops for ever, or patience_s is too little"
             )
         if count and self._counted is not None:
             self.instructions = self._counted.instructions
-            self.stack = stack - self._counted.lowest
-        return int(self._uc.reg_read(self._registers()[0])) & 0xFFFF_FFFF
+            self.stack = max(self.stack, stack - self._counted.lowest)
+        return int(self._uc.reg_read(self._number(self._registers[0]))) & 0xFFFF_FFFF
 
-    def _registers(self) -> list[int]:
+    def _number(self, register: str) -> int:
+        """Return Unicorn's number of a register."""
         from unicorn import arm64_const, arm_const
 
         if self._wide:
-            return [getattr(arm64_const, f"UC_ARM64_REG_X{i}") for i in range(8)]
-        return [getattr(arm_const, f"UC_ARM_REG_R{i}") for i in range(4)]
-
-    def _special(self) -> tuple[int, int]:
-        """Return the numbers of the stack pointer and the link register."""
-        from unicorn import arm64_const, arm_const
-
-        if self._wide:
-            return arm64_const.UC_ARM64_REG_SP, arm64_const.UC_ARM64_REG_LR
-        return arm_const.UC_ARM_REG_SP, arm_const.UC_ARM_REG_LR
-
-    def _counter(self) -> int:
-        """Return the number of the program counter."""
-        from unicorn import arm64_const, arm_const
-
-        return int(arm64_const.UC_ARM64_REG_PC if self._wide else arm_const.UC_ARM_REG_PC)
+            return int(getattr(arm64_const, f"UC_ARM64_REG_{register}"))
+        return int(getattr(arm_const, f"UC_ARM_REG_{register}"))
 
     def _pass(self, arguments: Sequence[int]) -> int:
         """Set registers and stack by the procedure call standard; return the stack pointer."""
-        registers = self._registers()
-        for register, value in zip(registers, arguments, strict=False):
-            self._uc.reg_write(register, value)
+        for register, value in zip(self._registers, arguments, strict=False):
+            self._uc.reg_write(self._number(register), value)
         word = "Q" if self._wide else "I"
-        rest = arguments[len(registers) :]
+        rest = arguments[len(self._registers) :]
         spilled = struct.pack(f"<{len(rest)}{word}", *rest)
         stack = (_STACK + _STACK_BYTES - 256 - len(spilled)) & ~15
         self._uc.mem_write(stack, spilled)
-        pointer, link = self._special()
-        self._uc.reg_write(pointer, stack)
+        self._uc.reg_write(self._number("SP"), stack)
         # bit 0 of a return address keeps the Thumb state
-        self._uc.reg_write(link, _RETURN if self._wide else _RETURN | 1)
+        self._uc.reg_write(self._number("LR"), _RETURN if self._wide else _RETURN | 1)
         return stack
 
     def replay(

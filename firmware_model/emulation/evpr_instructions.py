@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import random
 import struct
-import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from firmware_model.emulation.build import EMULATED, SOURCES, Target, build
+from firmware_model.emulation.build import SOURCES, Target, build
 from firmware_model.emulation.emulator import Emulator
-from firmware_model.emulation.instructions import compiler, table
+from firmware_model.emulation.instructions import compiler, write_table
 
 TABLE = SOURCES / "evpr_instructions.csv"
 
@@ -81,7 +79,7 @@ class _Run:
     """An encoder, and the instructions of its calls."""
 
     def __init__(self, emulator: Emulator, event_bytes: int) -> None:
-        self.emulator, self.stack, self.now = emulator, 0, 0
+        self.emulator, self.now = emulator, 0
         emulator.release()
         self.state = emulator.put(bytes(emulator.call("evpr_struct_bytes")))
         self._first = emulator.put(bytes(8))
@@ -97,7 +95,6 @@ class _Run:
     def count(self, function: str, *arguments: int) -> int:
         """Call a function, and store its number of instructions."""
         result = self.emulator.call(function, self.state, *arguments, count=True)
-        self.stack = max(self.stack, self.emulator.stack)
         self.instructions = self.emulator.instructions
         return result
 
@@ -166,12 +163,11 @@ def measure(target: Target, folder: str | Path) -> EvprInstructions:
     """
     driven = build(target, folder, files=("evpr.c", "evpr_drive.c"), name="evpr-driven")
     emulator = Emulator(target, driven)
-    within, frames, stack = {}, [], 0
+    within, frames = {}, []
     for event_bytes in BITS:
         run = _Run(emulator, event_bytes)
         within[event_bytes], more = _stream(run, event_bytes)
         frames += more
-        stack = max(stack, run.stack)
     run = _Run(emulator, 3)
     pixels = [(x, y, on) for x in (0, 127) for y in (0, 127) for on in (0, 1)]
     costs = []
@@ -208,7 +204,7 @@ def measure(target: Target, folder: str | Path) -> EvprInstructions:
         send=send,
         code_bytes=alone.code_bytes,
         ram_bytes=emulator.call("evpr_struct_bytes"),
-        stack_bytes=max(stack, run.stack),
+        stack_bytes=emulator.stack,
     )
 
 
@@ -216,11 +212,5 @@ def _mean(values: Sequence[int]) -> float:
     return round(sum(values) / len(values), 1)
 
 
-def main() -> None:
-    """Measure all processors, and write the table to standard output."""
-    with tempfile.TemporaryDirectory() as folder:
-        sys.stdout.write(table([measure(target, folder) for target in EMULATED]))
-
-
 if __name__ == "__main__":
-    main()
+    write_table(measure)

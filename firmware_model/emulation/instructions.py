@@ -9,8 +9,8 @@ from __future__ import annotations
 import struct
 import sys
 import tempfile
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -105,7 +105,7 @@ class FirmwareRun:
     """The firmware with an opened design, and the instructions of its calls so far."""
 
     def __init__(self, emulator: Emulator, memories: Memories) -> None:
-        self.emulator, self.stack, self.pixels = emulator, 0, memories.pixels
+        self.emulator, self.pixels = emulator, memories.pixels
         emulator.release()
         flash = image(memories)
         self.image = emulator.put(flash)
@@ -121,9 +121,7 @@ class FirmwareRun:
 
     def count(self, function: str, *arguments: int) -> tuple[int, int]:
         """Call a function; return its result and number of instructions."""
-        result = self.emulator.call(function, *arguments, count=True)
-        self.stack = max(self.stack, self.emulator.stack)
-        return result, self.emulator.instructions
+        return self.emulator.call(function, *arguments, count=True), self.emulator.instructions
 
     def take(self, events: Sequence[_Event], before: int = 0) -> int:
         """Count the instructions of a batch, in a window with the first event `before` times."""
@@ -195,16 +193,12 @@ def measure(target: Target, folder: str | Path) -> Instructions:
     row = stride(DESIGN)
     rows = (emulator.put(bytes(range(row))), emulator.put(bytes(reversed(range(row)))))
     distance = run.count("probe_sad", *rows, row)[1]
-    stack = run.stack
     per_place = _per_place(emulator, DESIGN, DESIGN.length, matched)
-    filters = FirmwareRun(emulator, _memories(FILTER))
-    contrast, filtered = filters.match(_WINDOWS)
+    contrast, filtered = FirmwareRun(emulator, _memories(FILTER)).match(_WINDOWS)
     filter_per_place = _per_place(emulator, FILTER, _WINDOWS, filtered)
     kept = replace(FILTER, keep_distances=True)
-    keeping = FirmwareRun(emulator, _memories(kept))
-    kept_match = keeping.match(_WINDOWS)[1]
+    kept_match = FirmwareRun(emulator, _memories(kept)).match(_WINDOWS)[1]
     kept_per_place = _per_place(emulator, kept, _WINDOWS, kept_match)
-    stack = max(stack, filters.stack, keeping.stack)
     alone = Emulator(target, build(target, folder, files=("vpr.c",), name="alone"))
     return Instructions(
         target=target.name,
@@ -226,7 +220,7 @@ def measure(target: Target, folder: str | Path) -> Instructions:
         ram_bytes=ram_bytes(DESIGN) + structures,
         filter_ram_bytes=ram_bytes(FILTER) + structures,
         kept_ram_bytes=ram_bytes(kept) + structures,
-        stack_bytes=stack,
+        stack_bytes=emulator.stack,
     )
 
 
@@ -251,17 +245,15 @@ def compiler() -> str:
 
 def table(rows: Sequence[Any]) -> str:
     """Write measurements, dataclasses of one kind and at least one, as CSV."""
-    names = [field.name for field in fields(rows[0])]
-    lines = [",".join(names)]
-    lines += [",".join(str(value) for value in asdict(row).values()) for row in rows]
-    return "\n".join(lines) + "\n"
+    lines = [asdict(rows[0]).keys(), *(asdict(row).values() for row in rows)]
+    return "".join(",".join(map(str, line)) + "\n" for line in lines)
 
 
-def main() -> None:
+def write_table(measured: Callable[[Target, str], Any]) -> None:
     """Measure all processors, and write the table to standard output."""
     with tempfile.TemporaryDirectory() as folder:
-        sys.stdout.write(table([measure(target, folder) for target in EMULATED]))
+        sys.stdout.write(table([measured(target, folder) for target in EMULATED]))
 
 
 if __name__ == "__main__":
-    main()
+    write_table(measure)
