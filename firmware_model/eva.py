@@ -32,7 +32,7 @@ from pathlib import Path
 
 from firmware_model.emulation.build import SOURCES
 from firmware_model.errors import ToolError
-from firmware_model.image import HEADER_WORDS, TABLES, Word, image, ram_bytes, step_costs, stride
+from firmware_model.image import HEADER_WORDS, TABLES, Word, image, ram_arrays, step_costs
 from firmware_model.model.design import FRACTION_BITS, MAX_COST, Design
 from firmware_model.model.memories import Memories
 from firmware_model.vectors.case import choose_pixels
@@ -288,21 +288,12 @@ def _range(name: str, entries: int, most: int, assumed: bool) -> str:
 
 def _ram(design: Design) -> list[str]:
     """Return the arrays that `vpr_reset` cuts the RAM into."""
-
-    def room(size: int) -> int:
-        return -(-size // 16) * 16
-
-    arrays = [
-        ("uint8_t", "query", stride(design)),
-        ("uint16_t", "counts", room(2 * design.slots)),
-        ("uint16_t", "history", room(2 * design.length * design.places)),
-        ("uint32_t", "delay", 0 if design.filters else room(4 * (design.exclusion + 1))),
-        ("uint16_t", "distance", room(2 * design.places) if design.keep_distances else 0),
-        ("uint32_t", "mean", room(4 * design.slots) if design.own_mean else 0),
+    bits = {"query": 8, "counts": 16, "history": 16, "delay": 32, "distance": 16, "mean": 32}
+    return [
+        f"    uint{bits[name]}_t {name}[{size * 8 // bits[name]}];"
+        for name, size in ram_arrays(design).items()
+        if size
     ]
-    assert sum(size for *_, size in arrays) == ram_bytes(design), "the RAM is laid out otherwise"
-    bytes_of = {"uint8_t": 1, "uint16_t": 2, "uint32_t": 4}
-    return [f"    {kind} {name}[{n // bytes_of[kind]}];" for kind, name, n in arrays if n]
 
 
 def alarms(

@@ -162,16 +162,21 @@ def _words(values: Sequence[int]) -> bytes:
     return struct.pack(f"<{len(values)}H", *values)
 
 
+def ram_arrays(design: Design) -> dict[str, int]:
+    """Return the firmware's arrays in RAM and their bytes, in the order in which they lie there."""
+    return {
+        "query": stride(design),
+        "counts": _aligned(2 * design.slots),
+        "history": _aligned(2 * design.length * design.places),
+        "delay": 0 if design.filters else _aligned(4 * (design.exclusion + 1)),
+        "distance": kept_bytes(design),
+        "mean": _aligned(4 * design.slots) if design.own_mean else 0,
+    }
+
+
 def ram_bytes(design: Design) -> int:
     """Return the RAM of the firmware's arrays in bytes, as `vpr_ram_bytes` in ``c/vpr.c``."""
-    return (
-        stride(design)
-        + _aligned(2 * design.slots)
-        + _aligned(2 * design.length * design.places)
-        + (0 if design.filters else _aligned(4 * (design.exclusion + 1)))
-        + kept_bytes(design)
-        + (_aligned(4 * design.slots) if design.own_mean else 0)
-    )
+    return sum(ram_arrays(design).values())
 
 
 def kept_bytes(design: Design) -> int:

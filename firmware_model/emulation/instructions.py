@@ -245,7 +245,7 @@ def compiler() -> str:
 
 def table(rows: Sequence[Any]) -> str:
     """Write measurements, dataclasses of one kind and at least one, as CSV."""
-    lines = [asdict(rows[0]).keys(), *(asdict(row).values() for row in rows)]
+    lines = [list(asdict(rows[0])), *(list(asdict(row).values()) for row in rows)]
     return "".join(",".join(map(str, line)) + "\n" for line in lines)
 
 
