@@ -6,7 +6,7 @@ import struct
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Self
+from typing import Any, Self
 
 from firmware_model.errors import VectorError
 from firmware_model.model.comparator import MatchResult
@@ -14,9 +14,6 @@ from firmware_model.model.descriptor import DescriptorModel, Event, EventResult,
 from firmware_model.model.design import Design
 from firmware_model.model.machine import Result, Trace, trace
 from firmware_model.model.memories import Codes, Memories, Pixel
-
-# Cases: a design with its tables and a stimulus, and the records that a device returns.
-
 
 #: value that stands for an absent one
 NONE = 0xFFFF_FFFF
@@ -140,14 +137,14 @@ def _or_none(value: int | None) -> int:
 
 
 class Stream:
-    """Stimulus under construction, on the clock of the design."""
+    """Stimulus under construction, on the clock of the design, with `choose_pixels` selected."""
 
-    def __init__(self, design: Design, pixels: Sequence[Pixel], start: int = 0) -> None:
+    def __init__(self, design: Design, start: int = 0) -> None:
         self.design = design
-        self.pixels = pixels
+        self.pixels = choose_pixels(design)
         self.start = start
         self.events: list[Event] = []
-        self._chosen = frozenset(pixels)
+        self._chosen = frozenset(self.pixels)
         self._window = 0  # number of the open window
         self._counted = 0
 
@@ -157,6 +154,12 @@ class Stream:
         self.events.append(Event(t % (1 << self.design.timestamp_bits), x, y, on))
         if (x, y) in self._chosen:
             self._counted = (self._counted + 1) % self.design.window_events
+
+    def unselected(self) -> None:
+        """Add an event at the first pixel that is not selected; beside the sensor if all are."""
+        width, height = self.design.width, self.design.height
+        every = ((i % width, i // width) for i in range(width * height))
+        self.at(*next((pixel for pixel in every if pixel not in self._chosen), (width, 0)))
 
     def slot(self, slot: int, times: int = 1, offset: int = 0) -> None:
         """Add events that are counted by a slot."""
@@ -185,11 +188,9 @@ class Stream:
         self._window += windows
 
     @classmethod
-    def showing(
-        cls, design: Design, pixels: Sequence[Pixel], windows: Iterable[Sequence[int]]
-    ) -> Self:
+    def showing(cls, design: Design, windows: Iterable[Sequence[int]]) -> Self:
         """Make the stimulus of windows with these counts of each slot."""
-        stream = cls(design, pixels)
+        stream = cls(design)
         for counts in windows:
             stream.fill(counts)
         stream.close()
@@ -199,6 +200,24 @@ class Stream:
         """Add an event after the last window by time, so that a device ends this window."""
         if self.design.window == "time":
             self.at(*self.pixels[0])
+
+    def shown_codes(
+        self,
+        tables: Sequence[int] | None = None,
+        codes: Sequence[Codes] | None = None,
+        mean: Sequence[int] | None = None,
+    ) -> list[Codes]:
+        """Return the codes of each window that it ends; see `Memories` for the arguments."""
+        no_places = [[0] * self.design.slots] * self.design.places
+        memories = Memories(self.design, self.pixels, no_places, tables, codes, mean)
+        model = DescriptorModel(memories, self.start)
+        results = [result for event in self.events for result in model.take(event)]
+        return [result.codes for result in results if isinstance(result, WindowResult)]
+
+    def case(self, name: str, places: Sequence[Sequence[int]], **tables: Any) -> Case:
+        """Make the case of a map of these places; `tables` go to `Memories`."""
+        memories = Memories(self.design, self.pixels, places, **tables)
+        return Case(name, memories, tuple(self.events), self.start)
 
 
 def choose_pixels(design: Design) -> list[Pixel]:
@@ -220,26 +239,3 @@ def choose_pixels(design: Design) -> list[Pixel]:
         if pixel != (right, bottom) or design.pixels == number:
             chosen[pixel] = None
     return list(chosen)
-
-
-def unselected_pixel(design: Design, pixels: Sequence[Pixel]) -> Pixel:
-    """Return the first pixel that is not selected, or one beside the sensor if all are."""
-    chosen = set(pixels)
-    for i in range(design.width * design.height):
-        if (i % design.width, i // design.width) not in chosen:
-            return i % design.width, i // design.width
-    return design.width, 0
-
-
-def shown_codes(
-    stream: Stream,
-    tables: Sequence[int] | None = None,
-    codes: Sequence[Codes] | None = None,
-    mean: Sequence[int] | None = None,
-) -> list[Codes]:
-    """Return the codes of each window that a stimulus ends; see `Memories` for the arguments."""
-    no_places = [[0] * stream.design.slots] * stream.design.places
-    memories = Memories(stream.design, stream.pixels, no_places, tables, codes, mean)
-    model = DescriptorModel(memories, stream.start)
-    results = [result for event in stream.events for result in model.take(event)]
-    return [result.codes for result in results if isinstance(result, WindowResult)]

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from firmware_model.model.design import LENGTH, Design
 from firmware_model.model.memories import Codes, Memories
-from firmware_model.vectors.case import Case, Stream, choose_pixels, shown_codes, unselected_pixel
+from firmware_model.vectors.case import Case, Stream
 
 
 def corner_cases(design: Design) -> list[Case]:
@@ -101,12 +101,11 @@ def _scales(design: Design) -> tuple[int, ...]:
 
 def _event_case(name: str, design: Design, codes: Sequence[Codes] | None = None) -> Case:
     """Make a case whose stream has every kind of event and window."""
-    pixels = choose_pixels(design)
     tables = [slot % len(design.full_scales) for slot in range(design.slots)]
     period = 1 << design.timestamp_bits
     # the clock wraps within the third window
     start = (period - 5 * design.tau_us // 2) % period if design.window == "time" else 0
-    stream = Stream(design, pixels, start)
+    stream = Stream(design, start)
     last, top, tau = design.slots - 1, design.count_max, design.tau_us
     by_time = design.window == "time"
 
@@ -121,12 +120,12 @@ def _event_case(name: str, design: Design, codes: Sequence[Codes] | None = None)
     # pixels in the order A B A, and one pixel repeated with and without an event between
     for slot in (0, last, 0, 0, last, last):
         stream.slot(slot)
-    stream.at(*unselected_pixel(design, pixels))
+    stream.unselected()
     stream.slot(last)
     _off_everything(stream)
     stream.end()
     for polarity in (True, False):
-        for x, y in pixels[:5]:
+        for x, y in stream.pixels[:5]:
             stream.at(x, y, min(1, tau - 1), polarity)
     if by_time:
         stream.slot(0, 1, tau - 1)  # the last microsecond of the window
@@ -198,22 +197,20 @@ def _case(
     name: str, stream: Stream, tables: Sequence[int], codes: Sequence[Codes] | None = None
 ) -> Case:
     """Make a case whose map holds windows of the stream at every other place."""
-    design, pixels = stream.design, stream.pixels
-    seen = shown_codes(stream, tables, codes)
+    design, seen = stream.design, stream.shown_codes(tables, codes)
     places = []
     for k in range(design.places):
         row = seen[(k * 3) % len(seen)]
         if k % 2:
             row = tuple(design.code_max - code for code in row)
         places.append(row)
-    memories = Memories(design, pixels, places, tables, codes)
-    return Case(name, memories, tuple(stream.events), stream.start)
+    return stream.case(name, places, tables=tables, codes=codes)
 
 
 def _many_windows(design: Design) -> Case:
     """Make a case of 260 windows with a few events each, more than eight bits can count."""
     design = replace(design, places=design.length + design.exclusion + 3)
-    stream = Stream(design, choose_pixels(design))
+    stream = Stream(design)
     for number in range(260):
         stream.slot(number % design.slots, 1 + number % 3)
         stream.slot((number * 7) % design.slots)
@@ -252,13 +249,12 @@ def _sums_above_16_bits(design: Design) -> Case:
         design, code="linear", code_bits=bits, full_scales=(0,), length=length, exclusion=zone,
         window_events=1, accept="margin", margin=1, places=3 * length + 2 * zone + 2,
     )  # fmt: skip
-    pixels = choose_pixels(wide)
-    stream = Stream.showing(wide, pixels, [[1, *[0] * (slots - 1)]] * (length + 2))
+    stream = Stream.showing(wide, [[1, *[0] * (slots - 1)]] * (length + 2))
     rows = [[top] * slots for _ in range(wide.places)]
     for place in (length, length + zone + 2, length + 2 * zone + 4, wide.places - 1):
         # a place that is nearer by some units in one slot is so in all sums with it
         rows[place][-1] = top // 2
-    return Case("wide_sums_of_sequences", Memories(wide, pixels, rows), tuple(stream.events))
+    return stream.case("wide_sums_of_sequences", rows)
 
 
 def _patterns(design: Design) -> dict[str, tuple[Design, str]]:
@@ -313,21 +309,20 @@ def _patterns(design: Design) -> dict[str, tuple[Design, str]]:
 def _pattern_case(name: str, design: Design, rows: str) -> Case | None:
     """Make the case of a pattern; None if the descriptor has no room for its distances."""
     design = replace(design, places=len(rows))
-    pixels = choose_pixels(design)
-    stream = Stream(design, pixels)
+    stream = Stream(design)
     windows = design.length + 2
     if name in ("all_places_far", "tie_of_two") and design.window == "time":
         # All windows are empty, so that f differs by the largest code in every slot. Each window
         # has an event at an unselected pixel, since the clock may be too narrow for so long a
         # silence.
         for _ in range(windows):
-            stream.at(*unselected_pixel(design, pixels))
+            stream.unselected()
             stream.end()
     else:
         for _ in range(windows):
             stream.fill([1 + (slot % 3 == 0) for slot in range(design.slots)])
     stream.close()
-    query = shown_codes(stream)[0]
+    query = stream.shown_codes()[0]
     furthest = tuple(0 if 2 * code > design.code_max else design.code_max for code in query)
     row = {"n": query, "f": furthest}
     for steps in (1, 2):
@@ -336,8 +331,7 @@ def _pattern_case(name: str, design: Design, rows: str) -> Case | None:
             if moved is None:
                 return None
             row[str(steps)] = moved
-    places = [row[kind] for kind in rows]
-    return Case(name, Memories(design, pixels, places), tuple(stream.events))
+    return stream.case(name, [row[kind] for kind in rows])
 
 
 def _moved(design: Design, codes: Codes, steps: int) -> Codes | None:

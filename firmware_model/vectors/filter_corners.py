@@ -13,7 +13,7 @@ from firmware_model.model.comparator import row_of_costs, weight_of
 from firmware_model.model.descriptor import PAUSE_SHIFT, ActivityModel
 from firmware_model.model.design import ACTIVITY_BITS, TRUST_TOP, Design
 from firmware_model.model.memories import Memories
-from firmware_model.vectors.case import Case, Stream, choose_pixels, shown_codes, unselected_pixel
+from firmware_model.vectors.case import Case, Stream, choose_pixels
 from firmware_model.vectors.corners import adaptive_event_cases
 from fixedpoint.activity import EVENTS_TOP
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS, RunningMean
@@ -76,23 +76,21 @@ def drive(
     place_activity: Sequence[int] | None = None,
 ) -> Case:
     """Make a drive that shows places one after another; if `alike`, all places equal the first."""
-    pixels = choose_pixels(design)
     longest = max(counts_at(design, place)[1] for place in range(design.places))
     if design.window == "count":
         design = replace(design, window_events=longest)
-    stream = Stream(design, pixels)
+    stream = Stream(design)
     for place in route:
         if place == PAUSE:
-            stream.at(*unselected_pixel(design, pixels))
+            stream.unselected()
             stream.end()
         else:
             stream.fill(counts_at(design, place)[0])
     stream.close()
     every = (counts_at(design, place)[0] for place in range(design.places))
-    codes = shown_codes(Stream.showing(design, pixels, every), mean=mean)
+    codes = Stream.showing(design, every).shown_codes(mean=mean)
     places = [codes[0 if alike else place] for place in range(design.places)]
-    memories = Memories(design, pixels, places, None, None, mean, activity, place_activity)
-    return Case(name, memories, tuple(stream.events))
+    return stream.case(name, places, mean=mean, activity=activity, place_activity=place_activity)
 
 
 def counts_at(design: Design, place: int) -> tuple[list[int], int]:
@@ -204,17 +202,16 @@ def long_window(design: Design) -> Case:
     design = replace(design, places=4, exclusion=1)
     if design.window == "count":
         design = replace(design, window_events=LONG_WINDOW)
-    pixels, rest = choose_pixels(design), [3] * (design.slots - 1)
+    rest = [3] * (design.slots - 1)
     shown = [[20, *rest], [LONG_WINDOW - sum(rest), *rest], [20, *rest], [1, *rest]]
     if design.window == "count":  # as many events in each window
         shown = [
             [LONG_WINDOW - count * (design.slots - 1), *[count] * (design.slots - 1)]
             for count in (3, 1)
         ]
-    stream = Stream.showing(design, pixels, shown)
-    places = shown_codes(stream)[-2:] * 2
-    memories = Memories(design, pixels, places, activity=100 << ACTIVITY_BITS)
-    return Case("long_window", memories, tuple(stream.events))
+    stream = Stream.showing(design, shown)
+    places = stream.shown_codes()[-2:] * 2
+    return stream.case("long_window", places, activity=100 << ACTIVITY_BITS)
 
 
 def _limits(design: Design) -> list[Case]:
@@ -343,11 +340,10 @@ def _weights(design: Design) -> Case:
     if design.slots > 1:
         for number, counts in enumerate(shown):
             counts[1] = number % 3
-    stream = Stream.showing(design, choose_pixels(design), shown)
+    stream = Stream.showing(design, shown)
     rest = [0] * (design.slots - 1)
     places = [[min(18 + place, design.code_max), *rest] for place in range(design.places)]
-    memories = Memories(design, stream.pixels, places, activity=usual)
-    return Case("weights", memories, tuple(stream.events))
+    return stream.case("weights", places, activity=usual)
 
 
 #: count that one place of 80 has, in the only slot that counts, and the others have not: the
@@ -372,7 +368,7 @@ def _place_apart(design: Design, activity: int, apart: dict[int, int]) -> Memori
 def _numbers(name: str, memories: Memories, shown: Sequence[int]) -> Case:
     """Show windows of so many events, all of the first slot."""
     design, rest = memories.design, [0] * (memories.design.slots - 1)
-    stream = Stream.showing(design, memories.pixels, [[events, *rest] for events in shown])
+    stream = Stream.showing(design, [[events, *rest] for events in shown])
     return Case(name, memories, tuple(stream.events))
 
 
@@ -403,12 +399,10 @@ def _view_of_another_place(design: Design) -> Case:
     places.append([15] * design.slots)
     if design.window == "count":
         design = replace(design, window_events=max(map(sum, places)))
-    pixels = choose_pixels(design)
-    codes = shown_codes(Stream.showing(design, pixels, places))
+    codes = Stream.showing(design, places).shown_codes()
     route = [*range(9), last, *range(10, 18), last, last, 21]
-    stream = Stream.showing(design, pixels, [places[place] for place in route])
-    memories = Memories(design, pixels, codes)
-    return Case("view_of_another_place", memories, tuple(stream.events))
+    stream = Stream.showing(design, [places[place] for place in route])
+    return stream.case("view_of_another_place", codes)
 
 
 def _tabulated_costs(design: Design) -> list[Case]:
@@ -560,14 +554,12 @@ def _delayed_shifts(design: Design) -> Case:
 
 def _counted(name: str, design: Design, means: list[int], windows: list[list[int]]) -> Case:
     """Show windows of these counts; the map holds the last windows, newest first."""
-    pixels = choose_pixels(design)
     if design.window == "count":
         design = replace(design, window_events=max(map(sum, windows)))
-    stream = Stream.showing(design, pixels, windows)
-    codes = shown_codes(stream, mean=means)
+    stream = Stream.showing(design, windows)
+    codes = stream.shown_codes(mean=means)
     places = [codes[-1 - place % len(codes)] for place in range(design.places)]
-    memories = Memories(design, pixels, places, None, None, means)
-    return Case(name, memories, tuple(stream.events))
+    return stream.case(name, places, mean=means)
 
 
 # Corner cases of the place filter's evidence: large and small distances, and their spread.
@@ -601,7 +593,7 @@ def _wide_evidence(design: Design) -> list[Case]:
         design, code="linear", code_bits=8, full_scales=(0,), exclusion=1, restart=254,
         accept="margin", margin=0, window_events=64 * 128 + 40,
     )  # fmt: skip
-    pixels, rest = choose_pixels(wide), wide.slots - 65
+    rest = wide.slots - 65
     near, far = [0] * wide.slots, [255] * 64 + [74] + [0] * rest
     between = [127] * 32 + [128] * 32 + [37] + [0] * rest
     # few events, but enough for evidence of full weight
@@ -609,9 +601,9 @@ def _wide_evidence(design: Design) -> list[Case]:
     if wide.window == "count":
         nothing[-1] = wide.window_events
         far[-1] = near[-1] = 0
-    stream = Stream.showing(wide, pixels, [between, nothing, between])
+    stream = Stream.showing(wide, [between, nothing, between])
     rows = [near if place == wide.places // 2 else far for place in range(wide.places)]
-    return [Case("evidence_above_16_bits", Memories(wide, pixels, rows), tuple(stream.events))]
+    return [stream.case("evidence_above_16_bits", rows)]
 
 
 def _wide_sums(design: Design) -> list[Case]:
@@ -631,18 +623,12 @@ def _wide_sums(design: Design) -> list[Case]:
         design, code="linear", code_bits=bits, full_scales=(0,), places=places, exclusion=1,
         restart=254, accept="margin", margin=0, window_events=2,
     )  # fmt: skip
-    pixels = choose_pixels(wide)
     counts = [2, *[0] * (slots - 1)]
-    stream = Stream.showing(wide, pixels, [counts] * 4)
+    stream = Stream.showing(wide, [counts] * 4)
     half = [top] * (slots // 2) + [0] * (slots - slots // 2) if slots > 1 else [top // 2]
     rows = [half if place % 3 == 1 else [top] * slots for place in range(places)]
-    rows[places // 2] = list(shown_codes(stream)[0])
-    memories, events = Memories(wide, pixels, rows), tuple(stream.events)
-    other, suffix = _other_distances(wide)
-    return [
-        Case("wide_sums", memories, events),
-        Case(f"wide_sums_{suffix}", replace(memories, design=other), events),
-    ]
+    rows[places // 2] = list(stream.shown_codes()[0])
+    return _by_both_distances(stream.case("wide_sums", rows))
 
 
 def _other_distances(design: Design) -> tuple[Design, str]:
@@ -651,16 +637,22 @@ def _other_distances(design: Design) -> tuple[Design, str]:
     return replace(design, keep_distances=not design.keep_distances), suffix
 
 
+def _by_both_distances(case: Case) -> list[Case]:
+    """Return a case, and the same of the other design of `_other_distances`."""
+    other, suffix = _other_distances(case.design)
+    memories = replace(case.memories, design=other)
+    return [case, replace(case, name=f"{case.name}_{suffix}", memories=memories)]
+
+
 def _far(design: Design) -> Case:
     """Show a count that is equally far from all places, then the places' own counts."""
     design = replace(design, code="linear", code_bits=8, full_scales=(0,), window_events=210)
-    pixels = choose_pixels(design)
     rest = [0] * (design.slots - 1)
-    stream = Stream.showing(design, pixels, [[count, *rest] for count in (101, 1, 201, 1)])
-    shown = shown_codes(stream)
+    stream = Stream.showing(design, [[count, *rest] for count in (101, 1, 201, 1)])
+    shown = stream.shown_codes()
     # only one place is near, so that the second best is a far one
     places = [shown[1 if k == design.places // 2 else 2] for k in range(design.places)]
-    return Case("far", Memories(design, pixels, places), tuple(stream.events))
+    return stream.case("far", places)
 
 
 def _beyond_a_byte(design: Design) -> Case:
@@ -672,13 +664,12 @@ def _beyond_a_byte(design: Design) -> Case:
     # the exclusion zone is as wide as a block of equal places
     design = replace(design, exclusion=design.places // 4 - 1)
     design = replace(design, window_events=411, steps=(0,), back=(), restart=0)
-    pixels = choose_pixels(design)
     rest = [0] * max(0, design.slots - 2)
     kinds = [[counts, counts][: design.slots] + rest for counts in (1, 101, 181, 201)]
-    stream = Stream.showing(design, pixels, kinds * 2)
-    shown = shown_codes(stream)
+    stream = Stream.showing(design, kinds * 2)
+    shown = stream.shown_codes()
     places = [shown[(0, 2, 1, 3)[place * 4 // design.places]] for place in range(design.places)]
-    return Case("distances_beyond_a_byte", Memories(design, pixels, places), tuple(stream.events))
+    return stream.case("distances_beyond_a_byte", places)
 
 
 def _small_spreads(design: Design) -> list[Case]:
@@ -690,17 +681,14 @@ def _small_spreads(design: Design) -> list[Case]:
     lanes = -(-design.slots // 2)
     near = replace(design, full_scales=(0,), lanes=lanes, exclusion=1)
     near = replace(near, window_events=max(near.window_events, 20 + 3 * near.slots))
-    pixels = choose_pixels(near)
     rest = [3] * (near.slots - 1)
-    stream = Stream.showing(near, pixels, [[first, *rest] for first in (20, 20, 20, 1, 20, 20)])
-    shown = shown_codes(stream)[0]
-    memories = Memories(near, pixels, _at_distances(near, shown, lambda place: 1 + place * 5 % 4))
-    alike = Memories(near, pixels, _at_distances(near, shown, lambda _: 1))
-    (other, suffix), events = _other_distances(near), tuple(stream.events)
+    stream = Stream.showing(near, [[first, *rest] for first in (20, 20, 20, 1, 20, 20)])
+    shown = stream.shown_codes()[0]
+    apart = _at_distances(near, shown, lambda place: 1 + place * 5 % 4)
+    alike = _at_distances(near, shown, lambda _: 1)
     return [
-        Case("spread_of_one", memories, events),
-        Case(f"spread_of_one_{suffix}", replace(memories, design=other), events),
-        Case("spread_of_none", alike, events),
+        *_by_both_distances(stream.case("spread_of_one", apart)),
+        stream.case("spread_of_none", alike),
     ]
 
 

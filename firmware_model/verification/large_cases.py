@@ -8,8 +8,7 @@ from dataclasses import replace
 
 from firmware_model.model.descriptor import ACTIVITY_SHIFT
 from firmware_model.model.design import ACTIVITY_BITS, Design, ilog
-from firmware_model.model.memories import Memories
-from firmware_model.vectors.case import Case, Stream, choose_pixels
+from firmware_model.vectors.case import Case, Stream
 from firmware_model.vectors.filter_corners import evidence_cases, long_window
 from firmware_model.vectors.images import LongWindow
 from fixedpoint.activity import EVENTS_TOP
@@ -63,22 +62,17 @@ def _wide_residual(design: Design) -> Case:
         # as many events in each, the others at a slot that is full
         return [*counts, *rest, 17_000 - sum(counts)]
 
-    stream = Stream.showing(
-        design, choose_pixels(design), map(window, (between, near, between, near, between, far))
-    )
+    stream = Stream.showing(design, map(window, (between, near, between, near, between, far)))
     places = [[*codes, *rest, 255] for codes in [far] * (design.places - 1) + [near]]
-    memories = Memories(design, stream.pixels, places, activity=17_000 << ACTIVITY_BITS)
-    return Case("wide_residual", memories, tuple(stream.events))
+    return stream.case("wide_residual", places, activity=17_000 << ACTIVITY_BITS)
 
 
 def _shown(
     name: str, design: Design, counts: Sequence[int], codes_at: Callable[[int], list[int]]
 ) -> Case:
     """Show counts of the last slot, one in each window, to a map of these codes."""
-    pixels = choose_pixels(design)
-    stream = Stream.showing(design, pixels, ([0] * (design.slots - 1) + [n] for n in counts))
-    memories = Memories(design, pixels, [codes_at(place) for place in range(design.places)])
-    return Case(name, memories, tuple(stream.events))
+    stream = Stream.showing(design, ([0] * (design.slots - 1) + [n] for n in counts))
+    return stream.case(name, [codes_at(place) for place in range(design.places)])
 
 
 def long_windows(design: Design) -> list[LongWindow]:
@@ -97,7 +91,7 @@ def _logarithms(design: Design) -> list[LongWindow]:
         steps=(), exclusion=0,
     )  # fmt: skip
     # from an empty window on, whose costs are those of the first one
-    stream = Stream(design, choose_pixels(design))
+    stream = Stream(design)
     stream.skip(1)
     stream.slot(0)
     stream.end()
@@ -114,11 +108,8 @@ def _logarithms(design: Design) -> list[LongWindow]:
         # before the empty window, behind which it is less by 1/64
         activity = -(-(usual << ACTIVITY_BITS + ACTIVITY_SHIFT) // ((1 << ACTIVITY_SHIFT) - 1))
         # the row of this activity is the last that has its cost of staying
-        memories = Memories(
-            design, stream.pixels, [[0] * design.slots], activity=activity,
-            place_activity=[edge + 21],
-        )  # fmt: skip
-        found.append(LongWindow(Case("", memories, tuple(stream.events)), events))
+        case = stream.case("", [[0] * design.slots], activity=activity, place_activity=[edge + 21])
+        found.append(LongWindow(case, events))
     return found
 
 
@@ -129,11 +120,10 @@ def _saturated(design: Design) -> LongWindow:
     would be a pause if the number had not saturated.
     """
     design = replace(design, places=4, exclusion=1)
-    stream, rest = Stream(design, choose_pixels(design)), [2] * (design.slots - 1)
+    stream, rest = Stream(design), [2] * (design.slots - 1)
     stream.fill([1] + [0] * len(rest))
     for _ in range(2):  # the means that it moves change the codes of the next window
         stream.fill([8_700 - sum(rest), *rest])
     stream.close()
     places = [[slot * place % 8 for slot in range(design.slots)] for place in range(4)]
-    memories = Memories(design, stream.pixels, places)
-    return LongWindow(Case("", memories, tuple(stream.events)), (1 << 23) + (1 << 20))
+    return LongWindow(stream.case("", places), (1 << 23) + (1 << 20))
