@@ -210,14 +210,19 @@ class Stream:
         """Return the codes of each window that it ends; see `Memories` for the arguments."""
         no_places = [[0] * self.design.slots] * self.design.places
         memories = Memories(self.design, self.pixels, no_places, tables, codes, mean)
-        model = DescriptorModel(memories, self.start)
-        results = [result for event in self.events for result in model.take(event)]
-        return [result.codes for result in results if isinstance(result, WindowResult)]
+        return window_codes(memories, self.events, self.start)
 
     def case(self, name: str, places: Sequence[Sequence[int]], **tables: Any) -> Case:
         """Make the case of a map of these places; `tables` go to `Memories`."""
         memories = Memories(self.design, self.pixels, places, **tables)
         return Case(name, memories, tuple(self.events), self.start)
+
+
+def window_codes(memories: Memories, events: Iterable[Event], start: int) -> list[Codes]:
+    """Return the codes of each window that events end."""
+    model = DescriptorModel(memories, start)
+    results = (result for event in events for result in model.take(event))
+    return [result.codes for result in results if isinstance(result, WindowResult)]
 
 
 def choose_pixels(design: Design) -> list[Pixel]:

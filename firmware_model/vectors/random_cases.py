@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from firmware_model.model.descriptor import DescriptorModel, Event, WindowResult
+from firmware_model.model.descriptor import Event
 from firmware_model.model.design import Design
 from firmware_model.model.memories import Memories
-from firmware_model.vectors.case import Case
-
-# Random stimuli: bursts and pauses at random pixels, with maps made of their windows.
-
+from firmware_model.vectors.case import Case, window_codes
 
 #: number of events of one stream
 EVENTS = 2000
@@ -58,11 +54,8 @@ def _case(name: str, design: Design, rng: np.random.Generator, number: int) -> C
     # usual numbers comparable with those of the windows, so that some windows pause
     mean, activity = _learnt(design, rng, 512 * (EVENTS // 30) if number else 256 * 1000)
     no_places = [[0] * design.slots] * design.length
-    model = DescriptorModel(
-        Memories(blank, pixels, no_places, tables, mean=mean, activity=activity), start
-    )
-    results = [result for event in events for result in model.take(event)]
-    seen = [result.codes for result in results if isinstance(result, WindowResult)]
+    without = Memories(blank, pixels, no_places, tables, mean=mean, activity=activity)
+    seen = window_codes(without, events, start)
     places = rng.integers(0, design.code_max + 1, (design.places, design.slots))
     # most places are windows of the stream; some of their codes are changed by one
     for k in range(design.places if seen else 0):
@@ -84,14 +77,10 @@ def _place_activity(design: Design, rng: np.random.Generator) -> list[int] | Non
     return [-128, *drawn[1:-1], 127][: design.places]
 
 
-class _Learnt(NamedTuple):
-    """Initial running means and initial usual activity."""
-
-    mean: list[int] | None
-    activity: int
-
-
-def _learnt(design: Design, rng: np.random.Generator, most_activity: int) -> _Learnt:
+def _learnt(
+    design: Design, rng: np.random.Generator, most_activity: int
+) -> tuple[list[int] | None, int]:
+    """Draw initial running means and an initial usual activity."""
     mean, activity = None, 0
     if design.own_mean:
         highest = min(design.entry_max, 4 * 256)
@@ -99,7 +88,7 @@ def _learnt(design: Design, rng: np.random.Generator, most_activity: int) -> _Le
     if design.own_mean or design.filters:
         # of as many events as a window at times has, and of many more
         activity = int(2048 * (most_activity / 2048) ** rng.random())
-    return _Learnt(mean, activity)
+    return mean, activity
 
 
 def _windows(

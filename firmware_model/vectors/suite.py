@@ -18,6 +18,7 @@ from firmware_model.errors import DesignError, VectorError
 from firmware_model.hardware.parameters import PACKAGE, package
 from firmware_model.hardware.sources import SIMULATED, copy_sources
 from firmware_model.image import image, kept_bytes, ram_bytes
+from firmware_model.model.comparator import MatchResult
 from firmware_model.model.design import Design, widths_of
 from firmware_model.model.machine import Trace, WindowState
 from firmware_model.model.memories import Memories
@@ -37,9 +38,6 @@ from firmware_model.vectors.manifest import (
     SuiteEntry,
 )
 from firmware_model.vectors.random_cases import random_cases, window_cases
-
-# Contents of a device's memories, word by word, and the meaning of the bits of a word.
-
 
 #: names of the memories, which are also the names of their files
 MEMORIES = ("displacement", "lookup", "codes", "code_tables", "places")
@@ -151,12 +149,8 @@ def word_tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
     return packed
 
 
-_EVENT = ("event", "slot", "count")
-_MATCH = ("window", "place", "sum", "second", "second_sum", "ties", "accepted")
-
-
 def _match_columns(design: Design) -> tuple[str, ...]:
-    return (*_MATCH, "trust") if design.filters else _MATCH
+    return MatchResult._fields if design.filters else MatchResult._fields[:-1]
 
 
 def csv_files(case: Case, done: Trace) -> dict[str, str]:
@@ -166,20 +160,18 @@ def csv_files(case: Case, done: Trace) -> dict[str, str]:
     for kind, values in records(in_order(done)):
         numbered[kind].append(tuple(-1 if value == NONE else value for value in values))
     window = ("window", "events", *(f"slot_{slot}" for slot in slots))
-    files = {} if not done.states else {"expected_states.csv": _states(done)}
+    files = {}
+    if done.states:
+        states = [tuple(-1 if v is None else int(v) for v in state) for state in done.states]
+        files["expected_states.csv"] = formats.csv(WindowState._fields, states)
     return files | {
         "events.csv": formats.csv(("t", "x", "y", "on"), [tuple(map(int, e)) for e in case.events]),
         "pixels.csv": formats.csv(("x", "y"), case.memories.pixels),
         "places.csv": formats.csv([f"slot_{slot}" for slot in slots], case.memories.places),
-        "expected_events.csv": formats.csv(_EVENT, numbered["event"]),
+        "expected_events.csv": formats.csv(("event", "slot", "count"), numbered["event"]),
         "expected_windows.csv": formats.csv(window, numbered["window"]),
         "expected_matches.csv": formats.csv(_match_columns(case.design), numbered["match"]),
     }
-
-
-def _states(done: Trace) -> str:
-    rows = [tuple(-1 if v is None else int(v) for v in state) for state in done.states]
-    return formats.csv(WindowState._fields, rows)
 
 
 def arrays(case: Case, done: Trace) -> dict[str, np.ndarray[Any, Any]]:
@@ -215,7 +207,7 @@ def arrays(case: Case, done: Trace) -> dict[str, np.ndarray[Any, Any]]:
     }
 
 
-# Suites of cases on disk: stimuli, memory images, expected results, and a manifest of them.
+# The suites, and the folder that they are written to.
 
 
 Suites = Mapping[str, Sequence[Case]]
@@ -254,9 +246,10 @@ def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[
     only : str, optional
         Name of the only suite to make; by default all are made.
     """
+    rng = np.random.default_rng(seed)
     makers: dict[str, Callable[[], list[Case]]] = {
         "corners": lambda: corner_cases(design),
-        "random": lambda: _random_suite(design, np.random.default_rng(seed)),
+        "random": lambda: [*random_cases(design, rng), *window_cases(design, rng)],
     }
     if design.filters or design.own_mean:
         makers["filter"] = lambda: filter_cases(design)
@@ -292,10 +285,6 @@ def _estimated_bytes(case: Case) -> int:
     """Estimate the size of the files of a case."""
     design = case.design
     return 40_000 + 225 * len(case.events) + 18 * design.places * design.slots
-
-
-def _random_suite(design: Design, rng: np.random.Generator) -> list[Case]:
-    return [*random_cases(design, rng), *window_cases(design, rng)]
 
 
 def write_suites(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from firmware_model.errors import VectorError
+from firmware_model.model.comparator import MatchResult
 from firmware_model.vectors.case import KINDS, NONE, Record, from_binary
 from firmware_model.vectors.manifest import load_manifest, read_case_file
 
@@ -14,7 +15,7 @@ COMPARED = ("event", "window", "match")
 _FIELDS = {
     "event": ("number", "slot", "count"),
     "window": ("number", "events"),
-    "match": ("window", "place", "sum", "second", "second_sum", "ties", "accepted", "trust"),
+    "match": MatchResult._fields,
 }
 
 
