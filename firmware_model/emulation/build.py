@@ -1,4 +1,7 @@
-"""Compile the reference firmware for this computer and for microcontrollers with Zig."""
+"""Compile the reference firmware for this computer and for microcontrollers with Zig.
+
+Zig comes as a Python package (extra ``firmware``), with everything that it needs for all targets.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from firmware_model.errors import ToolError
-
-# Zig comes as a Python package (extra ``firmware``), with everything that it needs for all targets.
-
 
 SOURCES = Path(__file__).parents[1] / "c"
 FIRMWARE = ("vpr.c", "replay.c")

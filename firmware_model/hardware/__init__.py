@@ -1,1 +1,1 @@
-"""The hardware core in ``firmware_model/rtl``: its parameters, simulation, proofs and size."""
+"""The hardware core in ``firmware_model/rtl``: its parameters, simulation and size."""

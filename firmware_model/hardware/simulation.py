@@ -74,11 +74,6 @@ class Conditions(NamedTuple):
 UNDISTURBED = Conditions()
 
 
-def available() -> bool:
-    """Return whether Icarus Verilog is installed."""
-    return all(shutil.which(tool) for tool in (COMPILER, RUNTIME))
-
-
 def compile_bench(
     package: Path, program: Path, folder: Path = sources.FOLDER, *, slow_blocks: bool = False
 ) -> None:

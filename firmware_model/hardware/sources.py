@@ -35,6 +35,11 @@ UP5K_BENCH = "vpr_up5k_bench.sv"
 COCOTB_BENCH = FOLDER / "cocotb" / "vpr_cocotb.py"
 
 
+def text_of(name: str) -> str:
+    """Return the text of a source file."""
+    return (FOLDER / name).read_text(encoding="ascii")
+
+
 def copy_sources(folder: Path, names: Sequence[str]) -> list[str]:
     """Copy source files into a new folder.
 

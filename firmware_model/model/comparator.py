@@ -21,8 +21,6 @@ from firmware_model.model.design import (
 from firmware_model.model.memories import Memories
 from fixedpoint.activity import ACTIVITY_COSTS, ROW_BITS, SAME_ROW, WEIGHT_BITS, WEIGHT_FROM
 
-# Model of the comparator: distances to all places, best and second best place, acceptance.
-
 
 class MatchResult(NamedTuple):
     """One match; second and second_sum are None if every place lies in the exclusion zone.

@@ -89,9 +89,6 @@ def _shown(value: object) -> str:
         return "a number too long to print"
 
 
-# The design of a device: all its parameters.
-
-
 #: a longer file is no design
 _MOST_BYTES = 1 << 20
 #: sequence length if 0 is given, and costs of steps if none are given

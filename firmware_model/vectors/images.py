@@ -335,7 +335,7 @@ def _overlapping() -> bytes:
     return draft.raw(whole[HEADER_WORDS * 4 :])
 
 
-# Images that `vpr_open` must accept or refuse: fields at their limits, and kinds of damage.
+# All images, and those of sequences: words of the header, tables and products at their limits.
 
 
 @dataclass(frozen=True)

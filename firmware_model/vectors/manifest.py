@@ -12,9 +12,6 @@ from typing import Any, NamedTuple, TypeVar
 from firmware_model.errors import DesignError, VectorError
 from firmware_model.model.design import Design
 
-# Records of a manifest of golden vectors, and their conversion from and to JSON.
-
-
 T = TypeVar("T")
 
 SCHEMA = 1

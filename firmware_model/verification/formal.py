@@ -8,15 +8,10 @@ from pathlib import Path
 
 from firmware_model.errors import ToolError
 from firmware_model.hardware.parameters import PACKAGE, package_with
-from firmware_model.hardware.sources import FOLDER
+from firmware_model.hardware.sources import FOLDER, text_of
 
 #: folder of properties, and of memories without contents
 PROPERTIES = FOLDER / "formal"
-
-
-def core_source(file: str) -> str:
-    """Return the text of a source file of the core."""
-    return (FOLDER / file).read_text(encoding="ascii")
 
 
 def broken_source(file: str, old: str, new: str) -> str:
@@ -27,7 +22,7 @@ def broken_source(file: str, old: str, new: str) -> str:
     ToolError
         If the part to be replaced does not occur exactly once.
     """
-    text = core_source(file)
+    text = text_of(file)
     if text.count(old) != 1:
         raise ToolError(f"{file} has {text.count(old)} times {old!r}: mend the proof's list")
     return text.replace(old, new)

@@ -172,11 +172,7 @@ def mutants(file: str, source: str) -> Iterator[Mutant]:
 
 def all_mutants() -> list[Mutant]:
     """Return the mutants of all units of the core."""
-    return [
-        mutant
-        for file in sources.UNITS
-        for mutant in mutants(file, (sources.FOLDER / file).read_text(encoding="ascii"))
-    ]
+    return [mutant for file in sources.UNITS for mutant in mutants(file, sources.text_of(file))]
 
 
 def reasons_of(every: Sequence[Mutant]) -> dict[Mutant, Outcome]:
@@ -198,8 +194,7 @@ def reasons_of(every: Sequence[Mutant]) -> dict[Mutant, Outcome]:
 
 def _keys(every: Sequence[Mutant]) -> dict[Mutant, tuple[str, str, str]]:
     """Return file, line and changed line of each mutant, without comments and further blanks."""
-    sources_of = {file: (sources.FOLDER / file).read_text("ascii") for file in sources.UNITS}
-    lines = {file: source.split("\n") for file, source in sources_of.items()}
+    lines = {file: sources.text_of(file).split("\n") for file in sources.UNITS}
     return {
         mutant: (
             mutant.file,
@@ -455,7 +450,7 @@ class Bench:
     def found_by(self, mutant: Mutant | None) -> str | None:
         """Return the case that finds a mutant, or fails without a mutant; None if there is none."""
         if mutant is not None:
-            source = (sources.FOLDER / mutant.file).read_text(encoding="ascii").split("\n")
+            source = sources.text_of(mutant.file).split("\n")
             source[mutant.line] = mutant.text
             (self._rtl / mutant.file).write_text("\n".join(source), encoding="ascii")
         try:
@@ -527,7 +522,7 @@ class Bench:
         rtl = folder.with_suffix(".rtl")
         rtl.mkdir()
         for file in sources.SIMULATED:
-            text = (sources.FOLDER / file).read_text(encoding="ascii")
+            text = sources.text_of(file)
             its_own = {number: mutant for number, mutant in left.items() if mutant.file == file}
             if its_own:
                 text, found = with_choice(text, its_own)

@@ -16,12 +16,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from firmware_model.errors import ToolError
-from firmware_model.hardware.sources import UNITS
+from firmware_model.hardware.sources import UNITS, text_of
 from firmware_model.verification.formal import (
     PROPERTIES,
     broken_source,
     chparam,
-    core_source,
     run,
     run_yosys,
     write_package,
@@ -323,7 +322,7 @@ def holds(claim: Claim, changed: Mapping[str, str] | None = None) -> bool:
     with tempfile.TemporaryDirectory() as name:
         folder, model = Path(name), Path(name) / "model.aig"
         for file in claim.files:
-            text = core_source(file) if changed is None or file not in changed else changed[file]
+            text = text_of(file) if changed is None or file not in changed else changed[file]
             if file == f"{CORE}.sv":
                 inside = (PROPERTIES / "vpr_core_inside.sv").read_text(encoding="ascii")
                 text = text.replace("endmodule", f"{inside}endmodule")

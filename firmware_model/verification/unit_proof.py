@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from firmware_model.errors import ToolError
+from firmware_model.hardware.sources import text_of
 from firmware_model.verification.formal import (
     PROPERTIES,
     broken_source,
     chparam,
-    core_source,
     run,
     run_yosys,
     write_package,
@@ -63,7 +63,7 @@ class Unit:
         ToolError
             If a tool is missing, refuses the source, or takes too long.
         """
-        return self._solved(core_source(f"{self.name}.sv"), self.induction)
+        return self._solved(text_of(f"{self.name}.sv"), self.induction)
 
     def refused(self, name: str) -> bool:
         """Return whether a broken version, by its name in `broken`, fails.
