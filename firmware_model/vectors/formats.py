@@ -83,37 +83,26 @@ def coe(table: Table) -> str:
 
 def mif(table: Table) -> str:
     """Format a table as Intel's memory initialisation file."""
-    digits = -(-table.bits // 4)
     lines = [
         f"DEPTH = {len(table.words)};",
         f"WIDTH = {table.bits};",
         "ADDRESS_RADIX = HEX;",
         "DATA_RADIX = HEX;",
         "CONTENT BEGIN",
-        *(f"{address:x} : {word:0{digits}x};" for address, word in enumerate(table.words)),
+        *(f"{address:x} : {word};" for address, word in enumerate(readmemh(table).split())),
         "END;",
     ]
     return "\n".join(lines) + "\n"
 
 
-def intel_hex(data: bytes, address: int = 0) -> str:
-    """Format bytes as Intel HEX from an address on: 16 bytes a line, 32-bit addresses."""
-    lines, upper = [], -1
-    for first in range(0, len(data), 16):
-        at = address + first
-        if at >> 16 != upper:
-            upper = at >> 16
-            lines.append(_hex_line(0, 4, upper.to_bytes(2, "big")))
-        # a line ends where the upper half of the address changes
-        room = 0x10000 - (at & 0xFFFF)
-        chunk = data[first : first + 16]
-        lines.append(_hex_line(at & 0xFFFF, 0, chunk[:room]))
-        if len(chunk) > room:
-            upper += 1
-            lines.append(_hex_line(0, 4, upper.to_bytes(2, "big")))
-            lines.append(_hex_line(0, 0, chunk[room:]))
-    lines.append(":00000001FF")
-    return "\n".join(lines) + "\n"
+def intel_hex(data: bytes) -> str:
+    """Format bytes as Intel HEX from address 0 on: 16 bytes a line, 32-bit addresses."""
+    lines = []
+    for at in range(0, len(data), 16):
+        if at % 0x10000 == 0:
+            lines.append(_hex_line(0, 4, (at >> 16).to_bytes(2, "big")))
+        lines.append(_hex_line(at % 0x10000, 0, data[at : at + 16]))
+    return "\n".join([*lines, ":00000001FF\n"])
 
 
 def _hex_line(address: int, kind: int, data: bytes) -> str:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import Literal, get_args
 
 from firmware_model.emulation.build import SOURCES
 from firmware_model.errors import ToolError
@@ -446,7 +446,11 @@ def survey(
     equal = frozenset(left)
     known = Outcomes(outcomes)
     for mutant in chosen:
-        outcome = _outcome(bench, mutant, known)
+        key = bench.fingerprint(mutant)
+        outcome = known.get(key)
+        if outcome not in get_args(Outcome):
+            outcome = bench.run(mutant)
+            known.keep(key, outcome)
         if outcome == "found":
             result.found += 1
         elif outcome == "does not compile":
@@ -458,15 +462,6 @@ def survey(
             result.unproved.append(mutant)
     result.stale = sorted(left)
     return result
-
-
-def _outcome(bench: Bench, mutant: Mutant, known: Outcomes) -> Outcome:
-    key = bench.fingerprint(mutant)
-    outcome = known.get(key)
-    if outcome not in get_args(Outcome):
-        outcome = bench.run(mutant)
-        known.keep(key, outcome)
-    return cast("Outcome", outcome)
 
 
 def chosen(every: Iterable[Mutant], places: Sequence[str]) -> list[Mutant]:
