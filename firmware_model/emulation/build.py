@@ -70,14 +70,8 @@ def build(
     folder : path
         Where the result goes, and the compiler's cache unless ``ZIG_LOCAL_CACHE_DIR`` is set; made
         if absent.
-    sources : path
-        Folder of the C files.
-    files : sequence of str
-        C files.
     program : str
         C file with the program, which is added for the host.
-    name : str
-        Of the result.
     options : sequence of str
         Further ones for the compiler.
 
@@ -130,19 +124,7 @@ def build_sanitized(folder: str | Path, files: Sequence[str], name: str) -> Path
     Zig's compiler has no AddressSanitizer, so that the compiler of the system is used (gcc or
     clang, with its sanitizer libraries).
 
-    Parameters
-    ----------
-    folder : path
-        Where the result goes.
-    files : sequence of str
-        C files, one of them with the program.
-    name : str
-        Of the result.
-
-    Returns
-    -------
-    path
-        A program that ends by SIGABRT at the first fault.
+    One of the files has the program, which ends by SIGABRT at the first fault.
 
     Raises
     ------

@@ -149,12 +149,7 @@ def _stream(run: _Run, event_bytes: int) -> tuple[list[int], list[int]]:
 
 
 def measure(target: Target, folder: str | Path) -> EvprInstructions:
-    """Count instructions and sizes on one processor.
-
-    Parameters
-    ----------
-    folder : path
-        For what is compiled.
+    """Count instructions and sizes on one processor; `folder` is for what is compiled.
 
     Raises
     ------

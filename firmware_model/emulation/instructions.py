@@ -162,12 +162,7 @@ class FirmwareRun:
 
 
 def measure(target: Target, folder: str | Path) -> Instructions:
-    """Count instructions and sizes on one processor.
-
-    Parameters
-    ----------
-    folder : path
-        For what is compiled.
+    """Count instructions and sizes on one processor; `folder` is for what is compiled.
 
     Raises
     ------

@@ -77,18 +77,7 @@ UNDISTURBED = Conditions()
 def compile_bench(
     package: Path, program: Path, folder: Path = sources.FOLDER, *, slow_blocks: bool = False
 ) -> None:
-    """Compile core and testbench for one design.
-
-    Parameters
-    ----------
-    package : path
-        Generated package of the design.
-    program : path
-        Program to be written.
-    folder : path
-        Folder of the core's sources.
-    slow_blocks : bool
-        Whether the core has registers for slow block memories, as on an ECP5.
+    """Compile core and testbench, with the package of one design, for Icarus Verilog.
 
     Raises
     ------
@@ -114,18 +103,12 @@ def build_bench(
 
     Parameters
     ----------
-    package : path
-        Generated package of the design.
     folder : path
-        New folder.
-    sources_folder : path
-        Folder of the core's sources.
+        New folder, for the program.
     more : sequence of path
-        Sources before them.
+        Sources before those of the core.
     library : path, optional
         Folder of another program, from which Verilator's own library is taken.
-    slow_blocks : bool
-        Same as for `compile_bench`.
 
     Raises
     ------
@@ -159,12 +142,10 @@ def replay(
     seconds: int | None = None,
     trace: Path | None = None,
 ) -> Replay:
-    """Replay a case of golden vectors.
+    """Replay a case of golden vectors: see `run_bench`.
 
     Parameters
     ----------
-    program, case, name, results, conditions, seconds
-        Same as for `run_bench`.
     trace : path, optional
         VCD file of the testbench's signals to be written.
 
@@ -224,15 +205,7 @@ def run_bench(
 
 
 class Programs:
-    """Simulations of the designs of some vectors, each of which is compiled once.
-
-    Parameters
-    ----------
-    work : path
-        Folder for the programs.
-    rtl : path
-        Folder of the core's sources.
-    """
+    """Simulations of the designs of some vectors, each of which is compiled once, in `work`."""
 
     def __init__(self, work: Path, rtl: Path) -> None:
         self._work, self._rtl = work, rtl
@@ -255,12 +228,7 @@ def replay_vectors(
 ) -> Iterator[tuple[str, Replay]]:
     """Replay all cases of vectors that were made with ``rtl``, with the sources beside them.
 
-    Parameters
-    ----------
-    vectors, work : path
-        Folder of the vectors, and a folder for programs and results.
-    conditions : Conditions
-        Each case has its own random numbers.
+    Each case has its own random numbers. Programs and results are written into `work`.
 
     Yields
     ------
