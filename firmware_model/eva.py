@@ -296,9 +296,11 @@ def _ram(design: Design) -> list[str]:
     ]
 
 
-def alarms(
-    design: Design, *, large: bool = False, sources: Path = SOURCES, seconds: int = 600
-) -> list[str]:
+#: time limit of the processor
+_SECONDS = 600
+
+
+def alarms(design: Design, *, large: bool = False, sources: Path = SOURCES) -> list[str]:
     """Return the alarms of Eva for images of a design, each as its line and what may happen.
 
     Parameters
@@ -307,8 +309,6 @@ def alarms(
         See `driver`.
     sources : path
         Folder of the firmware.
-    seconds : int
-        Time limit, of the processor.
 
     Raises
     ------
@@ -324,12 +324,12 @@ def alarms(
         include = f"-cpp-extra-args=-I{sources} -D'_Alignas(n)='"
         options = [*_OPTIONS, *(_LARGE_OPTIONS if large else _SMALL_OPTIONS)]
         command = ["frama-c", *options, include, str(program), str(sources / "vpr.c")]
-        limit = partial(resource.setrlimit, resource.RLIMIT_CPU, (seconds, seconds))
+        limit = partial(resource.setrlimit, resource.RLIMIT_CPU, (_SECONDS, _SECONDS))
         done = subprocess.run(
             command, capture_output=True, text=True, check=False, preexec_fn=limit
         )
     if done.returncode < 0:
-        raise ToolError(f"frama-c took more than {seconds} s")
+        raise ToolError(f"frama-c took more than {_SECONDS} s")
     summary = re.search(r"(\d+) alarms? generated", done.stdout)
     if done.returncode or summary is None or "ANALYSIS SUMMARY" not in done.stdout:
         raise ToolError(f"frama-c does not analyse the firmware: {done.stdout[-500:]}")

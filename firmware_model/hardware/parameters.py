@@ -13,16 +13,16 @@ from firmware_model.model.design import FRACTION_BITS, Design
 
 #: name of the package, and of its file
 PACKAGE = "vpr_pkg"
-#: tables that the core reads from files; places are loaded at run time
-_TABLES = ("displacement", "lookup", "codes", "code_tables")
+#: tables that the core reads from files, by their numbers; places are loaded at run time
+TABLES = ("displacement", "lookup", "codes", "code_tables", "means", "place_activity")
 #: bits of each cost in `STEP_COSTS` and `BACK_COSTS`
 FIXED_COST_BITS = 10
 
 
 def tables(design: Design) -> tuple[str, ...]:
-    """Return the tables that the core of a design reads from files; places are loaded."""
+    """Return those of `TABLES` that the core of a design has."""
     adaptive = {"means": design.own_mean, "place_activity": design.activity_costs > 0}
-    return (*_TABLES, *(name for name, there in adaptive.items() if there))
+    return tuple(name for name in TABLES if adaptive.get(name, True))
 
 
 def constants(design: Design) -> dict[str, int]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from firmware_model.errors import DesignError
+from firmware_model.hardware.parameters import TABLES
 from firmware_model.model.design import Design
 
 #: name of the generated package, and of its file
@@ -21,8 +22,6 @@ PACKAGE = "vpr_registers"
 HEADER = "vpr_registers.h"
 #: value of the register `ID`: "VPR1"
 ID_VALUE = 0x56505231
-#: tables, whose index is their number in `TABLE_ADDRESS`
-TABLES = ("displacement", "lookup", "codes", "code_tables", "means", "place_activity")
 
 
 class Register(NamedTuple):

@@ -105,8 +105,10 @@ def watched_trace(case: Case) -> tuple[Trace, dict[str, int]]:
     """
     done = Trace()
     machine = Machine(case.memories, case.start)
-    found: Counter[str] = Counter(dict.fromkeys(CORNERS, 0))
-    filtered = FilterCoverage(machine) if case.design.filters or case.design.own_mean else None
+    adaptive = case.design.filters or case.design.own_mean
+    corners = CORNERS | FILTER_CORNERS if adaptive else CORNERS
+    found: Counter[str] = Counter(dict.fromkeys(corners, 0))
+    filtered = FilterCoverage(machine, found)
     before: list[int | None] = [None, None]
     rows: list[list[int]] = []
     for event in case.events:
@@ -121,16 +123,14 @@ def watched_trace(case: Case) -> tuple[Trace, dict[str, int]]:
                 distances = [compare(k, result.codes) for k in range(case.design.places)]
                 rows = [distances, *rows[: case.design.length - 1]]
                 _see_distances(case.design, distances, found)
-                if filtered is not None:
-                    filtered.see_window(result, distances)
+                filtered.see_window(result, distances)
             elif isinstance(result, MatchResult) and case.design.filters:
-                assert filtered is not None, "of a filter"
                 filtered.see_match(result)
             elif isinstance(result, MatchResult):
                 _see_match(case.design, result, rows, found)
         found["gap"] += ended >= 3
     done.states = machine.states
-    return done, dict(found) | (dict(filtered.found) if filtered is not None else {})
+    return done, dict(found)
 
 
 def _see_event(
@@ -299,11 +299,13 @@ _OF_RESIDUALS = (
 
 
 class FilterCoverage:
-    """Counts corners from the states of a machine, before each window changes them."""
+    """Counts corners from the states of a machine, before each window changes them.
 
-    def __init__(self, machine: Machine) -> None:
-        self.machine = machine
-        self.found: Counter[str] = Counter(dict.fromkeys(FILTER_CORNERS, 0))
+    Of sequences without own-mean codes there are none.
+    """
+
+    def __init__(self, machine: Machine, found: Counter[str]) -> None:
+        self.machine, self.found = machine, found
         self._residuals = (0, 0, 0)  # of the last matches, the newest first
         self._paused = self._restarted = False
         self._last = -1
