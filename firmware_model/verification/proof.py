@@ -1,9 +1,9 @@
 """Prove what the core must do: ``python -m firmware_model.verification.proof``.
 
-The proofs use yosys and its yosys-smtbmc with the solver z3 (``apt install yosys z3``, or the
-package ``z3-solver``), and its model checker pdr for the core's streams. The files in ``formal/``
-state what must hold. No proof has a bound on the number of clocks, unless its claim says so. Each
-deliberately broken version must be refused, and so must be the claim that a state is never reached.
+The proofs use yosys and the model checker pdr of its yosys-abc (``apt install yosys``). The files
+in ``formal/`` state what must hold. No proof has a bound on the number of clocks, unless its claim
+says so. Each deliberately broken version must be refused, and so must be the claim that a state is
+never reached.
 Each line ends with the seconds of the processor; ``--table`` puts those of the claims about the
 core's streams into a table, in which those of other runs stay.
 """
@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from firmware_model.errors import ToolError
-from firmware_model.verification import stream_proof, unit_proof
+from firmware_model.verification import claims
+from firmware_model.verification.formal import holds
 
 
 class Trial(NamedTuple):
@@ -68,18 +69,12 @@ def _processor_seconds() -> float:
 
 def _trials() -> Iterator[Trial]:
     """Yield all proofs and covers, and the broken versions that must be refused."""
-    proofs = {name: unit.proved for name, unit in unit_proof.PROVED.items()}
-    proofs |= {claim.name: partial(stream_proof.holds, claim) for claim in stream_proof.CLAIMS}
-    for name, proof in proofs.items():
-        yield Trial(name, proof, "proved", "NOT PROVED")
-    for claim in stream_proof.REACHED:
-        reached = partial(stream_proof.reached, claim)
-        yield Trial(claim.name, reached, "refused", "NEVER REACHED")
-    broken_units = (unit_proof.SMALL_SEARCH, unit_proof.PREDICTION, unit_proof.TIMER)
-    trials = {name: partial(unit.refused, name) for unit in broken_units for name in unit.broken}
-    trials |= {name: partial(stream_proof.refused, name) for name in stream_proof.BROKEN}
-    for name, trial in trials.items():
-        yield Trial(name, trial, "refused", "NOT REFUSED")
+    for claim in claims.CLAIMS:
+        yield Trial(claim.name, partial(holds, claim), "proved", "NOT PROVED")
+    for claim in claims.REACHED:
+        yield Trial(claim.name, partial(claims.reached, claim), "refused", "NEVER REACHED")
+    for name in claims.BROKEN:
+        yield Trial(name, partial(claims.refused, name), "refused", "NOT REFUSED")
 
 
 def _put(table: Path, name: str, seconds: float | None) -> None:
@@ -87,7 +82,7 @@ def _put(table: Path, name: str, seconds: float | None) -> None:
 
     Its cell has the seconds and the bound, if there is one; a claim without a proof has none.
     """
-    kinds = list(stream_proof.CORE_KINDS)
+    kinds = list(claims.CORE_KINDS)
     cells: dict[tuple[str, str], str] = {}
     if table.exists():
         with table.open(newline="", encoding="utf-8") as file:
@@ -98,16 +93,16 @@ def _put(table: Path, name: str, seconds: float | None) -> None:
             for kind, cell in zip(head[1:], row[1:], strict=True)
             if cell
         }
-    for define, claim in stream_proof.CORE_CLAIMS.items():
+    for define, claim in claims.CORE_CLAIMS.items():
         for kind in kinds:
-            stated = stream_proof.core_claim(define, kind)
+            stated = claims.core_claim(define, kind)
             if stated.name == name:
                 first = f"first {stated.bound} clocks: " if stated.bound else ""
                 cells[claim, kind] = "" if seconds is None else f"{first}{seconds:.0f}"
     with table.open("w", newline="", encoding="utf-8") as file:
         rows_now = (
             [claim, *(cells.get((claim, kind), "") for kind in kinds)]
-            for claim in stream_proof.CORE_CLAIMS.values()
+            for claim in claims.CORE_CLAIMS.values()
             if any(cells.get((claim, kind)) for kind in kinds)
         )
         csv.writer(file, lineterminator="\n").writerows([["claim", *kinds], *rows_now])

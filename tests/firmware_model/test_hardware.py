@@ -52,10 +52,9 @@ from firmware_model.vectors import (
 )
 from firmware_model.vectors.random_cases import random_adaptive_design, random_cases, random_design
 from firmware_model.verification import (
+    claims,
     formal,
     proof,
-    stream_proof,
-    unit_proof,
 )
 from firmware_model.verification import (
     hardware_mutants as mutants,
@@ -772,10 +771,8 @@ def test_every_proof_of_an_equal_mutant_is_of_one_and_says_something():
     assert all(len(entry["why"]) > 10 for entry in given["equal"])
     # the tests and proofs that find others are there
     tests = Path(__file__).read_text(encoding="utf-8")
-    assert all(
-        entry["by"] in unit_proof.PROVED or f"def {entry['by']}(" in tests
-        for entry in given["found"]
-    )
+    proved = {claim.name for claim in claims.CLAIMS}
+    assert all(entry["by"] in proved or f"def {entry['by']}(" in tests for entry in given["found"])
 
 
 def test_the_mutants_of_a_source_are_in_one_text_but_for_those_of_its_elaboration():
@@ -1275,7 +1272,8 @@ def test_each_proof_has_a_line_and_one_without_an_answer_does_not_end_the_others
     def no_answer():
         raise ToolError("yosys-abc took more than 5 s")
 
-    first, second = stream_proof.CLAIMS[3].name, stream_proof.CLAIMS[4].name
+    by_time, *_ = claims.CORE_KINDS
+    first, second = (claims.core_claim(define, by_time).name for define in ("EVENT", "WINDOW"))
     trials = [
         proof.Trial(first, lambda: True, "proved", "NOT PROVED"),
         proof.Trial(second, no_answer, "proved", "NOT PROVED"),
@@ -1290,45 +1288,40 @@ def test_each_proof_has_a_line_and_one_without_an_answer_does_not_end_the_others
     assert proof.main(["--only", "m_event stays"]) == 0
     with (tmp_path / "t.csv").open(encoding="utf-8", newline="") as file:
         head, *rows = csv.reader(file)
-    assert head == ["claim", *stream_proof.CORE_KINDS]
+    assert head == ["claim", *claims.CORE_KINDS]
     # what has no answer has no seconds
     assert [row[1] for row in rows] == ["0"]
-    assert [row[0] for row in rows] == [stream_proof.CORE_CLAIMS["EVENT"]]
+    assert [row[0] for row in rows] == [claims.CORE_CLAIMS["EVENT"]]
 
 
-@needs("yosys", "yosys-smtbmc", "z3")
-def test_the_search_is_proved_and_broken_ones_are_refused():
-    """One size and one broken version; the command has all."""
-    assert unit_proof.search(unit_proof.Size(1, 2, 3)).proved()
-    assert unit_proof.SMALL_SEARCH.refused("of equal sums the highest place is best")
-    for old, new in unit_proof.SMALL_SEARCH.broken.values():
-        assert formal.broken_source("vpr_search.sv", old, new)
-
-
-@needs("yosys", "yosys-smtbmc", "z3")
-def test_broken_predictions_of_the_filter_are_refused():
-    """The command proves the prediction as it is, which takes a minute."""
-    assert all(map(unit_proof.PREDICTION.refused, unit_proof.PREDICTION.broken))
+@needs("yosys", "yosys-abc")
+def test_the_search_and_the_prediction_of_the_filter_are_proved():
+    """Of small sizes; the command has all."""
+    assert formal.holds(claims.SMALL_SEARCH)
+    assert formal.holds(claims.PREDICTION)
 
 
 @pytest.mark.slow
-@needs("yosys", "yosys-smtbmc", "z3")
-def test_the_end_of_a_window_by_time_is_proved_and_broken_timers_are_refused():
-    assert unit_proof.TIMER.proved()
-    assert all(map(unit_proof.TIMER.refused, unit_proof.TIMER.broken))
+@needs("yosys", "yosys-abc")
+def test_the_end_of_a_window_by_time_is_proved():
+    assert formal.holds(claims.TIMER)
 
 
 @pytest.mark.slow
 @needs("yosys", "yosys-abc")
 def test_counters_delays_and_events_are_proved_for_any_number_of_clocks():
     """Claims that take a second each; the command proves those about windows and matches too."""
-    _, by_count, *_ = stream_proof.CORE_KINDS
-    assert stream_proof.holds(stream_proof.COUNTERS)
-    assert stream_proof.holds(stream_proof.DELAY)
-    assert stream_proof.holds(stream_proof.DELAY_OF_THREE)
+    _, by_count, *_ = claims.CORE_KINDS
+    assert formal.holds(claims.COUNTERS)
+    assert formal.holds(claims.DELAY)
+    assert formal.holds(claims.DELAY_OF_THREE)
     for slow_blocks in (False, True):
-        claim = stream_proof.core_claim("EVENT", by_count, slow_blocks=slow_blocks)
-        assert stream_proof.holds(claim)
+        claim = claims.core_claim("EVENT", by_count, slow_blocks=slow_blocks)
+        assert formal.holds(claim)
+
+
+#: broken versions of the timer
+TIMERS = [name for name, broken in claims.BROKEN.items() if broken[0] == claims.TIMER]
 
 
 @needs("yosys", "yosys-abc")
@@ -1340,11 +1333,15 @@ def test_counters_delays_and_events_are_proved_for_any_number_of_clocks():
         "the count before the last is not looked at",
         "an event is lost when the window is full",
         "a core stops after its first match",
+        "of equal sums the highest place is best",
+        "the dearer of two ways is taken",
+        "a place off the map is one to come from",
+        *TIMERS,
     ],
 )
-def test_broken_streams_are_refused(name):
-    """Of counters and events; the command has all."""
-    assert stream_proof.refused(name)
+def test_broken_versions_are_refused(name):
+    """Of counters, events and units; the command has all."""
+    assert claims.refused(name)
 
 
 @pytest.mark.slow
@@ -1352,18 +1349,18 @@ def test_broken_streams_are_refused(name):
 @pytest.mark.parametrize("define", ["THREE", "WAIT"])
 def test_the_proved_core_reaches_what_claims_are_about(define):
     """A claim about a core that does nothing would hold; the command has all covers."""
-    _, by_count, *_ = stream_proof.CORE_KINDS
-    assert not stream_proof.holds(stream_proof.cover(define, by_count))
+    _, by_count, *_ = claims.CORE_KINDS
+    assert not formal.holds(claims.cover(define, by_count))
 
 
 def test_each_broken_version_breaks_the_source_as_it_is():
     """The text that it replaces is there once, and its claim is one that is proved."""
-    for claim, file, old, new in stream_proof.BROKEN.values():
-        assert claim in stream_proof.CLAIMS
+    for claim, file, old, new in claims.BROKEN.values():
+        assert claim in claims.CLAIMS
         assert formal.broken_source(file, old, new) != sources.text_of(file)
-    assert {claim.define for claim, *_ in stream_proof.BROKEN.values()} == {
+    assert {claim.define for claim, *_ in claims.BROKEN.values()} == {
         "PROVE_UNIT",
-        *(f"PROVE_{define}" for define in stream_proof.CORE_CLAIMS),
+        *(f"PROVE_{define}" for define in claims.CORE_CLAIMS),
     }
     with pytest.raises(ToolError, match="0 times 'no such text'"):
         formal.broken_source("vpr_core.sv", "no such text", "")
@@ -1395,7 +1392,7 @@ def test_missing_tools_are_told_in_one_line(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("PATH", str(tmp_path))
     for run, words, remedy in (
         (replay.main, [str(folder)], "install iverilog"),
-        (proof.main, [], "install yosys and z3"),
+        (proof.main, [], "install yosys"),
         (report.main, ["--seeds", "1"], "apt install yosys"),
     ):
         assert run(words) == 1

@@ -1,4 +1,4 @@
-// What vpr_prediction must compute, for any metrics at any times: properties for yosys-smtbmc.
+// What vpr_prediction must compute, for any metrics at any times.
 //
 // The metrics of the last places are kept here as they came, and the cheapest path is taken from them
 // with as many bits as it may need. Metrics come two clocks apart at least, and the costs of steps

@@ -1,8 +1,8 @@
-// What vpr_search must compute, for any number of sums at any times: properties for yosys-smtbmc.
+// What vpr_search must compute, for any number of sums at any times.
 //
 // One place `k` and one sum `v`, chosen freely and kept, stand for all. Places begin anywhere. The
 // search's registers are seen through ports that the proof's script adds to it; they serve the
-// induction alone (INDUCTION), so that broken versions are refused by what the outputs must be.
+// invariant alone (INDUCTION), so that broken versions are refused by what the outputs must be.
 module vpr_search_properties #(
     localparam EXCLUSION  = vpr_pkg::EXCLUSION,
     localparam SUM_BITS   = vpr_pkg::SUM_BITS,

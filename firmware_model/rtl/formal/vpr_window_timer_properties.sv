@@ -1,6 +1,5 @@
-// When vpr_window_timer says that a window is over, for any times: properties for yosys-smtbmc. The
-// end of the open window is kept here as a sum; the unit's own is seen through a port that the
-// proof's script adds.
+// When vpr_window_timer says that a window is over, for any times. The end of the open window is kept
+// here as a sum; the unit's own is seen through a port that the proof's script adds.
 module vpr_window_timer_properties #(
     localparam TIMESTAMP_BITS = vpr_pkg::TIMESTAMP_BITS,
     localparam TAU_US         = vpr_pkg::TAU_US

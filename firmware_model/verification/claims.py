@@ -1,41 +1,27 @@
-"""Claims about the core's streams, windows, matches and counters, for the model checker pdr.
+"""What the core must do: claims about its units, its streams, windows and matches.
 
-The core has small parameters. Its memories are replaced by ones that return any word, so that a
-claim holds for all tables, places and contents, and its activity by one that says anything.
-`formal/vpr_core_properties.sv` states what must hold at the core's ports,
-``formal/vpr_core_inside.sv`` what must hold inside it, and
-``formal/vpr_counters_properties.sv`` what must hold for the counters.
+The core has small parameters. In claims about the whole core, its memories are replaced by ones
+that return any word, so that a claim holds for all tables, places and contents, and its activity by
+one that says anything. The files of ``rtl/formal`` state what must hold at the ports of the core or
+of a unit, and ``vpr_core_inside.sv`` what must hold inside the core.
 """
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import NamedTuple
 
-from firmware_model.errors import ToolError
-from firmware_model.hardware.sources import UNITS, text_of
+from firmware_model.hardware.sources import UNITS
 from firmware_model.verification.formal import (
-    PROPERTIES,
+    SIMPLIFIED,
+    UNBOUNDED,
+    Claim,
     broken_source,
-    chparam,
-    run,
-    run_yosys,
-    write_package,
+    holds,
 )
 
-#: commands of yosys-abc that prove a claim for any number of clocks; the same where these give no
-#: answer
-UNBOUNDED, SIMPLIFIED = "fold; pdr", "fold; scorr; dc2; scorr; pdr"
-#: clocks of a claim about the first ones alone; a core of sequences has its second window in fewer
+#: first clocks that claims with a bound are about; cores of sequences have two windows in fewer
 CLOCKS, CLOCKS_OF_SEQUENCES = 120, 80
-#: time limit of the model checker
-_SECONDS = 3600
-
-#: module of the core
-CORE = "vpr_core"
 #: claim of each define of ``vpr_core_properties.sv``
 CORE_CLAIMS = {
     "EVENT": "m_event stays until it is taken, and returns each event that s_event took",
@@ -67,6 +53,10 @@ _SMALL = {
 }  # fmt: skip
 
 
+#: claim that must refuse a broken version, its file, the replaced text, and its replacement
+Broken = tuple[Claim, str, str, str]
+
+
 class Kind(NamedTuple):
     """Clocks within which the core must get on, and its constants beside those of `_SMALL`."""
 
@@ -91,46 +81,11 @@ CORE_KINDS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Claim:
-    """Assertions of a file of properties, about units with some parameters.
-
-    Attributes
-    ----------
-    name : str
-        The claim as a sentence.
-    top : str
-        Module of the properties.
-    files : tuple of str
-        Source files of the units.
-    define : str
-        Define of the assertions that are proved.
-    constants : dict of str to int
-        Of the package of sizes and widths.
-    parameters : dict of str to int
-        Parameters of `top`.
-    free_memories : bool
-        Whether memories return any word, and the activity is any.
-    method : str
-        `UNBOUNDED` or `SIMPLIFIED`.
-    bound : int or None
-        Number of the first clocks that it is about; None if it is about all.
-    """
-
-    name: str
-    top: str
-    files: tuple[str, ...]
-    define: str = "PROVE_UNIT"
-    constants: dict[str, int] = field(default_factory=dict)
-    parameters: dict[str, int] = field(default_factory=dict)
-    free_memories: bool = False
-    method: str = UNBOUNDED
-    bound: int | None = None
-
-
-#: units of the core but for those of the activity, which is replaced
-_UNITS_OF_CORE = tuple(
-    unit for unit in UNITS if unit not in ("vpr_activity.sv", "vpr_logarithm.sv")
+#: units of the core, and what stands for its memories and its activity
+_CORE = (
+    "formal/vpr_free_memories.sv",
+    "formal/vpr_free_activity.sv",
+    *(unit for unit in UNITS if unit not in ("vpr_activity.sv", "vpr_logarithm.sv")),
 )
 
 
@@ -150,7 +105,7 @@ def core_claim(define: str, kind: str, *, slow_blocks: bool = False) -> Claim:
     claim = _of_core(name, f"PROVE_{define}", kind, bound, slow_blocks=slow_blocks)
     return replace(
         claim,
-        constants=claim.constants | _OF_FILTERS.get(define, {}),
+        constants={**claim.constants, **_OF_FILTERS.get(define, {})},
         method=SIMPLIFIED if define == "MATCH" and filters else UNBOUNDED,
     )
 
@@ -169,11 +124,60 @@ def _of_core(
     patience, progress, constants = CORE_KINDS[kind]
     parameters = {"PATIENCE": patience, "PROGRESS": progress, "SLOW_BLOCKS": int(slow_blocks)}
     return Claim(
-        name, f"{CORE}_properties", _UNITS_OF_CORE, define, _SMALL | constants, parameters,
-        free_memories=True, bound=bound,
-    )  # fmt: skip
+        name, "vpr_core_properties", _CORE, define, _SMALL | constants, parameters, bound=bound
+    )
 
 
+_REGISTERS_OF_SEARCH = (
+    *("delay.delayed_q", "filled_q", "behind_q", "has_left_q", "left_q", "left_sum_q", "update_q"),
+    *("sum_lower_q", "sum_equal_q", "sum_below_second_q", "oldest_lower_q", "oldest_place_q"),
+)
+
+
+class Size(NamedTuple):
+    """Sizes of a search that is proved."""
+
+    exclusion: int
+    sum_bits: int
+    place_bits: int
+
+
+def search(size: Size, *, induction: bool = True) -> Claim:
+    """Return the claim that the search of one size finds the best and the second best.
+
+    `induction` adds assertions about its registers, with which pdr finds the invariant sooner.
+    """
+    return Claim(
+        str(size),
+        "vpr_search_properties",
+        ("formal/vpr_shift_delay.sv", "vpr_search.sv"),
+        constants={name.upper(): value for name, value in size._asdict().items()},
+        parameters={"INDUCTION": int(induction)},
+        exposed=_REGISTERS_OF_SEARCH,
+    )
+
+
+#: the search of the broken versions, by its outputs alone
+SMALL_SEARCH = search(Size(1, 2, 3), induction=False)
+#: each prediction is the cost of the cheapest path, and at most that of a restart; with steps of 0,
+#: 1 and 2 places of any costs, and one back
+PREDICTION = Claim(
+    "prediction of the place filter",
+    "vpr_prediction_properties",
+    ("vpr_prediction.sv",),
+    constants={
+        "STEPS": 3, "BACK": 1, "COST_BITS": 4, "BACK_COSTS": 3, "RESTART": 9, "METRIC_BITS": 4,
+    },
+    exposed=("entries_q",),
+)  # fmt: skip
+#: a window by time ends when the time of an event requires it, of 6 bits
+TIMER = Claim(
+    "end of a window by time",
+    "vpr_window_timer_properties",
+    ("vpr_window_timer.sv",),
+    constants={"TIMESTAMP_BITS": 6, "TAU_US": 11},
+    exposed=("end_inverse_q", "behind_q", "due_q"),
+)
 COUNTERS = Claim(
     "each event raises the count of its slot by one, up to its maximum",
     "vpr_counters_properties",
@@ -188,6 +192,10 @@ DELAY = Claim(
 #: the delay line of pixels behind slow block memories
 DELAY_OF_THREE = replace(DELAY, name=f"{DELAY.name}, of 3 words", parameters={"STEPS": 3})
 CLAIMS = (
+    *map(search, (Size(0, 4, 4), Size(1, 3, 3), Size(2, 3, 4), Size(3, 4, 4))),
+    SMALL_SEARCH,
+    PREDICTION,
+    TIMER,
     COUNTERS,
     DELAY,
     DELAY_OF_THREE,
@@ -214,8 +222,76 @@ REACHED = (
         for define in ("THREE", "RESET", "WAIT")
     ),
 )
-#: broken versions: the claim that must refuse each, its file, the replaced text and its replacement
-BROKEN: dict[str, tuple[Claim, str, str, str]] = {
+
+
+def _broken(claim: Claim, texts: dict[str, tuple[str, str]]) -> dict[str, Broken]:
+    """Return broken versions of the unit that a claim is about."""
+    return {name: (claim, claim.files[-1], *text) for name, text in texts.items()}
+
+
+#: broken versions
+BROKEN: dict[str, Broken] = {
+    **_broken(
+        SMALL_SEARCH,
+        {
+            "of equal sums the highest place is best": (
+                "below_best[SUM_BITS];",
+                "below_best[SUM_BITS] || sum_i == best_sum_o;",
+            ),
+            "of equal seconds the highest place wins": (
+                "below_second[SUM_BITS];",
+                "below_second[SUM_BITS] || sum_i == second_sum_o;",
+            ),
+            "of equal sums on the left the highest wins": (
+                "below_left[SUM_BITS];",
+                "below_left[SUM_BITS] || oldest == left_sum_q;",
+            ),
+            "the second best may lie at the zone's edge": (
+                "behind_q == ZONE_BITS'(EXCLUSION)",
+                "behind_q == ZONE_BITS'(EXCLUSION - 1)",
+            ),
+            "the place on the left is off by one": (
+                "place_i - PLACE_BITS'(DELAY)",
+                "place_i - 1'b1",
+            ),
+            "a sum leaves the delay line too early": (
+                "leaves   = filled_q == ZONE_BITS'(DELAY)",
+                "leaves   = filled_q >= ZONE_BITS'(EXCLUSION)",
+            ),
+            "a new best forgets the place that leaves": (
+                "second_o     <= left_d;",
+                "second_o     <= left_q;",
+            ),
+            "a new best keeps the ties": (
+                "ties_o       <= '0;\n                behind_q",
+                "behind_q",
+            ),
+            "a match begins with the left of the last": (
+                "has_left_q   <= 1'b0;\n            has_best_o",
+                "has_best_o",
+            ),
+            "the best is never replaced": ("!has_best_o || sum_lower_q", "!has_best_o"),
+        },
+    ),
+    **_broken(
+        PREDICTION,
+        {
+            "the dearer of two ways is taken": ("right < left ?", "right > left ?"),
+            "a place off the map is one to come from": ("shifts_off_q || !below", "!below"),
+        },
+    ),
+    **_broken(
+        TIMER,
+        {
+            "half a clock behind the end is before it": (" || low_zero_q;", ";"),
+            "an end is added without its carry": ("^ added_q ^ end_carry_q", "^ added_q"),
+            "an event keeps the carry of the one before": (
+                "            behind_carry_q <= '0;\n",
+                "",
+            ),
+            "a carry between the halves is lost": ("(due_q && passes_q)", "1'b0"),
+        },
+    ),
     "an event that is not taken is overwritten": (
         core_claim("EVENT", _BY_TIME),
         "vpr_events.sv",
@@ -288,73 +364,22 @@ BROKEN: dict[str, tuple[Claim, str, str, str]] = {
         "sum_last_o = place_o == PLACE_BITS'(PLACES - 1);",
         "sum_last_o = 1'b0;",
     ),
-    "the last count of a slot is not looked at": (
+    **_broken(
         COUNTERS,
-        "vpr_counters.sv",
-        "same_1_q ? raised_o : ",
-        "",
+        {
+            "the last count of a slot is not looked at": ("same_1_q ? raised_o : ", ""),
+            "the count before the last is not looked at": ("same_2_q ? written_q : ", ""),
+            "a drained count is kept": ("clears_q ? '0 : ", ""),
+            "a count wraps": ("count == FULL ? FULL : count", "count"),
+        },
     ),
-    "the count before the last is not looked at": (
-        COUNTERS,
-        "vpr_counters.sv",
-        "same_2_q ? written_q : ",
-        "",
+    **_broken(
+        DELAY,
+        {
+            "a delay line has a word more": ("STEPS - 1) ? '0", "STEPS) ? '0"),
+        },
     ),
-    "a drained count is kept": (COUNTERS, "vpr_counters.sv", "clears_q ? '0 : ", ""),
-    "a delay line has a word more": (DELAY, "vpr_delay.sv", "STEPS - 1) ? '0", "STEPS) ? '0"),
-    "a count wraps": (COUNTERS, "vpr_counters.sv", "count == FULL ? FULL : count", "count"),
 }
-
-
-def holds(claim: Claim, changed: Mapping[str, str] | None = None) -> bool:
-    """Return whether a claim holds: for any number of clocks, unless it is of the first alone.
-
-    Parameters
-    ----------
-    changed : mapping of str to str, optional
-        Text of changed source files, by name.
-
-    Raises
-    ------
-    ToolError
-        If a tool is missing, refuses the source, or gives no answer in time.
-    """
-    with tempfile.TemporaryDirectory() as name:
-        folder, model = Path(name), Path(name) / "model.aig"
-        for file in claim.files:
-            text = text_of(file) if changed is None or file not in changed else changed[file]
-            if file == f"{CORE}.sv":
-                inside = (PROPERTIES / "vpr_core_inside.sv").read_text(encoding="ascii")
-                text = text.replace("endmodule", f"{inside}endmodule")
-            (folder / file).write_text(text, encoding="ascii")
-        files = [folder / file for file in claim.files]
-        package = write_package(folder, claim.constants)
-        if claim.free_memories:
-            free = ("vpr_free_memories.sv", "vpr_free_activity.sv")
-            files = [*(PROPERTIES / name for name in free), *files]
-        files = [package, *files, PROPERTIES / f"{claim.top}.sv"]
-        run_yosys(
-            [
-                f"read_verilog -formal -sv -D{claim.define} {' '.join(map(str, files))}",
-                chparam(claim.parameters, claim.top),
-                f"hierarchy -check -top {claim.top}",
-                "proc; flatten; memory_map; opt -fast; async2sync; dffunmap; opt_clean",
-                "formalff -clk2ff; setundef -anyseq -undriven",
-                "opt -fast; techmap; opt -fast; abc -g AND -fast; opt_clean",
-                # registers without an initial value begin with any value
-                f"write_aiger -zinit -I -B {model}",
-            ],
-            claim.top,
-        )
-        # property directed reachability (pdr) finds an invariant and checks it
-        bounded = f"fold; strash; bmc3 -F {claim.bound}"
-        method = claim.method if claim.bound is None else bounded
-        done = run(["yosys-abc", "-c", f"read_aiger {model}; {method}"], _SECONDS)
-    if "Property proved." in done.stdout or f"asserted in {claim.bound} frames" in done.stdout:
-        return True
-    if "was asserted in frame" in done.stdout:
-        return False
-    raise ToolError(f"yosys-abc gives no answer: {(done.stderr + done.stdout).strip()}")
 
 
 def reached(claim: Claim) -> bool:
