@@ -53,7 +53,7 @@ test-oldest:
 
 # the firmware by abstract interpretation: apt install frama-c-base
 eva: $(call STAMP,test)
-	$(BIN)/python -m firmware_model.eva
+	$(BIN)/python -m firmware_model.verification.eva
 
 lint: $(call STAMP,test)
 	$(BIN)/ruff check .

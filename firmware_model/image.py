@@ -113,7 +113,7 @@ def image(memories: Memories) -> bytes:
         body += table.ljust(_aligned(len(table)), b"\0")
     by_time = design.window == "time"
     by_ratio = design.accept == "ratio"
-    header = {
+    header: dict[int, int] = {
         Word.MAGIC: MAGIC,
         Word.VERSION: VERSION,
         Word.BYTES: HEADER_WORDS * 4 + len(body),
@@ -148,7 +148,7 @@ def image(memories: Memories) -> bytes:
             Word.KEEP_DISTANCES: int(design.keep_distances),
             Word.TRUST: design.trust,
         }
-    words = [header.get(Word(at), 0) if at < len(Word) else 0 for at in range(HEADER_WORDS)]
+    words = [header.get(word, 0) for word in range(HEADER_WORDS)]
     return struct.pack(f"<{HEADER_WORDS}I", *words) + body
 
 

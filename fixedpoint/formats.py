@@ -9,8 +9,6 @@ import numpy as np
 
 from fixedpoint.errors import FixedPointError
 
-_CONTAINERS = (8, 16, 32, 64)
-
 
 @dataclass(frozen=True)
 class UnsignedFormat:
@@ -80,9 +78,8 @@ class UnsignedFormat:
         FixedPointError
             If they have more than 64 bits.
         """
-        for bits in _CONTAINERS:
-            if self.width <= bits:
-                return np.dtype(f"uint{bits}")
-        raise FixedPointError(
-            f"{self.width} bits have no container of at most 64 bits: take a narrower format"
-        )
+        if self.width > 64:
+            raise FixedPointError(
+                f"{self.width} bits have no container of at most 64 bits: take a narrower format"
+            )
+        return np.min_scalar_type(self.highest)

@@ -1,5 +1,5 @@
 /* `vectors BUNDLE`: images that must open or must not, and cases with their expected records, all in
- * one file (firmware_model/vectors/images.py). Stops at the first difference. Not part of the
+ * one file (firmware_model/verification/images.py). Stops at the first difference. Not part of the
  * firmware. */
 #define _DEFAULT_SOURCE
 

@@ -23,12 +23,12 @@ import numpy as np
 from firmware_model.emulation.build import build_sanitized
 from firmware_model.errors import ToolError
 from firmware_model.image import image
-from firmware_model.vectors.images import image_cases, packed_block
 from firmware_model.vectors.random_cases import (
     random_adaptive_design,
     random_design,
     random_memories,
 )
+from firmware_model.verification.images import image_cases, packed_block
 
 FILES = ("vpr.c", "plain.c", "fuzz_main.c")
 #: number of undamaged images of random designs, in addition to those of `image_cases`

@@ -10,7 +10,7 @@ from firmware_model.model.descriptor import ACTIVITY_SHIFT
 from firmware_model.model.design import ACTIVITY_BITS, Design, ilog
 from firmware_model.vectors.case import Case, Stream
 from firmware_model.vectors.filter_corners import evidence_cases, long_window
-from firmware_model.vectors.images import LongWindow
+from firmware_model.verification.images import LongWindow
 from fixedpoint.activity import EVENTS_TOP
 
 

@@ -24,7 +24,7 @@ from firmware_model.errors import ToolError
 from firmware_model.model.design import Design
 from firmware_model.vectors.corners import corner_cases
 from firmware_model.vectors.filter_corners import filter_cases
-from firmware_model.vectors.images import bundle, image_cases
+from firmware_model.verification.images import bundle, image_cases
 from firmware_model.verification.large_cases import large_cases, long_windows
 from firmware_model.verification.outcomes import Outcomes, mutants_at
 

@@ -7,7 +7,7 @@ import shutil
 import pytest
 
 from firmware_model.emulation.build import SOURCES
-from firmware_model.eva import SIZES, alarms
+from firmware_model.verification.eva import SIZES, alarms
 
 pytestmark = [
     pytest.mark.skipif(

@@ -33,12 +33,12 @@ from firmware_model.vectors import (
     standard_suites,
     to_binary,
 )
-from firmware_model.vectors.images import image_cases
 from firmware_model.vectors.random_cases import (
     random_adaptive_design,
     random_design,
     random_memories,
 )
+from firmware_model.verification.images import image_cases
 
 pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
 pytest.importorskip("unicorn", reason="unicorn is not installed (extra firmware)")

@@ -4,16 +4,16 @@ Frama-C's Eva (``apt install frama-c-base``) runs the firmware on all values at 
 access outside the image or the RAM, a read of what was not written, a division by zero, a shift by
 too much or an overflow that it cannot exclude. The command fails if there is one.
 
-It is an induction over the calls. `vpr_reset` leaves a state within `_WITHIN`; of any state within
-it, with any contents of the RAM, `vpr_events` with any events, `vpr_window_end` and
-`vpr_match_places` lead to a state within it again. No end of a stream, no start, and no content of
+It is an induction over the calls. `vpr_reset` leaves a state that passes `check` of the driver; of
+any such state, with any contents of the RAM, `vpr_events` with any events, `vpr_window_end` and
+`vpr_match_places` lead to one that passes it again. No end of a stream, no start, and no content of
 a metric, a mean or a distance is left out.
 
-In images of `cases` the sizes alone are given. All tables are any bytes, and so are the words of
+In images of `SIZES` the sizes alone are given. All tables are any bytes, and so are the words of
 the header in `FREE`: what `vpr_open` lets through is what Eva goes on with. For the look-up this
 takes two parts, because Eva does not know which words of an entry go together: no entry is of a
 pixel, and has any slots; or any is, and has slots that are counters. An event reads one entry.
-In images of `large_cases` the loops are too long to be unrolled: the tables have any entries within
+In images of `LARGE_SIZES` the loops are too long to be unrolled: the tables have any entries within
 `_ranges`, which `vpr_open` of the others is shown to demand.
 """
 
