@@ -142,23 +142,23 @@ class Size(NamedTuple):
     place_bits: int
 
 
-def search(size: Size, *, induction: bool = True) -> Claim:
+def search(size: Size, *, invariant: bool = True) -> Claim:
     """Return the claim that the search of one size finds the best and the second best.
 
-    `induction` adds assertions about its registers, with which pdr finds the invariant sooner.
+    `invariant` adds assertions about its registers, with which pdr finds an invariant sooner.
     """
     return Claim(
         str(size),
         "vpr_search_properties",
         ("formal/vpr_shift_delay.sv", "vpr_search.sv"),
         constants={name.upper(): value for name, value in size._asdict().items()},
-        parameters={"INDUCTION": int(induction)},
+        parameters={"INVARIANT": int(invariant)},
         exposed=_REGISTERS_OF_SEARCH,
     )
 
 
 #: the search of the broken versions, by its outputs alone
-SMALL_SEARCH = search(Size(1, 2, 3), induction=False)
+SMALL_SEARCH = search(Size(1, 2, 3), invariant=False)
 #: each prediction is the cost of the cheapest path, and at most that of a restart; with steps of 0,
 #: 1 and 2 places of any costs, and one back
 PREDICTION = Claim(

@@ -2,12 +2,12 @@
 //
 // One place `k` and one sum `v`, chosen freely and kept, stand for all. Places begin anywhere. The
 // search's registers are seen through ports that the proof's script adds to it; they serve the
-// invariant alone (INDUCTION), so that broken versions are refused by what the outputs must be.
+// invariant alone (INVARIANT), so that broken versions are refused by what the outputs must be.
 module vpr_search_properties #(
     localparam EXCLUSION  = vpr_pkg::EXCLUSION,
     localparam SUM_BITS   = vpr_pkg::SUM_BITS,
     localparam PLACE_BITS = vpr_pkg::PLACE_BITS,
-    parameter  INDUCTION  = 1
+    parameter  INVARIANT  = 1
 ) (
     input logic                  clk,
     input logic                  rst,
@@ -117,7 +117,7 @@ module vpr_search_properties #(
 
     // what makes it inductive
     generate
-        if (INDUCTION) begin : g_induction
+        if (INVARIANT) begin : g_invariant
             always_comb begin
                 if (begun) begin
                     assert (update == pending);
