@@ -157,39 +157,35 @@ class Machine:
         for result in self.descriptor.take(event):
             yield result
             if isinstance(result, WindowResult):
-                state = self._state(result)
+                reciprocal = self.place_filter.reciprocal
                 match = self.match(result)
-                if state is not None:
-                    self.states.append(self._matched(state))
+                if self.design.filters or self.design.own_mean:
+                    self.states.append(self._state(result, reciprocal))
                 if match is not None:
                     yield match
 
-    def _state(self, window: WindowResult) -> WindowState | None:
-        """Return what is known of a window that has ended, before it is matched."""
-        design, descriptor = self.design, self.descriptor
-        if not (design.filters or design.own_mean):
-            return None
-        weight = 0 if window.paused else weight_of(window.activity)
-        return WindowState(
-            window.number, descriptor.counted, descriptor.activity.usual, window.activity,
-            window.paused, min(descriptor.mean.shift, LAST_SHIFT) if design.own_mean else None,
-            descriptor.mean.window_mean(descriptor.entries()),
-            weight=weight if design.filters else None,
-            reciprocal=self.place_filter.reciprocal,
-        )  # fmt: skip
+    def _state(self, window: WindowResult, reciprocal: int) -> WindowState:
+        """Return what was computed of a window that has just been matched.
 
-    def _matched(self, state: WindowState) -> WindowState:
-        model, scale = self.place_filter, state.reciprocal
-        if not self.design.filters:
-            return state._replace(reciprocal=None)
-        state = state._replace(
-            least=min(model.metrics), margin=model.margin, kept=model.kept,
-            support=model.support, worst_residual=model.worst,
+        The descriptor unit is as the window found it; `reciprocal` is that of the window before.
+        """
+        descriptor, model = self.descriptor, self.place_filter
+        shift = min(descriptor.mean.shift, LAST_SHIFT) if self.design.own_mean else None
+        state = WindowState(
+            window.number, descriptor.counted, descriptor.activity.usual, window.activity,
+            window.paused, shift, descriptor.mean.window_mean(descriptor.entries()),
         )  # fmt: skip
-        if state.paused:
-            return state._replace(reciprocal=None)
+        if not self.design.filters:
+            return state
+        state = state._replace(
+            weight=0 if window.paused else weight_of(window.activity), least=min(model.metrics),
+            margin=model.margin, kept=model.kept, support=model.support,
+            worst_residual=model.worst,
+        )  # fmt: skip
+        if window.paused:
+            return state
         # the first window is scaled by its own spread
-        return state._replace(reciprocal=scale or model.reciprocal, spread=model.spread)
+        return state._replace(reciprocal=reciprocal or model.reciprocal, spread=model.spread)
 
     def match(self, window: WindowResult) -> MatchResult | None:
         """Compare a window with every place."""
