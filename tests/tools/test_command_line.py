@@ -340,7 +340,7 @@ def test_an_interrupt_in_a_callback_is_not_lost(hook):
 LOST = """
 import signal, sys
 from edge_vpr_tools import cli
-from edge_vpr_tools.progress import tracked
+from edge_vpr_tools.inputs import tracked
 
 def run(argv):
     try:

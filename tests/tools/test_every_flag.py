@@ -319,7 +319,7 @@ def test_every_command_line_ends_as_it_should(folder, capsys):
 
 def test_published_windows_are_not_wrapped_by_a_progress_bar(folder):
     """A wrapper has no `windows` of its own, so that Python 3.12 does not take it for such."""
-    from edge_vpr_tools.progress import tracked
+    from edge_vpr_tools.inputs import tracked
 
     from edge_vpr.descriptors.windows import PublishedWindows
     from edge_vpr.recordings import parse_period

@@ -1,4 +1,4 @@
-"""The terminal: messages, tables, interrupts, and the note on compiling."""
+"""The terminal: messages, the present stage, tables, interrupts, and the note on compiling."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from edge_vpr.run_log import log_warning, logged_run
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.text import Text
+
+    from edge_vpr.descriptors.counting import Removed
 
 # Notes on standard error and summaries on standard output, depending on ``-q`` and ``-v``.
 
@@ -89,6 +91,29 @@ def warning(text: str) -> None:
 def error_line(text: str) -> None:
     """Print a line on standard error."""
     print("edge-vpr:", printable(text), file=sys.stderr, flush=True)
+
+
+#: share of events that a few bursts of a sensor do not reach
+_MUCH = 0.05
+
+
+def warn_if_much(removed: Removed, path: str, remedy: str) -> None:
+    """Warn if bursts were more than `_MUCH` of a recording."""
+    if removed.burst_share > _MUCH:
+        warning(
+            f"{removed.burst_share:.0%} of the events of {path} were removed as bursts, moments "
+            f"when most pixels fire: if that is the scene's or the camera's motion, {remedy}"
+        )
+
+
+@contextmanager
+def status(text: str) -> Iterator[Callable[[str], None]]:
+    """Show the present stage on a terminal; yield a function that shows the next one."""
+    from rich.console import Console
+
+    with Console(stderr=True, quiet=is_quiet()).status(text) as shown:
+        yield shown.update
+    check_interrupted()
 
 
 # Orderly end, with files and summary, on Ctrl-C, SIGTERM and a closed terminal.

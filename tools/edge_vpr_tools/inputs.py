@@ -1,24 +1,31 @@
-"""Recordings and ground truth opened by the flags of the command line."""
+"""What the flags name: recordings, read with progress shown, and results with their truth."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from edge_vpr.descriptors.counting import Removed, WindowSource
 from edge_vpr.descriptors.windows import PublishedWindows
 from edge_vpr.errors import GroundTruthError
 from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.events import Sensor
+from edge_vpr.events import Events, Sensor
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import Recording, crop_of, open_recording, parse_period
 from edge_vpr.reference_map import MatchResult, ReferenceMap
-from edge_vpr_tools.console import warning
+from edge_vpr.settings import Settings
+from edge_vpr_tools.console import check_interrupted, is_quiet, warning
 from edge_vpr_tools.truth_files import load_truth
 
-# Open recordings with the flags of the command line, and describe their faults.
+# Recordings: opened by the flags, read with a progress bar, and described.
 
 
 def open_from(
@@ -79,9 +86,78 @@ def open_source(
     )
 
 
+class Tracked:
+    """A recording whose every pass shows a progress bar on standard error.
+
+    Attributes are the recording's own (``sensor``, ``start_us``, ...).
+    """
+
+    def __init__(self, recording: Iterable[Events], label: str) -> None:
+        self._recording = recording
+        self._label = label
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self._recording, name)
+
+    def __iter__(self) -> Iterator[Events]:
+        console = Console(stderr=True)
+        shown = self._recording
+        if not is_quiet() and console.is_terminal:
+            shown = self._shown(console)
+        for events in shown:
+            check_interrupted()
+            yield events
+
+    def _shown(self, console: Console) -> Iterator[Events]:
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[events]}"),
+            TimeElapsedColumn(),
+            TextColumn("left:"),
+            TimeRemainingColumn(),
+        )
+        # transient: the bar disappears when the pass ends, and the lines of the command stay
+        with Progress(*columns, console=console, transient=True) as progress:
+            task = progress.add_task(self._label, total=None, events="")
+            n = 0
+            for events in self._recording:
+                yield events
+                n += events.size
+                position = getattr(self._recording, "position", None)
+                progress.update(
+                    task,
+                    events=f"{n:,} events",
+                    total=None if position is None else 1.0,
+                    completed=0.0 if position is None else position,
+                )
+
+
+def tracked(recording: Any, label: str) -> Any:
+    """Wrap a recording so that each pass over it shows its progress under `label`.
+
+    Published windows, which are not iterated, pass through as they are.
+
+    Returns
+    -------
+    Tracked
+        Typed as `Any`, because it stands in for the recording.
+    """
+    return recording if isinstance(recording, WindowSource) else Tracked(recording, label)
+
+
 def describe_faults(recording: Recording | PublishedWindows) -> str:
     """Return the end of a sentence on the events that were dropped; empty if there were none."""
     return f"; dropped as faulty: {recording.faults}" if recording.faults.total else ""
+
+
+def describe_removed(removed: Removed, settings: Settings) -> str:
+    """Return what was removed as bursts, as the end of a sentence."""
+    if not settings.remove_bursts:
+        return "; bursts kept"
+    return f"; {removed.burst_events:,} events ({removed.burst_share:.1%}) removed as bursts"
 
 
 # Load the results and the ground truth that the flags name.

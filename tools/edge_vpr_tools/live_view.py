@@ -35,8 +35,14 @@ from edge_vpr.live.session import (
     nothing_valid,
 )
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr_tools.console import error_line, is_quiet, stopped_by_signals, warning
-from edge_vpr_tools.progress import status, warn_if_much
+from edge_vpr_tools.console import (
+    error_line,
+    is_quiet,
+    status,
+    stopped_by_signals,
+    warn_if_much,
+    warning,
+)
 from edge_vpr_tools.publish import Publisher, open_publishers
 
 # The full-screen view of a live run on a terminal.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr.settings import duration_us
-from edge_vpr_tools.console import say
+from edge_vpr_tools.console import say, status
 
 if TYPE_CHECKING:
     from edge_vpr_tools.estimate.accuracy import Drives
@@ -172,7 +172,6 @@ def tried_designs(args: argparse.Namespace, designs: Sequence[Design]) -> Tried 
     from edge_vpr_tools.estimate import accuracy
     from edge_vpr_tools.estimate.estimation import Tried
     from edge_vpr_tools.estimate.search import evaluated_runs
-    from edge_vpr_tools.progress import status
 
     if args.pareto is not None:
         if args.accuracy_on is not None:

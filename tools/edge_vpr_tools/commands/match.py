@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import detail_settings, summary, warning
+from edge_vpr_tools.console import detail_settings, status, summary, warn_if_much, warning
 from edge_vpr_tools.flags import (
     add_figures_flag,
     add_match_flags,
@@ -91,9 +91,8 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.map_record import describe_query
     from edge_vpr.matching.drive import query_distances
     from edge_vpr.reference_map import OnlineMetrics, ReferenceMap, write_queries
-    from edge_vpr.warm_up import matching_steps
-    from edge_vpr_tools.inputs import describe_faults, open_source
-    from edge_vpr_tools.progress import describe_removed, tracked, warmed_up, warn_if_much
+    from edge_vpr.warm_up import matching_steps, warm_up
+    from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, tracked
 
     output = Path(args.output)
     inputs = list(filter(None, (args.map, args.recording, args.odometry)))
@@ -124,7 +123,9 @@ def run(args: argparse.Namespace) -> None:
         recording, found = _match_online(args, asked, odometry)
     else:
         recording = open_source(args, args.recording, reference.frame_period)
-        warmed_up(matching_steps(asked, odometry=odometry is not None, registered=args.register))
+        steps = matching_steps(asked, odometry=odometry is not None, registered=args.register)
+        with status("kernels") as show:
+            warm_up(steps, show)
         found = reference.match(
             tracked(recording, "counting"),
             odometry=odometry,
@@ -186,9 +187,8 @@ def _match_online(
 ) -> tuple[Recording, MatchResult]:
     """Feed the recording to a localiser event by event, as a device does."""
     from edge_vpr.descriptors.cleaning import BurstFilter
-    from edge_vpr.warm_up import localising_steps
-    from edge_vpr_tools.inputs import open_from
-    from edge_vpr_tools.progress import tracked, warmed_up
+    from edge_vpr.warm_up import localising_steps, warm_up
+    from edge_vpr_tools.inputs import open_from, tracked
 
     if args.frames_as_windows:
         raise UsageError("--online needs events: leave --frames-as-windows out")
@@ -198,11 +198,11 @@ def _match_online(
     every = args.every or ("window" if causal.settings.match_delay else "event")
     recording = open_from(args, args.recording, default_period=reference.frame_period)
     bursts = BurstFilter(reference.pixel_map.sensor)
-    warmed_up(
-        localising_steps(
-            causal, every, bursts, odometry=odometry is not None, registered=args.register
-        )
+    steps = localising_steps(
+        causal, every, bursts, odometry=odometry is not None, registered=args.register
     )
+    with status("kernels") as show:
+        warm_up(steps, show)
     return recording, reference.match(
         tracked(recording, "localising"), every=every, odometry=odometry, registered=args.register
     )

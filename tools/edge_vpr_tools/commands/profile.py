@@ -92,13 +92,16 @@ def load_of(args: argparse.Namespace) -> Load:
     from edge_vpr.descriptors.counting import check_sensor, cleaned
     from edge_vpr.map_record import describe_query
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr_tools.inputs import open_from
-    from edge_vpr_tools.profile.workload import Load, of_map, simulated_load
+    from edge_vpr.simulation import simulate_pair
+    from edge_vpr_tools.inputs import open_from, tracked
+    from edge_vpr_tools.profile.workload import STREET_M, Load, of_map, street_load
     from edge_vpr_tools.truth_files import load_truth
 
     if args.map is None:
-        return simulated_load(args.seed)
-
+        pair = simulate_pair(args.seed, length_m=STREET_M)
+        for name, drive in zip(("reference", "query"), pair, strict=True):
+            drive.keep(partial(tracked, label=f"simulating the {name}"))
+        return street_load(*pair)
     reference = ReferenceMap.load(args.map)
     recording = open_from(args, args.recording, default_period=reference.frame_period)
     check_sensor(recording.sensor, reference.pixel_map.sensor)

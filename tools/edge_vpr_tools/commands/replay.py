@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr_tools.cli import find_verb, parser_of
-from edge_vpr_tools.console import summary
+from edge_vpr_tools.console import status, summary
 from edge_vpr_tools.flags import add_output_flags
 
 if TYPE_CHECKING:
@@ -129,7 +129,6 @@ def run(args: argparse.Namespace) -> None:
     """Compute the costs again, draw the frames and write the film."""
     from edge_vpr.files import read_json
     from edge_vpr.results import RUN, check_new_file
-    from edge_vpr_tools.progress import status
     from edge_vpr_tools.report.replay import frames, load_replay, write_gif, write_html
 
     output = Path(args.output)

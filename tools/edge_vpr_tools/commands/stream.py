@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError, printable
 from edge_vpr.settings import duration_us
-from edge_vpr_tools.console import summary, warning
+from edge_vpr_tools.console import summary, warn_if_much, warning
 from edge_vpr_tools.flags import (
     DEFAULT_PRESET,
     add_map_flags,
@@ -207,7 +207,6 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.live.session import LiveSession
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.live_view import show_session
-    from edge_vpr_tools.progress import warn_if_much
 
     check_arguments(args)
     reference = None if args.map is None else ReferenceMap.load(args.map)

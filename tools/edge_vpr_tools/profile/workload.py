@@ -20,7 +20,7 @@ from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
-from edge_vpr.simulation import simulate_pair
+from edge_vpr.simulation import SimulatedRecording
 from edge_vpr_tools.console import check_interrupted, note
 from edge_vpr_tools.profile.measurement import (
     LEAST_PAIRS,
@@ -34,7 +34,6 @@ from edge_vpr_tools.profile.measurement import (
     measure,
 )
 from edge_vpr_tools.profile.sensors.sensor import Sensor, SensorError
-from edge_vpr_tools.progress import keep_shown
 from edge_vpr_tools.research.baselines import map_all_pixels
 from edge_vpr_tools.research.experiments.simulated import truth_of_pair
 from edge_vpr_tools.research.experiments.trial import TruthOf
@@ -205,7 +204,7 @@ def of_map(reference: ReferenceMap) -> Iterator[Compared]:
 
 
 #: length of the simulated street, which has about 70 places
-_STREET_M = 400.0
+STREET_M = 400.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,18 +221,15 @@ class Load:
     inputs: Sequence[str]
 
 
-def simulated_load(seed: int) -> Load:
-    """Simulate a street: one drive is mapped, and the query drive is the load."""
-    pair = simulate_pair(seed, length_m=_STREET_M)
-    for name, drive in zip(("reference", "query"), pair, strict=True):
-        keep_shown(drive, f"simulating the {name}")
+def street_load(first: SimulatedRecording, query: SimulatedRecording) -> Load:
+    """Map the first drive of a simulated street of `STREET_M`; the query drive is the load."""
     # N is the average number of events in a window of tau
     fixed_n = PRESETS["paper"].replaced({"window": "count", "events_per_pixel": None}, "profile")
-    reference = ReferenceMap.build(pair[0], fixed_n)
-    events = list(cleaned(pair[1], reference.settings))
-    designs = of_pair(pair[0], reference)
-    name = f"simulated street of {_STREET_M:g} m"
-    return Load(name, reference, events, pair[1], designs, truth_of_pair(*pair), [])
+    reference = ReferenceMap.build(first, fixed_n)
+    events = list(cleaned(query, reference.settings))
+    designs = of_pair(first, reference)
+    name = f"simulated street of {STREET_M:g} m"
+    return Load(name, reference, events, query, designs, truth_of_pair(first, query), [])
 
 
 # Accuracy and measured cost of several designs on the same drives.
