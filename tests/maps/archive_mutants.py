@@ -20,7 +20,7 @@ from edge_vpr_tools.estimate.estimation import calibrated
 from edge_vpr_tools.estimate.search import evaluation_of
 from edge_vpr_tools.profile.conditions import Conditions
 from edge_vpr_tools.profile.meter_trace import read_csv
-from edge_vpr_tools.profile.record import SCHEMA, Profile
+from edge_vpr_tools.profile.profiling import SCHEMA, Profile
 from edge_vpr_tools.profile.show import check_shown
 from streams import descriptors, random_events
 

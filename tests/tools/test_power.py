@@ -37,7 +37,7 @@ from edge_vpr_tools.profile.measurement import (
     take_turns,
 )
 from edge_vpr_tools.profile.meter_trace import align, read_csv
-from edge_vpr_tools.profile.record import Profile
+from edge_vpr_tools.profile.profiling import Profile
 from edge_vpr_tools.profile.sensors import pmic
 from edge_vpr_tools.profile.sensors.hwmon import CHIPS, with_shunt
 from edge_vpr_tools.profile.sensors.search import find_sensors

@@ -125,12 +125,10 @@ def run(args: argparse.Namespace) -> None:
     """Profile this machine."""
     from edge_vpr import results
     from edge_vpr.results import write_json
-    from edge_vpr_tools.profile.files import write_profile
     from edge_vpr_tools.profile.measurement import Plan
-    from edge_vpr_tools.profile.profiling import profile
-    from edge_vpr_tools.profile.record import PROFILE
+    from edge_vpr_tools.profile.profiling import PROFILE, profile
     from edge_vpr_tools.profile.sensors.search import choose_sensor
-    from edge_vpr_tools.profile.show import show
+    from edge_vpr_tools.profile.show import show, write_profile
 
     if (args.map is None) != (args.recording is None):
         raise UsageError("--map and --recording belong together: name both, or neither")

@@ -32,7 +32,7 @@ from edge_vpr_tools.estimate.targets import (
     Target,
 )
 from edge_vpr_tools.profile.measurement import Energy
-from edge_vpr_tools.profile.record import Profile
+from edge_vpr_tools.profile.profiling import Profile
 from firmware_model.model.design import Design
 
 # Two designs side by side in every layer: counts, bytes, instructions, time, modelled energy.

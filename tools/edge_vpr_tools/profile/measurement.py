@@ -410,7 +410,7 @@ class Energy:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any], where: str) -> Energy:
-        """Read an object from values of JSON; see `json_records.from_json`."""
+        """Read an object from values of JSON; see `edge_vpr.results.from_json`."""
         void = all(values.get(one.name) is None for one in fields(Figures))
         nested = {
             "figures": None if void else from_json(Figures, values, where),
@@ -426,11 +426,7 @@ class NotMeasured:
     not_measured_because: tuple[str, ...]
     #: Windows that were run for an external meter, on the monotonic clock.
     windows: tuple[Window, ...] = ()
-
-    @property
-    def resolved(self) -> bool:
-        """Always False."""
-        return False
+    figures = readings = None  # as an `Energy` has them; no fields
 
     def void(self) -> NotMeasured:
         """Return the same object, since there are no figures to remove."""
