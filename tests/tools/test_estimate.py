@@ -29,7 +29,7 @@ from edge_vpr_tools.estimate.search import (
     fit,
     memory_bytes,
 )
-from edge_vpr_tools.estimate.wording import busy
+from edge_vpr_tools.estimate.show import busy
 from edge_vpr_tools.report.page import quantity
 from test_commands import drive  # noqa: F401
 

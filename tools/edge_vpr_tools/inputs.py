@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -20,7 +21,7 @@ from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.events import Events, Sensor
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import Recording, crop_of, open_recording, parse_period
-from edge_vpr.reference_map import MatchResult, ReferenceMap
+from edge_vpr.reference_map import MatchResult
 from edge_vpr.settings import Settings
 from edge_vpr_tools.console import check_interrupted, is_quiet, warning
 from edge_vpr_tools.truth_files import load_truth
@@ -173,7 +174,7 @@ def _share_correct(matches: Matches, truth: GroundTruth) -> float:
     return float(truth.correct[matches.place, matches.query].mean())
 
 
-def load_evaluated(args: argparse.Namespace) -> tuple[ReferenceMap, Matches, GroundTruth]:
+def load_evaluated(args: argparse.Namespace) -> tuple[MatchResult, GroundTruth]:
     """Read a folder of results and its ground truth, and print warnings about doubtful inputs.
 
     Parameters
@@ -186,18 +187,18 @@ def load_evaluated(args: argparse.Namespace) -> tuple[ReferenceMap, Matches, Gro
     EdgeVprError
         If the folder or the ground truth cannot be used.
     """
-    loaded = MatchResult.load(args.results)
-    reference, matches, queries = loaded.reference, loaded.matches, loaded.queries
-    if queries is None:  # matched online: each match is a query
+    result = MatchResult.load(args.results)
+    reference, matches = result.reference, result.matches
+    if result.queries is None:  # matched online: each match is a query
         matches = matches.every(1 + len(matches) * len(reference) // _MOST_CELLS)
-    queries_us = matches.time_us if queries is None else queries.centre_us
+        result = replace(result, matches=matches)
     period = args.frame_period
     if period is None and reference.frame_period is not None:
         period = str(reference.frame_period)
     truth_of = partial(
         load_truth,
         places_us=reference.places.centre_us,
-        queries_us=queries_us,
+        queries_us=result.query_time_us,
         tolerance=args.tolerance,
         rows=args.rows,
         frame_period=period,
@@ -215,4 +216,4 @@ def load_evaluated(args: argparse.Namespace) -> tuple[ReferenceMap, Matches, Gro
                     f"with the two logs in the other order, {swapped:.0%} of the matches would be "
                     f"correct instead of {share:.0%}: name the log of the reference first"
                 )
-    return reference, matches, truth
+    return result, truth

@@ -109,8 +109,8 @@ def run(args: argparse.Namespace) -> None:
         if output.exists() and not args.overwrite:
             raise UsageError(f"output {output} exists: name another, or replace with --overwrite")
         results.check_parent(output)
-    reference, matches, truth = load_evaluated(args)
-    found = calibrate(reference, matches, truth)
+    result, truth = load_evaluated(args)
+    found = calibrate(result.reference, result.matches, truth)
     if found.settings_changed:
         note(
             f"{output} has the settings that the drive was matched with; the table holds for these"

@@ -51,7 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Evaluate, print the figures, and add them to the folder."""
     from edge_vpr import results
-    from edge_vpr.evaluation.metrics import evaluate
     from edge_vpr.evaluation.tracks import with_positions
     from edge_vpr.files import read_json
     from edge_vpr.results import run_record, write_json
@@ -62,9 +61,9 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.truth_files import load_tracks
 
     folder, formats = Path(args.results), figure_formats(args.figures)
-    reference, matches, truth = load_evaluated(args)
-    found = evaluate(
-        matches,
+    result, truth = load_evaluated(args)
+    reference, matches = result.reference, result.matches
+    found = result.evaluate(
         truth,
         score=args.score,
         recall_denominator=args.recall_denominator,
@@ -80,7 +79,7 @@ def run(args: argparse.Namespace) -> None:
         route = with_positions(reference, track).route
     outcome = outcome_of(reference, matches, truth, found)
     metrics["verdict"] = outcome.sentence()
-    write_report(folder, outcome, formats, route, warnings_so_far())
+    write_report(folder, result, outcome, formats, route, warnings_so_far())
     write_json(folder / results.METRICS, metrics)
 
     summary(outcome.sentence())

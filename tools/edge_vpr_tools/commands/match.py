@@ -141,12 +141,13 @@ def run(args: argparse.Namespace) -> None:
         found.write(folder, inputs)
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_report
+            from edge_vpr_tools.report.verdict import outcome_of
 
             if args.online:
                 with contextlib.suppress(UsageError):  # of a drive without a whole window
                     windows = describe_query(found.reference, tracked(recording, "counting"))
                     write_queries(folder / results.WINDOWS, windows)
-            write_report(folder, formats=formats)
+            write_report(folder, found, outcome_of(found.reference, matches), formats)
     removed = describe_removed(found.removed, settings)
     if isinstance(metrics, OnlineMetrics):
         duration_s = metrics.times_real_time * metrics.localising_s

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from edge_vpr.errors import MapError, UsageError
+from edge_vpr.errors import UsageError
 from edge_vpr_tools.cli import find_verb, parser_of
 from edge_vpr_tools.console import status, summary
 from edge_vpr_tools.flags import add_output_flags
@@ -128,8 +128,9 @@ _SUFFIXES = (".gif", ".html")
 def run(args: argparse.Namespace) -> None:
     """Compute the costs again, draw the frames and write the film."""
     from edge_vpr.files import read_json
+    from edge_vpr.reference_map import MatchResult
     from edge_vpr.results import RUN, check_new_file
-    from edge_vpr_tools.report.replay import frames, load_replay, write_gif, write_html
+    from edge_vpr_tools.report.replay import frames, replay_of, write_gif, write_html
 
     output = Path(args.output)
     if output.suffix not in _SUFFIXES:
@@ -143,11 +144,9 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError(f"--fps {args.fps:g}: expected 0.1 to 50 frames per second")
     check_new_file(output, [], args.overwrite)
     folder = Path(args.results)
-    if not folder.is_dir():
-        raise MapError(f"{folder} is not a folder of results: run edge-vpr match first")
     with status("reading the matches") as show:
-        replay = load_replay(
-            folder,
+        replay = replay_of(
+            MatchResult.load(folder),
             RecordedInputs(read_json(folder / RUN, "the run", "match again")),
             args.frames,
             start_s=args.start,

@@ -20,7 +20,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
-from edge_vpr import results
 from edge_vpr.descriptors.counting import EventSource, WindowSource
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import UsageError
@@ -29,7 +28,7 @@ from edge_vpr.files import replacing
 from edge_vpr.map_record import describe_query
 from edge_vpr.matching.drive import anchor_offset, query_distances
 from edge_vpr.matching.matches import Matches
-from edge_vpr.reference_map import ReferenceMap, read_queries
+from edge_vpr.reference_map import MatchResult, ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr_tools.report.figures import Window, dot_sizes, draw_window, total_counts
 from edge_vpr_tools.report.page import as_html, fill
@@ -281,8 +280,8 @@ class MatchInputs(Protocol):
         ...
 
 
-def load_replay(
-    folder: Path,
+def replay_of(
+    result: MatchResult,
     inputs: MatchInputs,
     most: int,
     *,
@@ -290,7 +289,7 @@ def load_replay(
     end_s: float | None = None,
     all_events: bool = False,
 ) -> Replay:
-    """Read a folder of results, and compute the cost of each place again.
+    """Compute the cost of each place again, for the windows of a match.
 
     Parameters
     ----------
@@ -306,12 +305,10 @@ def load_replay(
     Raises
     ------
     EdgeVprError
-        If the folder or an input cannot be read, or no window is in the part.
+        If an input cannot be read, or no window is in the part.
     """
-    reference = ReferenceMap.load(folder / results.MAP)
-    matches = Matches.load(folder / results.MATCHES)
-    asked = reference.matched_with(matches.settings)
-    queries, recording = read_queries(folder), None
+    reference, matches, queries = result.reference, result.matches, result.queries
+    asked, recording = reference.matched_with(matches.settings), None
     if queries is None or all_events:
         what = "the events of all pixels" if all_events else "a match --online"
         recording = inputs.recording(what)
