@@ -204,7 +204,7 @@ RUNS = [
 
 def flags_of(verb):
     """Every spelling of a flag but the short ones, by the longest of each pair."""
-    for action in cli.parser_of(verb)._actions:
+    for action in cli.VerbParser(verb)._actions:
         for flag in action.option_strings:
             if flag.startswith("--") and flag not in GENERAL_FLAGS:
                 yield flag, set(action.option_strings)

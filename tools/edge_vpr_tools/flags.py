@@ -19,7 +19,13 @@ from edge_vpr_tools.report import FORMATS
 def add_reading_arguments(
     parser: argparse.ArgumentParser, *, on_fault: bool = True
 ) -> argparse._ArgumentGroup:
-    """Add a group with the flags that `inputs.open_from` reads, and return the group."""
+    """Add a group with the flags that `inputs.open_from` reads, and return the group.
+
+    Parameters
+    ----------
+    on_fault : bool
+        Without this flag, faulty events are left out and counted.
+    """
     group = parser.add_argument_group(
         "reading", "needed where a file does not hold this information"
     )
@@ -31,6 +37,8 @@ def add_reading_arguments(
             "--on-fault", choices=("error", "drop"), default="error",
             help="stop at the first faulty event, or leave faulty events out and count them",
         )  # fmt: skip
+    else:
+        parser.set_defaults(on_fault="drop")
     group.add_argument(
         "--frame-period", metavar="S",
         help="duration of a frame of counts in seconds, for example 1/30",
@@ -303,12 +311,12 @@ def add_output_flags(
     return group
 
 
-FIGURES_HELP = "formats of the figures: png, pdf, svg, or several separated by commas"
-
-
 def add_figures_flag(group: argparse._ActionsContainer, default: str) -> None:
     """Add the flag that `figure_formats` reads."""
-    group.add_argument("--figures", metavar="FORMATS", default=default, help=FIGURES_HELP)
+    group.add_argument(
+        "--figures", metavar="FORMATS", default=default,
+        help="formats of the figures: png, pdf, svg, or several separated by commas",
+    )  # fmt: skip
 
 
 def figure_formats(text: str) -> tuple[str, ...]:

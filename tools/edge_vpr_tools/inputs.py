@@ -33,7 +33,6 @@ def open_from(
     args: argparse.Namespace,
     path: str | Path,
     *,
-    on_fault: str | None = None,
     default_period: Fraction | None = None,
 ) -> Recording:
     """Open a recording with the flags of :func:`add_reading_arguments`.
@@ -49,7 +48,7 @@ def open_from(
         path,
         format=args.format,
         sensor=args.sensor,
-        on_fault=args.on_fault if on_fault is None else on_fault,
+        on_fault=args.on_fault,
         frame_period=args.frame_period,
         default_frame_period=default_period,
         topic=args.topic,

@@ -142,18 +142,6 @@ class Panel:
             yield Text(f"{notice.clock} {notice.text}", style=_WARNING if stands else _STALE)
 
 
-@contextmanager
-def open_panel() -> Iterator[Panel]:
-    """Take the terminal's other screen until the block ends."""
-    live = Live("waiting for events", auto_refresh=False, screen=True)
-    live.start(refresh=True)
-    panel = Panel(live)
-    try:
-        yield panel
-    finally:
-        panel.close()
-
-
 # Conversion of live matches to rows of JSON.
 
 
@@ -507,19 +495,22 @@ def open_view(
     as_json: bool,
     log: str | None,
     reference: ReferenceMap | None,
-    publishers: Sequence[Publisher] = (),
-    line_s: float | None = None,
+    publishers: Sequence[Publisher],
+    line_s: float | None,
 ) -> Iterator[View]:
-    """Open a view, and its log until the block ends."""
+    """Open a view and its log until the block ends; a terminal shows its other screen."""
     file = None if log is None else Path(log).open("w", encoding="utf-8")  # noqa: SIM115
+    panel = None
     try:
         plain = as_json or is_quiet() or os.environ.get("TERM") == "dumb"
-        if plain or not sys.stdout.isatty():
-            yield View(as_json, file, reference, None, publishers, line_s)
-        else:
-            with open_panel() as panel:
-                yield View(as_json, file, reference, panel, publishers)
+        if not plain and sys.stdout.isatty():
+            live = Live("waiting for events", auto_refresh=False, screen=True)
+            live.start(refresh=True)
+            panel = Panel(live)
+        yield View(as_json, file, reference, panel, publishers, line_s)
     finally:
+        if panel is not None:
+            panel.close()
         if file is not None:
             # every line was flushed when written, and failures were reported then
             with suppress(OSError):

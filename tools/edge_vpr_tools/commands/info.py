@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.results import json_text
     from edge_vpr_tools.inputs import open_from, tracked
 
-    recording = open_from(args, args.recording, on_fault="drop")
+    recording = open_from(args, args.recording)
     facts = summarise(tracked(recording, "reading"))
     if args.json:
         print(json_text(facts))

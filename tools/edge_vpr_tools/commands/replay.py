@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.cli import find_verb, parser_of
+from edge_vpr_tools.cli import VerbParser, find_verb
 from edge_vpr_tools.console import status, summary
 from edge_vpr_tools.flags import add_output_flags
 
@@ -70,7 +70,7 @@ class RecordedInputs:
         verb, words = find_verb([str(word) for word in run.get("command", ())][1:])
         self._args: argparse.Namespace | None = None
         if verb == "match":
-            self._args = parser_of(verb).parse(words)
+            self._args = VerbParser(verb).parse(words)
 
     def recording(self, what: str) -> Recording | PublishedWindows:
         """Open the recording of the query.

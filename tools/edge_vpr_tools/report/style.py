@@ -85,11 +85,11 @@ def legend_below(drawing: Figure, shown: Iterable[Axes], columns: int, **options
     )
 
 
-def log_ticks(axes: Axes, values: Sequence[float], base: int = 10) -> None:
+def log_ticks(axes: Axes, values: Sequence[float]) -> None:
     """Make the horizontal axis logarithmic, with a tick at each of these values and at no other."""
     # small values as fractions, whose labels are shorter
     labels = [f"1/{1 / v:g}" if v < 0.1 and 1 / v % 1 == 0 else f"{v:g}" for v in values]
-    axes.set_xscale("log", base=base)
+    axes.set_xscale("log")
     axes.set_xticks(values, labels)
     axes.minorticks_off()
 
@@ -207,23 +207,17 @@ def _drawn(drawing: Figure, kind: str) -> bytes:
 
 #: values of the trials by row
 Rows = Mapping[str, Sequence[float]]
-#: from none to all
-SHARE = (-0.03, 1.03)
 _LINE_HEIGHT = 0.32
 
 
-def dot_plot(
-    measures: Mapping[str, Mapping[str, Rows]], limits: tuple[float, float] | None = SHARE
-) -> Figure:
-    """Draw a panel for each measure: a dot for the mean of a row's trials, a bar for their spread.
+def dot_plot(measures: Mapping[str, Mapping[str, Rows]]) -> Figure:
+    """Draw a panel for each share: a dot for the mean of a row's trials, a bar for their spread.
 
     Parameters
     ----------
     measures : mapping of measure to mapping of series to mapping of row to sequence of float
         Values of the trials. A series has a colour; several are listed in a legend. All have the
         same rows, which are drawn from top to bottom.
-    limits : (float, float), optional
-        Of the horizontal axes; None chooses them by the values.
 
     Examples
     --------
@@ -250,7 +244,7 @@ def dot_plot(
                     linestyle="none",
                     label=name_label(title),
                 )
-            axes.set(xlabel=measure, xlim=limits)
+            axes.set(xlabel=measure, xlim=(-0.03, 1.03))
         row[0].set_yticks(range(len(names)), [name_label(name) for name in names], fontsize=9)
         row[0].set_ylim(len(names) - 0.5, -0.5)
         if len(some) > 1:
