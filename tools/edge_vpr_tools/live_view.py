@@ -76,13 +76,9 @@ class Panel:
     def notice(self, kind: str, text: str, *, over: bool) -> None:
         """Add a notice, shown as a warning until a notice of its kind says that it is over."""
         self._notices.append(Notice(kind, time.strftime("%H:%M:%S"), text))
-        self.settle(kind)
+        self._standing.discard(kind)
         if not over:
             self._standing.add(kind)
-
-    def settle(self, kind: str) -> None:
-        """Show the notices of a kind as past."""
-        self._standing.discard(kind)
 
     def show(self, rows: Mapping[str, str], share: float | None, *, stale: bool) -> None:
         """Draw the screen anew.
@@ -604,12 +600,12 @@ def open_rerun(target: str | None, sensor: Sensor) -> Iterator[RerunView | None]
 def show_session(
     session: LiveSession,
     *,
-    as_json: bool = False,
-    log: str | None = None,
-    rerun: str | None = None,
-    serve: str | None = None,
-    mqtt: str | None = None,
-    line_s: float | None = None,
+    as_json: bool,
+    log: str | None,
+    rerun: str | None,
+    serve: str | None,
+    mqtt: str | None,
+    line_s: float | None,
 ) -> None:
     """Open a session, show it to its end, and close everything in any case, the session last.
 

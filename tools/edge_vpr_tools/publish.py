@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Protocol, Self
 from urllib.parse import parse_qsl, unquote
 
 from edge_vpr.errors import MissingExtraError, UsageError
-from edge_vpr.live.links import LinkError, bracketed
+from edge_vpr.live.links import address_of, listening_socket
 
 #: Time at the end for readers to read what waits for them, in seconds.
 _LAST_S = 1.0
@@ -222,19 +222,9 @@ class LineServer:
     name = "serve"
 
     def __init__(self, address: str) -> None:
-        host, port = parse_address(address)
-        try:
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-            self._server = socket.create_server(found[4][:2], family=found[0])
-        except OSError as error:
-            raise LinkError(
-                f"cannot serve on {bracketed(host)}:{port}: {error.strerror}: name an address of "
-                "this machine, and a port that is free (0: any)"
-            ) from error
-        self._server.setblocking(False)
-        host, port = self._server.getsockname()[:2]
+        self._server = listening_socket(*parse_address(address), "serve on ")
         #: Where readers connect to, as ``tcp://HOST:PORT``.
-        self.address = f"tcp://{bracketed(host)}:{port}"
+        self.address = address_of("tcp", self._server)
         self._notices = RareNotices()
         self._notices.add(f"matches are at {self.address}", True)
         self._readers: frozenset[_Reader] = frozenset()

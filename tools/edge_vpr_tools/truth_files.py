@@ -17,7 +17,7 @@ from edge_vpr.evaluation.ground_truth import (
     load_alignment,
     load_matrix,
 )
-from edge_vpr.evaluation.tracks import Track, load_track
+from edge_vpr.evaluation.tracks import load_track
 from edge_vpr.recordings import parse_period
 
 #: Suffixes of files that hold a track and not an alignment.
@@ -74,7 +74,10 @@ def load_truth(
     if tolerance is None:
         raise UsageError("the tolerance is not given: say for example --tolerance 70")
     if len(files) == 2:
-        reference, query = load_tracks(files, offset_s)
+        offsets = (0.0, 0.0) if offset_s is None else offset_s
+        reference, query = (
+            load_track(file).shifted(at) for file, at in zip(files, offsets, strict=True)
+        )
         return from_tracks(reference, query, places_us, queries_us, tolerance)
     if Path(files[0]).suffix.lower() in _TRACKS:
         raise UsageError(f"{files[0]} is one track: give two, the reference's and then the query's")
@@ -92,22 +95,3 @@ def load_truth(
         tolerance,
         alignment.unit,
     )
-
-
-def load_tracks(files: Sequence[str], offset_s: Sequence[float] | None = None) -> list[Track]:
-    """Read the tracks of two drives.
-
-    Parameters
-    ----------
-    files : sequence of two str
-        Reference first.
-    offset_s : sequence of two floats, optional
-        Where time 0 of each track is in its recording, in seconds.
-
-    Raises
-    ------
-    GroundTruthError
-        If a file is wrong.
-    """
-    offsets = (0.0, 0.0) if offset_s is None else offset_s
-    return [load_track(file).shifted(at) for file, at in zip(files, offsets, strict=True)]

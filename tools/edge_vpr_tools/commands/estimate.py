@@ -16,7 +16,7 @@ from edge_vpr_tools.console import say, status
 
 if TYPE_CHECKING:
     from edge_vpr_tools.estimate.accuracy import Drives
-    from edge_vpr_tools.estimate.estimation import Other, Question, Tried
+    from edge_vpr_tools.estimate.estimation import Question, Tried
     from edge_vpr_tools.estimate.model import Mission
     from firmware_model.model.design import Design
 
@@ -220,10 +220,11 @@ def _drives(args: argparse.Namespace) -> Drives:
 
 def question_of(args: argparse.Namespace) -> Question:
     """Build the question from the flags; runs designs on drives if the flags ask for it."""
-    from edge_vpr_tools.estimate.estimation import Question, calibrated
+    from edge_vpr_tools.estimate.estimation import Other, Question, calibrated
     from edge_vpr_tools.estimate.search import Budget
     from edge_vpr_tools.estimate.targets import find, names
     from firmware_model.errors import DesignError
+    from firmware_model.model.design import Design
 
     targets = tuple(find(name) for name in args.target or names())
     evaluated = args.pareto is not None or args.accuracy_on is not None
@@ -239,7 +240,9 @@ def question_of(args: argparse.Namespace) -> Question:
         raise UsageError("--calibrate is for one board: name its processor with --target")
     try:
         design, mission = design_and_mission(args)
-        other = None if args.vs is None else other_design(args.vs)
+        other = None
+        if args.vs is not None:
+            other = Other(args.vs, None if args.vs == "all-pixels" else Design.load(args.vs))
     except DesignError as error:
         raise UsageError(str(error)) from error
     beside = sequences_beside(args, design)
@@ -359,14 +362,6 @@ def _of_flags(args: argparse.Namespace, places: int) -> Design:
         },
         "the command line",
     )
-
-
-def other_design(name: str) -> Other:
-    """Return the design to compare with."""
-    from edge_vpr_tools.estimate.estimation import Other
-    from firmware_model.model.design import Design
-
-    return Other(name, None if name == "all-pixels" else Design.load(name))
 
 
 def matching_is_chosen(args: argparse.Namespace) -> bool:

@@ -165,8 +165,8 @@ def _check_odometry(args: argparse.Namespace) -> None:
 
 
 def _check_files(args: argparse.Namespace) -> None:
-    from edge_vpr.files import check_output
     from edge_vpr.recordings import WRITTEN, writable_format
+    from edge_vpr.results import check_new_file
 
     of_events = [name for name in args.record if Path(name).suffix != ".bin"]
     if len(of_events) > (0 if args.learn else 1):
@@ -186,11 +186,7 @@ def _check_files(args: argparse.Namespace) -> None:
         if path.resolve() in seen:
             raise UsageError(f"{path} is named twice: give each file another name")
         seen.add(path.resolve())
-        check_output(path, (args.port, args.map))
-        if path.exists() and not args.overwrite:
-            raise UsageError(f"{path} exists: name another file, or replace it with --overwrite")
-        if not path.absolute().parent.is_dir():
-            raise UsageError(f"{path.absolute().parent} is not a folder: make it first")
+        check_new_file(path, (args.port, args.map), args.overwrite)
 
 
 def _learnt_with(args: argparse.Namespace, reference: ReferenceMap | None) -> Settings | None:
