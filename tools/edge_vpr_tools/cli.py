@@ -390,11 +390,6 @@ def _main_frames() -> Iterator[FrameType]:
 def run(argv: Sequence[str]) -> None:
     """Run one command without catching its errors.
 
-    Parameters
-    ----------
-    argv : sequence of str
-        Arguments without the program's name.
-
     Raises
     ------
     EdgeVprError

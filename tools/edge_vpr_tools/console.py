@@ -36,14 +36,8 @@ _now = [Verbosity.NORMAL]
 
 
 @contextmanager
-def verbosity(level: Verbosity, command: Sequence[str] = ()) -> Iterator[None]:
-    """Print as much as `level` allows within the block, which has its own list of warnings.
-
-    Parameters
-    ----------
-    command : sequence of str, optional
-        Words of the command that runs in the block; by default those of the process.
-    """
+def verbosity(level: Verbosity, command: Sequence[str]) -> Iterator[None]:
+    """Print as much as `level` allows while a command runs, which has its own list of warnings."""
     _now.append(level)
     try:
         with logged_run(command):
@@ -217,8 +211,6 @@ def table(
 
     Parameters
     ----------
-    rows : iterable of sequence of str
-        Cells of each row, one a column.
     width : int
         In columns, where the output is no terminal.
     """

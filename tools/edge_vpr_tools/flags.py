@@ -112,8 +112,6 @@ def add_match_flags(parser: argparse._ActionsContainer, default: str = "") -> No
 
     Parameters
     ----------
-    parser : parser or group
-        Parser, or group of one, that gets the flags.
     default : str, optional
         Text that the help shows as the default; empty for the value of the preset.
     """

@@ -81,14 +81,10 @@ class Panel:
             self._standing.add(kind)
 
     def show(self, rows: Mapping[str, str], share: float | None, *, stale: bool) -> None:
-        """Draw the screen anew.
+        """Draw texts by their names, and the position on the bar, from 0 to 1.
 
         Parameters
         ----------
-        rows : mapping
-            What there is to say, by name.
-        share : float or None
-            Position on the bar, 0 to 1.
         stale : bool
             Whether it is too old to be believed; it is greyed then.
         """
@@ -247,13 +243,7 @@ class View:
     as_json : bool
         JSON lines on standard output.
     log : text file or None
-        Open file that gets each match as a line of JSON.
-    reference : ReferenceMap or None
-        Where it has positions, matches have the columns of `matches_csv`.
-    panel : Panel or None
-        On a terminal.
-    publishers : sequence of Publisher
-        Get every row.
+        Gets each row as a line of JSON, as the publishers do.
     line_s : float, optional
         Interval of status lines where there is neither a panel nor JSON.
     """

@@ -90,11 +90,6 @@ class RareNotices:
 
     Otherwise a program that connects, or a broker that answers and leaves, a hundred times a second
     would fill the log. One thread may add notices while another one takes them.
-
-    Parameters
-    ----------
-    clock : callable
-        Returns seconds.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:

@@ -53,11 +53,6 @@ class Calibrated(NamedTuple):
 def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> Calibrated:
     """Learn the probability that a match is correct.
 
-    Parameters
-    ----------
-    matches : Matches
-        Of a drive against this map.
-
     Raises
     ------
     EdgeVprError

@@ -57,13 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 class RecordedInputs:
-    """The files that a run has read; each is opened when it is asked for.
-
-    Parameters
-    ----------
-    run : mapping
-        Contents of `run.json`.
-    """
+    """The files that a run has read, by its `run.json`; each is opened when it is asked for."""
 
     def __init__(self, run: Mapping[str, Any]) -> None:
         self._files = run.get("inputs", ())

@@ -328,20 +328,10 @@ def _answers(question: Question, tried: Tried) -> Answers:
 
 
 def calibrated(path: Path) -> Constant:
-    """Return the energy of a cycle that a profile measured.
+    """Return the energy of a cycle in picojoules, as a profile measured it.
 
     It is a single point: one over the matches per joule (`matches_per_joule` of the profile), per
     second of processor time, divided by the clock.
-
-    Parameters
-    ----------
-    path : path
-        Of a ``profile.json``.
-
-    Returns
-    -------
-    Constant
-        In picojoules a cycle.
 
     Raises
     ------

@@ -137,15 +137,8 @@ def fit(design: Design, mission: Mission, limits: Limits) -> list[Fit]:
 
     Parameters
     ----------
-    design : Design
-        The parameters that are not searched.
     mission : Mission
         Its share of selected events grows with J.
-
-    Raises
-    ------
-    UsageError
-        If a budget of power is given and the target's is unknown.
     """
 
     def broken(candidate: Design) -> str:
@@ -164,13 +157,7 @@ def fit(design: Design, mission: Mission, limits: Limits) -> list[Fit]:
 
 
 def on_target(design: Design, mission: Mission, limits: Limits) -> DesignOnTarget:
-    """Take a design to a target, and see whether it fits.
-
-    Raises
-    ------
-    UsageError
-        If a budget of power is given and the target's is unknown.
-    """
+    """Take a design to a target, and see whether it fits."""
     chosen, limit = _best_variant(design, mission, limits)
     of = cost(chosen, limits.target, mission, limits.cycle_energy)
     return DesignOnTarget(chosen, mission, of, memory_bytes(chosen, limits.target), limit)

@@ -220,13 +220,7 @@ def _memory_text(of: DesignOnTarget, target: Target) -> str:
 
 
 def show_comparison(found: Comparison, name: str) -> None:
-    """Print both, and how many times the other one takes.
-
-    Parameters
-    ----------
-    name : str
-        Of the other design.
-    """
+    """Print both, and how many times the other one takes."""
     rows = [
         [key, f"{pair.ours:,.6g}", f"{pair.theirs:,.6g}", times(pair.theirs, pair.ours)]
         for key, pair in found.counts.items()
@@ -316,13 +310,7 @@ _SHOWN = 6
 
 
 def show(found: Estimation, *, with_sources: bool = False) -> None:
-    """Print an estimate: first the answer, then the tables behind it.
-
-    Parameters
-    ----------
-    with_sources : bool
-        Print the assumptions and the cited constants too.
-    """
+    """Print an estimate: first the answer, then the tables behind it, and what they rest on."""
     asked = found.question
     _answer(found)
     if found.fit and asked.alone is not None:

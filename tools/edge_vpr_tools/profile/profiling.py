@@ -104,15 +104,7 @@ class Provenance:
 
     @classmethod
     def of(cls, root: Path, loaded: Conditions, energy: Outcome, run: RunRecord) -> Provenance:
-        """Determine the origin of a profile on this machine.
-
-        Parameters
-        ----------
-        root : path
-            Root of the file system.
-        loaded : Conditions
-            Conditions under load.
-        """
+        """Determine the origin of a profile on this machine."""
         board = read_text(root / "proc/device-tree/model").rstrip("\0")
         sensor = None if energy.readings is None else energy.readings.sensor
         return cls(
@@ -191,20 +183,14 @@ def profile(
     ----------
     sensor : Sensor, optional
         Sensor of power or energy; it is not closed.
-    missing : sequence of Missing
-        Reasons why there is no sensor.
     every : str
         Schedule of matches; see `MatchSchedule.parse`.
     packet : int
         Number of events in a call.
-    mission_rate : float
-        Matches per second of the mission.
     designs : bool
         Whether to compare other designs, if the truth is known.
     meter : bool
         Whether to alternate idle and load for an external meter.
-    root : path
-        Root of the file system; replaced in tests.
 
     Raises
     ------
@@ -265,17 +251,10 @@ def profile(
     )  # fmt: skip
 
 
-def with_meter(path: Path, meter: Path, rate: float, voltage: float | None = None) -> Profile:
+def with_meter(
+    path: Path, meter: Path, mission_rate: float, voltage: float | None = None
+) -> Profile:
     """Add the energy from an external meter's trace to a profile that was made for it.
-
-    Parameters
-    ----------
-    path, meter : path
-        Of the profile and the trace.
-    rate : float
-        Matches per second of the mission.
-    voltage : float, optional
-        Supply in volts, for a trace of current alone.
 
     Raises
     ------
@@ -297,7 +276,7 @@ def with_meter(path: Path, meter: Path, rate: float, voltage: float | None = Non
         period_s=float(np.median(np.diff(time_s))),
         detail=f"its clock is {ahead:.3f} s ahead, by its steps; its gain error is not known",
     )
-    energy = analyse(Trace.of_power(time_s - ahead, watts), windows, about, rate)
+    energy = analyse(Trace.of_power(time_s - ahead, watts), windows, about, mission_rate)
     return replace(found, energy=replace(energy, quick=found.quick))
 
 

@@ -242,15 +242,7 @@ def check_shown(found: Profile, path: Path) -> None:
 
 
 def write_profile(found: Profile, folder: Path, *, report: bool, name: str = PROFILE) -> None:
-    """Write a profile with its spreadsheet, and optionally the report.
-
-    Parameters
-    ----------
-    report : bool
-        Also write the report with figures.
-    name : str
-        Name of the JSON file.
-    """
+    """Write a profile to a file of this name, with its spreadsheet, and if asked with a report."""
     write_json(folder / name, found)
     header = ("quantity", "value", "low", "high")
     write_spreadsheet(folder / "profile.csv", header, [one[:4] for one in numbers(found)])

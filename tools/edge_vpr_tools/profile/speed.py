@@ -74,10 +74,6 @@ def sparse_against_all(events: Events, pixel_map: PixelMap, places: int) -> Spar
 
     Parameters
     ----------
-    events : ndarray of events
-        In time order.
-    pixel_map : PixelMap
-        The selected pixels.
     places : int
         K; fewer are used if all pixels of this many places would need too much memory.
     """

@@ -52,8 +52,6 @@ class Workload:
     ----------
     events : iterable of ndarray
         Cleaned events of the recording; held in memory.
-    every : MatchSchedule
-        Schedule of matches.
     packet : int
         Number of events in one call, as from a camera's driver.
 
@@ -252,7 +250,7 @@ class DesignResult:
 
 
 def compare(
-    load: Load, sensor: Sensor | None, plan: Plan, rate: float, known: Outcome
+    load: Load, sensor: Sensor | None, plan: Plan, mission_rate: float, known: Outcome
 ) -> list[DesignResult]:
     """Evaluate each design of a load whose truth is known, and measure the cost of its match.
 
@@ -260,8 +258,6 @@ def compare(
     ----------
     sensor : Sensor, optional
         Measures joules; without it, only processor time is measured.
-    rate : float
-        Matches per second of the mission.
     known : NotMeasured or Energy
         Energy of the load's own map, which has already been measured.
     """
@@ -278,7 +274,7 @@ def compare(
         energy: Outcome | None = None
         if sensor is not None:
             measured = known if reference is load.reference else None
-            energy = measured or _energy(sensor, plan, workload, rate)
+            energy = measured or _energy(sensor, plan, workload, mission_rate)
         found.append(
             DesignResult(
                 name=design.name,
@@ -309,9 +305,9 @@ def _cpu_s_per_match(load: Workload, plan: Plan) -> Estimate:
     return interval_of_times(np.array(slices))
 
 
-def _energy(sensor: Sensor, plan: Plan, load: Workload, rate: float) -> Outcome:
+def _energy(sensor: Sensor, plan: Plan, load: Workload, mission_rate: float) -> Outcome:
     try:
-        return measure(sensor, plan, load.run, rate)
+        return measure(sensor, plan, load.run, mission_rate)
     except SensorError as error:
         return NotMeasured((str(error),))
 
@@ -341,11 +337,6 @@ class Throughput:
 
 def measure_throughput(workload: Workload, seconds: float) -> Throughput:
     """Measure at full speed; the load must already be compiled and in the caches.
-
-    Parameters
-    ----------
-    seconds : float
-        Duration of the measurement.
 
     Raises
     ------

@@ -81,19 +81,7 @@ def _latency_line(latencies: dict[str, Latency]) -> str:
 def write_report(
     folder: Path, trials: dict[str, Trial], latencies: dict[str, Latency], track: Track
 ) -> None:
-    """Write ``report.html`` and its figures, and map and matches of the default.
-
-    Parameters
-    ----------
-    folder : path
-        With the run's record.
-    trials : dict of str to Trial
-        By variant.
-    latencies : dict of str to Latency
-        Times to the first correct match, by the name of the trial.
-    track : Track
-        Of the reference drive.
-    """
+    """Write ``report.html`` and its figures, and map and matches of the default."""
     best, by_time = trials[simulated.BEST], trials[simulated.BY_TIME]
     page = Page("edge-vpr: one street, driven twice")
     default = trials[simulated.DEFAULT]

@@ -211,15 +211,7 @@ class _Film:
 
 
 def write_gif(path: Path, pictures: Sequence[Image.Image], fps: float) -> None:
-    """Write an animated GIF that is repeated for ever, atomically.
-
-    Parameters
-    ----------
-    pictures : sequence of Image
-        At least one.
-    fps : float
-        Frames per second.
-    """
+    """Write an animated GIF that is repeated for ever, atomically."""
     with replacing(path) as temporary:
         pictures[0].save(
             temporary, format="GIF", save_all=True, append_images=pictures[1:],
@@ -230,17 +222,7 @@ def write_gif(path: Path, pictures: Sequence[Image.Image], fps: float) -> None:
 def write_html(
     path: Path, pictures: Sequence[Image.Image], captions: Sequence[str], fps: float
 ) -> None:
-    """Write a page with a slider, which needs no other file, atomically.
-
-    Parameters
-    ----------
-    pictures : sequence of Image
-        At least one.
-    captions : sequence of str
-        Of each picture.
-    fps : float
-        Frames per second.
-    """
+    """Write a page with a slider, which needs no other file, atomically."""
     encoded = [base64.b64encode(_png(one)).decode("ascii") for one in pictures]
     # within a script, nothing may look like markup
     markup = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&'"}
@@ -297,10 +279,6 @@ def replay_of(
         Of the match. The recording is read if it was matched online, or for `all_events`.
     most : int
         Largest number of frames: of more windows, some are left out, evenly.
-    start_s, end_s : float, optional
-        Part of the query, in seconds.
-    all_events : bool
-        Also count the events at all pixels.
 
     Raises
     ------

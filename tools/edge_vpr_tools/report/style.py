@@ -102,17 +102,7 @@ def look(i: int) -> dict[str, Any]:
 def mean_line(
     axes: Axes, across: Sequence[float], trials: Sequence[Sequence[float]], **curve: Any
 ) -> None:
-    """Draw the mean of the trials at each point, with their standard deviation as a bar.
-
-    Parameters
-    ----------
-    across : sequence of float
-        Points of the horizontal axis.
-    trials : sequence of sequence of float
-        Figures of each point's trials.
-    **curve
-        Of the line; see `matplotlib.axes.Axes.errorbar`.
-    """
+    """Draw the mean of the trials at each point, with their standard deviation as a bar."""
     found = [mean_and_spread(values) for values in trials]
     means, spreads = ([pair[i] for pair in found] for i in (0, 1))
     axes.errorbar(across, means, spreads, marker="o", ms=3.5, **curve)
@@ -284,26 +274,12 @@ class Scale:
 
 
 def seconds(centre_us: npt.NDArray[np.int64], drive: str) -> Scale:
-    """Return the time of each window.
-
-    Parameters
-    ----------
-    centre_us : ndarray of int64, shape (n,)
-        Centres of the windows, in microseconds.
-    drive : str
-        Name for the label.
-    """
+    """Return the time of each window."""
     return Scale(centre_us / 1e6, f"time of the {drive} drive (s)")
 
 
 def along_route(reference: ReferenceMap, route: Route | None) -> Scale:
-    """Return the metres to each place where a track says them, and else the seconds.
-
-    Parameters
-    ----------
-    route : Route or None
-        Positions of its places.
-    """
+    """Return the metres to each place where a track says them, and else the seconds."""
     if route is None:
         return seconds(reference.places.centre_us, "reference")
     return Scale(route.along_m, "distance along the route (m)")
@@ -316,8 +292,6 @@ def add_scale(axes: Axes, side: str, scale: Scale) -> None:
     ----------
     axes : Axes
         With windows or places, from 0, on the opposite axis.
-    side : {"top", "right"}
-        Edge of the axes along which it is drawn.
     """
     positions, values = scale.ticks()
     if not positions.size:

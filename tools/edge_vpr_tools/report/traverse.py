@@ -57,8 +57,6 @@ def write_report(
     ----------
     folder : path
         With the run's record and, of a match event by event, the windows of the query.
-    outcome : Outcome
-        Of the matches of the result.
     formats : sequence of str
         Of `report.FORMATS`: each figure is also written in each.
     route : Route, optional
