@@ -248,19 +248,14 @@ class LineServer:
         """See `Publisher.notices`."""
         return self._notices.take()
 
-    def close(self) -> None:
-        """Give readers a second to read waiting lines, then close; may be called again."""
-        if self._closing.is_set():
-            return
-        self._closing.set()
-        self._rouse()
-        self._thread.join()
-
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self.close()
+        """Give readers a second to read waiting lines, then close."""
+        self._closing.set()
+        self._rouse()
+        self._thread.join()
 
     def _rouse(self) -> None:
         # full: the thread will wake up anyway

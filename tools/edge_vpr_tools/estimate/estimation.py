@@ -13,7 +13,6 @@ from edge_vpr.files import parse_errors
 from edge_vpr.results import to_json
 from edge_vpr_tools.estimate.model import Cost, EveryPixel, Mission, Sizes, Work, cost, sizes, work
 from edge_vpr_tools.estimate.search import (
-    Asked,
     Budget,
     Candidate,
     DesignOnTarget,
@@ -311,9 +310,14 @@ def _answers(question: Question, tried: Tried) -> Answers:
     recommended, every, unknown = {}, {}, {}
     for target in question.targets:
         limits = Limits(target, question.budgets, question.measured, choose_distances=True)
-        asked = Asked(limits, question.route_places, question.matches_per_s, question.events_per_s)
         try:
-            found = candidates(tried.designs, asked)
+            found = candidates(
+                tried.designs,
+                limits,
+                places=question.route_places,
+                matches_per_s=question.matches_per_s,
+                events_per_s=question.events_per_s,
+            )
         except UsageError as error:
             if question.alone is not None:
                 raise

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -320,47 +320,6 @@ class Recommendation(NamedTuple):
     limit: str
 
 
-@dataclass(frozen=True)
-class Asked:
-    """Requirements for a candidate: the limits of a target, and the mission."""
-
-    limits: Limits
-    #: Places of the mission's route at one per window, instead of each map's.
-    places: int | None = None
-    matches_per_s: float | None = None  #: By default one a window.
-    events_per_s: float | None = None  #: By default those of the reference drive.
-
-    def candidate(self, one: Evaluated) -> Candidate:
-        """Take a map as a device with the mission's number of places.
-
-        Raises
-        ------
-        UsageError
-            If no device of this kind could be, or a budget of power cannot be held against this
-            target.
-        """
-        reference = one.reference
-        rate, share = event_rates(reference)
-        try:
-            design = design_of(reference)
-            if self.places is not None:
-                places = self.places * reference.settings.places_per_window
-                design = replace(design, places=places)
-        except DesignError as error:
-            raise UsageError(f"{one.name}: {error}") from error
-        windows_s = int((reference.places.end_us - reference.places.start_us).sum()) / 1e6
-        a_second = self.matches_per_s or len(reference) / max(windows_s, 1e-6)
-        mission = Mission(self.events_per_s or rate, share, a_second)
-        found = on_target(design, mission, self.limits)
-        return Candidate(
-            **{field.name: getattr(found, field.name) for field in fields(found)},
-            name=one.name,
-            accuracy=one.accuracy,
-            queries=one.queries,
-            own_places=len(reference),
-        )
-
-
 def evaluation_of(metrics: Path) -> tuple[float, int] | None:
     """Read P@100R and the number of queries of a run; None if it was not evaluated.
 
@@ -404,9 +363,50 @@ def evaluated_runs(folder: Path) -> list[Evaluated]:
     return found
 
 
-def candidates(evaluated: Iterable[Evaluated], asked: Asked) -> list[Candidate]:
-    """Take evaluated designs for a mission, best accuracy first, then the smallest."""
-    found = [asked.candidate(one) for one in evaluated]
+def candidates(
+    evaluated: Iterable[Evaluated],
+    limits: Limits,
+    *,
+    places: int | None = None,
+    matches_per_s: float | None = None,
+    events_per_s: float | None = None,
+) -> list[Candidate]:
+    """Take evaluated maps as devices of a mission, best accuracy first, then the smallest.
+
+    Parameters
+    ----------
+    places : int, optional
+        Of the mission's route at one per window, instead of each map's.
+    matches_per_s, events_per_s : float, optional
+        By default one a window, and those of the reference drive.
+
+    Raises
+    ------
+    UsageError
+        If no device of this kind could be, or a budget of power cannot be held against this target.
+    """
+    found = []
+    for one in evaluated:
+        reference = one.reference
+        rate, share = event_rates(reference)
+        try:
+            design = design_of(reference)
+            if places is not None:
+                design = replace(design, places=places * reference.settings.places_per_window)
+        except DesignError as error:
+            raise UsageError(f"{one.name}: {error}") from error
+        windows_s = int((reference.places.end_us - reference.places.start_us).sum()) / 1e6
+        a_second = matches_per_s or len(reference) / max(windows_s, 1e-6)
+        device = on_target(design, Mission(events_per_s or rate, share, a_second), limits)
+        found.append(
+            Candidate(
+                **vars(device),
+                name=one.name,
+                accuracy=one.accuracy,
+                queries=one.queries,
+                own_places=len(reference),
+            )
+        )
     return sorted(found, key=lambda one: (-one.accuracy, one.memory_bytes))
 
 

@@ -23,7 +23,6 @@ from edge_vpr_tools.profile.profiling import (
     Provenance,
     numbers,
 )
-from edge_vpr_tools.profile.speed import Timing
 from edge_vpr_tools.profile.workload import DesignResult
 from edge_vpr_tools.report.page import Page, add_run, plain, quantity
 from edge_vpr_tools.report.style import (
@@ -68,7 +67,8 @@ def rows(found: Profile) -> list[tuple[str, str]]:
             what += ", made up"
         sparse, every = (quantity(one.value, "s") for one in (against.sparse_s, against.all_s))
         seconds = f"{sparse} against {every} {against.unit}"
-        lines.append((what, f"{seconds}: {_three(against.times)} times"))
+        times = "{:.3g} ({:.3g} to {:.3g})".format(*against.times)
+        lines.append((what, f"{seconds}: {times} times"))
     # the headline first
     energy = _energy_rows(found.energy, found.void)
     return energy[:1] + lines + energy[1:]
@@ -206,10 +206,6 @@ def _joules(figures: Figures, name: str) -> str:
     value, low, high = figures.bounded(name)
     assert value is not None
     return quantity(value, "J", low, high, digits=4)
-
-
-def _three(of: Timing) -> str:
-    return f"{of.value:.3g} ({of.low:.3g} to {of.high:.3g})"
 
 
 # A profile on the terminal.
