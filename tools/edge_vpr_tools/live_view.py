@@ -30,7 +30,6 @@ from edge_vpr.live.session import (
     LiveResult,
     LiveSession,
     LiveStatus,
-    Message,
     ends_early,
     nothing_valid,
 )
@@ -43,7 +42,7 @@ from edge_vpr_tools.console import (
     warn_if_much,
     warning,
 )
-from edge_vpr_tools.publish import Publisher, open_publishers
+from edge_vpr_tools.publish import LineServer, Publisher, open_mqtt
 
 # The full-screen view of a live run on a terminal.
 
@@ -297,10 +296,6 @@ class View:
             for line in lines:
                 self._hand_on("match", line)
 
-    def message(self, message: Message) -> None:
-        """Show a message of the session."""
-        self.say(message.kind, message.text, over=message.over)
-
     def say(self, kind: str, text: str, *, over: bool = False) -> None:
         """Report that something happened, or that it is over."""
         self._write({"kind": kind, "text": text})
@@ -316,11 +311,6 @@ class View:
     def odometry(self, time_us: int, distance_m: float) -> None:
         """Write a reading of the odometer."""
         self._write({"kind": "odometry", "time_s": time_us / 1e6, "distance_m": distance_m})
-
-    def give_up(self, text: str) -> None:
-        """Report that a file is given up; the run continues without it."""
-        self.unwritten = text
-        self.say("file", f"{text}; going on without it")
 
     def tick(self, status: LiveStatus) -> None:
         """Update the view, if it is time to."""
@@ -458,7 +448,8 @@ class View:
                     self._log.flush()
             except OSError as error:
                 name, self._log = self._log.name, None
-                self.give_up(ends_early(name, error))
+                self.unwritten = ends_early(name, error)
+                self.say("file", f"{self.unwritten}; going on without it")
 
     def _print(self, *text: str) -> None:
         """Print lines at once; end the run in an orderly way if the reader has gone.
@@ -555,22 +546,19 @@ class RerunView:
 
 
 @contextmanager
-def open_rerun(target: str | None, sensor: Sensor) -> Iterator[RerunView | None]:
+def open_rerun(target: str, sensor: Sensor) -> Iterator[RerunView]:
     """Open a viewer, or a file for one.
 
     Parameters
     ----------
-    target : str or None
-        ``viewer``, or a file ``.rrd`` to look at later; None: nothing.
+    target : str
+        ``viewer``, or a file ``.rrd`` to look at later.
 
     Raises
     ------
     MissingExtraError
         If the library is not installed.
     """
-    if target is None:
-        yield None
-        return
     try:
         import rerun
     except ImportError as error:
@@ -604,7 +592,7 @@ def show_session(
     as_json, log, line_s
         See `View`; `log` is the file's name.
     rerun, serve, mqtt
-        See `open_rerun` and `open_publishers`.
+        See `open_rerun`, `LineServer` and `open_mqtt`.
 
     Raises
     ------
@@ -615,9 +603,15 @@ def show_session(
     session.on_message = lambda message: None  # the command itself says that it compiles
     try:
         with ExitStack() as stack:
-            viewer = stack.enter_context(open_rerun(rerun, session.sensor))
+            viewer = None
+            if rerun is not None:
+                viewer = stack.enter_context(open_rerun(rerun, session.sensor))
             stack.enter_context(stopped_by_signals(session.stopping))
-            publishers = stack.enter_context(open_publishers(serve, mqtt))
+            publishers: list[Publisher] = []
+            if serve is not None:
+                publishers.append(stack.enter_context(LineServer(serve)))
+            if mqtt is not None:
+                publishers.append(stack.enter_context(open_mqtt(mqtt)))
             with status("kernels") as shown:
                 session.warm_up(shown)
             session.open()
@@ -632,7 +626,7 @@ def show_session(
 
 
 def _show(session: LiveSession, view: View, rerun: RerunView | None) -> None:
-    session.on_message = view.message
+    session.on_message = lambda message: view.say(message.kind, message.text, over=message.over)
     try:
         for step in session.steps():
             for reading in step.odometry:

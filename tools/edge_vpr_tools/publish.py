@@ -12,7 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple, Protocol, Self
 from urllib.parse import parse_qsl, unquote
 
@@ -47,33 +47,6 @@ class Publisher(Protocol):
 
     def notices(self) -> Iterator[tuple[str, bool]]:
         """Yield what happened since the last call, and whether it is good news."""
-
-
-@contextmanager
-def open_publishers(serve: str | None, mqtt: str | None) -> Iterator[tuple[Publisher, ...]]:
-    """Open the requested publishers, until the block ends.
-
-    Parameters
-    ----------
-    serve : str or None
-        ``[HOST:]PORT`` to listen on.
-    mqtt : str or None
-        ``mqtt://[USER@]HOST[:PORT]/TOPIC``.
-
-    Raises
-    ------
-    UsageError
-        If an address is none, or a library is missing.
-    LinkError
-        If the port cannot be listened on.
-    """
-    with ExitStack() as stack:
-        publishers: list[Publisher] = []
-        if serve is not None:
-            publishers.append(stack.enter_context(LineServer(serve)))
-        if mqtt is not None:
-            publishers.append(stack.enter_context(open_mqtt(mqtt)))
-        yield tuple(publishers)
 
 
 # Notices that would come too often are counted, and shown once a minute.

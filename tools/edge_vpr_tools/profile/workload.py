@@ -91,7 +91,8 @@ class Workload:
         self._next = 0
         self.recorded_s, self.events_a_round = self._period / 1e6, whole.size
         self.reset()
-        self.round()
+        for _ in self._packets:  # this also compiles the kernels and warms the caches
+            self._feed()
         if self.matches == 0:
             raise UsageError(
                 "one round of the recording gives no match: take shorter windows or a longer drive"
@@ -103,11 +104,6 @@ class Workload:
         self.events = self.matches = 0
         self.busy_s = 0.0
         self.latencies_s: list[float] = []
-
-    def round(self) -> None:
-        """Feed the recording once more; this also compiles the kernels and warms the caches."""
-        for _ in range(len(self._packets)):
-            self._feed()
 
     def run(self, seconds: float) -> int:
         """Feed events for some seconds; return the number of matches."""
