@@ -9,10 +9,7 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from typing import TYPE_CHECKING, Any
 
 from edge_vpr.descriptors.counting import Removed, WindowSource
 from edge_vpr.descriptors.windows import PublishedWindows
@@ -25,6 +22,9 @@ from edge_vpr.reference_map import MatchResult
 from edge_vpr.settings import Settings
 from edge_vpr_tools.console import check_interrupted, is_quiet, warning
 from edge_vpr_tools.truth_files import load_truth
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 # Recordings: opened by the flags, read with a progress bar, and described.
 
@@ -102,6 +102,8 @@ class Tracked:
         return getattr(self._recording, name)
 
     def __iter__(self) -> Iterator[Events]:
+        from rich.console import Console  # slow to load, as all of rich
+
         console = Console(stderr=True)
         shown = self._recording
         if not is_quiet() and console.is_terminal:
@@ -111,16 +113,18 @@ class Tracked:
             yield events
 
     def _shown(self, console: Console) -> Iterator[Events]:
+        from rich import progress as rich
+
         columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.fields[events]}"),
-            TimeElapsedColumn(),
-            TextColumn("left:"),
-            TimeRemainingColumn(),
+            rich.TextColumn("{task.description}"),
+            rich.BarColumn(),
+            rich.TextColumn("{task.fields[events]}"),
+            rich.TimeElapsedColumn(),
+            rich.TextColumn("left:"),
+            rich.TimeRemainingColumn(),
         )
         # transient: the bar disappears when the pass ends, and the lines of the command stay
-        with Progress(*columns, console=console, transient=True) as progress:
+        with rich.Progress(*columns, console=console, transient=True) as progress:
             task = progress.add_task(self._label, total=None, events="")
             n = 0
             for events in self._recording:

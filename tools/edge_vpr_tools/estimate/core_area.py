@@ -81,11 +81,6 @@ def read(table: Path = TABLE) -> dict[str, Netlist]:
         }
 
 
-def available() -> int:
-    """Return the logic cells of the FPGA."""
-    return next(iter(read().values())).available
-
-
 def cells(design: Design) -> int:
     """Predict the logic cells of the core and its SPI slave on an iCE40UP5K."""
     return round(float(np.dot(_fitted(), _terms(design))))
