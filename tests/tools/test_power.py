@@ -19,8 +19,8 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
+from edge_vpr_tools.commands.estimate import calibrated
 from edge_vpr_tools.console import terminated_as_interrupted
-from edge_vpr_tools.estimate.estimation import calibrated
 from edge_vpr_tools.profile import meter_trace, profiling
 from edge_vpr_tools.profile.conditions import Conditions, void_because
 from edge_vpr_tools.profile.measurement import (

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from edge_vpr_tools.estimate.accuracy import Drives
     from edge_vpr_tools.estimate.estimation import Question, Tried
     from edge_vpr_tools.estimate.model import Mission
+    from edge_vpr_tools.estimate.targets import Constant
     from firmware_model.model.design import Design
 
 
@@ -220,7 +221,7 @@ def _drives(args: argparse.Namespace) -> Drives:
 
 def question_of(args: argparse.Namespace) -> Question:
     """Build the question from the flags; runs designs on drives if the flags ask for it."""
-    from edge_vpr_tools.estimate.estimation import Other, Question, calibrated
+    from edge_vpr_tools.estimate.estimation import Other, Question
     from edge_vpr_tools.estimate.search import Budget
     from edge_vpr_tools.estimate.targets import find, names
     from firmware_model.errors import DesignError
@@ -403,6 +404,51 @@ def _matches_per_s(every: str, design: Design, selected_per_s: float) -> float:
     if schedule.events:
         return selected_per_s / schedule.events
     return 1e6 / schedule.interval_us
+
+
+def calibrated(path: Path) -> Constant:
+    """Return the energy of a cycle in picojoules, as a profile measured it.
+
+    It is a single point: one over the matches per joule (`matches_per_joule` of the profile), per
+    second of processor time, divided by the clock.
+
+    Raises
+    ------
+    UsageError
+        If the file is no profile, or its energy was not measured or not resolved.
+    """
+    from edge_vpr.files import parse_errors
+    from edge_vpr_tools.estimate.targets import Constant, Spread
+    from edge_vpr_tools.profile.profiling import Profile
+
+    profile = Profile.load_file(path)
+    energy, clock = profile.energy, profile.conditions.loaded.frequency_hz
+    a_joule = None if energy.figures is None else energy.figures.bounded("matches_per_joule")
+    if (
+        energy.figures is None or a_joule is None or a_joule.value is None
+        or a_joule.low is None or a_joule.high is None or not clock
+    ):  # fmt: skip
+        raise UsageError(
+            f"{path}: energy was not measured or not resolved, or the clock is not known: "
+            "profile a board with a power sensor, for longer"
+        )
+    # periods of an external meter have no processor time, which is taken from the throughput
+    seconds = energy.cpu_s_per_match or profile.throughput.cpu_s_per_match
+    most_first = (a_joule.high, a_joule.value, a_joule.low)
+    with parse_errors(path, "energy and clock", "profile the board again"):
+        picojoules = [1e12 / (matches * seconds * clock) for matches in most_first]
+        if not all(map(math.isfinite, picojoules)) or picojoules != sorted(picojoules):
+            raise ValueError(f"{picojoules} pJ a cycle are no interval")
+        year = int(profile.run.finished_utc[:4])
+    return Constant(
+        "a cycle of this board",
+        "pJ/cycle",
+        Spread(*picojoules),
+        year,
+        profile.run.machine.processor,
+        f"calibrated on the profile {path}",
+        "interval of the measurement; one point: another load may cost another energy a cycle",
+    )
 
 
 def run(args: argparse.Namespace) -> None:
