@@ -17,7 +17,7 @@ from designs import random_stream, wrapped
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands import estimate as estimate_arguments
 from edge_vpr_tools.commands.estimate import design_and_mission
-from edge_vpr_tools.estimate import accuracy, emulation, search, targets
+from edge_vpr_tools.estimate import accuracy, emulation, figure, search, targets
 from edge_vpr_tools.estimate import model as counts
 from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_of
 from edge_vpr_tools.estimate.of_map import design_of
@@ -683,7 +683,7 @@ def test_evaluated_runs_are_set_against_their_cost(drive, tmp_path, capsys):  # 
     short = search.candidates(runs, limits)
     assert [one.accuracy for one in short] == [0.9, 0.2]
     assert not any(one.limited_by for one in short)
-    assert len(search.frontier(short, lambda one: one.memory_bytes)) == 1
+    assert len(figure.frontier(short, lambda one: one.memory_bytes)) == 1
     chosen = search.recommend(short)
     assert chosen.design is short[0] and chosen.limit == ""
     long = search.candidates(runs, limits, places=10_000)
@@ -714,7 +714,7 @@ def test_accuracy_is_drawn_against_energy_and_against_bytes(name, drive, tmp_pat
     """Two panels; where energy is unknown, the one of energy says so and draws nothing."""
     target = targets.find(name)
     found = search.candidates(evaluated(tmp_path, drive), Limits(target, choose_distances=True))
-    energy, memory = search.draw(found, target).axes
+    energy, memory = figure.draw(found, target).axes
     assert "modelled" in energy.get_xlabel() or "unknown" in energy.texts[0].get_text()
     assert bool(energy.lines) == (found[0].cost.per_match_j is not None)
     assert "bytes" in memory.get_xlabel() and memory.lines

@@ -455,9 +455,7 @@ def run(args: argparse.Namespace) -> None:
     """Count, model, and print."""
     from edge_vpr.results import check_parent, write_json
     from edge_vpr_tools.estimate.estimation import estimate
-    from edge_vpr_tools.estimate.search import draw
     from edge_vpr_tools.estimate.show import show
-    from edge_vpr_tools.report.style import save
 
     question = question_of(args)
     figure = _figure(args, question)
@@ -467,6 +465,9 @@ def run(args: argparse.Namespace) -> None:
     found = estimate(question)
     show(found, with_sources=args.sources)
     if figure is not None and question.alone is not None and found.answers is not None:
+        from edge_vpr_tools.estimate.figure import draw
+        from edge_vpr_tools.report.style import save
+
         save(draw(found.answers.candidates[question.alone.name], question.alone), figure)
         say(f"drawn: {figure}")
     if args.json is not None:
