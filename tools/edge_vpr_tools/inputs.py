@@ -1,32 +1,22 @@
-"""What the flags name: recordings, read with progress shown, and results with their truth."""
+"""Recordings: opened by the flags of the command line, read with a progress bar, and described."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
-from dataclasses import replace
 from fractions import Fraction
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edge_vpr.descriptors.counting import Removed, WindowSource
 from edge_vpr.descriptors.windows import PublishedWindows
-from edge_vpr.errors import GroundTruthError
-from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.events import Events, Sensor
-from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import Recording, crop_of, open_recording, parse_period
-from edge_vpr.reference_map import MatchResult
 from edge_vpr.settings import Settings
 from edge_vpr_tools.console import check_interrupted, is_quiet, warning
-from edge_vpr_tools.truth_files import load_truth
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-# Recordings: opened by the flags, read with a progress bar, and described.
 
 
 def open_from(
@@ -162,61 +152,3 @@ def describe_removed(removed: Removed, settings: Settings) -> str:
     if not settings.remove_bursts:
         return "; bursts kept"
     return f"; {removed.burst_events:,} events ({removed.burst_share:.1%}) removed as bursts"
-
-
-# Load the results and the ground truth that the flags name.
-
-
-#: places times queries of the ground truth: 64 MB
-_MOST_CELLS = 1 << 26
-#: swapped logs are reported if this share of the matches becomes correct by it; chosen by judgement
-_SWAPPED_BY = 0.3
-
-
-def _share_correct(matches: Matches, truth: GroundTruth) -> float:
-    return float(truth.correct[matches.place, matches.query].mean())
-
-
-def load_evaluated(args: argparse.Namespace) -> tuple[MatchResult, GroundTruth]:
-    """Read a folder of results and its ground truth, and print warnings about doubtful inputs.
-
-    Parameters
-    ----------
-    args : argparse.Namespace
-        With ``results`` and what `add_truth_flags` adds.
-
-    Raises
-    ------
-    EdgeVprError
-        If the folder or the ground truth cannot be used.
-    """
-    result = MatchResult.load(args.results)
-    reference, matches = result.reference, result.matches
-    if result.queries is None:  # matched online: each match is a query
-        matches = matches.every(1 + len(matches) * len(reference) // _MOST_CELLS)
-        result = replace(result, matches=matches)
-    period = args.frame_period
-    if period is None and reference.frame_period is not None:
-        period = str(reference.frame_period)
-    truth_of = partial(
-        load_truth,
-        places_us=reference.places.centre_us,
-        queries_us=result.query_time_us,
-        tolerance=args.tolerance,
-        rows=args.rows,
-        frame_period=period,
-    )
-    truth = truth_of(args.ground_truth, offset_s=args.offset)
-    for line in truth.notes:
-        warning(line)
-    share = _share_correct(matches, truth)
-    if len(args.ground_truth) == 2 and share < 1 - _SWAPPED_BY:
-        offsets = None if args.offset is None else args.offset[::-1]
-        with suppress(GroundTruthError):  # the tracks fit these drives in one order only
-            swapped = _share_correct(matches, truth_of(args.ground_truth[::-1], offset_s=offsets))
-            if swapped > share + _SWAPPED_BY:
-                warning(
-                    f"with the two logs in the other order, {swapped:.0%} of the matches would be "
-                    f"correct instead of {share:.0%}: name the log of the reference first"
-                )
-    return result, truth

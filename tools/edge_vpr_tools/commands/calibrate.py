@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> None:
     """Learn the table of probabilities and write it with the map."""
     from edge_vpr import results
     from edge_vpr.files import check_output
-    from edge_vpr_tools.inputs import load_evaluated
+    from edge_vpr_tools.truth_files import load_evaluated
 
     folder = Path(args.results)
     output = folder / results.MAP if args.output is None else Path(args.output)
@@ -104,7 +104,10 @@ def run(args: argparse.Namespace) -> None:
         if output.exists() and not args.overwrite:
             raise UsageError(f"output {output} exists: name another, or replace with --overwrite")
         results.check_parent(output)
-    result, truth = load_evaluated(args)
+    result, truth = load_evaluated(
+        args.results, args.ground_truth, tolerance=args.tolerance, rows=args.rows,
+        frame_period=args.frame_period, offset_s=args.offset,
+    )  # fmt: skip
     found = calibrate(result.reference, result.matches, truth)
     if found.settings_changed:
         note(

@@ -54,13 +54,16 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.evaluation.tracks import load_track, with_positions
     from edge_vpr.files import read_json
     from edge_vpr.results import run_record, write_json
-    from edge_vpr_tools.inputs import load_evaluated
     from edge_vpr_tools.report.page import MISSED
     from edge_vpr_tools.report.traverse import write_report
     from edge_vpr_tools.report.verdict import outcome_of
+    from edge_vpr_tools.truth_files import load_evaluated
 
     folder, formats = Path(args.results), figure_formats(args.figures)
-    result, truth = load_evaluated(args)
+    result, truth = load_evaluated(
+        args.results, args.ground_truth, tolerance=args.tolerance, rows=args.rows,
+        frame_period=args.frame_period, offset_s=args.offset,
+    )  # fmt: skip
     reference, matches = result.reference, result.matches
     found = result.evaluate(
         truth,
