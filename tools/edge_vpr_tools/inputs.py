@@ -20,10 +20,7 @@ if TYPE_CHECKING:
 
 
 def open_from(
-    args: argparse.Namespace,
-    path: str | Path,
-    *,
-    default_period: Fraction | None = None,
+    args: argparse.Namespace, path: str | Path, *, default_period: Fraction | None = None
 ) -> Recording:
     """Open a recording with the flags of :func:`add_reading_arguments`.
 
