@@ -6,12 +6,15 @@ import argparse
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from edge_vpr.errors import UsageError, did_you_mean
 from edge_vpr.settings import PRESETS, SETTING_FIELDS, SettingField, Settings, resolve_settings
 from edge_vpr_tools.console import warning
 from edge_vpr_tools.report import FORMATS
+
+if TYPE_CHECKING:
+    from edge_vpr.reference_map import ReferenceMap
 
 # Flags by which every command opens a recording.
 
@@ -148,9 +151,9 @@ def match_flags(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def with_match_flags(
-    args: argparse.Namespace, settings: Settings, *, online: bool = False
-) -> Settings:
-    """Return the settings of a map, changed by the flags of `add_match_flags`.
+    args: argparse.Namespace, reference: ReferenceMap, *, online: bool
+) -> ReferenceMap:
+    """Return a map with its settings changed by the flags of `add_match_flags`.
 
     Parameters
     ----------
@@ -162,6 +165,7 @@ def with_match_flags(
     UsageError
         If a value is wrong, or ``--smooth`` is given online.
     """
+    settings = reference.settings
     if online:
         if args.smooth:
             raise UsageError(
@@ -176,7 +180,8 @@ def with_match_flags(
         warning("--delay has no effect on a drive that is smoothed whole: add --no-smooth")
     if args.stays_on_map and filters and (changed.smooth or changed.delay):
         warning("--stays-on-map is for matches at once: add --no-smooth, and no --delay")
-    return changed
+    reference.check_asked(changed)
+    return reference.matched_with(changed)
 
 
 def _warn_of_no_effect(

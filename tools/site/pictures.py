@@ -189,7 +189,11 @@ def read_replay(folder: Path) -> Replay:
     run["command"] = [
         str(folder / word) if (folder / word).is_file() else word for word in run["command"]
     ]
-    return replay_of(MatchResult.load(results), RecordedInputs(run), 10_000, all_events=True)
+    inputs = RecordedInputs(run)
+    recording = inputs.recording("a picture")
+    return replay_of(
+        MatchResult.load(results), recording, inputs.odometry(), 10_000, all_events=True
+    )
 
 
 def show_events(axes: Axes, image: np.ndarray) -> None:

@@ -110,14 +110,12 @@ def run(args: argparse.Namespace) -> None:
     for path in args.export or ():
         check_track_file(path, reference)
         results.check_new_file(Path(path), inputs, args.overwrite)
-    settings = with_match_flags(args, reference.settings, online=args.online)
-    reference.check_asked(settings)
-    asked = reference.matched_with(settings)
+    asked = with_match_flags(args, reference, online=args.online)
     _ = asked.acceptance  # a precision that the table cannot reach is an error before any work
     if args.every is not None and not args.online:
         raise UsageError("--every says when to match online: add --online, or leave it out")
     odometry = None if args.odometry is None else load_odometry(args.odometry)
-    detail_settings(settings.to_dict())
+    detail_settings(asked.settings.to_dict())
     recording: Recording | PublishedWindows
     if args.online:
         recording, found = _match_online(args, asked, odometry)
@@ -148,7 +146,7 @@ def run(args: argparse.Namespace) -> None:
                     windows = describe_query(found.reference, tracked(recording, "counting"))
                     write_queries(folder / results.WINDOWS, windows)
             write_report(folder, found, outcome_of(found.reference, matches), formats)
-    removed = describe_removed(found.removed, settings)
+    removed = describe_removed(found.removed, asked.settings)
     if isinstance(metrics, OnlineMetrics):
         duration_s = metrics.times_real_time * metrics.localising_s
         summary(

@@ -139,9 +139,16 @@ def run(args: argparse.Namespace) -> None:
     check_new_file(output, [], args.overwrite)
     folder = Path(args.results)
     with status("reading the matches") as show:
+        result = MatchResult.load(folder)
+        inputs = RecordedInputs(read_json(folder / RUN, "the run", "match again"))
+        recording = None
+        if args.all_events or result.queries is None:
+            what = "the events of all pixels" if args.all_events else "a match --online"
+            recording = inputs.recording(what)
         replay = replay_of(
-            MatchResult.load(folder),
-            RecordedInputs(read_json(folder / RUN, "the run", "match again")),
+            result,
+            recording,
+            inputs.odometry(),
             args.frames,
             start_s=args.start,
             end_s=args.end,

@@ -208,9 +208,7 @@ def run(args: argparse.Namespace) -> None:
     reference = None if args.map is None else ReferenceMap.load(args.map)
     learnt_with = _learnt_with(args, reference)
     if reference is not None:
-        flags = with_match_flags(args, reference.settings, online=True)
-        reference.check_asked(flags)
-        reference = reference.matched_with(flags)
+        reference = with_match_flags(args, reference, online=True)
     session = LiveSession(
         args.port, protocol=args.protocol, reference=reference, every=args.every,
         sensor=args.sensor, baud=args.baud, flow_control=args.flow_control,

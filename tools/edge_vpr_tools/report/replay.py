@@ -8,7 +8,6 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -250,21 +249,10 @@ def _png(picture: Image.Image) -> bytes:
 # What a film of a match shows, from its folder of results.
 
 
-class MatchInputs(Protocol):
-    """Interface of the files that a match has read."""
-
-    def recording(self, what: str) -> EventSource | WindowSource:
-        """Open the recording of the query, for `what`."""
-        ...
-
-    def odometry(self) -> Odometry | None:
-        """Read the odometry of the query; None if there was none."""
-        ...
-
-
 def replay_of(
     result: MatchResult,
-    inputs: MatchInputs,
+    recording: EventSource | WindowSource | None,
+    odometry: Odometry | None,
     most: int,
     *,
     start_s: float | None = None,
@@ -275,23 +263,21 @@ def replay_of(
 
     Parameters
     ----------
-    inputs : MatchInputs
-        Of the match. The recording is read if it was matched online, or for `all_events`.
+    recording : EventSource or WindowSource, optional
+        Of the query, needed if it was matched online, or for `all_events`.
     most : int
         Largest number of frames: of more windows, some are left out, evenly.
 
     Raises
     ------
     EdgeVprError
-        If an input cannot be read, or no window is in the part.
+        If the recording cannot be read, or no window is in the part.
     """
     reference, matches, queries = result.reference, result.matches, result.queries
-    asked, recording = reference.matched_with(matches.settings), None
-    if queries is None or all_events:
-        what = "the events of all pixels" if all_events else "a match --online"
-        recording = inputs.recording(what)
-        queries = describe_query(asked, recording) if queries is None else queries
-    odometry = inputs.odometry()
+    asked = reference.matched_with(matches.settings)
+    if queries is None:
+        assert recording is not None
+        queries = describe_query(asked, recording)
     cost = query_distances(asked, queries, odometry)
     settings = asked.settings
     if settings.matching == "sequence":  # places where a whole sequence does not fit never match
