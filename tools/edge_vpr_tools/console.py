@@ -88,12 +88,12 @@ def error_line(text: str) -> None:
 
 
 #: share of events that a few bursts of a sensor do not reach
-_MUCH = 0.05
+_MANY_BURSTS = 0.05
 
 
-def warn_if_much(removed: Removed, path: str, remedy: str) -> None:
-    """Warn if bursts were more than `_MUCH` of a recording."""
-    if removed.burst_share > _MUCH:
+def warn_of_bursts(removed: Removed, path: str, remedy: str) -> None:
+    """Warn if bursts were more than `_MANY_BURSTS` of a recording."""
+    if removed.burst_share > _MANY_BURSTS:
         warning(
             f"{removed.burst_share:.0%} of the events of {path} were removed as bursts, moments "
             f"when most pixels fire: if that is the scene's or the camera's motion, {remedy}"

@@ -39,7 +39,7 @@ from edge_vpr_tools.console import (
     is_quiet,
     status,
     stopped_by_signals,
-    warn_if_much,
+    warn_of_bursts,
     warning,
 )
 from edge_vpr_tools.publish import LineServer, Publisher, open_mqtt
@@ -642,7 +642,7 @@ def _show(session: LiveSession, view: View, rerun: RerunView | None) -> None:
         view.summary(session.status, session.bursts_removed)
         if session.reference is not None:
             removed = Removed(session.health.events, session.bursts_removed)
-            warn_if_much(removed, session.address, "make the map with --bursts keep")
+            warn_of_bursts(removed, session.address, "make the map with --bursts keep")
     if text := session.unwritten or view.unwritten:
         raise RecordingError(text)
     if text := nothing_valid(session.health):

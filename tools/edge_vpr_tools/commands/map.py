@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import detail_settings, status, summary, warn_if_much, warning
+from edge_vpr_tools.console import detail_settings, status, summary, warn_of_bursts, warning
 from edge_vpr_tools.flags import (
     add_map_flags,
     add_output_flags,
@@ -166,7 +166,7 @@ def run(args: argparse.Namespace) -> None:
         summary(f"{known.size} of {len(reference)} places have positions, along {known[-1]:,.0f} m")
     if reference.odometer_mm is not None:
         summary(f"odometry: {reference.odometer_mm[-1] / 1e3:,.1f} m from first to last place")
-    warn_if_much(removed, args.recording, "keep them with --bursts keep")
+    warn_of_bursts(removed, args.recording, "keep them with --bursts keep")
 
 
 def _mapped(

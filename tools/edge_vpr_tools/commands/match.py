@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import detail_settings, status, summary, warn_if_much, warning
+from edge_vpr_tools.console import detail_settings, status, summary, warn_of_bursts, warning
 from edge_vpr_tools.flags import (
     add_figures_flag,
     add_match_flags,
@@ -133,7 +133,7 @@ def run(args: argparse.Namespace) -> None:
     _report_shift(reference, found)
     faults = describe_faults(recording)
     queries, matches, metrics = found.queries, found.matches, found.metrics
-    warn_if_much(found.removed, args.recording, "make the map with --bursts keep")
+    warn_of_bursts(found.removed, args.recording, "make the map with --bursts keep")
     _warn_if_strange(matches)
     with results.results_folder(output, args.overwrite) as folder:
         found.write(folder, inputs)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError, printable
 from edge_vpr.settings import duration_us
-from edge_vpr_tools.console import summary, warn_if_much, warning
+from edge_vpr_tools.console import summary, warn_of_bursts, warning
 from edge_vpr_tools.flags import (
     DEFAULT_PRESET,
     add_map_flags,
@@ -221,7 +221,7 @@ def run(args: argparse.Namespace) -> None:
         mqtt=args.mqtt, line_s=duration_us(args.status_every) / 1e6 if args.status_every else None,
     )  # fmt: skip
     if session.learnt is not None:
-        warn_if_much(session.removed, args.port, "keep them with --bursts keep")
+        warn_of_bursts(session.removed, args.port, "keep them with --bursts keep")
         update = session.update
         for concern in () if update is None else update.warnings:
             warning(concern)

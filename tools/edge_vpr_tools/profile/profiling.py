@@ -309,12 +309,8 @@ class Number(NamedTuple):
     why: str = ""
 
 
-def numbers(found: Profile) -> list[Number]:
-    """Return the numbers of a profile, in the same order and with the same names for each."""
-    return [*_numbers(found)]
-
-
-def _numbers(found: Profile) -> Iterator[Number]:
+def numbers(found: Profile) -> Iterator[Number]:
+    """Yield the numbers of a profile, in the same order and with the same names for each."""
     for name, value in asdict(found.throughput).items():
         yield Number(name, value)
     for name, against in found.sparse_against_all.parts().items():

@@ -347,7 +347,9 @@ def accuracy(designs: Sequence[DesignResult]) -> Figure:
     """
     measured = [(one, _marginal_joules(one)) for one in designs]
     joules = [(one, found) for one, found in measured if found is not None]
-    shown = joules or [(one, _seconds(one)) for one in designs]
+    shown = joules or [
+        (one, (one.cpu_s_per_match, *one.cpu_s_per_match_interval)) for one in designs
+    ]
     with figure(8.5, 4.8) as (drawing, axes):
         for i, (one, (value, low, high)) in enumerate(shown):
             axes.errorbar(
@@ -376,7 +378,3 @@ def _marginal_joules(one: DesignResult) -> tuple[float, float, float] | None:
     if figures is None or figures.marginal_j_per_match is None:
         return None
     return (figures.marginal_j_per_match, *figures.marginal_j_per_match_interval)
-
-
-def _seconds(one: DesignResult) -> tuple[float, float, float]:
-    return (one.cpu_s_per_match, *one.cpu_s_per_match_interval)
