@@ -380,7 +380,7 @@ class UdpHostLink(SocketLink):
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             sock = socket.socket(found[0], socket.SOCK_DGRAM)
             sock.bind(found[4])
-        super().__init__(_address_of("udp", sock), sock)
+        super().__init__(address_of("udp", sock), sock)
         self._sender: object = None
         self._heard_s = 0.0
         self._sender_changed = False
@@ -430,16 +430,8 @@ class TcpServerLink(Link):
     """TCP port of a bridge, for one host; others are refused."""
 
     def __init__(self, host: str, port: int) -> None:
-        try:
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-            self._server = socket.create_server(found[4][:2], family=found[0])
-        except OSError as error:
-            raise LinkError(
-                f"cannot listen on tcp://{bracketed(host)}:{port}: {error.strerror}: name an "
-                "address of this machine, and a port that is free (0: any)"
-            ) from error
-        self._server.setblocking(False)
-        super().__init__(_address_of("tcp", self._server))
+        self._server = listening_socket(host, port, "listen on tcp://")
+        super().__init__(address_of("tcp", self._server))
         self._host: TcpLink | None = None
 
     def accepted(self, timeout: float) -> TcpLink | None:
@@ -495,7 +487,32 @@ class UdpSenderLink(SocketLink):
                 return 0
 
 
-def _address_of(kind: str, sock: socket.socket) -> str:
+def listening_socket(host: str, port: int, what: str) -> socket.socket:
+    """Open a TCP port; calls of the socket do not wait.
+
+    Parameters
+    ----------
+    what : str
+        What the port is for, for the message; the address follows.
+
+    Raises
+    ------
+    LinkError
+        If it cannot be listened on.
+    """
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        server = socket.create_server(found[4][:2], family=found[0])
+    except OSError as error:
+        raise LinkError(
+            f"cannot {what}{bracketed(host)}:{port}: {error.strerror}: name an address of this "
+            "machine, and a port that is free (0: any)"
+        ) from error
+    server.setblocking(False)
+    return server
+
+
+def address_of(kind: str, sock: socket.socket) -> str:
     """Return the own address of a socket, in the form of a link's address."""
     host, port = sock.getsockname()[:2]
     return f"{kind}://{bracketed(host)}:{port}"

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 from archive_oracle import check_layout, check_loaded_map, check_loaded_state
+from edge_vpr_tools.commands.estimate import calibrated
 from edge_vpr_tools.estimate import targets
-from edge_vpr_tools.estimate.estimation import calibrated
 from edge_vpr_tools.estimate.search import evaluation_of
 from edge_vpr_tools.profile.conditions import Conditions
 from edge_vpr_tools.profile.meter_trace import read_csv
-from edge_vpr_tools.profile.record import SCHEMA, Profile
+from edge_vpr_tools.profile.profiling import SCHEMA, Profile
 from edge_vpr_tools.profile.show import check_shown
 from streams import descriptors, random_events
 

@@ -12,7 +12,7 @@ import fuzz_archives
 import numpy as np
 import pytest
 from archive_mutants import PIXELS, SENSOR, map_of
-from edge_vpr_tools.profile.show import compare
+from edge_vpr_tools.cli import main
 from streams import random_events
 
 from edge_vpr.archive import MEMORY_BYTES, read_archive, write_archive
@@ -430,13 +430,17 @@ def test_files_of_plain_values_end_in_one_error_whatever_they_hold(kind, text, t
 
 
 @pytest.mark.parametrize("change", [("throughput", 5), ("energy", []), ("run", {}), ("load", 1)])
-def test_a_profile_with_another_value_is_refused_before_anything_is_written(change, tmp_path):
+def test_a_profile_with_another_value_is_refused_before_anything_is_written(
+    change, tmp_path, capsys
+):
     path, out = tmp_path / "profile.json", tmp_path / "out.csv"
     found = archive_mutants.plain_profile()
     path.write_text(json.dumps(found))
-    compare(path, path, out)
+    words = ["profile", "compare", str(path), str(path), "--csv"]
+    assert main([*words, str(out)]) == 0
     assert out.read_text().count("\n") > 10
     path.write_text(json.dumps(found | dict([change])))
-    with pytest.raises(UsageError, match="profile"):
-        compare(path, path, tmp_path / "other.csv")
+    capsys.readouterr()
+    assert main([*words, str(tmp_path / "other.csv")]) == UsageError.exit_code
+    assert "profile" in capsys.readouterr().err
     assert not (tmp_path / "other.csv").exists()

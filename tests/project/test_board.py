@@ -12,7 +12,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from edge_vpr_tools.cli import parser_of
+from edge_vpr_tools.cli import VerbParser
 from packaging.requirements import Requirement
 
 BOARD = Path(__file__).parents[2] / "tools/board"
@@ -78,7 +78,7 @@ def test_what_the_unit_runs_is_a_command():
     (given,) = re.findall(r'^STREAM="(.*)"$', (BOARD / "edge-vpr.conf").read_text(), re.MULTILINE)
     program, verb, *words = shlex.split(line.replace("$STREAM", given))
     assert program == "/opt/edge-vpr/current/bin/edge-vpr"
-    arguments = parser_of(verb).parse(words)
+    arguments = VerbParser(verb).parse(words)
     assert arguments.map == "/var/lib/edge-vpr/map.npz"
     assert of_unit("ConditionPathExists") == [arguments.map]
     assert 'SYMLINK+="event-camera"' in (BOARD / "90-edge-vpr.rules").read_text()

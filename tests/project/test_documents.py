@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from edge_vpr_tools.cli import find_verb, main, parser_of
+from edge_vpr_tools.cli import VerbParser, find_verb, main
 from edge_vpr_tools.report.tables import with_tables
 from streams import Drive, random_events
 from test_rooms import STAGES
@@ -107,7 +107,7 @@ def test_every_command_that_a_page_shows_is_one(page):
     for line in commands(page):
         verb, words = find_verb(shlex.split(line, comments=True)[1:])
         assert verb, line
-        parser_of(verb).parse(words)
+        VerbParser(verb).parse(words)
 
 
 @pytest.mark.parametrize("page", PAGES)

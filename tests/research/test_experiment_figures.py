@@ -94,7 +94,7 @@ def test_a_dot_is_the_mean_and_its_bar_the_spread():
     (bar, point) = left.containers[0].lines[2][0].get_segments()
     assert np.ptp(bar[:, 0]) == pytest.approx(0.4) and np.ptp(point[:, 0]) == 0
     assert [text.get_text() for text in drawing.legends[0].get_texts()] == ["x", "y"]
-    assert dot_plot({"events": {"": rows}}, limits=None).legends == []
+    assert dot_plot({"events": {"": rows}}).legends == []
 
 
 def test_variants_on_simulated_streets_are_drawn_as_the_table_says(monkeypatch):

@@ -9,11 +9,11 @@ from __future__ import annotations
 import shlex
 import sys
 
-import edge_vpr_tools.progress
 from edge_vpr_tools.cli import main
 from numba.core import event
 
 import edge_vpr.warm_up
+from edge_vpr.warm_up import warm_up
 
 
 class Listener(event.Listener):
@@ -36,13 +36,13 @@ class Listener(event.Listener):
             show(text)
 
         self.within = True
-        edge_vpr.warm_up.warm_up(steps, noted)
+        warm_up(steps, noted)
         self.within = False
 
 
 if __name__ == "__main__":
     listener = Listener()
-    edge_vpr_tools.progress.warm_up = listener.warm_up
+    edge_vpr.warm_up.warm_up = listener.warm_up  # which commands import when they run
     with event.install_listener("numba:compile", listener):
         for words in sys.argv[1:]:
             assert main(shlex.split(words)) == 0, words

@@ -23,7 +23,6 @@ from edge_vpr_tools.cli import (
     VERBS,
     completion_parser,
     find_verb,
-    module_name,
     takes_value,
 )
 from edge_vpr_tools.research.intensity import open_intensity
@@ -104,7 +103,7 @@ def test_the_help_of_a_verb_is_its_own_with_all_defaults_and_examples_that_parse
     assert stop.value.code == 0
     shown = capsys.readouterr().out
     assert shown.startswith(f"usage: edge-vpr {verb} ")
-    parser = cli.parser_of(verb)
+    parser = cli.VerbParser(verb)
     for action in parser._actions:
         if takes_value(action) and not action.required:
             text = " ".join(parser._get_formatter()._expand_help(action).split())
@@ -117,7 +116,7 @@ def test_the_help_of_a_verb_is_its_own_with_all_defaults_and_examples_that_parse
         assert words.pop(0) == "edge-vpr"
         words = words[: words.index(">")] if ">" in words else words
         found, rest = find_verb(words)
-        cli.parser_of(found).parse(rest)
+        cli.VerbParser(found).parse(rest)
 
 
 def test_defaults_in_the_help_are_those_of_the_preset(capsys):
@@ -137,7 +136,7 @@ def test_help_and_version_stand_without_a_verb(capsys):
     assert all(f"{group}:" in shown for group in GROUPS)
     for example in EXAMPLES.splitlines():
         verb, rest = find_verb(example.split()[1:])
-        cli.parser_of(verb).parse(rest)
+        cli.VerbParser(verb).parse(rest)
     assert cli.main(["--version"]) == 0
     assert edge_vpr.__version__ in capsys.readouterr().out
     assert cli.main([]) == 2
@@ -340,7 +339,7 @@ def test_an_interrupt_in_a_callback_is_not_lost(hook):
 LOST = """
 import signal, sys
 from edge_vpr_tools import cli
-from edge_vpr_tools.progress import tracked
+from edge_vpr_tools.inputs import tracked
 
 def run(argv):
     try:
@@ -506,7 +505,6 @@ def test_completion_offers_verbs_flags_and_choices(tmp_path):
 def test_the_tree_for_completion_has_every_verb():
     for verb in VERBS:
         completion_parser(verb)
-        assert module_name(verb).isidentifier()
 
 
 def test_golden_overwrites_vectors_and_nothing_else(tmp_path, capsys, monkeypatch):

@@ -17,7 +17,7 @@ from designs import random_stream, wrapped
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands import estimate as estimate_arguments
 from edge_vpr_tools.commands.estimate import design_and_mission
-from edge_vpr_tools.estimate import accuracy, emulation, search, targets
+from edge_vpr_tools.estimate import accuracy, emulation, figure, search, targets
 from edge_vpr_tools.estimate import model as counts
 from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_of
 from edge_vpr_tools.estimate.of_map import design_of
@@ -29,7 +29,7 @@ from edge_vpr_tools.estimate.search import (
     fit,
     memory_bytes,
 )
-from edge_vpr_tools.estimate.wording import busy
+from edge_vpr_tools.estimate.show import busy
 from edge_vpr_tools.report.page import quantity
 from test_commands import drive  # noqa: F401
 
@@ -679,14 +679,14 @@ def test_evaluated_runs_are_set_against_their_cost(drive, tmp_path, capsys):  # 
     """Accuracy of the run, cost of its design on the mission's route, and what limits it."""
     runs = evaluated(tmp_path, drive)
     m4, budget = targets.find("cortex-m4"), [Budget.parse("64KiB")]
-    asked = search.Asked(Limits(m4, budget, choose_distances=True))
-    short = search.candidates(runs, asked)
+    limits = Limits(m4, budget, choose_distances=True)
+    short = search.candidates(runs, limits)
     assert [one.accuracy for one in short] == [0.9, 0.2]
     assert not any(one.limited_by for one in short)
-    assert len(search.frontier(short, lambda one: one.memory_bytes)) == 1
+    assert len(figure.frontier(short, lambda one: one.memory_bytes)) == 1
     chosen = search.recommend(short)
     assert chosen.design is short[0] and chosen.limit == ""
-    long = search.candidates(runs, replace(asked, places=10_000))
+    long = search.candidates(runs, limits, places=10_000)
     assert {one.limited_by for one in long} == {"64KiB"}
     assert search.recommend(long) == (None, "64KiB")
     # the better one does not fit: its limit is what it costs to be better
@@ -713,10 +713,8 @@ def test_evaluated_runs_are_set_against_their_cost(drive, tmp_path, capsys):  # 
 def test_accuracy_is_drawn_against_energy_and_against_bytes(name, drive, tmp_path):  # noqa: F811
     """Two panels; where energy is unknown, the one of energy says so and draws nothing."""
     target = targets.find(name)
-    found = search.candidates(
-        evaluated(tmp_path, drive), search.Asked(Limits(target, choose_distances=True))
-    )
-    energy, memory = search.draw(found, target).axes
+    found = search.candidates(evaluated(tmp_path, drive), Limits(target, choose_distances=True))
+    energy, memory = figure.draw(found, target).axes
     assert "modelled" in energy.get_xlabel() or "unknown" in energy.texts[0].get_text()
     assert bool(energy.lines) == (found[0].cost.per_match_j is not None)
     assert "bytes" in memory.get_xlabel() and memory.lines

@@ -204,7 +204,7 @@ RUNS = [
 
 def flags_of(verb):
     """Every spelling of a flag but the short ones, by the longest of each pair."""
-    for action in cli.parser_of(verb)._actions:
+    for action in cli.VerbParser(verb)._actions:
         for flag in action.option_strings:
             if flag.startswith("--") and flag not in GENERAL_FLAGS:
                 yield flag, set(action.option_strings)
@@ -319,7 +319,7 @@ def test_every_command_line_ends_as_it_should(folder, capsys):
 
 def test_published_windows_are_not_wrapped_by_a_progress_bar(folder):
     """A wrapper has no `windows` of its own, so that Python 3.12 does not take it for such."""
-    from edge_vpr_tools.progress import tracked
+    from edge_vpr_tools.inputs import tracked
 
     from edge_vpr.descriptors.windows import PublishedWindows
     from edge_vpr.recordings import parse_period

@@ -157,7 +157,7 @@ def test_warnings_of_the_console_stand_in_the_report(street, capsys):
 
 
 def test_warnings_of_matching_stay_in_the_report_of_an_evaluation(street, monkeypatch):
-    monkeypatch.setattr("edge_vpr_tools.progress.MUCH", -1.0)
+    monkeypatch.setattr("edge_vpr_tools.console._MANY_BURSTS", -1.0)
     folder = street / "burst"
     run("match", street / "map.npz", street / "pair/query.npz", "-o", folder)
     assert "were removed as bursts, moments" in read(folder)[1]

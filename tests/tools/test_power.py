@@ -19,8 +19,8 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
+from edge_vpr_tools.commands.estimate import calibrated
 from edge_vpr_tools.console import terminated_as_interrupted
-from edge_vpr_tools.estimate.estimation import calibrated
 from edge_vpr_tools.profile import meter_trace, profiling
 from edge_vpr_tools.profile.conditions import Conditions, void_because
 from edge_vpr_tools.profile.measurement import (
@@ -37,7 +37,7 @@ from edge_vpr_tools.profile.measurement import (
     take_turns,
 )
 from edge_vpr_tools.profile.meter_trace import align, read_csv
-from edge_vpr_tools.profile.record import Profile
+from edge_vpr_tools.profile.profiling import Profile
 from edge_vpr_tools.profile.sensors import pmic
 from edge_vpr_tools.profile.sensors.hwmon import CHIPS, with_shunt
 from edge_vpr_tools.profile.sensors.search import find_sensors

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 from edge_vpr_tools import cli
-from edge_vpr_tools.progress import tracked
+from edge_vpr_tools.inputs import tracked
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events

@@ -13,13 +13,14 @@ import pytest
 from browser import open_browser, program
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands.replay import RecordedInputs
-from edge_vpr_tools.report.replay import load_replay
+from edge_vpr_tools.report.replay import replay_of
 from PIL import Image
 from streams import random_events
 
 from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import write_recording
+from edge_vpr.reference_map import MatchResult
 
 SENSOR = Sensor(16, 12)
 
@@ -56,7 +57,10 @@ def there(drive, monkeypatch):
 
 def load(folder, most, **more):
     inputs = RecordedInputs(json.loads((folder / "run.json").read_text()))
-    return load_replay(folder, inputs, most, **more)
+    result = MatchResult.load(folder)
+    needed = result.queries is None or more.get("all_events")
+    recording = inputs.recording("a test") if needed else None
+    return replay_of(result, recording, inputs.odometry(), most, **more)
 
 
 @pytest.mark.parametrize("name", ["whole", "sequences", "live", "wheels"])

@@ -17,7 +17,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from types import FrameType
+from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
 from edge_vpr import __version__
@@ -87,9 +87,9 @@ EXAMPLES = """\
   edge-vpr evaluate tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70"""
 
 
-def module_name(verb: str) -> str:
-    """Return the name of a verb's module in `commands`."""
-    return verb.replace(" ", "_")
+def command_of(verb: str) -> ModuleType:
+    """Import the module of a verb."""
+    return importlib.import_module(f"edge_vpr_tools.commands.{verb.replace(' ', '_')}")
 
 
 def find_verb(words: list[str]) -> tuple[str, list[str]]:
@@ -131,16 +131,10 @@ _NEGATIVE = re.compile(r"-\.?\d")
 
 
 class VerbParser(argparse.ArgumentParser):
-    """Parse the arguments of one verb.
+    """Parse the arguments of one verb."""
 
-    Parameters
-    ----------
-    examples : str, optional
-        Example commands, one in each line, shown at the end of the help.
-    """
-
-    def __init__(self, verb: str, examples: str = "") -> None:
-        text = VERBS[verb]
+    def __init__(self, verb: str) -> None:
+        text, command = VERBS[verb], command_of(verb)
         more = [name for name in VERBS if name.startswith(f"{verb} ")]
         description = f"{text[0].upper()}{text[1:]}."
         if more:
@@ -149,15 +143,13 @@ class VerbParser(argparse.ArgumentParser):
         super().__init__(
             prog=f"edge-vpr {verb}",
             description=description,
-            epilog=f"examples:\n{examples}" if examples else None,
+            epilog=f"examples:\n{command.EXAMPLES}",
             formatter_class=_Formatter,
             allow_abbrev=False,
             add_help=False,
         )
         self.verb = verb
-
-    def add_general_flags(self) -> None:
-        """Add the flags of every verb, as the last group."""
+        command.add_arguments(self)
         group = self.add_argument_group("general")
         group.add_argument("-h", "--help", action="help", help="show this help and exit")
         group.add_argument("-q", "--quiet", action="store_true", help="print errors only")
@@ -165,7 +157,6 @@ class VerbParser(argparse.ArgumentParser):
         group.add_argument(
             "--debug", action="store_true", help="show the Python traceback of an error"
         )
-
         self.usage = self._short_usage()
 
     def _short_usage(self) -> str:
@@ -399,11 +390,6 @@ def _main_frames() -> Iterator[FrameType]:
 def run(argv: Sequence[str]) -> None:
     """Run one command without catching its errors.
 
-    Parameters
-    ----------
-    argv : sequence of str
-        Arguments without the program's name.
-
     Raises
     ------
     EdgeVprError
@@ -417,21 +403,10 @@ def run(argv: Sequence[str]) -> None:
         raise UsageError(
             f"there is no command {verb!r}{did_you_mean(verb, VERBS)} (edge-vpr --help lists all)"
         )
-    args = parser_of(verb).parse(words)
+    args = VerbParser(verb).parse(words)
     level = Verbosity.QUIET if args.quiet else Verbosity(args.verbose)
-    with verbosity(level, argv):
-        command = importlib.import_module(f"edge_vpr_tools.commands.{module_name(verb)}")
-        with compiling_noted("" if verb == "doctor" else COMPILE_ALL):
-            command.run(args)
-
-
-def parser_of(verb: str) -> VerbParser:
-    """Build the parser of a verb."""
-    module = importlib.import_module(f"edge_vpr_tools.commands.{module_name(verb)}")
-    parser = VerbParser(verb, module.EXAMPLES)
-    module.add_arguments(parser)
-    parser.add_general_flags()
-    return parser
+    with verbosity(level, argv), compiling_noted("" if verb == "doctor" else COMPILE_ALL):
+        command_of(verb).run(args)
 
 
 def _without_verb(words: Sequence[str]) -> None:
@@ -507,8 +482,7 @@ def completion_parser(chosen: str) -> argparse.ArgumentParser:
         parent, _, name = verb.rpartition(" ")
         parser = below[parent].add_parser(name, help=text)
         if verb == chosen:
-            module = importlib.import_module(f"edge_vpr_tools.commands.{module_name(verb)}")
-            module.add_arguments(parser)
+            command_of(verb).add_arguments(parser)
         for flags in (("-q", "--quiet"), ("-v", "--verbose"), ("--debug",)):
             parser.add_argument(*flags, action="store_true", help=f"{flags[-1][2:]} output")
         if any(other.startswith(f"{verb} ") for other in VERBS):

@@ -1,4 +1,4 @@
-"""The terminal: messages, tables, interrupts, and the note on compiling."""
+"""The terminal: messages, the present stage, tables, interrupts, and the note on compiling."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.text import Text
 
+    from edge_vpr.descriptors.counting import Removed
+
 # Notes on standard error and summaries on standard output, depending on ``-q`` and ``-v``.
 
 
@@ -34,14 +36,8 @@ _now = [Verbosity.NORMAL]
 
 
 @contextmanager
-def verbosity(level: Verbosity, command: Sequence[str] = ()) -> Iterator[None]:
-    """Print as much as `level` allows within the block, which has its own list of warnings.
-
-    Parameters
-    ----------
-    command : sequence of str, optional
-        Words of the command that runs in the block; by default those of the process.
-    """
+def verbosity(level: Verbosity, command: Sequence[str]) -> Iterator[None]:
+    """Print as much as `level` allows while a command runs, which has its own list of warnings."""
     _now.append(level)
     try:
         with logged_run(command):
@@ -89,6 +85,29 @@ def warning(text: str) -> None:
 def error_line(text: str) -> None:
     """Print a line on standard error."""
     print("edge-vpr:", printable(text), file=sys.stderr, flush=True)
+
+
+#: share of events that a few bursts of a sensor do not reach
+_MANY_BURSTS = 0.05
+
+
+def warn_of_bursts(removed: Removed, path: str, remedy: str) -> None:
+    """Warn if bursts were more than `_MANY_BURSTS` of a recording."""
+    if removed.burst_share > _MANY_BURSTS:
+        warning(
+            f"{removed.burst_share:.0%} of the events of {path} were removed as bursts, moments "
+            f"when most pixels fire: if that is the scene's or the camera's motion, {remedy}"
+        )
+
+
+@contextmanager
+def status(text: str) -> Iterator[Callable[[str], None]]:
+    """Show the present stage on a terminal; yield a function that shows the next one."""
+    from rich.console import Console
+
+    with Console(stderr=True, quiet=is_quiet()).status(text) as shown:
+        yield shown.update
+    check_interrupted()
 
 
 # Orderly end, with files and summary, on Ctrl-C, SIGTERM and a closed terminal.
@@ -192,8 +211,6 @@ def table(
 
     Parameters
     ----------
-    rows : iterable of sequence of str
-        Cells of each row, one a column.
     width : int
         In columns, where the output is no terminal.
     """

@@ -480,13 +480,7 @@ CHECKS: Mapping[str, Callable[[], Iterable[Finding]]] = {
 
 
 def examine(checks: Mapping[str, Callable[[], Iterable[Finding]]] | None = None) -> list[Finding]:
-    """Run every check on this machine; one that fails is a finding, and the others go on.
-
-    Parameters
-    ----------
-    checks : mapping of str to callable, optional
-        By topic; by default all.
-    """
+    """Run every check on this machine; one that fails is a finding, and the others go on."""
     found = []
     for topic, check in (CHECKS if checks is None else checks).items():
         try:

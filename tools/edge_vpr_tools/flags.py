@@ -6,12 +6,15 @@ import argparse
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from edge_vpr.errors import UsageError, did_you_mean
 from edge_vpr.settings import PRESETS, SETTING_FIELDS, SettingField, Settings, resolve_settings
 from edge_vpr_tools.console import warning
 from edge_vpr_tools.report import FORMATS
+
+if TYPE_CHECKING:
+    from edge_vpr.reference_map import ReferenceMap
 
 # Flags by which every command opens a recording.
 
@@ -19,7 +22,13 @@ from edge_vpr_tools.report import FORMATS
 def add_reading_arguments(
     parser: argparse.ArgumentParser, *, on_fault: bool = True
 ) -> argparse._ArgumentGroup:
-    """Add a group with the flags that `inputs.open_from` reads, and return the group."""
+    """Add a group with the flags that `inputs.open_from` reads, and return the group.
+
+    Parameters
+    ----------
+    on_fault : bool
+        Without this flag, faulty events are left out and counted.
+    """
     group = parser.add_argument_group(
         "reading", "needed where a file does not hold this information"
     )
@@ -31,6 +40,8 @@ def add_reading_arguments(
             "--on-fault", choices=("error", "drop"), default="error",
             help="stop at the first faulty event, or leave faulty events out and count them",
         )  # fmt: skip
+    else:
+        parser.set_defaults(on_fault="drop")
     group.add_argument(
         "--frame-period", metavar="S",
         help="duration of a frame of counts in seconds, for example 1/30",
@@ -104,8 +115,6 @@ def add_match_flags(parser: argparse._ActionsContainer, default: str = "") -> No
 
     Parameters
     ----------
-    parser : parser or group
-        Parser, or group of one, that gets the flags.
     default : str, optional
         Text that the help shows as the default; empty for the value of the preset.
     """
@@ -142,9 +151,9 @@ def match_flags(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def with_match_flags(
-    args: argparse.Namespace, settings: Settings, *, online: bool = False
-) -> Settings:
-    """Return the settings of a map, changed by the flags of `add_match_flags`.
+    args: argparse.Namespace, reference: ReferenceMap, *, online: bool
+) -> ReferenceMap:
+    """Return a map with its settings changed by the flags of `add_match_flags`.
 
     Parameters
     ----------
@@ -156,6 +165,7 @@ def with_match_flags(
     UsageError
         If a value is wrong, or ``--smooth`` is given online.
     """
+    settings = reference.settings
     if online:
         if args.smooth:
             raise UsageError(
@@ -170,7 +180,8 @@ def with_match_flags(
         warning("--delay has no effect on a drive that is smoothed whole: add --no-smooth")
     if args.stays_on_map and filters and (changed.smooth or changed.delay):
         warning("--stays-on-map is for matches at once: add --no-smooth, and no --delay")
-    return changed
+    reference.check_asked(changed)
+    return reference.matched_with(changed)
 
 
 def _warn_of_no_effect(
@@ -303,12 +314,12 @@ def add_output_flags(
     return group
 
 
-FIGURES_HELP = "formats of the figures: png, pdf, svg, or several separated by commas"
-
-
 def add_figures_flag(group: argparse._ActionsContainer, default: str) -> None:
     """Add the flag that `figure_formats` reads."""
-    group.add_argument("--figures", metavar="FORMATS", default=default, help=FIGURES_HELP)
+    group.add_argument(
+        "--figures", metavar="FORMATS", default=default,
+        help="formats of the figures: png, pdf, svg, or several separated by commas",
+    )  # fmt: skip
 
 
 def figure_formats(text: str) -> tuple[str, ...]:

@@ -99,8 +99,6 @@ def recorded_case(
 
     Parameters
     ----------
-    design : Design
-        Design of this map.
     most_bytes : float
         Of a microcontroller's flash with the case: image, events, and expected records.
 

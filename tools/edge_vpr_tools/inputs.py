@@ -1,32 +1,26 @@
-"""Recordings and ground truth opened by the flags of the command line."""
+"""Recordings: opened by the flags of the command line, read with a progress bar, and described."""
 
 from __future__ import annotations
 
 import argparse
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
-from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from edge_vpr.descriptors.counting import Removed, WindowSource
 from edge_vpr.descriptors.windows import PublishedWindows
-from edge_vpr.errors import GroundTruthError
-from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.events import Sensor
-from edge_vpr.matching.matches import Matches
+from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings import Recording, crop_of, open_recording, parse_period
-from edge_vpr.reference_map import MatchResult, ReferenceMap
-from edge_vpr_tools.console import warning
-from edge_vpr_tools.truth_files import load_truth
+from edge_vpr.settings import Settings
+from edge_vpr_tools.console import check_interrupted, is_quiet, warning
 
-# Open recordings with the flags of the command line, and describe their faults.
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 def open_from(
-    args: argparse.Namespace,
-    path: str | Path,
-    *,
-    on_fault: str | None = None,
-    default_period: Fraction | None = None,
+    args: argparse.Namespace, path: str | Path, *, default_period: Fraction | None = None
 ) -> Recording:
     """Open a recording with the flags of :func:`add_reading_arguments`.
 
@@ -41,7 +35,7 @@ def open_from(
         path,
         format=args.format,
         sensor=args.sensor,
-        on_fault=args.on_fault if on_fault is None else on_fault,
+        on_fault=args.on_fault,
         frame_period=args.frame_period,
         default_frame_period=default_period,
         topic=args.topic,
@@ -79,64 +73,79 @@ def open_source(
     )
 
 
+class Tracked:
+    """A recording whose every pass shows a progress bar on standard error.
+
+    Attributes are the recording's own (``sensor``, ``start_us``, ...).
+    """
+
+    def __init__(self, recording: Iterable[Events], label: str) -> None:
+        self._recording = recording
+        self._label = label
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self._recording, name)
+
+    def __iter__(self) -> Iterator[Events]:
+        from rich.console import Console  # slow to load, as all of rich
+
+        console = Console(stderr=True)
+        shown = self._recording
+        if not is_quiet() and console.is_terminal:
+            shown = self._shown(console)
+        for events in shown:
+            check_interrupted()
+            yield events
+
+    def _shown(self, console: Console) -> Iterator[Events]:
+        from rich import progress as rich
+
+        columns = (
+            rich.TextColumn("{task.description}"),
+            rich.BarColumn(),
+            rich.TextColumn("{task.fields[events]}"),
+            rich.TimeElapsedColumn(),
+            rich.TextColumn("left:"),
+            rich.TimeRemainingColumn(),
+        )
+        # transient: the bar disappears when the pass ends, and the lines of the command stay
+        with rich.Progress(*columns, console=console, transient=True) as progress:
+            task = progress.add_task(self._label, total=None, events="")
+            n = 0
+            for events in self._recording:
+                yield events
+                n += events.size
+                position = getattr(self._recording, "position", None)
+                progress.update(
+                    task,
+                    events=f"{n:,} events",
+                    total=None if position is None else 1.0,
+                    completed=0.0 if position is None else position,
+                )
+
+
+def tracked(recording: Any, label: str) -> Any:
+    """Wrap a recording so that each pass over it shows its progress under `label`.
+
+    Published windows, which are not iterated, pass through as they are.
+
+    Returns
+    -------
+    Tracked
+        Typed as `Any`, because it stands in for the recording.
+    """
+    return recording if isinstance(recording, WindowSource) else Tracked(recording, label)
+
+
 def describe_faults(recording: Recording | PublishedWindows) -> str:
     """Return the end of a sentence on the events that were dropped; empty if there were none."""
     return f"; dropped as faulty: {recording.faults}" if recording.faults.total else ""
 
 
-# Load the results and the ground truth that the flags name.
-
-
-#: places times queries of the ground truth: 64 MB
-_MOST_CELLS = 1 << 26
-#: swapped logs are reported if this share of the matches becomes correct by it; chosen by judgement
-_SWAPPED_BY = 0.3
-
-
-def _share_correct(matches: Matches, truth: GroundTruth) -> float:
-    return float(truth.correct[matches.place, matches.query].mean())
-
-
-def load_evaluated(args: argparse.Namespace) -> tuple[ReferenceMap, Matches, GroundTruth]:
-    """Read a folder of results and its ground truth, and print warnings about doubtful inputs.
-
-    Parameters
-    ----------
-    args : argparse.Namespace
-        With ``results`` and what `add_truth_flags` adds.
-
-    Raises
-    ------
-    EdgeVprError
-        If the folder or the ground truth cannot be used.
-    """
-    loaded = MatchResult.load(args.results)
-    reference, matches, queries = loaded.reference, loaded.matches, loaded.queries
-    if queries is None:  # matched online: each match is a query
-        matches = matches.every(1 + len(matches) * len(reference) // _MOST_CELLS)
-    queries_us = matches.time_us if queries is None else queries.centre_us
-    period = args.frame_period
-    if period is None and reference.frame_period is not None:
-        period = str(reference.frame_period)
-    truth_of = partial(
-        load_truth,
-        places_us=reference.places.centre_us,
-        queries_us=queries_us,
-        tolerance=args.tolerance,
-        rows=args.rows,
-        frame_period=period,
-    )
-    truth = truth_of(args.ground_truth, offset_s=args.offset)
-    for line in truth.notes:
-        warning(line)
-    share = _share_correct(matches, truth)
-    if len(args.ground_truth) == 2 and share < 1 - _SWAPPED_BY:
-        offsets = None if args.offset is None else args.offset[::-1]
-        with suppress(GroundTruthError):  # the tracks fit these drives in one order only
-            swapped = _share_correct(matches, truth_of(args.ground_truth[::-1], offset_s=offsets))
-            if swapped > share + _SWAPPED_BY:
-                warning(
-                    f"with the two logs in the other order, {swapped:.0%} of the matches would be "
-                    f"correct instead of {share:.0%}: name the log of the reference first"
-                )
-    return reference, matches, truth
+def describe_removed(removed: Removed, settings: Settings) -> str:
+    """Return what was removed as bursts, as the end of a sentence."""
+    if not settings.remove_bursts:
+        return "; bursts kept"
+    return f"; {removed.burst_events:,} events ({removed.burst_share:.1%}) removed as bursts"

@@ -30,14 +30,19 @@ from edge_vpr.live.session import (
     LiveResult,
     LiveSession,
     LiveStatus,
-    Message,
     ends_early,
     nothing_valid,
 )
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr_tools.console import error_line, is_quiet, stopped_by_signals, warning
-from edge_vpr_tools.progress import status, warn_if_much
-from edge_vpr_tools.publish import Publisher, open_publishers
+from edge_vpr_tools.console import (
+    error_line,
+    is_quiet,
+    status,
+    stopped_by_signals,
+    warn_of_bursts,
+    warning,
+)
+from edge_vpr_tools.publish import LineServer, Publisher, open_mqtt
 
 # The full-screen view of a live run on a terminal.
 
@@ -70,23 +75,15 @@ class Panel:
     def notice(self, kind: str, text: str, *, over: bool) -> None:
         """Add a notice, shown as a warning until a notice of its kind says that it is over."""
         self._notices.append(Notice(kind, time.strftime("%H:%M:%S"), text))
-        self.settle(kind)
+        self._standing.discard(kind)
         if not over:
             self._standing.add(kind)
 
-    def settle(self, kind: str) -> None:
-        """Show the notices of a kind as past."""
-        self._standing.discard(kind)
-
     def show(self, rows: Mapping[str, str], share: float | None, *, stale: bool) -> None:
-        """Draw the screen anew.
+        """Draw texts by their names, and the position on the bar, from 0 to 1.
 
         Parameters
         ----------
-        rows : mapping
-            What there is to say, by name.
-        share : float or None
-            Position on the bar, 0 to 1.
         stale : bool
             Whether it is too old to be believed; it is greyed then.
         """
@@ -134,18 +131,6 @@ class Panel:
         for notice in [*older, *newest]:
             stands = notice.kind in self._standing and notice is last[notice.kind]
             yield Text(f"{notice.clock} {notice.text}", style=_WARNING if stands else _STALE)
-
-
-@contextmanager
-def open_panel() -> Iterator[Panel]:
-    """Take the terminal's other screen until the block ends."""
-    live = Live("waiting for events", auto_refresh=False, screen=True)
-    live.start(refresh=True)
-    panel = Panel(live)
-    try:
-        yield panel
-    finally:
-        panel.close()
 
 
 # Conversion of live matches to rows of JSON.
@@ -257,13 +242,7 @@ class View:
     as_json : bool
         JSON lines on standard output.
     log : text file or None
-        Open file that gets each match as a line of JSON.
-    reference : ReferenceMap or None
-        Where it has positions, matches have the columns of `matches_csv`.
-    panel : Panel or None
-        On a terminal.
-    publishers : sequence of Publisher
-        Get every row.
+        Gets each row as a line of JSON, as the publishers do.
     line_s : float, optional
         Interval of status lines where there is neither a panel nor JSON.
     """
@@ -317,10 +296,6 @@ class View:
             for line in lines:
                 self._hand_on("match", line)
 
-    def message(self, message: Message) -> None:
-        """Show a message of the session."""
-        self.say(message.kind, message.text, over=message.over)
-
     def say(self, kind: str, text: str, *, over: bool = False) -> None:
         """Report that something happened, or that it is over."""
         self._write({"kind": kind, "text": text})
@@ -336,11 +311,6 @@ class View:
     def odometry(self, time_us: int, distance_m: float) -> None:
         """Write a reading of the odometer."""
         self._write({"kind": "odometry", "time_s": time_us / 1e6, "distance_m": distance_m})
-
-    def give_up(self, text: str) -> None:
-        """Report that a file is given up; the run continues without it."""
-        self.unwritten = text
-        self.say("file", f"{text}; going on without it")
 
     def tick(self, status: LiveStatus) -> None:
         """Update the view, if it is time to."""
@@ -478,7 +448,8 @@ class View:
                     self._log.flush()
             except OSError as error:
                 name, self._log = self._log.name, None
-                self.give_up(ends_early(name, error))
+                self.unwritten = ends_early(name, error)
+                self.say("file", f"{self.unwritten}; going on without it")
 
     def _print(self, *text: str) -> None:
         """Print lines at once; end the run in an orderly way if the reader has gone.
@@ -501,19 +472,22 @@ def open_view(
     as_json: bool,
     log: str | None,
     reference: ReferenceMap | None,
-    publishers: Sequence[Publisher] = (),
-    line_s: float | None = None,
+    publishers: Sequence[Publisher],
+    line_s: float | None,
 ) -> Iterator[View]:
-    """Open a view, and its log until the block ends."""
+    """Open a view and its log until the block ends; a terminal shows its other screen."""
     file = None if log is None else Path(log).open("w", encoding="utf-8")  # noqa: SIM115
+    panel = None
     try:
         plain = as_json or is_quiet() or os.environ.get("TERM") == "dumb"
-        if plain or not sys.stdout.isatty():
-            yield View(as_json, file, reference, None, publishers, line_s)
-        else:
-            with open_panel() as panel:
-                yield View(as_json, file, reference, panel, publishers)
+        if not plain and sys.stdout.isatty():
+            live = Live("waiting for events", auto_refresh=False, screen=True)
+            live.start(refresh=True)
+            panel = Panel(live)
+        yield View(as_json, file, reference, panel, publishers, line_s)
     finally:
+        if panel is not None:
+            panel.close()
         if file is not None:
             # every line was flushed when written, and failures were reported then
             with suppress(OSError):
@@ -572,22 +546,19 @@ class RerunView:
 
 
 @contextmanager
-def open_rerun(target: str | None, sensor: Sensor) -> Iterator[RerunView | None]:
+def open_rerun(target: str, sensor: Sensor) -> Iterator[RerunView]:
     """Open a viewer, or a file for one.
 
     Parameters
     ----------
-    target : str or None
-        ``viewer``, or a file ``.rrd`` to look at later; None: nothing.
+    target : str
+        ``viewer``, or a file ``.rrd`` to look at later.
 
     Raises
     ------
     MissingExtraError
         If the library is not installed.
     """
-    if target is None:
-        yield None
-        return
     try:
         import rerun
     except ImportError as error:
@@ -607,12 +578,12 @@ def open_rerun(target: str | None, sensor: Sensor) -> Iterator[RerunView | None]
 def show_session(
     session: LiveSession,
     *,
-    as_json: bool = False,
-    log: str | None = None,
-    rerun: str | None = None,
-    serve: str | None = None,
-    mqtt: str | None = None,
-    line_s: float | None = None,
+    as_json: bool,
+    log: str | None,
+    rerun: str | None,
+    serve: str | None,
+    mqtt: str | None,
+    line_s: float | None,
 ) -> None:
     """Open a session, show it to its end, and close everything in any case, the session last.
 
@@ -621,7 +592,7 @@ def show_session(
     as_json, log, line_s
         See `View`; `log` is the file's name.
     rerun, serve, mqtt
-        See `open_rerun` and `open_publishers`.
+        See `open_rerun`, `LineServer` and `open_mqtt`.
 
     Raises
     ------
@@ -632,9 +603,15 @@ def show_session(
     session.on_message = lambda message: None  # the command itself says that it compiles
     try:
         with ExitStack() as stack:
-            viewer = stack.enter_context(open_rerun(rerun, session.sensor))
+            viewer = None
+            if rerun is not None:
+                viewer = stack.enter_context(open_rerun(rerun, session.sensor))
             stack.enter_context(stopped_by_signals(session.stopping))
-            publishers = stack.enter_context(open_publishers(serve, mqtt))
+            publishers: list[Publisher] = []
+            if serve is not None:
+                publishers.append(stack.enter_context(LineServer(serve)))
+            if mqtt is not None:
+                publishers.append(stack.enter_context(open_mqtt(mqtt)))
             with status("kernels") as shown:
                 session.warm_up(shown)
             session.open()
@@ -649,7 +626,7 @@ def show_session(
 
 
 def _show(session: LiveSession, view: View, rerun: RerunView | None) -> None:
-    session.on_message = view.message
+    session.on_message = lambda message: view.say(message.kind, message.text, over=message.over)
     try:
         for step in session.steps():
             for reading in step.odometry:
@@ -665,7 +642,7 @@ def _show(session: LiveSession, view: View, rerun: RerunView | None) -> None:
         view.summary(session.status, session.bursts_removed)
         if session.reference is not None:
             removed = Removed(session.health.events, session.bursts_removed)
-            warn_if_much(removed, session.address, "make the map with --bursts keep")
+            warn_of_bursts(removed, session.address, "make the map with --bursts keep")
     if text := session.unwritten or view.unwritten:
         raise RecordingError(text)
     if text := nothing_valid(session.health):

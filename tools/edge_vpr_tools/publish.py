@@ -12,12 +12,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple, Protocol, Self
 from urllib.parse import parse_qsl, unquote
 
 from edge_vpr.errors import MissingExtraError, UsageError
-from edge_vpr.live.links import LinkError, bracketed
+from edge_vpr.live.links import address_of, listening_socket
 
 #: Time at the end for readers to read what waits for them, in seconds.
 _LAST_S = 1.0
@@ -49,33 +49,6 @@ class Publisher(Protocol):
         """Yield what happened since the last call, and whether it is good news."""
 
 
-@contextmanager
-def open_publishers(serve: str | None, mqtt: str | None) -> Iterator[tuple[Publisher, ...]]:
-    """Open the requested publishers, until the block ends.
-
-    Parameters
-    ----------
-    serve : str or None
-        ``[HOST:]PORT`` to listen on.
-    mqtt : str or None
-        ``mqtt://[USER@]HOST[:PORT]/TOPIC``.
-
-    Raises
-    ------
-    UsageError
-        If an address is none, or a library is missing.
-    LinkError
-        If the port cannot be listened on.
-    """
-    with ExitStack() as stack:
-        publishers: list[Publisher] = []
-        if serve is not None:
-            publishers.append(stack.enter_context(LineServer(serve)))
-        if mqtt is not None:
-            publishers.append(stack.enter_context(open_mqtt(mqtt)))
-        yield tuple(publishers)
-
-
 # Notices that would come too often are counted, and shown once a minute.
 
 
@@ -90,11 +63,6 @@ class RareNotices:
 
     Otherwise a program that connects, or a broker that answers and leaves, a hundred times a second
     would fill the log. One thread may add notices while another one takes them.
-
-    Parameters
-    ----------
-    clock : callable
-        Returns seconds.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -222,19 +190,9 @@ class LineServer:
     name = "serve"
 
     def __init__(self, address: str) -> None:
-        host, port = parse_address(address)
-        try:
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-            self._server = socket.create_server(found[4][:2], family=found[0])
-        except OSError as error:
-            raise LinkError(
-                f"cannot serve on {bracketed(host)}:{port}: {error.strerror}: name an address of "
-                "this machine, and a port that is free (0: any)"
-            ) from error
-        self._server.setblocking(False)
-        host, port = self._server.getsockname()[:2]
+        self._server = listening_socket(*parse_address(address), "serve on ")
         #: Where readers connect to, as ``tcp://HOST:PORT``.
-        self.address = f"tcp://{bracketed(host)}:{port}"
+        self.address = address_of("tcp", self._server)
         self._notices = RareNotices()
         self._notices.add(f"matches are at {self.address}", True)
         self._readers: frozenset[_Reader] = frozenset()
@@ -263,19 +221,14 @@ class LineServer:
         """See `Publisher.notices`."""
         return self._notices.take()
 
-    def close(self) -> None:
-        """Give readers a second to read waiting lines, then close; may be called again."""
-        if self._closing.is_set():
-            return
-        self._closing.set()
-        self._rouse()
-        self._thread.join()
-
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self.close()
+        """Give readers a second to read waiting lines, then close."""
+        self._closing.set()
+        self._rouse()
+        self._thread.join()
 
     def _rouse(self) -> None:
         # full: the thread will wake up anyway

@@ -1,14 +1,17 @@
-"""Reading of ground truth from two tracks, a matrix, or an alignment."""
+"""Ground truth read from two tracks, a matrix, or an alignment, for times or for results."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.evaluation.ground_truth import (
     GroundTruth,
     from_alignment,
@@ -17,8 +20,11 @@ from edge_vpr.evaluation.ground_truth import (
     load_alignment,
     load_matrix,
 )
-from edge_vpr.evaluation.tracks import Track, load_track
+from edge_vpr.evaluation.tracks import load_track
+from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import parse_period
+from edge_vpr.reference_map import MatchResult
+from edge_vpr_tools.console import warning
 
 #: Suffixes of files that hold a track and not an alignment.
 _TRACKS = (".nmea", ".gpx", ".tum")
@@ -74,7 +80,10 @@ def load_truth(
     if tolerance is None:
         raise UsageError("the tolerance is not given: say for example --tolerance 70")
     if len(files) == 2:
-        reference, query = load_tracks(files, offset_s)
+        offsets = (0.0, 0.0) if offset_s is None else offset_s
+        reference, query = (
+            load_track(file).shifted(at) for file, at in zip(files, offsets, strict=True)
+        )
         return from_tracks(reference, query, places_us, queries_us, tolerance)
     if Path(files[0]).suffix.lower() in _TRACKS:
         raise UsageError(f"{files[0]} is one track: give two, the reference's and then the query's")
@@ -94,20 +103,60 @@ def load_truth(
     )
 
 
-def load_tracks(files: Sequence[str], offset_s: Sequence[float] | None = None) -> list[Track]:
-    """Read the tracks of two drives.
+#: places times queries of the ground truth: 64 MB
+_MOST_CELLS = 1 << 26
+#: swapped logs are reported if this share of the matches becomes correct by it; chosen by judgement
+_SWAPPED_BY = 0.3
 
-    Parameters
-    ----------
-    files : sequence of two str
-        Reference first.
-    offset_s : sequence of two floats, optional
-        Where time 0 of each track is in its recording, in seconds.
+
+def _share_correct(matches: Matches, truth: GroundTruth) -> float:
+    return float(truth.correct[matches.place, matches.query].mean())
+
+
+def load_evaluated(
+    results: str,
+    files: Sequence[str],
+    *,
+    tolerance: float | None,
+    rows: str | None,
+    frame_period: str | None,
+    offset_s: Sequence[float] | None,
+) -> tuple[MatchResult, GroundTruth]:
+    """Read a folder of results and its ground truth, and print warnings about doubtful inputs.
+
+    For the ground truth, see `load_truth`.
 
     Raises
     ------
-    GroundTruthError
-        If a file is wrong.
+    EdgeVprError
+        If the folder or the ground truth cannot be used.
     """
-    offsets = (0.0, 0.0) if offset_s is None else offset_s
-    return [load_track(file).shifted(at) for file, at in zip(files, offsets, strict=True)]
+    result = MatchResult.load(results)
+    reference, matches = result.reference, result.matches
+    if result.queries is None:  # matched online: each match is a query
+        matches = matches.every(1 + len(matches) * len(reference) // _MOST_CELLS)
+        result = replace(result, matches=matches)
+    if frame_period is None and reference.frame_period is not None:
+        frame_period = str(reference.frame_period)
+    truth_of = partial(
+        load_truth,
+        places_us=reference.places.centre_us,
+        queries_us=result.query_time_us,
+        tolerance=tolerance,
+        rows=rows,
+        frame_period=frame_period,
+    )
+    truth = truth_of(files, offset_s=offset_s)
+    for line in truth.notes:
+        warning(line)
+    share = _share_correct(matches, truth)
+    if len(files) == 2 and share < 1 - _SWAPPED_BY:
+        offsets = None if offset_s is None else offset_s[::-1]
+        with suppress(GroundTruthError):  # the tracks fit these drives in one order only
+            swapped = _share_correct(matches, truth_of(files[::-1], offset_s=offsets))
+            if swapped > share + _SWAPPED_BY:
+                warning(
+                    f"with the two logs in the other order, {swapped:.0%} of the matches would be "
+                    f"correct instead of {share:.0%}: name the log of the reference first"
+                )
+    return result, truth

@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 from edge_vpr_tools.commands.replay import RecordedInputs
 from edge_vpr_tools.report.figures import draw_outcomes, total_counts
-from edge_vpr_tools.report.replay import Replay, event_images, load_replay
+from edge_vpr_tools.report.replay import Replay, event_images, replay_of
 from edge_vpr_tools.report.style import BLUE, GREY, ORANGE, panels, save
 from edge_vpr_tools.report.verdict import Outcome, outcome_of
 from edge_vpr_tools.truth_files import load_truth
@@ -45,7 +45,7 @@ from edge_vpr.files import read_json
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import open_recording
-from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.reference_map import MatchResult, ReferenceMap
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tests/tools"))
@@ -189,7 +189,11 @@ def read_replay(folder: Path) -> Replay:
     run["command"] = [
         str(folder / word) if (folder / word).is_file() else word for word in run["command"]
     ]
-    return load_replay(results, RecordedInputs(run), 10_000, all_events=True)
+    inputs = RecordedInputs(run)
+    recording = inputs.recording("a picture")
+    return replay_of(
+        MatchResult.load(results), recording, inputs.odometry(), 10_000, all_events=True
+    )
 
 
 def show_events(axes: Axes, image: np.ndarray) -> None:

@@ -53,11 +53,6 @@ class Calibrated(NamedTuple):
 def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> Calibrated:
     """Learn the probability that a match is correct.
 
-    Parameters
-    ----------
-    matches : Matches
-        Of a drive against this map.
-
     Raises
     ------
     EdgeVprError
@@ -98,7 +93,7 @@ def run(args: argparse.Namespace) -> None:
     """Learn the table of probabilities and write it with the map."""
     from edge_vpr import results
     from edge_vpr.files import check_output
-    from edge_vpr_tools.inputs import load_evaluated
+    from edge_vpr_tools.truth_files import load_evaluated
 
     folder = Path(args.results)
     output = folder / results.MAP if args.output is None else Path(args.output)
@@ -109,8 +104,11 @@ def run(args: argparse.Namespace) -> None:
         if output.exists() and not args.overwrite:
             raise UsageError(f"output {output} exists: name another, or replace with --overwrite")
         results.check_parent(output)
-    reference, matches, truth = load_evaluated(args)
-    found = calibrate(reference, matches, truth)
+    result, truth = load_evaluated(
+        args.results, args.ground_truth, tolerance=args.tolerance, rows=args.rows,
+        frame_period=args.frame_period, offset_s=args.offset,
+    )  # fmt: skip
+    found = calibrate(result.reference, result.matches, truth)
     if found.settings_changed:
         note(
             f"{output} has the settings that the drive was matched with; the table holds for these"

@@ -30,8 +30,7 @@ def run(args: argparse.Namespace) -> None:
     """Read the input and write the output, whole or not at all."""
     from edge_vpr.files import check_output
     from edge_vpr.recordings import write_recording
-    from edge_vpr_tools.inputs import describe_faults, open_from
-    from edge_vpr_tools.progress import tracked
+    from edge_vpr_tools.inputs import describe_faults, open_from, tracked
 
     check_output(args.output, [args.input])
     recording = open_from(args, args.input)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 
-from edge_vpr_tools.console import say, table
+from edge_vpr_tools.console import say, status, table
 from edge_vpr_tools.flags import add_output_flags
 
 EXAMPLES = """\
@@ -27,7 +28,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr import results
     from edge_vpr.results import run_record, write_json
     from edge_vpr.simulation import simulate_pair
-    from edge_vpr_tools.progress import keep_shown, status
+    from edge_vpr_tools.inputs import tracked
     from edge_vpr_tools.report.demo_page import HEADER, remarks, rows, write_report
     from edge_vpr_tools.research.experiments import simulated
 
@@ -35,8 +36,9 @@ def run(args: argparse.Namespace) -> None:
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
     results.check_output_folder(output, args.overwrite)
     reference, query = simulate_pair(args.seed)
-    keep_shown(reference, "simulating the reference drive")
-    keep_shown(query, "simulating the query drive: other speed, other light, other traffic")
+    reference.keep(partial(tracked, label="simulating the reference drive"))
+    label = "simulating the query drive: other speed, other light, other traffic"
+    query.keep(partial(tracked, label=label))
     with status("mapping and matching") as show:
         trials = simulated.run_variants(reference, query, args.seed, show)
         show("matching event by event")

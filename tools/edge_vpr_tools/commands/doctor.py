@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from edge_vpr.errors import EdgeVprError
-from edge_vpr_tools.console import summary
+from edge_vpr_tools.console import status, summary
 
 EXAMPLES = """\
   edge-vpr doctor
@@ -28,7 +28,6 @@ def run(args: argparse.Namespace) -> None:
     """Print what was found."""
     from edge_vpr.results import json_text
     from edge_vpr_tools.doctor import as_text, compile_kernels, examine
-    from edge_vpr_tools.progress import status
 
     if args.compile:
         with status("compiling kernels") as show:

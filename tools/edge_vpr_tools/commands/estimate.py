@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 from edge_vpr.errors import UsageError
 from edge_vpr.settings import duration_us
-from edge_vpr_tools.console import say
+from edge_vpr_tools.console import say, status
 
 if TYPE_CHECKING:
     from edge_vpr_tools.estimate.accuracy import Drives
-    from edge_vpr_tools.estimate.estimation import Other, Question, Tried
+    from edge_vpr_tools.estimate.estimation import Question, Tried
     from edge_vpr_tools.estimate.model import Mission
+    from edge_vpr_tools.estimate.targets import Constant
     from firmware_model.model.design import Design
 
 
@@ -172,7 +173,6 @@ def tried_designs(args: argparse.Namespace, designs: Sequence[Design]) -> Tried 
     from edge_vpr_tools.estimate import accuracy
     from edge_vpr_tools.estimate.estimation import Tried
     from edge_vpr_tools.estimate.search import evaluated_runs
-    from edge_vpr_tools.progress import status
 
     if args.pareto is not None:
         if args.accuracy_on is not None:
@@ -221,10 +221,11 @@ def _drives(args: argparse.Namespace) -> Drives:
 
 def question_of(args: argparse.Namespace) -> Question:
     """Build the question from the flags; runs designs on drives if the flags ask for it."""
-    from edge_vpr_tools.estimate.estimation import Question, calibrated
+    from edge_vpr_tools.estimate.estimation import Other, Question
     from edge_vpr_tools.estimate.search import Budget
     from edge_vpr_tools.estimate.targets import find, names
     from firmware_model.errors import DesignError
+    from firmware_model.model.design import Design
 
     targets = tuple(find(name) for name in args.target or names())
     evaluated = args.pareto is not None or args.accuracy_on is not None
@@ -240,7 +241,9 @@ def question_of(args: argparse.Namespace) -> Question:
         raise UsageError("--calibrate is for one board: name its processor with --target")
     try:
         design, mission = design_and_mission(args)
-        other = None if args.vs is None else other_design(args.vs)
+        other = None
+        if args.vs is not None:
+            other = Other(args.vs, None if args.vs == "all-pixels" else Design.load(args.vs))
     except DesignError as error:
         raise UsageError(str(error)) from error
     beside = sequences_beside(args, design)
@@ -362,14 +365,6 @@ def _of_flags(args: argparse.Namespace, places: int) -> Design:
     )
 
 
-def other_design(name: str) -> Other:
-    """Return the design to compare with."""
-    from edge_vpr_tools.estimate.estimation import Other
-    from firmware_model.model.design import Design
-
-    return Other(name, None if name == "all-pixels" else Design.load(name))
-
-
 def matching_is_chosen(args: argparse.Namespace) -> bool:
     """Return whether the user chose how designs match; otherwise several are compared."""
     chosen = (args.map, args.design, args.matching, args.sequence_length, args.counter_code)
@@ -411,13 +406,56 @@ def _matches_per_s(every: str, design: Design, selected_per_s: float) -> float:
     return 1e6 / schedule.interval_us
 
 
+def calibrated(path: Path) -> Constant:
+    """Return the energy of a cycle in picojoules, as a profile measured it.
+
+    It is a single point: one over the matches per joule (`matches_per_joule` of the profile), per
+    second of processor time, divided by the clock.
+
+    Raises
+    ------
+    UsageError
+        If the file is no profile, or its energy was not measured or not resolved.
+    """
+    from edge_vpr.files import parse_errors
+    from edge_vpr_tools.estimate.targets import Constant, Spread
+    from edge_vpr_tools.profile.profiling import Profile
+
+    profile = Profile.load_file(path)
+    energy, clock = profile.energy, profile.conditions.loaded.frequency_hz
+    a_joule = None if energy.figures is None else energy.figures.bounded("matches_per_joule")
+    if (
+        energy.figures is None or a_joule is None or a_joule.value is None
+        or a_joule.low is None or a_joule.high is None or not clock
+    ):  # fmt: skip
+        raise UsageError(
+            f"{path}: energy was not measured or not resolved, or the clock is not known: "
+            "profile a board with a power sensor, for longer"
+        )
+    # periods of an external meter have no processor time, which is taken from the throughput
+    seconds = energy.cpu_s_per_match or profile.throughput.cpu_s_per_match
+    most_first = (a_joule.high, a_joule.value, a_joule.low)
+    with parse_errors(path, "energy and clock", "profile the board again"):
+        picojoules = [1e12 / (matches * seconds * clock) for matches in most_first]
+        if not all(map(math.isfinite, picojoules)) or picojoules != sorted(picojoules):
+            raise ValueError(f"{picojoules} pJ a cycle are no interval")
+        year = int(profile.run.finished_utc[:4])
+    return Constant(
+        "a cycle of this board",
+        "pJ/cycle",
+        Spread(*picojoules),
+        year,
+        profile.run.machine.processor,
+        f"calibrated on the profile {path}",
+        "interval of the measurement; one point: another load may cost another energy a cycle",
+    )
+
+
 def run(args: argparse.Namespace) -> None:
     """Count, model, and print."""
     from edge_vpr.results import check_parent, write_json
     from edge_vpr_tools.estimate.estimation import estimate
-    from edge_vpr_tools.estimate.search import draw
     from edge_vpr_tools.estimate.show import show
-    from edge_vpr_tools.report.style import save
 
     question = question_of(args)
     figure = _figure(args, question)
@@ -427,6 +465,9 @@ def run(args: argparse.Namespace) -> None:
     found = estimate(question)
     show(found, with_sources=args.sources)
     if figure is not None and question.alone is not None and found.answers is not None:
+        from edge_vpr_tools.estimate.figure import draw
+        from edge_vpr_tools.report.style import save
+
         save(draw(found.answers.candidates[question.alone.name], question.alone), figure)
         say(f"drawn: {figure}")
     if args.json is not None:

@@ -51,20 +51,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Evaluate, print the figures, and add them to the folder."""
     from edge_vpr import results
-    from edge_vpr.evaluation.metrics import evaluate
-    from edge_vpr.evaluation.tracks import with_positions
+    from edge_vpr.evaluation.tracks import load_track, with_positions
     from edge_vpr.files import read_json
     from edge_vpr.results import run_record, write_json
-    from edge_vpr_tools.inputs import load_evaluated
     from edge_vpr_tools.report.page import MISSED
     from edge_vpr_tools.report.traverse import write_report
     from edge_vpr_tools.report.verdict import outcome_of
-    from edge_vpr_tools.truth_files import load_tracks
+    from edge_vpr_tools.truth_files import load_evaluated
 
     folder, formats = Path(args.results), figure_formats(args.figures)
-    reference, matches, truth = load_evaluated(args)
-    found = evaluate(
-        matches,
+    result, truth = load_evaluated(
+        args.results, args.ground_truth, tolerance=args.tolerance, rows=args.rows,
+        frame_period=args.frame_period, offset_s=args.offset,
+    )  # fmt: skip
+    reference, matches = result.reference, result.matches
+    found = result.evaluate(
         truth,
         score=args.score,
         recall_denominator=args.recall_denominator,
@@ -76,11 +77,11 @@ def run(args: argparse.Namespace) -> None:
     metrics["evaluated_by"] = run_record(matches.settings.to_dict(), args.ground_truth)
     route = reference.route
     if route is None and len(args.ground_truth) == 2:
-        track, _ = load_tracks(args.ground_truth, args.offset)
+        track = load_track(args.ground_truth[0]).shifted((args.offset or [0.0])[0])
         route = with_positions(reference, track).route
     outcome = outcome_of(reference, matches, truth, found)
     metrics["verdict"] = outcome.sentence()
-    write_report(folder, outcome, formats, route, warnings_so_far())
+    write_report(folder, result, outcome, formats, route, warnings_so_far())
     write_json(folder / results.METRICS, metrics)
 
     summary(outcome.sentence())

@@ -10,7 +10,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from edge_vpr.errors import EdgeVprError, UsageError
-from edge_vpr_tools.console import note, summary, warning
+from edge_vpr_tools.console import note, status, summary, warning
 from edge_vpr_tools.flags import figure_formats
 from edge_vpr_tools.research.experiments import EXPERIMENTS, STREETS_ONLY
 
@@ -173,7 +173,6 @@ def _with_drives(names: list[str], args: argparse.Namespace, data: Path | None) 
 
 def _declared(names: list[str], data: Path | None, args: argparse.Namespace) -> dict[str, str]:
     """Run experiments, write their tables and figures, and return their tables."""
-    from edge_vpr_tools.progress import status
     from edge_vpr_tools.report.style import save
     from edge_vpr_tools.research.experiments.experiment import run_experiments, store_of
     from edge_vpr_tools.research.trials import Inline, processes
@@ -202,7 +201,6 @@ def _declared(names: list[str], data: Path | None, args: argparse.Namespace) -> 
 def _learn(names: list[str], args: argparse.Namespace) -> None:
     """Learn the tables of probabilities, and write them."""
     from edge_vpr.results import check_parent
-    from edge_vpr_tools.progress import status
     from edge_vpr_tools.research.experiments.calibration import learn
 
     if names != ["calibration"]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import note, summary
+from edge_vpr_tools.console import note, status, summary
 from edge_vpr_tools.flags import add_output_flags, add_reading_arguments
 
 if TYPE_CHECKING:
@@ -85,7 +85,6 @@ def run(args: argparse.Namespace) -> None:
         vectors_size,
     )
     from edge_vpr_tools.inputs import open_from
-    from edge_vpr_tools.progress import status
     from firmware_model import Design
     from firmware_model.vectors import smallest_cases, write_suites
 

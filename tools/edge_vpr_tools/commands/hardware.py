@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import note, summary
+from edge_vpr_tools.console import note, status, summary
 
 if TYPE_CHECKING:
     from firmware_model import Design, Memories
@@ -49,7 +49,6 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.results import check_parent
     from edge_vpr_tools.estimate.of_map import design_of, memories_of
     from edge_vpr_tools.golden_vectors import vectors_size
-    from edge_vpr_tools.progress import status
     from firmware_model import Design
     from firmware_model.hardware.project import write_project
 

@@ -78,10 +78,9 @@ def run(args: argparse.Namespace) -> None:
     """Read the whole recording once and print what it holds."""
     from edge_vpr.recordings import format_of
     from edge_vpr.results import json_text
-    from edge_vpr_tools.inputs import open_from
-    from edge_vpr_tools.progress import tracked
+    from edge_vpr_tools.inputs import open_from, tracked
 
-    recording = open_from(args, args.recording, on_fault="drop")
+    recording = open_from(args, args.recording)
     facts = summarise(tracked(recording, "reading"))
     if args.json:
         print(json_text(facts))

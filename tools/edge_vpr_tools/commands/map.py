@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import detail_settings, summary, warning
+from edge_vpr_tools.console import detail_settings, status, summary, warn_of_bursts, warning
 from edge_vpr_tools.flags import (
     add_map_flags,
     add_output_flags,
@@ -102,8 +102,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.map_record import KIND
     from edge_vpr.reference_map import ReferenceMap, removed_record
     from edge_vpr.results import check_parent, run_record, write_json
-    from edge_vpr_tools.inputs import describe_faults, open_source
-    from edge_vpr_tools.progress import describe_removed, tracked, warn_if_much
+    from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, tracked
 
     output = Path(args.output)
     # a map is read whole before it is written
@@ -167,7 +166,7 @@ def run(args: argparse.Namespace) -> None:
         summary(f"{known.size} of {len(reference)} places have positions, along {known[-1]:,.0f} m")
     if reference.odometer_mm is not None:
         summary(f"odometry: {reference.odometer_mm[-1] / 1e3:,.1f} m from first to last place")
-    warn_if_much(removed, args.recording, "keep them with --bursts keep")
+    warn_of_bursts(removed, args.recording, "keep them with --bursts keep")
 
 
 def _mapped(
@@ -180,12 +179,13 @@ def _mapped(
     """Return the map of the reference drive, and the time that it took in seconds."""
     from edge_vpr.descriptors.counting import WindowSource
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr.warm_up import mapping_steps
-    from edge_vpr_tools.progress import tracked, warmed_up
+    from edge_vpr.warm_up import mapping_steps, warm_up
+    from edge_vpr_tools.inputs import tracked
 
     detail_settings(settings.to_dict())
     if not isinstance(recording, WindowSource):
-        warmed_up(mapping_steps(settings))
+        with status("kernels") as show:
+            warm_up(mapping_steps(settings), show)
     start = time.perf_counter()
     reference = ReferenceMap.build(
         tracked(recording, "mapping"), settings, pixel_map=args.pixel_map,

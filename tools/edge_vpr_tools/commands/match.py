@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import detail_settings, summary, warning
+from edge_vpr_tools.console import detail_settings, status, summary, warn_of_bursts, warning
 from edge_vpr_tools.flags import (
     add_figures_flag,
     add_match_flags,
@@ -91,9 +91,8 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.map_record import describe_query
     from edge_vpr.matching.drive import query_distances
     from edge_vpr.reference_map import OnlineMetrics, ReferenceMap, write_queries
-    from edge_vpr.warm_up import matching_steps
-    from edge_vpr_tools.inputs import describe_faults, open_source
-    from edge_vpr_tools.progress import describe_removed, tracked, warmed_up, warn_if_much
+    from edge_vpr.warm_up import matching_steps, warm_up
+    from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, tracked
 
     output = Path(args.output)
     inputs = list(filter(None, (args.map, args.recording, args.odometry)))
@@ -111,20 +110,20 @@ def run(args: argparse.Namespace) -> None:
     for path in args.export or ():
         check_track_file(path, reference)
         results.check_new_file(Path(path), inputs, args.overwrite)
-    settings = with_match_flags(args, reference.settings, online=args.online)
-    reference.check_asked(settings)
-    asked = reference.matched_with(settings)
+    asked = with_match_flags(args, reference, online=args.online)
     _ = asked.acceptance  # a precision that the table cannot reach is an error before any work
     if args.every is not None and not args.online:
         raise UsageError("--every says when to match online: add --online, or leave it out")
     odometry = None if args.odometry is None else load_odometry(args.odometry)
-    detail_settings(settings.to_dict())
+    detail_settings(asked.settings.to_dict())
     recording: Recording | PublishedWindows
     if args.online:
         recording, found = _match_online(args, asked, odometry)
     else:
         recording = open_source(args, args.recording, reference.frame_period)
-        warmed_up(matching_steps(asked, odometry=odometry is not None, registered=args.register))
+        steps = matching_steps(asked, odometry=odometry is not None, registered=args.register)
+        with status("kernels") as show:
+            warm_up(steps, show)
         found = reference.match(
             tracked(recording, "counting"),
             odometry=odometry,
@@ -134,19 +133,20 @@ def run(args: argparse.Namespace) -> None:
     _report_shift(reference, found)
     faults = describe_faults(recording)
     queries, matches, metrics = found.queries, found.matches, found.metrics
-    warn_if_much(found.removed, args.recording, "make the map with --bursts keep")
+    warn_of_bursts(found.removed, args.recording, "make the map with --bursts keep")
     _warn_if_strange(matches)
     with results.results_folder(output, args.overwrite) as folder:
         found.write(folder, inputs)
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_report
+            from edge_vpr_tools.report.verdict import outcome_of
 
             if args.online:
                 with contextlib.suppress(UsageError):  # of a drive without a whole window
                     windows = describe_query(found.reference, tracked(recording, "counting"))
                     write_queries(folder / results.WINDOWS, windows)
-            write_report(folder, formats=formats)
-    removed = describe_removed(found.removed, settings)
+            write_report(folder, found, outcome_of(found.reference, matches), formats)
+    removed = describe_removed(found.removed, asked.settings)
     if isinstance(metrics, OnlineMetrics):
         duration_s = metrics.times_real_time * metrics.localising_s
         summary(
@@ -186,9 +186,8 @@ def _match_online(
 ) -> tuple[Recording, MatchResult]:
     """Feed the recording to a localiser event by event, as a device does."""
     from edge_vpr.descriptors.cleaning import BurstFilter
-    from edge_vpr.warm_up import localising_steps
-    from edge_vpr_tools.inputs import open_from
-    from edge_vpr_tools.progress import tracked, warmed_up
+    from edge_vpr.warm_up import localising_steps, warm_up
+    from edge_vpr_tools.inputs import open_from, tracked
 
     if args.frames_as_windows:
         raise UsageError("--online needs events: leave --frames-as-windows out")
@@ -198,11 +197,11 @@ def _match_online(
     every = args.every or ("window" if causal.settings.match_delay else "event")
     recording = open_from(args, args.recording, default_period=reference.frame_period)
     bursts = BurstFilter(reference.pixel_map.sensor)
-    warmed_up(
-        localising_steps(
-            causal, every, bursts, odometry=odometry is not None, registered=args.register
-        )
+    steps = localising_steps(
+        causal, every, bursts, odometry=odometry is not None, registered=args.register
     )
+    with status("kernels") as show:
+        warm_up(steps, show)
     return recording, reference.match(
         tracked(recording, "localising"), every=every, odometry=odometry, registered=args.register
     )

@@ -92,13 +92,16 @@ def load_of(args: argparse.Namespace) -> Load:
     from edge_vpr.descriptors.counting import check_sensor, cleaned
     from edge_vpr.map_record import describe_query
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr_tools.inputs import open_from
-    from edge_vpr_tools.profile.workload import Load, of_map, simulated_load
+    from edge_vpr.simulation import simulate_pair
+    from edge_vpr_tools.inputs import open_from, tracked
+    from edge_vpr_tools.profile.workload import STREET_M, Load, of_map, street_load
     from edge_vpr_tools.truth_files import load_truth
 
     if args.map is None:
-        return simulated_load(args.seed)
-
+        pair = simulate_pair(args.seed, length_m=STREET_M)
+        for name, drive in zip(("reference", "query"), pair, strict=True):
+            drive.keep(partial(tracked, label=f"simulating the {name}"))
+        return street_load(*pair)
     reference = ReferenceMap.load(args.map)
     recording = open_from(args, args.recording, default_period=reference.frame_period)
     check_sensor(recording.sensor, reference.pixel_map.sensor)
@@ -122,12 +125,10 @@ def run(args: argparse.Namespace) -> None:
     """Profile this machine."""
     from edge_vpr import results
     from edge_vpr.results import write_json
-    from edge_vpr_tools.profile.files import write_profile
     from edge_vpr_tools.profile.measurement import Plan
-    from edge_vpr_tools.profile.profiling import profile
-    from edge_vpr_tools.profile.record import PROFILE
+    from edge_vpr_tools.profile.profiling import PROFILE, profile
     from edge_vpr_tools.profile.sensors.search import choose_sensor
-    from edge_vpr_tools.profile.show import show
+    from edge_vpr_tools.profile.show import show, write_profile
 
     if (args.map is None) != (args.recording is None):
         raise UsageError("--map and --recording belong together: name both, or neither")

@@ -43,10 +43,8 @@ _MOST_VOLTS = 60.0
 def run(args: argparse.Namespace) -> None:
     """Add the energy of a trace to a profile file."""
     from edge_vpr import results
-    from edge_vpr_tools.profile.files import write_profile
-    from edge_vpr_tools.profile.profiling import with_meter
-    from edge_vpr_tools.profile.record import PROFILE
-    from edge_vpr_tools.profile.show import check_shown, show
+    from edge_vpr_tools.profile.profiling import PROFILE, with_meter
+    from edge_vpr_tools.profile.show import check_shown, show, write_profile
 
     path = Path(args.profile)
     path = path / PROFILE if path.is_dir() else path

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from edge_vpr.errors import MapError, UsageError
-from edge_vpr_tools.cli import find_verb, parser_of
-from edge_vpr_tools.console import summary
+from edge_vpr.errors import UsageError
+from edge_vpr_tools.cli import VerbParser, find_verb
+from edge_vpr_tools.console import status, summary
 from edge_vpr_tools.flags import add_output_flags
 
 if TYPE_CHECKING:
@@ -57,20 +57,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 class RecordedInputs:
-    """The files that a run has read; each is opened when it is asked for.
-
-    Parameters
-    ----------
-    run : mapping
-        Contents of `run.json`.
-    """
+    """The files that a run has read, by its `run.json`; each is opened when it is asked for."""
 
     def __init__(self, run: Mapping[str, Any]) -> None:
         self._files = run.get("inputs", ())
         verb, words = find_verb([str(word) for word in run.get("command", ())][1:])
         self._args: argparse.Namespace | None = None
         if verb == "match":
-            self._args = parser_of(verb).parse(words)
+            self._args = VerbParser(verb).parse(words)
 
     def recording(self, what: str) -> Recording | PublishedWindows:
         """Open the recording of the query.
@@ -128,9 +122,9 @@ _SUFFIXES = (".gif", ".html")
 def run(args: argparse.Namespace) -> None:
     """Compute the costs again, draw the frames and write the film."""
     from edge_vpr.files import read_json
+    from edge_vpr.reference_map import MatchResult
     from edge_vpr.results import RUN, check_new_file
-    from edge_vpr_tools.progress import status
-    from edge_vpr_tools.report.replay import frames, load_replay, write_gif, write_html
+    from edge_vpr_tools.report.replay import frames, replay_of, write_gif, write_html
 
     output = Path(args.output)
     if output.suffix not in _SUFFIXES:
@@ -144,12 +138,17 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError(f"--fps {args.fps:g}: expected 0.1 to 50 frames per second")
     check_new_file(output, [], args.overwrite)
     folder = Path(args.results)
-    if not folder.is_dir():
-        raise MapError(f"{folder} is not a folder of results: run edge-vpr match first")
     with status("reading the matches") as show:
-        replay = load_replay(
-            folder,
-            RecordedInputs(read_json(folder / RUN, "the run", "match again")),
+        result = MatchResult.load(folder)
+        inputs = RecordedInputs(read_json(folder / RUN, "the run", "match again"))
+        recording = None
+        if args.all_events or result.queries is None:
+            what = "the events of all pixels" if args.all_events else "a match --online"
+            recording = inputs.recording(what)
+        replay = replay_of(
+            result,
+            recording,
+            inputs.odometry(),
             args.frames,
             start_s=args.start,
             end_s=args.end,

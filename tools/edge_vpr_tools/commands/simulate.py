@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.results import RUN, check_output_folder, results_folder, run_record, write_json
     from edge_vpr.simulation import QUERY, simulate_pair
     from edge_vpr.simulation.drive import wheel_odometry
-    from edge_vpr_tools.progress import tracked
+    from edge_vpr_tools.inputs import tracked
 
     output = Path(args.output)
     check_output_folder(output, args.overwrite)

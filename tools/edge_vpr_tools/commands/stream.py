@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError, printable
 from edge_vpr.settings import duration_us
-from edge_vpr_tools.console import summary, warning
+from edge_vpr_tools.console import summary, warn_of_bursts, warning
 from edge_vpr_tools.flags import (
     DEFAULT_PRESET,
     add_map_flags,
@@ -165,8 +165,8 @@ def _check_odometry(args: argparse.Namespace) -> None:
 
 
 def _check_files(args: argparse.Namespace) -> None:
-    from edge_vpr.files import check_output
     from edge_vpr.recordings import WRITTEN, writable_format
+    from edge_vpr.results import check_new_file
 
     of_events = [name for name in args.record if Path(name).suffix != ".bin"]
     if len(of_events) > (0 if args.learn else 1):
@@ -186,11 +186,7 @@ def _check_files(args: argparse.Namespace) -> None:
         if path.resolve() in seen:
             raise UsageError(f"{path} is named twice: give each file another name")
         seen.add(path.resolve())
-        check_output(path, (args.port, args.map))
-        if path.exists() and not args.overwrite:
-            raise UsageError(f"{path} exists: name another file, or replace it with --overwrite")
-        if not path.absolute().parent.is_dir():
-            raise UsageError(f"{path.absolute().parent} is not a folder: make it first")
+        check_new_file(path, (args.port, args.map), args.overwrite)
 
 
 def _learnt_with(args: argparse.Namespace, reference: ReferenceMap | None) -> Settings | None:
@@ -207,15 +203,12 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.live.session import LiveSession
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.live_view import show_session
-    from edge_vpr_tools.progress import warn_if_much
 
     check_arguments(args)
     reference = None if args.map is None else ReferenceMap.load(args.map)
     learnt_with = _learnt_with(args, reference)
     if reference is not None:
-        flags = with_match_flags(args, reference.settings, online=True)
-        reference.check_asked(flags)
-        reference = reference.matched_with(flags)
+        reference = with_match_flags(args, reference, online=True)
     session = LiveSession(
         args.port, protocol=args.protocol, reference=reference, every=args.every,
         sensor=args.sensor, baud=args.baud, flow_control=args.flow_control,
@@ -228,7 +221,7 @@ def run(args: argparse.Namespace) -> None:
         mqtt=args.mqtt, line_s=duration_us(args.status_every) / 1e6 if args.status_every else None,
     )  # fmt: skip
     if session.learnt is not None:
-        warn_if_much(session.removed, args.port, "keep them with --bursts keep")
+        warn_of_bursts(session.removed, args.port, "keep them with --bursts keep")
         update = session.update
         for concern in () if update is None else update.warnings:
             warning(concern)

@@ -17,7 +17,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from edge_vpr_tools.estimate.search import Evaluated
-from edge_vpr_tools.estimate.wording import matching
+from edge_vpr_tools.estimate.show import matching
 from edge_vpr_tools.research.experiments.simulated import TOLERANCE_M, truth_of_pair
 from edge_vpr_tools.research.experiments.trial import TruthOf
 from firmware_model.model.design import Design

@@ -81,30 +81,13 @@ def read(table: Path = TABLE) -> dict[str, Netlist]:
         }
 
 
-def available() -> int:
-    """Return the logic cells of the FPGA."""
-    return next(iter(read().values())).available
-
-
 def cells(design: Design) -> int:
-    """Predict the logic cells of the core and its SPI slave on an iCE40UP5K.
-
-    Returns
-    -------
-    int
-        Rounded.
-    """
+    """Predict the logic cells of the core and its SPI slave on an iCE40UP5K."""
     return round(float(np.dot(_fitted(), _terms(design))))
 
 
 def errors() -> dict[str, float]:
-    """Compare the prediction with the netlists that it was not fitted on.
-
-    Returns
-    -------
-    dict of str to float
-        Relative error by the name of the design, positive where too many cells are predicted.
-    """
+    """Return the relative error of each netlist that was not fitted; positive: too many cells."""
     measured = read()
     return {name: cells(of) / measured[name].cells - 1 for name, of in CHECKED_ON.items()}
 

@@ -116,13 +116,6 @@ def count(target: Target, elf: Path, design: Design, seed: int = 0) -> Counted:
 
     Of the filter, until the third, since the first takes longer. No window pauses.
 
-    Parameters
-    ----------
-    elf : path
-        What `firmware_model.emulation.build.build` made for it.
-    seed : int
-        Of the places and counts.
-
     Raises
     ------
     ToolError
@@ -162,18 +155,7 @@ def scaling() -> Mapping[str, Mapping[str, float]]:
 
 
 def predict(design: Design, core: str) -> Counted:
-    """Predict the instructions of a window's end and of a match on a processor.
-
-    Parameters
-    ----------
-    core : str
-        A row of the table, for example ``cortex-m4``.
-
-    Returns
-    -------
-    Counted
-        Rounded.
-    """
+    """Predict the instructions of a window's end and of a match on a processor."""
     found = scaling()[core]
     of_window, of_match = _groups(design)
     window = sum(found[n] * x for n, x in zip(of_window, _window_terms(design), strict=True))

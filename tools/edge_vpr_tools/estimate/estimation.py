@@ -1,19 +1,15 @@
-"""An estimate as a value: the question, its answers, comparison and calibration."""
+"""An estimate as a value: the question, its answers, and the comparison of two designs."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from edge_vpr.errors import UsageError
-from edge_vpr.files import parse_errors
 from edge_vpr.results import to_json
 from edge_vpr_tools.estimate.model import Cost, EveryPixel, Mission, Sizes, Work, cost, sizes, work
 from edge_vpr_tools.estimate.search import (
-    Asked,
     Budget,
     Candidate,
     DesignOnTarget,
@@ -26,13 +22,7 @@ from edge_vpr_tools.estimate.search import (
     on_target,
     recommend,
 )
-from edge_vpr_tools.estimate.targets import (
-    Constant,
-    Spread,
-    Target,
-)
-from edge_vpr_tools.profile.measurement import Energy
-from edge_vpr_tools.profile.record import Profile
+from edge_vpr_tools.estimate.targets import Constant, Target
 from firmware_model.model.design import Design
 
 # Two designs side by side in every layer: counts, bytes, instructions, time, modelled energy.
@@ -311,9 +301,14 @@ def _answers(question: Question, tried: Tried) -> Answers:
     recommended, every, unknown = {}, {}, {}
     for target in question.targets:
         limits = Limits(target, question.budgets, question.measured, choose_distances=True)
-        asked = Asked(limits, question.route_places, question.matches_per_s, question.events_per_s)
         try:
-            found = candidates(tried.designs, asked)
+            found = candidates(
+                tried.designs,
+                limits,
+                places=question.route_places,
+                matches_per_s=question.matches_per_s,
+                events_per_s=question.events_per_s,
+            )
         except UsageError as error:
             if question.alone is not None:
                 raise
@@ -322,58 +317,3 @@ def _answers(question: Question, tried: Tried) -> Answers:
         recommended[target.name] = recommend(found)
         every[target.name] = found
     return Answers(recommended, every, unknown)
-
-
-# Energy of a processor's clock cycle, from the profile of a board with a power sensor.
-
-
-def calibrated(path: Path) -> Constant:
-    """Return the energy of a cycle that a profile measured.
-
-    It is a single point: one over the matches per joule (`matches_per_joule` of the profile), per
-    second of processor time, divided by the clock.
-
-    Parameters
-    ----------
-    path : path
-        Of a ``profile.json``.
-
-    Returns
-    -------
-    Constant
-        In picojoules a cycle.
-
-    Raises
-    ------
-    UsageError
-        If the file is no profile, or its energy was not measured or not resolved.
-    """
-    profile = Profile.load_file(path)
-    energy, clock = profile.energy, profile.conditions.loaded.frequency_hz
-    figures = energy.figures if isinstance(energy, Energy) else None
-    a_joule = None if figures is None else figures.bounded("matches_per_joule")
-    if (
-        not isinstance(energy, Energy) or a_joule is None or a_joule.value is None
-        or a_joule.low is None or a_joule.high is None or not clock
-    ):  # fmt: skip
-        raise UsageError(
-            f"{path}: energy was not measured or not resolved, or the clock is not known: "
-            "profile a board with a power sensor, for longer"
-        )
-    # periods of an external meter have no processor time, which is taken from the throughput
-    seconds = energy.cpu_s_per_match or profile.throughput.cpu_s_per_match
-    most_first = (a_joule.high, a_joule.value, a_joule.low)
-    with parse_errors(path, "energy and clock", "profile the board again"):
-        picojoules = [1e12 / (matches * seconds * clock) for matches in most_first]
-        if not all(map(math.isfinite, picojoules)) or picojoules != sorted(picojoules):
-            raise ValueError(f"{picojoules} pJ a cycle are no interval")
-        year = int(profile.run.finished_utc[:4])
-    return Constant(
-        "a cycle of this board",
-        "pJ/cycle",
-        Spread(*picojoules),
-        year,
-        profile.run.machine.processor,
-        f"calibrated on the profile {path}",
-        "interval of the measurement; one point: another load may cost another energy a cycle",
-    )

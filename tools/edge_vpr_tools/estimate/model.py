@@ -28,6 +28,7 @@ from fixedpoint.codes import packed_bytes
 # its plain oracle does when every operation and every access is counted.
 
 
+#: depths and widths in which a block memory can be used
 Shapes = Sequence[tuple[int, int]]
 #: memories that tell which pixels are selected
 _LOOKUP = ("displacement", "lookup", "pixel_delay")
@@ -111,13 +112,7 @@ class Work:
 
 
 def event_work(design: Design, selected: bool) -> Work:
-    """Count what an event on the sensor does.
-
-    Parameters
-    ----------
-    selected : bool
-        Whether it is at a selected pixel.
-    """
+    """Count what an event on the sensor does."""
     looked_up = 0 if isinstance(design, EveryPixel) else 1
     return Work(
         counter_updates=int(selected),
@@ -229,13 +224,7 @@ def flash_bytes(design: Design) -> int:
 
 
 def block_memories(design: Design, shapes: Shapes) -> int:
-    """Count block memories: each memory takes whole ones, in the shape that suits it best.
-
-    Parameters
-    ----------
-    shapes : sequence of (depth, width)
-        In which a block can be used.
-    """
+    """Count block memories: each memory takes whole ones, in the shape that suits it best."""
     return _blocks(memories(design).values(), shapes)
 
 

@@ -74,13 +74,7 @@ def _steps_of(costs: TransitionCosts) -> tuple[int, ...]:
 
 
 def memories_of(reference: ReferenceMap, design: Design) -> Memories:
-    """Take the contents of the device's tables from a map.
-
-    Parameters
-    ----------
-    design : Design
-        Of this map.
-    """
+    """Take the contents of the device's tables from a map."""
     places, events, tables = reference.places.counts, reference.places.activity, None
     if not design.own_mean:
         codes = device_codes(reference)

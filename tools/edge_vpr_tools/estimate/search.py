@@ -1,16 +1,13 @@
-"""The search for a design: evaluated designs, those that fit a budget, the Pareto front."""
+"""The search for a design: evaluated designs, and those that fit a budget."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
-
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from edge_vpr import results
 from edge_vpr.archive import archive_errors
@@ -29,14 +26,6 @@ from edge_vpr_tools.estimate.model import (
 )
 from edge_vpr_tools.estimate.of_map import design_of, event_rates
 from edge_vpr_tools.estimate.targets import Constant, Target
-from edge_vpr_tools.report.style import (
-    BLUE,
-    ORANGE,
-    legend_below,
-    name_label,
-    panels,
-    quantity_axis,
-)
 from firmware_model.errors import DesignError
 from firmware_model.image import check_limits
 from firmware_model.model.design import Design
@@ -137,15 +126,8 @@ def fit(design: Design, mission: Mission, limits: Limits) -> list[Fit]:
 
     Parameters
     ----------
-    design : Design
-        The parameters that are not searched.
     mission : Mission
         Its share of selected events grows with J.
-
-    Raises
-    ------
-    UsageError
-        If a budget of power is given and the target's is unknown.
     """
 
     def broken(candidate: Design) -> str:
@@ -164,13 +146,7 @@ def fit(design: Design, mission: Mission, limits: Limits) -> list[Fit]:
 
 
 def on_target(design: Design, mission: Mission, limits: Limits) -> DesignOnTarget:
-    """Take a design to a target, and see whether it fits.
-
-    Raises
-    ------
-    UsageError
-        If a budget of power is given and the target's is unknown.
-    """
+    """Take a design to a target, and see whether it fits."""
     chosen, limit = _best_variant(design, mission, limits)
     of = cost(chosen, limits.target, mission, limits.cycle_energy)
     return DesignOnTarget(chosen, mission, of, memory_bytes(chosen, limits.target), limit)
@@ -333,47 +309,6 @@ class Recommendation(NamedTuple):
     limit: str
 
 
-@dataclass(frozen=True)
-class Asked:
-    """Requirements for a candidate: the limits of a target, and the mission."""
-
-    limits: Limits
-    #: Places of the mission's route at one per window, instead of each map's.
-    places: int | None = None
-    matches_per_s: float | None = None  #: By default one a window.
-    events_per_s: float | None = None  #: By default those of the reference drive.
-
-    def candidate(self, one: Evaluated) -> Candidate:
-        """Take a map as a device with the mission's number of places.
-
-        Raises
-        ------
-        UsageError
-            If no device of this kind could be, or a budget of power cannot be held against this
-            target.
-        """
-        reference = one.reference
-        rate, share = event_rates(reference)
-        try:
-            design = design_of(reference)
-            if self.places is not None:
-                places = self.places * reference.settings.places_per_window
-                design = replace(design, places=places)
-        except DesignError as error:
-            raise UsageError(f"{one.name}: {error}") from error
-        windows_s = int((reference.places.end_us - reference.places.start_us).sum()) / 1e6
-        a_second = self.matches_per_s or len(reference) / max(windows_s, 1e-6)
-        mission = Mission(self.events_per_s or rate, share, a_second)
-        found = on_target(design, mission, self.limits)
-        return Candidate(
-            **{field.name: getattr(found, field.name) for field in fields(found)},
-            name=one.name,
-            accuracy=one.accuracy,
-            queries=one.queries,
-            own_places=len(reference),
-        )
-
-
 def evaluation_of(metrics: Path) -> tuple[float, int] | None:
     """Read P@100R and the number of queries of a run; None if it was not evaluated.
 
@@ -417,9 +352,50 @@ def evaluated_runs(folder: Path) -> list[Evaluated]:
     return found
 
 
-def candidates(evaluated: Iterable[Evaluated], asked: Asked) -> list[Candidate]:
-    """Take evaluated designs for a mission, best accuracy first, then the smallest."""
-    found = [asked.candidate(one) for one in evaluated]
+def candidates(
+    evaluated: Iterable[Evaluated],
+    limits: Limits,
+    *,
+    places: int | None = None,
+    matches_per_s: float | None = None,
+    events_per_s: float | None = None,
+) -> list[Candidate]:
+    """Take evaluated maps as devices of a mission, best accuracy first, then the smallest.
+
+    Parameters
+    ----------
+    places : int, optional
+        Of the mission's route at one per window, instead of each map's.
+    matches_per_s, events_per_s : float, optional
+        By default one a window, and those of the reference drive.
+
+    Raises
+    ------
+    UsageError
+        If no device of this kind could be, or a budget of power cannot be held against this target.
+    """
+    found = []
+    for one in evaluated:
+        reference = one.reference
+        rate, share = event_rates(reference)
+        try:
+            design = design_of(reference)
+            if places is not None:
+                design = replace(design, places=places * reference.settings.places_per_window)
+        except DesignError as error:
+            raise UsageError(f"{one.name}: {error}") from error
+        windows_s = int((reference.places.end_us - reference.places.start_us).sum()) / 1e6
+        a_second = matches_per_s or len(reference) / max(windows_s, 1e-6)
+        device = on_target(design, Mission(events_per_s or rate, share, a_second), limits)
+        found.append(
+            Candidate(
+                **vars(device),
+                name=one.name,
+                accuracy=one.accuracy,
+                queries=one.queries,
+                own_places=len(reference),
+            )
+        )
     return sorted(found, key=lambda one: (-one.accuracy, one.memory_bytes))
 
 
@@ -440,72 +416,3 @@ def recommend(found: Sequence[Candidate]) -> Recommendation:
     # what keeps the smallest of the better ones from fitting
     limit = min(better, key=lambda one: one.memory_bytes).limited_by if better else ""
     return Recommendation(chosen, limit)
-
-
-# Accuracy of evaluated designs against their cost on a target, drawn.
-
-
-def frontier(found: Sequence[Candidate], cost_of: Callable[[Candidate], float]) -> list[Candidate]:
-    """Return the designs for which no other is as accurate at a lower cost."""
-    best: list[Candidate] = []
-    for one in sorted(found, key=lambda c: (cost_of(c), -c.accuracy)):
-        if not best or one.accuracy > best[-1].accuracy:
-            best.append(one)
-    return best
-
-
-def draw(found: Sequence[Candidate], target: Target) -> Figure:
-    """Draw accuracy against energy a match and memory; what no other beats has its name."""
-    with panels(1, 2, 12.0, 5.2, sharey=True) as (drawing, ((left, right),)):
-        known = [one for one in found if one.cost.per_match_j is not None]
-        if known:
-            _panel(left, known, _joules, "J", "energy of a match: modelled")
-        else:
-            left.text(
-                0.5, 0.5, f"energy on {target.name}: unknown", transform=left.transAxes, ha="center"
-            )
-            left.set_xticks([])
-        _panel(right, found, lambda one: one.memory_bytes, "B", "memory (1 kB is 1,000 bytes)")
-        left.set_ylabel("correct (P@100R)")
-        legend_below(drawing, [right], 3)
-        drawing.suptitle(f"Accuracy against energy and bytes on {target.name}")
-    return drawing
-
-
-def _joules(one: Candidate) -> float:
-    assert one.cost.per_match_j is not None
-    return one.cost.per_match_j.central
-
-
-def _panel(
-    axes: Axes,
-    found: Sequence[Candidate],
-    cost_of: Callable[[Candidate], float],
-    unit: str,
-    label: str,
-) -> None:
-    for limited, marker, colour, name in (
-        (False, "o", BLUE, "fits"), (True, "x", ORANGE, "over a budget")
-    ):  # fmt: skip
-        those = [one for one in found if bool(one.limited_by) == limited]
-        if those:
-            axes.plot(
-                [cost_of(one) for one in those], [one.accuracy for one in those],
-                marker, color=colour, label=name,
-            )  # fmt: skip
-    kept = frontier(found, cost_of)
-    axes.step(
-        [cost_of(one) for one in kept], [one.accuracy for one in kept], where="post",
-        color=BLUE, lw=1, alpha=0.6, label="no other is better and cheaper",
-    )  # fmt: skip
-    for before, one in zip([None, *kept], kept, strict=False):
-        # to the left of the steps is room, but for what is hardly above the step before
-        beside = before is not None and one.accuracy - before.accuracy < 0.02
-        axes.annotate(
-            name_label(Path(one.name).name), (cost_of(one), one.accuracy), fontsize=7,
-            ha="left" if beside else "right", xytext=(5 if beside else -5, 3),
-            textcoords="offset points",
-        )  # fmt: skip
-    quantity_axis(axes.xaxis, unit)
-    axes.margins(x=0.3)
-    axes.set_xlabel(label)

@@ -1,4 +1,4 @@
-"""The tables of an estimate on the terminal: counts, costs, units of work, and what fits."""
+"""An estimate on the terminal: its tables, and how designs and quantities are written."""
 
 from __future__ import annotations
 
@@ -16,22 +16,106 @@ from edge_vpr_tools.estimate.search import (
     blocks_of,
     memory_bytes,
 )
-from edge_vpr_tools.estimate.targets import Constant, Target
-from edge_vpr_tools.estimate.wording import (
-    UNKNOWN,
-    busy,
-    count,
-    design_text,
-    joules,
-    per_joule,
-    short_text,
-    size_text,
-    spread,
-    three,
-    times,
-    watts,
-)
+from edge_vpr_tools.estimate.targets import Constant, Spread, Target
 from edge_vpr_tools.report.page import quantity
+from firmware_model.image import kept_bytes
+from firmware_model.model.design import Design
+
+# Designs and quantities in words: in suitable units, with low and high.
+
+
+UNKNOWN = "unknown"
+
+
+def matching(of: Design) -> str:
+    """Return how a design matches."""
+    if not of.filters:
+        return f"sequences of {of.length}"
+    if not of.steps:
+        return "place filter" + ", places at half windows" * (of.places_per_window == 2)
+    return f"place filter with fixed costs of {len(of.steps) + len(of.back)} steps"
+
+
+def short_text(of: Design) -> str:
+    """Return pixels, codes, places and matching of a design for a cell of a table."""
+    by = f"sequences of {of.length}"
+    if of.filters:
+        by = "filter" + ", places at half windows" * (of.places_per_window == 2)
+        by += "" if of.keep_distances else ", distances computed twice"
+    return (
+        f"{of.pixels:,} px, {of.code_bits} bit{'s' * (of.code_bits > 1)} {of.code}, "
+        f"{of.places:,} places, {by}"
+    )
+
+
+def design_text(of: Design) -> str:
+    """Return pixels, codes, places, and how a design matches."""
+    kept = ""
+    if of.filters:
+        kept = ", distances computed twice"
+        if of.keep_distances:
+            kept = f", distances kept ({size_text(kept_bytes(of))} of a processor's RAM)"
+    return (
+        f"{of.pixels:,} pixels, {of.code_bits} bit{'s' * (of.code_bits > 1)} ({of.code}), "
+        f"{of.places:,} places, {matching(of)}{kept}"
+    )
+
+
+def busy(load: Spread) -> str:
+    """Return the share of the time that a target is busy, or that it cannot keep up."""
+    if load.low >= 1:
+        return "overloaded"
+    return f"{load.central:.3%}" if load.high < 1 else f"{load.central:.0%}: may be overloaded"
+
+
+def joules(value: Spread | None) -> str:
+    """Return an energy, or that it is unknown."""
+    return UNKNOWN if value is None else spread(value, "J")
+
+
+def per_joule(value: Spread | None) -> str:
+    """Return the matches per joule of the work, or that they are unknown."""
+    if value is None:
+        return UNKNOWN
+    low, central, high = (
+        f"{one:,.0f}" if one >= 100 else f"{one:.3g}"
+        for one in (value.low, value.central, value.high)
+    )
+    return f"{central} ({low} to {high})"
+
+
+def watts(value: Spread | None) -> str:
+    """Return a power, or that it is unknown."""
+    return UNKNOWN if value is None else spread(value, "W")
+
+
+def spread(value: Spread, unit: str) -> str:
+    """Return a value with low and high, in one unit that suits the central value."""
+    return quantity(value.central, unit, value.low, value.high)
+
+
+def three(values: Iterable[float]) -> str:
+    """Return low, central and high as central with its bounds."""
+    low, central, high = values
+    return f"{central:g} ({low:g} to {high:g})"
+
+
+def times(theirs: float, ours: float) -> str:
+    """Return how many times ours theirs is."""
+    return f"{theirs / ours:,.3g}" if ours else "-"
+
+
+def size_text(number: float) -> str:
+    """Return bytes, in KiB where they are many."""
+    return f"{number:,.0f} B" if number < 10_240 else f"{number / 1024:,.1f} KiB"
+
+
+def count(value: Spread) -> str:
+    """Return cycles with low and high."""
+    if value.low == value.high:
+        return f"{value.central:,.0f}"
+    return f"{value.central:,.0f} ({value.low:,.0f} to {value.high:,.0f})"
+
 
 # The answer of an estimate: one table of designs on targets, and one sentence.
 
@@ -136,13 +220,7 @@ def _memory_text(of: DesignOnTarget, target: Target) -> str:
 
 
 def show_comparison(found: Comparison, name: str) -> None:
-    """Print both, and how many times the other one takes.
-
-    Parameters
-    ----------
-    name : str
-        Of the other design.
-    """
+    """Print both, and how many times the other one takes."""
     rows = [
         [key, f"{pair.ours:,.6g}", f"{pair.theirs:,.6g}", times(pair.theirs, pair.ours)]
         for key, pair in found.counts.items()
@@ -232,13 +310,7 @@ _SHOWN = 6
 
 
 def show(found: Estimation, *, with_sources: bool = False) -> None:
-    """Print an estimate: first the answer, then the tables behind it.
-
-    Parameters
-    ----------
-    with_sources : bool
-        Print the assumptions and the cited constants too.
-    """
+    """Print an estimate: first the answer, then the tables behind it, and what they rest on."""
     asked = found.question
     _answer(found)
     if found.fit and asked.alone is not None:
@@ -291,21 +363,21 @@ def _work(found: Estimation) -> None:
     units, rates = found.counts, found.mission.rates
     header = ["exact counts", *units, "per second"]
     rows = []
-    for name in next(iter(units.values())).operations:
-        each = [unit.operations[name] for unit in units.values()]
+
+    def add(name: str, each: Sequence[float], form: str) -> None:
         total = sum(n * rate for n, rate in zip(each, rates.values(), strict=True))
-        rows.append([name, *(f"{n:,}" for n in each), f"{total:,.0f}"])
+        rows.append([name, *(format(n, form) for n in each), f"{total:,.0f}"])
+
+    for name in next(iter(units.values())).operations:
+        add(name, [unit.operations[name] for unit in units.values()], ",")
+    memories = sorted({memory for unit in units.values() for memory in unit.traffic})
     for name, of_unit in (("bytes read", "bytes_read"), ("bytes written", "bytes_written")):
-        sums = [getattr(unit, of_unit) for unit in units.values()]
-        total = sum(n * rate for n, rate in zip(sums, rates.values(), strict=True))
-        rows.append([name, *(f"{n:,.6g}" for n in sums), f"{total:,.0f}"])
-        memories = sorted({memory for unit in units.values() for memory in unit.traffic})
+        add(name, [getattr(unit, of_unit) for unit in units.values()], ",.6g")
         for memory in memories:
             parts = [unit.traffic.get(memory) for unit in units.values()]
-            each_bytes = [0.0 if part is None else getattr(part, of_unit) for part in parts]
-            if any(each_bytes):
-                total = sum(n * r for n, r in zip(each_bytes, rates.values(), strict=True))
-                rows.append([f"  {memory}", *(f"{n:,.6g}" for n in each_bytes), f"{total:,.0f}"])
+            each = [0.0 if part is None else getattr(part, of_unit) for part in parts]
+            if any(each):
+                add(f"  {memory}", each, ",.6g")
     table(header, rows)
 
 

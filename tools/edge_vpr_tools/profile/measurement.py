@@ -223,11 +223,6 @@ def interval(differences: Floats) -> Estimate:
     each is drawn by itself. The unit is always a pair of windows and never a sample, so that
     duplicates of samples do not narrow the interval.
 
-    Parameters
-    ----------
-    differences : ndarray of float64, shape (pairs,)
-        Of each pair of windows.
-
     Raises
     ------
     UsageError
@@ -410,7 +405,7 @@ class Energy:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any], where: str) -> Energy:
-        """Read an object from values of JSON; see `json_records.from_json`."""
+        """Read an object from values of JSON; see `edge_vpr.results.from_json`."""
         void = all(values.get(one.name) is None for one in fields(Figures))
         nested = {
             "figures": None if void else from_json(Figures, values, where),
@@ -426,11 +421,7 @@ class NotMeasured:
     not_measured_because: tuple[str, ...]
     #: Windows that were run for an external meter, on the monotonic clock.
     windows: tuple[Window, ...] = ()
-
-    @property
-    def resolved(self) -> bool:
-        """Always False."""
-        return False
+    figures = readings = None  # as an `Energy` has them; no fields
 
     def void(self) -> NotMeasured:
         """Return the same object, since there are no figures to remove."""
@@ -536,15 +527,8 @@ def take_turns(
     return windows
 
 
-def measure(sensor: Sensor, plan: Plan, load: Load, rate: float) -> Energy:
+def measure(sensor: Sensor, plan: Plan, load: Load, mission_rate: float) -> Energy:
     """Measure the energy of a match.
-
-    Parameters
-    ----------
-    load : callable
-        Works for the seconds that it is given, and returns the number of matches.
-    rate : float
-        Matches per second of the mission.
 
     Returns
     -------
@@ -563,7 +547,7 @@ def measure(sensor: Sensor, plan: Plan, load: Load, rate: float) -> Energy:
         windows = take_turns(plan, load)
         time.sleep(3 * sensor.about.period_s)
     cpu = time.process_time() - cpu
-    found = analyse(sampler.trace(), windows, sensor.about, rate)
+    found = analyse(sampler.trace(), windows, sensor.about, mission_rate)
     matches = sum(window.matches for window in windows)
     elapsed = windows[-1].end_s - windows[0].start_s
     return replace(
@@ -574,17 +558,8 @@ def measure(sensor: Sensor, plan: Plan, load: Load, rate: float) -> Energy:
     )
 
 
-def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) -> Energy:
+def analyse(trace: Trace, windows: Sequence[Window], about: About, mission_rate: float) -> Energy:
     """Return the energy of a match with intervals: marginal, saturated, and at the mission's rate.
-
-    Parameters
-    ----------
-    windows : sequence of Window
-        Pairs of an idle and a load window.
-    about : About
-        Description of the meter.
-    rate : float
-        Matches per second of the mission.
 
     Raises
     ------
@@ -606,14 +581,14 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) 
     saturated = interval(load_w * a_match_s)
     idle = interval(idle_w)
     resolved, value = marginal.resolved, marginal.value
-    at_mission = interval(idle_w / rate + (load_w - idle_w) * a_match_s)
+    at_mission = interval(idle_w / mission_rate + (load_w - idle_w) * a_match_s)
     if round(window_s / about.period_s) < LEAST_SAMPLES:
         share = _READINGS_AT_EDGES * about.period_s / window_s
         lost = max(marginal.high, 0.0) * (1 / (1 - share) - 1)
         lost_w = lost / float(np.median(a_match_s))
         marginal, saturated = marginal.widened(0.0, lost), saturated.widened(0.0, lost)
         idle = idle.widened(lost_w, 0.0)
-        at_mission = at_mission.widened(lost_w / rate, lost)
+        at_mission = at_mission.widened(lost_w / mission_rate, lost)
     start = windows[0].start_s
     samples = [trace.native_samples(w.start_s, w.end_s) for w in windows]
     return Energy(
@@ -621,7 +596,7 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About, rate: float) 
         window_s=window_s,
         native_samples_per_window=int(np.median(samples)),
         saturated_matches_per_s=float(np.median(1 / a_match_s)),
-        mission_matches_per_s=rate,
+        mission_matches_per_s=mission_rate,
         figures=Figures(
             marginal_j_per_match=value if resolved else None,
             marginal_j_per_match_interval=(marginal.low, marginal.high),

@@ -390,13 +390,7 @@ def _averaged(when: Floats, watts: Floats) -> tuple[Floats, Floats]:
 
 
 def check_turns(windows: Sequence[Window]) -> None:
-    """Raise ValueError unless the windows are consecutive pairs of idle and load.
-
-    Parameters
-    ----------
-    windows : sequence of Window
-        For example from a file.
-    """
+    """Raise ValueError unless the windows are consecutive pairs of idle and load."""
     if len(windows) % 2 or len(windows) > _MOST_WINDOWS:
         raise ValueError(f"{len(windows)} windows are no pairs")
     end = -math.inf

@@ -1,24 +1,41 @@
-"""A profile as text, alone or beside another."""
+"""A profile as text, on the terminal, as a spreadsheet, and as a page with figures."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+from matplotlib.figure import Figure
+
+from edge_vpr import results
 from edge_vpr.files import parse_errors
+from edge_vpr.results import to_json, write_json
 from edge_vpr_tools.console import say, table
 from edge_vpr_tools.profile.measurement import Energy, Figures, NotMeasured, Outcome, Readings
-from edge_vpr_tools.profile.record import (
+from edge_vpr_tools.profile.profiling import (
     NOT_MEASURED,
     NOT_RESOLVED,
+    PROFILE,
     VOID,
-    Number,
     Profile,
     Provenance,
     numbers,
 )
-from edge_vpr_tools.profile.speed import Timing
-from edge_vpr_tools.report.page import quantity
+from edge_vpr_tools.profile.workload import DesignResult
+from edge_vpr_tools.report.page import Page, add_run, plain, quantity
+from edge_vpr_tools.report.style import (
+    BLUE,
+    CYCLE,
+    GREEN,
+    ORANGE,
+    SKY,
+    figure,
+    name_label,
+    quantity_axis,
+    save,
+)
 from edge_vpr_tools.report.tables import write_spreadsheet
 
 # Text of a profile, with units: rows of its tables, and notes.
@@ -50,7 +67,8 @@ def rows(found: Profile) -> list[tuple[str, str]]:
             what += ", made up"
         sparse, every = (quantity(one.value, "s") for one in (against.sparse_s, against.all_s))
         seconds = f"{sparse} against {every} {against.unit}"
-        lines.append((what, f"{seconds}: {_three(against.times)} times"))
+        times = "{:.3g} ({:.3g} to {:.3g})".format(*against.times)
+        lines.append((what, f"{seconds}: {times} times"))
     # the headline first
     energy = _energy_rows(found.energy, found.void)
     return energy[:1] + lines + energy[1:]
@@ -62,9 +80,9 @@ def _energy_rows(energy: Outcome, void: bool) -> list[tuple[str, str]]:
         "energy of a match, whole board, saturated",
         "energy of a match, whole board, at the mission",
     )
-    figures = energy.figures if isinstance(energy, Energy) else None
-    if void or not isinstance(energy, Energy) or figures is None:
+    if void or energy.figures is None:
         return [(name, VOID if void else NOT_MEASURED) for name in (PER_JOULE, *names)]
+    figures = energy.figures
     idle = quantity(figures.idle_w, "W", *figures.idle_w_interval, digits=4)
     return [
         (PER_JOULE, _per_joule(figures)),
@@ -97,10 +115,9 @@ def designs(found: Profile) -> list[list[str]]:
     """Return the accuracy of each design and the cost of its match, as rows of `DESIGNS`."""
     lines = []
     for one in found.designs:
-        figures = one.energy.figures if isinstance(one.energy, Energy) else None
         joules = VOID if found.void else NOT_MEASURED
-        if figures is not None and isinstance(one.energy, Energy) and not found.void:
-            joules = _marginal(one.energy, figures)
+        if isinstance(one.energy, Energy) and one.energy.figures is not None and not found.void:
+            joules = _marginal(one.energy, one.energy.figures)
         lines.append(
             [one.name, f"{one.precision_at_100_recall:.3f}", f"{one.bytes_per_place:,}",
              quantity(one.cpu_s_per_match, "s", *one.cpu_s_per_match_interval), joules]
@@ -191,70 +208,20 @@ def _joules(figures: Figures, name: str) -> str:
     return quantity(value, "J", low, high, digits=4)
 
 
-def _three(of: Timing) -> str:
-    return f"{of.value:.3g} ({of.low:.3g} to {of.high:.3g})"
+# A profile on the terminal.
 
 
-# Print a profile, or two side by side, on the terminal.
-
-
-_WIDTH = 110
-#: what a comparison says of two intervals
-OVERLAP, APART = "overlap", "apart"
+#: of the tables and paragraphs, in characters
+WIDTH = 110
 
 
 def show(found: Profile) -> None:
     """Print a profile."""
-    table(("measured", ""), rows(found), title=found.run.machine.processor, width=_WIDTH)
+    table(("measured", ""), rows(found), title=found.run.machine.processor, width=WIDTH)
     if found.designs:
-        table(DESIGNS, designs(found), width=_WIDTH)
+        table(DESIGNS, designs(found), width=WIDTH)
     for line in notes(found):
-        say(line, width=_WIDTH)
-
-
-def compare(first: Path, second: Path, spreadsheet: Path | None = None) -> None:
-    """Print two profiles side by side, with the ratio if both have a number.
-
-    Parameters
-    ----------
-    first, second : path
-        Paths of the two ``profile.json`` files.
-    spreadsheet : path, optional
-        File to which the comparison is also written.
-
-    Raises
-    ------
-    UsageError
-        If a profile cannot be read.
-    """
-    found = [Profile.load_file(path) for path in (first, second)]
-    for path, one in zip((first, second), found, strict=True):
-        check_shown(one, path)
-    sides = [{number.name: number for number in numbers(one)} for one in found]
-    lines, cells = [], []
-    for name in dict.fromkeys(name for side in sides for name in side):
-        a, b = (side.get(name, Number(name, None, why=NOT_MEASURED)) for side in sides)
-        ratio = b.value / a.value if a.value and b.value is not None else None
-        overlap = _overlap(a, b)
-        cells.append((name, *a[1:4], *b[1:4], ratio, overlap))
-        lines.append(
-            (name, _cell(a), _cell(b), "-" if ratio is None else f"{ratio:.3g}", overlap or "-")
-        )
-    table(("", str(first), str(second), "times", "intervals"), lines, width=_WIDTH)
-    if any(cell[-1] == OVERLAP for cell in cells):
-        say(
-            "intervals are of 95 %; where they overlap, the two profiles show no difference",
-            width=_WIDTH,
-        )
-    for path, one in zip((first, second), found, strict=True):
-        for line in notes(one):
-            say(f"{path}: {line}", width=_WIDTH)
-    if spreadsheet is not None:
-        header = (
-            "quantity", str(first), f"{first} low", f"{first} high",
-            str(second), f"{second} low", f"{second} high", "times", "intervals",
-        )  # fmt: skip
-        write_spreadsheet(spreadsheet, header, cells)
+        say(line, width=WIDTH)
 
 
 def check_shown(found: Profile, path: Path) -> None:
@@ -267,16 +234,147 @@ def check_shown(found: Profile, path: Path) -> None:
                     raise ValueError(f"{number.name} is {value}")
 
 
-def _cell(of: Number) -> str:
-    if of.value is None:
-        return of.why
-    if of.low is None or of.high is None:
-        return f"{of.value:,.6g}"
-    return f"{of.value:,.4g} ({of.low:,.4g} to {of.high:,.4g})"
+# The files of a profile.
 
 
-def _overlap(a: Number, b: Number) -> str | None:
-    """Return whether two intervals overlap; None unless both figures have one."""
-    if a.low is None or a.high is None or b.low is None or b.high is None:
+def write_profile(found: Profile, folder: Path, *, report: bool, name: str = PROFILE) -> None:
+    """Write a profile to a file of this name, with its spreadsheet, and if asked with a report."""
+    write_json(folder / name, found)
+    header = ("quantity", "value", "low", "high")
+    write_spreadsheet(folder / "profile.csv", header, [one[:4] for one in numbers(found)])
+    if report:
+        write_report(found, folder)
+
+
+def write_report(found: Profile, folder: Path) -> None:
+    """Write ``report.html``, with figures."""
+    page = Page("edge-vpr: what a match costs on this machine")
+    page.text(found.run.machine.processor)
+    page.table(("measured", ""), rows(found))
+    for line in notes(found):
+        page.text(line)
+    if found.designs:
+        page.heading("Accuracy and cost of designs")
+        page.table(DESIGNS, designs(found))
+        caption = "Share of correct matches of each design against what a match of it took here."
+        page.picture(save(accuracy(found.designs), folder / "accuracy.png"), caption)
+    energy = found.energy
+    if energy.readings is not None and energy.figures is not None:
+        page.heading("Energy")
+        readings, of_match = energy.readings, energy.figures
+        caption = "Power; idle and load windows are shaded."
+        page.picture(save(power_trace(readings), folder / "power.png"), caption)
+        caption = "Load less idle of each pair."
+        page.picture(save(differences(readings), folder / "pairs.png"), caption)
+        caption = "Energy of a match against the match rate: at low rates the board at rest is all."
+        page.picture(save(against_rate(energy, of_match), folder / "rate.png"), caption)
+    provenance = to_json(found.provenance)
+    page.heading("Conditions of the measurement")
+    page.table(
+        ("condition", "value"),
+        [
+            (name.replace("_", " "), plain(value))
+            for name, value in provenance.items()
+            if name != "versions"
+        ],
+    )
+    add_run(page, to_json(found.run))
+    page.write(folder / results.REPORT)
+
+
+# Figures of a profile.
+
+
+_MARKERS = "os^vDPX"
+
+
+def power_trace(readings: Readings) -> Figure:
+    """Draw power over time, with idle and load windows shaded."""
+    with figure() as (drawing, axes):
+        labels = {True: "load", False: "idle"}
+        for window in readings.windows:
+            axes.axvspan(
+                window.start_s, window.end_s, color=ORANGE if window.load else SKY, alpha=0.25,
+                lw=0, label=labels.pop(window.load, None),
+            )  # fmt: skip
+        axes.plot(readings.trace.time_s, readings.trace.watts, color=BLUE, lw=0.8)
+        axes.set(title="Power over time", xlabel="time (s)", ylabel="power (W)")
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return drawing
+
+
+def differences(readings: Readings) -> Figure:
+    """Draw the difference of each pair."""
+    with figure(7.5, 3.6) as (drawing, axes):
+        values = readings.differences_w
+        axes.plot(np.arange(1, len(values) + 1), values, "o", color=BLUE, label="pair")
+        axes.axhline(float(np.median(values)), color=ORANGE, label="median")
+        axes.axhline(0.0, color="black", lw=0.8)
+        axes.set(title="Load less idle, pair by pair", xlabel="pair", ylabel="power (W)")
+        axes.set_xticks(range(1, len(values) + 1))
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return drawing
+
+
+def against_rate(energy: Energy, figures: Figures) -> Figure:
+    """Draw joules per match against matches per second, up to the highest rate of this machine."""
+    with figure() as (drawing, axes):
+        fastest = energy.saturated_matches_per_s
+        rates = np.geomspace(min(0.1, fastest / 10), fastest, 200)
+        marginal = figures.marginal_j_per_match
+        axes.loglog(
+            rates, figures.idle_w / rates + (marginal or 0.0), color=BLUE, label="whole board"
+        )
+        axes.plot(fastest, figures.saturated_j_per_match, "o", color=BLUE, label="saturated")
+        rate = energy.mission_matches_per_s
+        axes.plot(rate, figures.mission_j_per_match, "s", color=ORANGE, label="mission")
+        if marginal is not None:
+            axes.axhline(marginal, color=GREEN, ls="--", label="marginal")
+        axes.set(
+            title="Energy of a match against the match rate",
+            xlabel="matches per second",
+            ylabel="energy of a match",
+        )
+        quantity_axis(axes.yaxis, "J")
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return drawing
+
+
+def accuracy(designs: Sequence[DesignResult]) -> Figure:
+    """Draw the accuracy of each design against the measured cost of its match.
+
+    The cost is in joules if they were measured and resolved, else in processor time.
+    """
+    measured = [(one, _marginal_joules(one)) for one in designs]
+    joules = [(one, found) for one, found in measured if found is not None]
+    shown = joules or [
+        (one, (one.cpu_s_per_match, *one.cpu_s_per_match_interval)) for one in designs
+    ]
+    with figure(8.5, 4.8) as (drawing, axes):
+        for i, (one, (value, low, high)) in enumerate(shown):
+            axes.errorbar(
+                value, one.precision_at_100_recall,
+                xerr=[[max(value - low, 0.0)], [max(high - value, 0.0)]],
+                fmt=_MARKERS[i % len(_MARKERS)], color=CYCLE[i % len(CYCLE)], capsize=3,
+                label=name_label(one.name),
+            )  # fmt: skip
+        quantity_axis(axes.xaxis, "J" if joules else "s")
+        axes.margins(x=0.15)
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        axes.set_ylim(0.0, 1.08)
+        axes.set(
+            title="Accuracy against " + ("energy" if joules else "processor time: no joules"),
+            xlabel="marginal energy of a match and its events, measured"
+            if joules
+            else "processor time of a match and its events, measured; energy was not",
+            ylabel="P@100R",
+        )
+    return drawing
+
+
+def _marginal_joules(one: DesignResult) -> tuple[float, float, float] | None:
+    """Return the marginal energy of a match and its interval; None if it is not resolved."""
+    figures = None if one.energy is None else one.energy.figures
+    if figures is None or figures.marginal_j_per_match is None:
         return None
-    return OVERLAP if a.low <= b.high and b.low <= a.high else APART
+    return (figures.marginal_j_per_match, *figures.marginal_j_per_match_interval)

@@ -19,7 +19,7 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedTime, collect
 from edge_vpr.events import Events, Sensor
 from edge_vpr.matching.distances import ReferenceIndex
-from edge_vpr_tools.profile.measurement import Estimate, interval_of_times
+from edge_vpr_tools.profile.measurement import interval_of_times
 
 #: DAVIS346 of Brisbane-Event-VPR, and J of the paper; number of places and counts are invented
 PAPER_SENSOR, PAPER_PIXELS, _PAPER_PLACES = Sensor(346, 260), 150, 500
@@ -74,10 +74,6 @@ def sparse_against_all(events: Events, pixel_map: PixelMap, places: int) -> Spar
 
     Parameters
     ----------
-    events : ndarray of events
-        In time order.
-    pixel_map : PixelMap
-        The selected pixels.
     places : int
         K; fewer are used if all pixels of this many places would need too much memory.
     """
@@ -134,11 +130,8 @@ def _against(
         # the variant that goes first alternates
         for which in (0, 1) if i % 2 == 0 else (1, 0):
             took[i, which] = _time((sparse, dense)[which], rounds[which]) / units
-    return Against(
-        unit,
-        *sizes,
-        *(_timing(interval_of_times(values)) for values in (*took.T, took[:, 1] / took[:, 0])),
-    )
+    found = map(interval_of_times, (*took.T, took[:, 1] / took[:, 0]))
+    return Against(unit, *sizes, *(Timing(one.value, one.low, one.high) for one in found))
 
 
 def _rounds(work: Callable[[], object]) -> int:
@@ -152,7 +145,3 @@ def _time(work: Callable[[], object], rounds: int) -> float:
     for _ in range(rounds):
         work()
     return (time.perf_counter() - start) / rounds
-
-
-def _timing(found: Estimate) -> Timing:
-    return Timing(found.value, found.low, found.high)

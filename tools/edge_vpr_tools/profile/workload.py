@@ -20,7 +20,7 @@ from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
-from edge_vpr.simulation import simulate_pair
+from edge_vpr.simulation import SimulatedRecording
 from edge_vpr_tools.console import check_interrupted, note
 from edge_vpr_tools.profile.measurement import (
     LEAST_PAIRS,
@@ -34,7 +34,6 @@ from edge_vpr_tools.profile.measurement import (
     measure,
 )
 from edge_vpr_tools.profile.sensors.sensor import Sensor, SensorError
-from edge_vpr_tools.progress import keep_shown
 from edge_vpr_tools.research.baselines import map_all_pixels
 from edge_vpr_tools.research.experiments.simulated import truth_of_pair
 from edge_vpr_tools.research.experiments.trial import TruthOf
@@ -53,8 +52,6 @@ class Workload:
     ----------
     events : iterable of ndarray
         Cleaned events of the recording; held in memory.
-    every : MatchSchedule
-        Schedule of matches.
     packet : int
         Number of events in one call, as from a camera's driver.
 
@@ -94,7 +91,8 @@ class Workload:
         self._next = 0
         self.recorded_s, self.events_a_round = self._period / 1e6, whole.size
         self.reset()
-        self.round()
+        for _ in self._packets:  # this also compiles the kernels and warms the caches
+            self._feed()
         if self.matches == 0:
             raise UsageError(
                 "one round of the recording gives no match: take shorter windows or a longer drive"
@@ -106,11 +104,6 @@ class Workload:
         self.events = self.matches = 0
         self.busy_s = 0.0
         self.latencies_s: list[float] = []
-
-    def round(self) -> None:
-        """Feed the recording once more; this also compiles the kernels and warms the caches."""
-        for _ in range(len(self._packets)):
-            self._feed()
 
     def run(self, seconds: float) -> int:
         """Feed events for some seconds; return the number of matches."""
@@ -205,7 +198,7 @@ def of_map(reference: ReferenceMap) -> Iterator[Compared]:
 
 
 #: length of the simulated street, which has about 70 places
-_STREET_M = 400.0
+STREET_M = 400.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,18 +215,15 @@ class Load:
     inputs: Sequence[str]
 
 
-def simulated_load(seed: int) -> Load:
-    """Simulate a street: one drive is mapped, and the query drive is the load."""
-    pair = simulate_pair(seed, length_m=_STREET_M)
-    for name, drive in zip(("reference", "query"), pair, strict=True):
-        keep_shown(drive, f"simulating the {name}")
+def street_load(first: SimulatedRecording, query: SimulatedRecording) -> Load:
+    """Map the first drive of a simulated street of `STREET_M`; the query drive is the load."""
     # N is the average number of events in a window of tau
     fixed_n = PRESETS["paper"].replaced({"window": "count", "events_per_pixel": None}, "profile")
-    reference = ReferenceMap.build(pair[0], fixed_n)
-    events = list(cleaned(pair[1], reference.settings))
-    designs = of_pair(pair[0], reference)
-    name = f"simulated street of {_STREET_M:g} m"
-    return Load(name, reference, events, pair[1], designs, truth_of_pair(*pair), [])
+    reference = ReferenceMap.build(first, fixed_n)
+    events = list(cleaned(query, reference.settings))
+    designs = of_pair(first, reference)
+    name = f"simulated street of {STREET_M:g} m"
+    return Load(name, reference, events, query, designs, truth_of_pair(first, query), [])
 
 
 # Accuracy and measured cost of several designs on the same drives.
@@ -256,7 +246,7 @@ class DesignResult:
 
 
 def compare(
-    load: Load, sensor: Sensor | None, plan: Plan, rate: float, known: Outcome
+    load: Load, sensor: Sensor | None, plan: Plan, mission_rate: float, known: Outcome
 ) -> list[DesignResult]:
     """Evaluate each design of a load whose truth is known, and measure the cost of its match.
 
@@ -264,8 +254,6 @@ def compare(
     ----------
     sensor : Sensor, optional
         Measures joules; without it, only processor time is measured.
-    rate : float
-        Matches per second of the mission.
     known : NotMeasured or Energy
         Energy of the load's own map, which has already been measured.
     """
@@ -282,7 +270,7 @@ def compare(
         energy: Outcome | None = None
         if sensor is not None:
             measured = known if reference is load.reference else None
-            energy = measured or _energy(sensor, plan, workload, rate)
+            energy = measured or _energy(sensor, plan, workload, mission_rate)
         found.append(
             DesignResult(
                 name=design.name,
@@ -313,9 +301,9 @@ def _cpu_s_per_match(load: Workload, plan: Plan) -> Estimate:
     return interval_of_times(np.array(slices))
 
 
-def _energy(sensor: Sensor, plan: Plan, load: Workload, rate: float) -> Outcome:
+def _energy(sensor: Sensor, plan: Plan, load: Workload, mission_rate: float) -> Outcome:
     try:
-        return measure(sensor, plan, load.run, rate)
+        return measure(sensor, plan, load.run, mission_rate)
     except SensorError as error:
         return NotMeasured((str(error),))
 
@@ -345,11 +333,6 @@ class Throughput:
 
 def measure_throughput(workload: Workload, seconds: float) -> Throughput:
     """Measure at full speed; the load must already be compiled and in the caches.
-
-    Parameters
-    ----------
-    seconds : float
-        Duration of the measurement.
 
     Raises
     ------

@@ -41,16 +41,15 @@ HEADER = (
 
 def remarks(trials: dict[str, Trial], latencies: dict[str, Latency]) -> list[str]:
     """Return remarks on the table, one line each, and the latencies."""
-    return [*_reading(trials), _latency_line(latencies)]
-
-
-def _reading(trials: dict[str, Trial]) -> list[str]:
-    """Yield remarks on the table, worded for its actual values."""
     share = {name: trial.evaluation.precision_at_100_recall for name, trial in trials.items()}
 
     def compare(claim: str, first: str, second: str) -> str:
         return f"{claim}: {share[first]:.0%} correct against {share[second]:.0%}."
 
+    found = [
+        f"{name} {one.median_s:.2f} s ({one.seconds.size} of {one.places} places recognised)"
+        for name, one in latencies.items()
+    ]
     return [
         compare(
             "The place filter against the paper's method in windows of fixed time",
@@ -67,33 +66,14 @@ def _reading(trials: dict[str, Trial]) -> list[str]:
         "One street of one seed; `edge-vpr experiment simulated` gives five, with their spread.",
         "P@100R: share of correct matches when every window is matched; R@99P: recall at 99 % "
         f"precision; correct is within {simulated.TOLERANCE_M:g} m.",
+        f"From entering a place to its first correct match, median: {'; '.join(found)}.",
     ]
-
-
-def _latency_line(latencies: dict[str, Latency]) -> str:
-    parts = [
-        f"{name} {found.median_s:.2f} s ({found.seconds.size} of {found.places} places recognised)"
-        for name, found in latencies.items()
-    ]
-    return "From entering a place to its first correct match, median: " + "; ".join(parts) + "."
 
 
 def write_report(
     folder: Path, trials: dict[str, Trial], latencies: dict[str, Latency], track: Track
 ) -> None:
-    """Write ``report.html`` and its figures, and map and matches of the default.
-
-    Parameters
-    ----------
-    folder : path
-        With the run's record.
-    trials : dict of str to Trial
-        By variant.
-    latencies : dict of str to Latency
-        Times to the first correct match, by the name of the trial.
-    track : Track
-        Of the reference drive.
-    """
+    """Write ``report.html`` and its figures, and map and matches of the default."""
     best, by_time = trials[simulated.BEST], trials[simulated.BY_TIME]
     page = Page("edge-vpr: one street, driven twice")
     default = trials[simulated.DEFAULT]

@@ -86,13 +86,7 @@ def _groups(outcome: Outcome) -> list[_Group]:
 
 
 def draw_outcomes(axes: Axes, x: Floats, y: Floats, outcome: Outcome) -> None:
-    """Draw a mark for each match, by what became of it, with labels for a legend.
-
-    Parameters
-    ----------
-    x, y : ndarray of float64, shape (n,)
-        Position of the mark of each match.
-    """
+    """Draw a mark for each match, by what became of it, with labels for a legend."""
     for group in _groups(outcome):
         axes.scatter(
             x[group.of], y[group.of], **group.look, zorder=3,
@@ -111,8 +105,6 @@ def seen_from_above(outcome: Outcome, place: Floats, at: Floats, kind: Kind) -> 
     at : ndarray of float64, shape (n, d)
         Position of each match to draw: of the query where it is known, else of the place. A line
         leads from it to the place, if the match is wrong.
-    kind : {"metric", "geographic"}
-        What the positions are.
     """
     origin = place[np.isfinite(place).all(axis=1)][0]
     route, shown = (local_metres(kind, values, origin)[:, :2] for values in (place, at))
@@ -140,8 +132,6 @@ def outcomes_along(outcome: Outcome, at: Floats, label: str) -> Figure:
 
     Parameters
     ----------
-    at : ndarray of float64, shape (n,)
-        Position of each match along the route.
     label : str
         Of the axis, with the unit.
     """
@@ -169,8 +159,6 @@ def over_time(outcome: Outcome, place: Floats | None = None, label: str = "") ->
     place : ndarray of float64, shape (n,), optional
         Position of each matched place along the route, needed before an evaluation; by default its
         number.
-    label : str, optional
-        Of this position.
     """
     errors, probability = outcome.errors, outcome.matches.probability
     rated = bool(np.isfinite(probability).any())
@@ -229,8 +217,6 @@ def draw_window(axes: Axes, reference: ReferenceMap, window: Window, most: float
 
     Parameters
     ----------
-    reference : ReferenceMap
-        Whose pixels they are.
     most : float
         Count of the largest dot.
 

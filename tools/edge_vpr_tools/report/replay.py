@@ -8,7 +8,6 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +19,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
-from edge_vpr import results
 from edge_vpr.descriptors.counting import EventSource, WindowSource
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import UsageError
@@ -29,7 +27,7 @@ from edge_vpr.files import replacing
 from edge_vpr.map_record import describe_query
 from edge_vpr.matching.drive import anchor_offset, query_distances
 from edge_vpr.matching.matches import Matches
-from edge_vpr.reference_map import ReferenceMap, read_queries
+from edge_vpr.reference_map import MatchResult, ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr_tools.report.figures import Window, dot_sizes, draw_window, total_counts
 from edge_vpr_tools.report.page import as_html, fill
@@ -212,15 +210,7 @@ class _Film:
 
 
 def write_gif(path: Path, pictures: Sequence[Image.Image], fps: float) -> None:
-    """Write an animated GIF that is repeated for ever, atomically.
-
-    Parameters
-    ----------
-    pictures : sequence of Image
-        At least one.
-    fps : float
-        Frames per second.
-    """
+    """Write an animated GIF that is repeated for ever, atomically."""
     with replacing(path) as temporary:
         pictures[0].save(
             temporary, format="GIF", save_all=True, append_images=pictures[1:],
@@ -231,17 +221,7 @@ def write_gif(path: Path, pictures: Sequence[Image.Image], fps: float) -> None:
 def write_html(
     path: Path, pictures: Sequence[Image.Image], captions: Sequence[str], fps: float
 ) -> None:
-    """Write a page with a slider, which needs no other file, atomically.
-
-    Parameters
-    ----------
-    pictures : sequence of Image
-        At least one.
-    captions : sequence of str
-        Of each picture.
-    fps : float
-        Frames per second.
-    """
+    """Write a page with a slider, which needs no other file, atomically."""
     encoded = [base64.b64encode(_png(one)).decode("ascii") for one in pictures]
     # within a script, nothing may look like markup
     markup = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&'"}
@@ -269,54 +249,35 @@ def _png(picture: Image.Image) -> bytes:
 # What a film of a match shows, from its folder of results.
 
 
-class MatchInputs(Protocol):
-    """Interface of the files that a match has read."""
-
-    def recording(self, what: str) -> EventSource | WindowSource:
-        """Open the recording of the query, for `what`."""
-        ...
-
-    def odometry(self) -> Odometry | None:
-        """Read the odometry of the query; None if there was none."""
-        ...
-
-
-def load_replay(
-    folder: Path,
-    inputs: MatchInputs,
+def replay_of(
+    result: MatchResult,
+    recording: EventSource | WindowSource | None,
+    odometry: Odometry | None,
     most: int,
     *,
     start_s: float | None = None,
     end_s: float | None = None,
     all_events: bool = False,
 ) -> Replay:
-    """Read a folder of results, and compute the cost of each place again.
+    """Compute the cost of each place again, for the windows of a match.
 
     Parameters
     ----------
-    inputs : MatchInputs
-        Of the match. The recording is read if it was matched online, or for `all_events`.
+    recording : EventSource or WindowSource, optional
+        Of the query, needed if it was matched online, or for `all_events`.
     most : int
         Largest number of frames: of more windows, some are left out, evenly.
-    start_s, end_s : float, optional
-        Part of the query, in seconds.
-    all_events : bool
-        Also count the events at all pixels.
 
     Raises
     ------
     EdgeVprError
-        If the folder or an input cannot be read, or no window is in the part.
+        If the recording cannot be read, or no window is in the part.
     """
-    reference = ReferenceMap.load(folder / results.MAP)
-    matches = Matches.load(folder / results.MATCHES)
+    reference, matches, queries = result.reference, result.matches, result.queries
     asked = reference.matched_with(matches.settings)
-    queries, recording = read_queries(folder), None
-    if queries is None or all_events:
-        what = "the events of all pixels" if all_events else "a match --online"
-        recording = inputs.recording(what)
-        queries = describe_query(asked, recording) if queries is None else queries
-    odometry = inputs.odometry()
+    if queries is None:
+        assert recording is not None
+        queries = describe_query(asked, recording)
     cost = query_distances(asked, queries, odometry)
     settings = asked.settings
     if settings.matching == "sequence":  # places where a whole sequence does not fit never match

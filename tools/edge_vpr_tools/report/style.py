@@ -85,11 +85,11 @@ def legend_below(drawing: Figure, shown: Iterable[Axes], columns: int, **options
     )
 
 
-def log_ticks(axes: Axes, values: Sequence[float], base: int = 10) -> None:
+def log_ticks(axes: Axes, values: Sequence[float]) -> None:
     """Make the horizontal axis logarithmic, with a tick at each of these values and at no other."""
     # small values as fractions, whose labels are shorter
     labels = [f"1/{1 / v:g}" if v < 0.1 and 1 / v % 1 == 0 else f"{v:g}" for v in values]
-    axes.set_xscale("log", base=base)
+    axes.set_xscale("log")
     axes.set_xticks(values, labels)
     axes.minorticks_off()
 
@@ -102,17 +102,7 @@ def look(i: int) -> dict[str, Any]:
 def mean_line(
     axes: Axes, across: Sequence[float], trials: Sequence[Sequence[float]], **curve: Any
 ) -> None:
-    """Draw the mean of the trials at each point, with their standard deviation as a bar.
-
-    Parameters
-    ----------
-    across : sequence of float
-        Points of the horizontal axis.
-    trials : sequence of sequence of float
-        Figures of each point's trials.
-    **curve
-        Of the line; see `matplotlib.axes.Axes.errorbar`.
-    """
+    """Draw the mean of the trials at each point, with their standard deviation as a bar."""
     found = [mean_and_spread(values) for values in trials]
     means, spreads = ([pair[i] for pair in found] for i in (0, 1))
     axes.errorbar(across, means, spreads, marker="o", ms=3.5, **curve)
@@ -207,23 +197,17 @@ def _drawn(drawing: Figure, kind: str) -> bytes:
 
 #: values of the trials by row
 Rows = Mapping[str, Sequence[float]]
-#: from none to all
-SHARE = (-0.03, 1.03)
 _LINE_HEIGHT = 0.32
 
 
-def dot_plot(
-    measures: Mapping[str, Mapping[str, Rows]], limits: tuple[float, float] | None = SHARE
-) -> Figure:
-    """Draw a panel for each measure: a dot for the mean of a row's trials, a bar for their spread.
+def dot_plot(measures: Mapping[str, Mapping[str, Rows]]) -> Figure:
+    """Draw a panel for each share: a dot for the mean of a row's trials, a bar for their spread.
 
     Parameters
     ----------
     measures : mapping of measure to mapping of series to mapping of row to sequence of float
         Values of the trials. A series has a colour; several are listed in a legend. All have the
         same rows, which are drawn from top to bottom.
-    limits : (float, float), optional
-        Of the horizontal axes; None chooses them by the values.
 
     Examples
     --------
@@ -250,7 +234,7 @@ def dot_plot(
                     linestyle="none",
                     label=name_label(title),
                 )
-            axes.set(xlabel=measure, xlim=limits)
+            axes.set(xlabel=measure, xlim=(-0.03, 1.03))
         row[0].set_yticks(range(len(names)), [name_label(name) for name in names], fontsize=9)
         row[0].set_ylim(len(names) - 0.5, -0.5)
         if len(some) > 1:
@@ -290,26 +274,12 @@ class Scale:
 
 
 def seconds(centre_us: npt.NDArray[np.int64], drive: str) -> Scale:
-    """Return the time of each window.
-
-    Parameters
-    ----------
-    centre_us : ndarray of int64, shape (n,)
-        Centres of the windows, in microseconds.
-    drive : str
-        Name for the label.
-    """
+    """Return the time of each window."""
     return Scale(centre_us / 1e6, f"time of the {drive} drive (s)")
 
 
 def along_route(reference: ReferenceMap, route: Route | None) -> Scale:
-    """Return the metres to each place where a track says them, and else the seconds.
-
-    Parameters
-    ----------
-    route : Route or None
-        Positions of its places.
-    """
+    """Return the metres to each place where a track says them, and else the seconds."""
     if route is None:
         return seconds(reference.places.centre_us, "reference")
     return Scale(route.along_m, "distance along the route (m)")
@@ -322,8 +292,6 @@ def add_scale(axes: Axes, side: str, scale: Scale) -> None:
     ----------
     axes : Axes
         With windows or places, from 0, on the opposite axis.
-    side : {"top", "right"}
-        Edge of the axes along which it is drawn.
     """
     positions, values = scale.ticks()
     if not positions.size:

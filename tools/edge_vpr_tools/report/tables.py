@@ -59,11 +59,6 @@ def with_tables(page: str, folder: Path) -> str:
     A marker is a line ``<!-- table: FILE VIEW -->``; FILE is a CSV file, and VIEW, which may be
     absent, a `TableView`. The table behind it is replaced.
 
-    Parameters
-    ----------
-    folder : Path
-        Where the files are.
-
     Raises
     ------
     UsageError

@@ -15,7 +15,7 @@ from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.files import parse_errors, read_json
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
-from edge_vpr.reference_map import ReferenceMap, read_queries
+from edge_vpr.reference_map import MatchResult, ReferenceMap, read_queries
 from edge_vpr.route import Route
 from edge_vpr_tools.report.figures import (
     Window,
@@ -33,7 +33,7 @@ from edge_vpr_tools.report.figures import (
 )
 from edge_vpr_tools.report.page import MISSED, Page, add_run
 from edge_vpr_tools.report.style import along_route, save, seconds
-from edge_vpr_tools.report.verdict import Outcome, outcome_of
+from edge_vpr_tools.report.verdict import Outcome
 
 #: a picture shows no more cells than this on a side
 _SIDE = 1500
@@ -45,8 +45,9 @@ MOST_WINDOWS = 5
 
 def write_report(
     folder: Path,
-    outcome: Outcome | None = None,
-    formats: Sequence[str] = (),
+    result: MatchResult,
+    outcome: Outcome,
+    formats: Sequence[str],
     route: Route | None = None,
     warnings: Sequence[str] = (),
 ) -> None:
@@ -55,9 +56,7 @@ def write_report(
     Parameters
     ----------
     folder : path
-        With a map, matches, the run's record, and unless they were matched online the queries.
-    outcome : Outcome, optional
-        Of an evaluation; by default, of all matches of the folder without one.
+        With the run's record and, of a match event by event, the windows of the query.
     formats : sequence of str
         Of `report.FORMATS`: each figure is also written in each.
     route : Route, optional
@@ -65,11 +64,8 @@ def write_report(
     warnings : sequence of str
         Of the evaluation; those of matching are in the run's record.
     """
-    reference = ReferenceMap.load(folder / results.MAP)
-    if outcome is None:
-        outcome = outcome_of(reference, Matches.load(folder / results.MATCHES))
+    reference, queries = result.reference, result.queries
     matches, truth, found = outcome.matches, outcome.truth, outcome.found
-    queries = read_queries(folder)
     run = read_json(folder / results.RUN, "the run", "match again")
     route = reference.route if route is None else route
     page = Page("edge-vpr: matches of a drive")

@@ -133,13 +133,7 @@ def outcome_of(
     truth: GroundTruth | None = None,
     found: Evaluation | None = None,
 ) -> Outcome:
-    """Find which matches are accepted, at the precision of the run or else the usual one.
-
-    Parameters
-    ----------
-    truth, found : GroundTruth and Evaluation, optional
-        After an evaluation.
-    """
+    """Find which matches are accepted, at the precision of the run or else the usual one."""
     settings = matches.settings
     everything = np.ones(len(matches), dtype=np.bool_)
     if settings.precision is not None:

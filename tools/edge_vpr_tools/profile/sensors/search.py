@@ -14,18 +14,12 @@ Finder = Callable[[Path], tuple[list[Sensor], list[Missing]]]
 
 
 def find_sensors(root: Path = ROOT) -> tuple[list[Sensor], list[Missing]]:
-    """Find all sensors of this machine.
-
-    Parameters
-    ----------
-    root : path
-        Root of the file system; replaced in tests.
+    """Find all sensors of this machine, and which kinds are missing.
 
     Returns
     -------
     sensors : list of Sensor
         The best one first: sensors of the whole board precede those of parts of it.
-    missing : list of Missing
     """
     finders: tuple[Finder, ...] = (hwmon.find, hwmon.find_iio, pmic.find, powercap.find)
     sensors, missing = [], []
@@ -45,19 +39,10 @@ def choose_sensor(
 ) -> tuple[Sensor | None, list[Missing]]:
     """Open the meter at a port, else the sensor of a name, else the best sensor of the machine.
 
-    Parameters
-    ----------
-    root : path
-        Root of the file system; replaced in tests.
-    shunt_mohm : float, optional
-        Real shunt of the monitor.
-
     Returns
     -------
     sensor : Sensor or None
         Must be closed by the caller.
-    missing : list of Missing
-        Reasons why there is no sensor.
 
     Raises
     ------

@@ -14,6 +14,7 @@ from typing import Literal
 from edge_vpr.errors import EdgeVprError
 
 Kind = Literal["energy", "power"]
+#: of the file system; tests replace it
 ROOT = Path("/")
 #: no board of this kind uses more; a higher reading is a fault of the sensor
 MAX_WATTS = 10_000.0

@@ -52,14 +52,8 @@ _HEADS = tuple(number.to_bytes(2, "big") for number in MODELS)
 def decode(frame: bytes) -> tuple[Model, float]:
     """Return the model and the watts of a frame.
 
-    Parameters
-    ----------
-    frame : bytes
-        130 bytes.
-
     Returns
     -------
-    model : Model
     watts : float
         Volts times amperes, which have finer steps than the meter's own product.
 
