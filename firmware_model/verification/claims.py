@@ -154,6 +154,7 @@ def search(size: Size, *, invariant: bool = True) -> Claim:
         constants={name.upper(): value for name, value in size._asdict().items()},
         parameters={"INVARIANT": int(invariant)},
         exposed=_REGISTERS_OF_SEARCH,
+        method=SIMPLIFIED,
     )
 
 
