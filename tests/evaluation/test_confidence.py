@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.research.experiments.calibration import (
-    Case,
     Sample,
     carried_off,
     windows_past_the_edge,
     with_detour,
     without_places,
 )
+from edge_vpr_tools.research.experiments.pairs import MappedPair
 from hypothesis import given
 from hypothesis import strategies as st
 from streams import Drive, descriptors, random_events
@@ -453,28 +453,30 @@ def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, caps
     assert "was not reached where trust was calibrated" in capsys.readouterr().err
 
 
-def a_case():
+def a_pair():
     settings = PRESETS["paper"].replaced({"pixels": 3, "sequence_length": 1}, "test")
     reference = a_map(settings)
     counted = reference.places
-    return Case(reference, counted, GroundTruth(np.eye(20, dtype=bool), np.ones(20, bool), "same"))
+    return MappedPair(
+        reference, counted, GroundTruth(np.eye(20, dtype=bool), np.ones(20, bool), "same")
+    )
 
 
 def test_places_that_are_cut_out_are_right_for_no_query():
-    case = without_places(a_case(), 5, 9)
-    assert len(case.reference) == 16
-    assert np.flatnonzero(~case.truth.has_place).tolist() == [5, 6, 7, 8]
-    assert case.match().places_in_map == 16
+    pair = without_places(a_pair(), 5, 9)
+    assert len(pair.reference) == 16
+    assert np.flatnonzero(~pair.truth.has_place).tolist() == [5, 6, 7, 8]
+    assert pair.match().places_in_map == 16
 
 
 def test_a_spliced_drive_keeps_the_truth_of_each_window():
-    jumped = carried_off(a_case(), 4, 15)
+    jumped = carried_off(a_pair(), 4, 15)
     order = [*range(4), *range(15, 20), *range(4, 15)]
     assert jumped.truth.correct.argmax(axis=0).tolist() == order
-    assert np.array_equal(jumped.counted.counts, a_case().counted.counts[order])
+    assert np.array_equal(jumped.counted.counts, a_pair().counted.counts[order])
     assert (np.diff(jumped.counted.start_us) > 0).all()
     away = descriptors(np.full((3, 3), 9))
-    detour = with_detour(a_case(), away, 6)
+    detour = with_detour(a_pair(), away, 6)
     assert np.flatnonzero(~detour.truth.has_place).tolist() == [6, 7, 8]
     assert detour.counted.counts[6:9].min() == 9 and len(detour.match()) == 23
 

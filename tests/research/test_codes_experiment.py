@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from edge_vpr_tools.research.experiments import codes
-from edge_vpr_tools.research.experiments.codes import score
 from edge_vpr_tools.research.experiments.drives import pairs, without_pairs
 from edge_vpr_tools.research.experiments.experiment import Draw
 
@@ -25,6 +24,11 @@ VARIANTS = {
         "counter_scaling": "per-pixel",
     },
 }
+
+
+def score(pair, seed, variants):
+    mapped = pair.mapped(pair.drawn_with(seed))
+    return {name: mapped.coded(changes).correct() for name, changes in variants.items()}
 
 
 @pytest.fixture(scope="module")
@@ -62,12 +66,13 @@ def test_all_codes_of_a_pair_see_the_same_counts(shared_data):
     assert score(pair, 0, everything)["all", 16] == score(pair, 0, plain)["none", 0]
 
 
-def test_every_code_is_a_row_and_those_with_a_learnt_scale_are_drawn(monkeypatch):
+def test_every_code_is_a_row_and_those_with_a_learnt_scale_are_drawn():
     values = iter(np.linspace(0.2, 0.9, 1000))
-    monkeypatch.setattr(
-        codes, "score", lambda pair, seed, variants: {v: next(values) for v in variants}
+    mapped = SimpleNamespace(coded=lambda changes: SimpleNamespace(correct=lambda: next(values)))
+    settings = PRESETS["tiny"]
+    pair = SimpleNamespace(
+        settings=settings, drawn_with=lambda seed: settings, mapped=lambda settings: mapped
     )
-    pair = SimpleNamespace(settings=PRESETS["tiny"])
     rows = [{"drives": "pair", **row} for row in codes.measure(Draw(pair, 0, True))]
     bits, scales = len(codes.BITS), len(codes.FULL_SCALES)
     assert len(rows) == len(codes.CODES) * bits + 2 * scales

@@ -19,6 +19,7 @@ from edge_vpr_tools.research.experiments import (
     EXPERIMENTS,
     burst_filters,
     calibration,
+    drives,
     event_speed,
     places_per_window,
     simulated,
@@ -29,9 +30,9 @@ from edge_vpr_tools.research.experiments.experiment import (
     DRIVES,
     Experiment,
     open_experiment,
-    rows_of,
 )
-from edge_vpr_tools.research.experiments.trial import Variant
+from edge_vpr_tools.research.experiments.variants import Variant, variants_experiment
+from in_process import rows_of
 
 from edge_vpr.confidence import DEFAULT_TABLES, LEARNT_DELAYS, LIVE_ON_MAP, SMOOTHED, TABLES
 from edge_vpr.evaluation.calibration import reliability
@@ -53,7 +54,7 @@ def dots(axes):
 
 def measured(module, data=None, seeds=2):
     """Return the rows of an experiment, and the axes of its figure."""
-    rows = rows_of(module.EXPERIMENT, data, seeds)
+    rows = rows_of(module, data, seeds)
     return rows, module.EXPERIMENT.figure(rows).axes
 
 
@@ -98,10 +99,10 @@ def test_a_dot_is_the_mean_and_its_bar_the_spread():
 
 
 def test_variants_on_simulated_streets_are_drawn_as_the_table_says(monkeypatch):
-    monkeypatch.setattr(simulated, "simulate_pair", STREET)
+    monkeypatch.setattr(drives, "simulate_pair", STREET)
     some = (Variant("few", FEW), Variant("every", FEW, all_pixels=True))
-    monkeypatch.setattr(simulated, "VARIANTS", some)
-    monkeypatch.setattr(simulated, "DEFAULT", "few")
+    declared = variants_experiment(simulated.EXPERIMENT.drives, some, "few", reads_data=False)
+    monkeypatch.setattr(simulated, "EXPERIMENT", declared)
     rows, axes = measured(simulated)
     nulls = ["null: query reversed", nulls_module.CONSTANT_SPEED]
     for seed in (0, 1):  # the null baselines of the default follow it
@@ -135,7 +136,8 @@ def walks(tmp_path_factory):
 
 def test_variants_that_draw_nothing_are_run_once(walks, monkeypatch):
     top = Variant("top", {**FEW, "strategy": "top"})
-    monkeypatch.setattr(speck_walks, "VARIANTS", (Variant("few", FEW), top))
+    declared = variants_experiment(speck_walks.EXPERIMENT.drives, (Variant("few", FEW), top), "")
+    monkeypatch.setattr(speck_walks, "EXPERIMENT", declared)
     rows, axes = measured(speck_walks, walks)
     assert [row["variant"] for row in rows] == ["few", "top", "few"]
     assert dots(axes[0])[0] == [mean_of(rows, "P@100R", variant=name) for name in ("few", "top")]
@@ -210,7 +212,7 @@ def test_the_calibration_learns_tables_instead_of_judging_them(tmp_path, capsys)
         street = calibration.open_street(seed)
         for case, away in calibration.driven(street, before):
             for name, version in calibration.versions_of(case, away, rng).items():
-                changed = calibration.with_settings(version, **calibration.MATCHINGS["0"])
+                changed = version.with_settings(calibration.MATCHINGS["0"])
                 pooled.append(calibration.sample(changed))
                 if name == "whole":
                     whole.append(pooled[-1])

@@ -6,17 +6,10 @@ import numpy as np
 import pytest
 import recording_files as files
 from edge_vpr_tools.research.datasets import published_pairs
-from edge_vpr_tools.research.experiments import (
-    drives as counted_pairs,
-)
-from edge_vpr_tools.research.experiments import (
-    frames,
-)
-from edge_vpr_tools.research.experiments import (
-    frames as frame_drives,
-)
-from edge_vpr_tools.research.experiments.experiment import Draw, rows_of
-from edge_vpr_tools.research.experiments.simulated import SIMULATED
+from edge_vpr_tools.research.experiments import drives, frames
+from edge_vpr_tools.research.experiments.experiment import Draw
+from edge_vpr_tools.research.experiments.pairs import SIMULATED, CountedDrive, CountedPair
+from in_process import rows_of
 from test_datasets import brisbane, write_bag, write_log, write_parquet
 from test_intensity import IMAGE, ros_image
 from test_intensity import write_bag as write_messages
@@ -26,12 +19,11 @@ from edge_vpr.evaluation.ground_truth import from_tracks
 from edge_vpr.settings import PRESETS
 
 SECOND = 1_000_000
-STREETS = SIMULATED
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 2}, "test")
 
 
 def read_pairs(folder):
-    return [drives.open(0) for drives in frame_drives.framed_pairs(folder)]
+    return [each.open(0) for each in frames.framed_pairs(folder)]
 
 
 def images_of_places(places=14, seed=0, side=96):
@@ -41,7 +33,7 @@ def images_of_places(places=14, seed=0, side=96):
 
 def own_drives(data, seconds=14):
     """The same places twice in two folders of images, the second with noise."""
-    folder = data / frame_drives.FRAMES
+    folder = data / frames.FRAMES
     noise = np.random.default_rng(1)
     for side in ("reference", "query"):
         (folder / side).mkdir(parents=True)
@@ -59,7 +51,7 @@ def own_drives(data, seconds=14):
 def test_frames_of_the_user_are_matched_and_drawn(tmp_path, monkeypatch):
     own_drives(tmp_path)
     monkeypatch.setattr(frames, "simulated_frames", lambda seed: small_pair())
-    rows = rows_of(frames.EXPERIMENT, tmp_path, 2)
+    rows = rows_of(frames, tmp_path, 2)
     right = {(row["drives"], row["seen"], row["system"], row["seed"]): row for row in rows}
     for seen in ("events", "frames"):
         assert right[SIMULATED, seen, "all pixels", 0]["P@100R"] == 1
@@ -68,16 +60,16 @@ def test_frames_of_the_user_are_matched_and_drawn(tmp_path, monkeypatch):
     assert own["frames", "150 by variance", 0] == 1
     # drawn twice, and all pixels are the same for both draws
     assert own["frames", "25 at random", 1] == 1 and ("frames", "all pixels", 1) not in own
-    assert len(frames.figure(rows).axes) == 2 * 2
+    assert len(frames.EXPERIMENT.figure(rows).axes) == 2 * 2
 
 
 def small_pair():
     """A pair as windows of events and as frames, both easily matched."""
     images = images_of_places()
     times = np.arange(len(images), dtype=np.int64) * SECOND + SECOND // 2
-    drive = counted_pairs.CountedDrive(images, times)
-    pair = counted_pairs.CountedPair("streets", drive, drive, SETTINGS, {"1 s": truth_of})
-    return frame_drives.FramedPair("streets", pair, pair)
+    drive = CountedDrive(images, times)
+    pair = CountedPair("streets", drive, drive, SETTINGS, {"1 s": truth_of})
+    return frames.FramedPair("streets", pair, pair)
 
 
 def truth_of(places_us, queries_us):
@@ -188,7 +180,7 @@ def test_published_pairs_are_those_whose_files_are_there(kind, tmp_path):
         events = np.concatenate(list(drive.recording))
         # the log spans 9 s, from its own beginning on
         assert events["t"].tolist() == list(range(0, 9 * SECOND, 100_000))
-    counted = counted_pairs.counted(counted_pairs.whole_pairs(tmp_path)[0])
+    counted = drives.whole_pairs(tmp_path)[0].counted()
     assert counted.name == pair.name and len(counted.query.images) >= 8
     truth = counted.truth()
     expected = from_tracks(
@@ -200,6 +192,6 @@ def test_published_pairs_are_those_whose_files_are_there(kind, tmp_path):
 
 def test_a_folder_without_drives_has_streets_only(tmp_path):
     for folder in (tmp_path, None):
-        assert [drives.name for drives in frames.drives(folder)] == [STREETS]
-        assert [drives.name for drives in counted_pairs.counted_drives(folder)] == [STREETS]
-    assert counted_pairs.whole_pairs(tmp_path) == []
+        assert [each.name for each in frames.drives(folder)] == [SIMULATED]
+        assert [each.name for each in drives.counted_drives(folder)] == [SIMULATED]
+    assert drives.whole_pairs(tmp_path) == []

@@ -16,15 +16,17 @@ from edge_vpr_tools.research.experiments import (
     codes,
     fixed_number,
     mount_shift,
+    pairs,
     rivals,
-    trial,
     trust,
     window_length,
 )
 from edge_vpr_tools.research.experiments import (
     drives as drive_pairs,
 )
-from edge_vpr_tools.research.experiments.experiment import Draw, rows_of
+from edge_vpr_tools.research.experiments.experiment import Draw
+from edge_vpr_tools.research.experiments.variants import Variant
+from in_process import rows_of
 from test_datasets import brisbane, qcr, write_bag, write_log, write_parquet
 
 from edge_vpr.errors import GroundTruthError, UsageError
@@ -84,6 +86,7 @@ def small(monkeypatch):
     monkeypatch.setattr(mount_shift, "METHODS", (mount_shift.METHODS[0], mount_shift.METHODS[-1]))
     monkeypatch.setattr(drive_pairs, "NUMBERS", (25,))
     monkeypatch.setattr(drive_pairs, "PAPER", few)
+    monkeypatch.setattr(pairs, "PRESETS", {"paper": few})
     drive_pairs._pairs.cache_clear()
     yield
     drive_pairs._pairs.cache_clear()
@@ -124,7 +127,7 @@ def test_qcr_traverses_are_pairs_too(tmp_path):
 
 
 def test_windows_and_sequences_are_varied_on_published_traverses(downloads, small):
-    rows = rows_of(window_length.EXPERIMENT, downloads, 1)
+    rows = rows_of(window_length, downloads, 1)
     own = [row for row in rows if row["drives"] == PAIR]
     assert [row["P@100R"] for row in own if row["window (s)"] == "1"] == [1.0, 1.0]
     assert len(window_length.figure(rows).axes) == 2
@@ -132,24 +135,23 @@ def test_windows_and_sequences_are_varied_on_published_traverses(downloads, smal
 
 def test_spans_that_share_their_windows_are_what_single_trials_give(downloads, small):
     (pair,) = drive_pairs.whole_pairs(downloads)
-    settings = PRESETS["paper"].replaced({"pixels": 25, "sequence_length": 3, "sigma": 1.0}, "test")
     found = {
         (row["window (s)"], row["match (s)"]): row["P@100R"]
         for row in window_length.measure(Draw(pair, 0, True))
     }
+    few = replace(pair, settings=window_length.PRESETS["paper"])
     expected = {
-        (f"{window:g}", f"{span:g}"): trial.run_trial(
-            pair.reference, pair.query, pair.truth_of, settings,
-            window_length.variant(window, span),
-        ).evaluation.precision_at_100_recall
+        (f"{window:g}", f"{span:g}"): Variant("", window_length.changes(window, span))
+        .of(few, 0)
+        .correct()
         for window in window_length.WINDOWS_S
         for span in window_length.SPANS_S
-    }  # fmt: skip
+    }
     assert found == expected
 
 
 def test_fixed_number_and_fixed_time_are_compared_on_published_traverses(downloads, small):
-    rows = rows_of(fixed_number.EXPERIMENT, downloads, 2)
+    rows = rows_of(fixed_number, downloads, 2)
     for row in rows:
         if row["drives"] == PAIR:
             # the same drive twice: the same duration, the same events, every match right
@@ -161,7 +163,7 @@ def test_fixed_number_and_fixed_time_are_compared_on_published_traverses(downloa
 
 
 def test_the_camera_of_published_traverses_is_moved(downloads, small):
-    rows = rows_of(mount_shift.EXPERIMENT, downloads, 1)
+    rows = rows_of(mount_shift, downloads, 1)
     assert {row["drives"] for row in rows} == {f"{PAIR}, 25 px"}
     assert {row["way"] for row in rows} == {method.name for method in mount_shift.METHODS}
     assert mount_shift.EXPERIMENT.figure(rows).axes[0].get_title() == f"{PAIR}, 25 px"
@@ -170,9 +172,9 @@ def test_the_camera_of_published_traverses_is_moved(downloads, small):
 def test_codes_and_probabilities_are_judged_on_published_traverses(downloads, small, monkeypatch):
     monkeypatch.setattr(codes, "BITS", (3, 8))
     monkeypatch.setattr(codes, "FULL_SCALES", (63,))
-    rows = rows_of(codes.EXPERIMENT, downloads, 1)
+    rows = rows_of(codes, downloads, 1)
     assert {row["drives"] for row in rows} == {f"{PAIR}, 25 px"}
-    rows = rows_of(trust.EXPERIMENT, downloads, 1)
+    rows = rows_of(trust, downloads, 1)
     named = {(row["map"], row["matching"]) for row in rows if row["drives"] == f"{PAIR}, 25 px"}
     maps = ("whole", "a piece cut out", "carried off twice")
     for how in ("smoothed", "4 windows late", "live"):

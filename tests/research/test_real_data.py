@@ -10,7 +10,8 @@ import pytest
 from edge_vpr_tools.research.experiments import calibration, trust
 from edge_vpr_tools.research.experiments import drives as drive_pairs
 from edge_vpr_tools.research.experiments.calibration import without_places
-from edge_vpr_tools.research.experiments.trial import Kept, Variant, run_trial
+from edge_vpr_tools.research.experiments.pairs import Kept, Pair
+from edge_vpr_tools.research.experiments.variants import Trial, Variant
 
 from edge_vpr.confidence import SMOOTHED, default_confidence
 from edge_vpr.descriptors.windows import PublishedWindows
@@ -63,11 +64,11 @@ def figures_of_the_oracle(distances, truth, length, offset):
 @pytest.mark.slow
 def test_150_varying_pixels_recognise_the_walks_and_the_oracle_agrees(walks, shared_data):
     """P@100R of at least 0.90 over five draws of pixels; each equal to the oracle's."""
-    truth_of = drive_pairs.truth_of_walks(shared_data / "speck_walks")
+    truths = {"": drive_pairs.truth_of_walks(shared_data / "speck_walks")}
+    pair = Pair("walks", *walks, drive_pairs.WALKS_SETTINGS, truths)
     shares = []
     for seed in range(5):
-        settings = drive_pairs.WALKS_SETTINGS.replaced({"seed": seed}, "seed")
-        trial = run_trial(*walks, truth_of, settings, Variant("paper"))
+        trial = Trial.of(Variant("paper").of(pair, seed))
         shares.append(trial.evaluation.precision_at_100_recall)
         if seed == 0:
             expected = figures_of_the_oracle(
@@ -75,8 +76,8 @@ def test_150_varying_pixels_recognise_the_walks_and_the_oracle_agrees(walks, sha
                     trial.reference.places.counts.tolist(), trial.queries.counts.tolist()
                 ),
                 trial.truth,
-                settings.sequence_length,
-                settings.sequence_length // 2,
+                pair.settings.sequence_length,
+                pair.settings.sequence_length // 2,
             )
             found = trial.evaluation
             assert expected == (
@@ -90,7 +91,6 @@ def test_150_varying_pixels_recognise_the_walks_and_the_oracle_agrees(walks, sha
 @pytest.mark.slow
 def test_sequences_on_the_brisbane_drives_are_the_oracles(shared_data, brisbane):
     folder = shared_data / "brisbane_sparse49"
-    drives = brisbane.reference, brisbane.query, brisbane.truth_of, brisbane.settings
     counts = [np.load(folder / f"{name}.npz")["counts"] for name in ("sunset2", "sunset1")]
     centres = [1_000_000 * np.arange(len(c)) + 500_000 for c in counts]
     tracks = [load_track(folder / f"{name}.nmea") for name in ("sunset2", "sunset1")]
@@ -98,7 +98,7 @@ def test_sequences_on_the_brisbane_drives_are_the_oracles(shared_data, brisbane)
     distances = naive.distance_matrix(counts[0].tolist(), counts[1].tolist())
     for length in (1, 20):
         expected = figures_of_the_oracle(distances, truth, length, length // 2)
-        figures = run_trial(*drives, Variant("", {"sequence_length": length})).evaluation
+        figures = Trial.of(Variant("", {"sequence_length": length}).of(brisbane, 0)).evaluation
         assert expected == (
             figures.precision_at_100_recall,
             figures.recall_at_99_precision,
@@ -159,12 +159,12 @@ ERRORS = {
 @pytest.mark.parametrize("name", ERRORS)
 def test_the_shipped_probabilities_are_as_far_off_as_they_were_on_each_drive(shared_data, name):
     pair = next(pair for pair in drive_pairs.pairs(shared_data) if pair.name == name)
-    case = trust.case_of(pair, 0)
+    mapped = trust.mapped_by_default(pair, 0)
     for how, most in zip(("0", SMOOTHED), ERRORS[name], strict=True):
-        changed = calibration.with_settings(case, **calibration.MATCHINGS[how])
+        changed = mapped.with_settings(calibration.MATCHINGS[how])
         matches = changed.match()
-        known = case.truth.known[matches.query]
-        correct = case.truth.correct[matches.place, matches.query][known]
+        known = mapped.truth.known[matches.query]
+        correct = mapped.truth.correct[matches.place, matches.query][known]
         given = matches.probability[known]
         assert reliability(given, correct).expected_calibration_error < most, how
         if not name.startswith("Speck walks"):
@@ -179,10 +179,10 @@ def test_the_shipped_probabilities_are_as_far_off_as_they_were_on_each_drive(sha
 def test_matches_are_accepted_where_a_drive_leaves_the_map_only_if_they_are_sure(
     brisbane, smooth, right, precision, recall
 ):
-    case = calibration.with_settings(trust.case_of(brisbane, 0), smooth=smooth)
-    assert calibration.sample(case).correct.mean() > right
+    mapped = trust.mapped_by_default(brisbane, 0).with_settings({"smooth": smooth})
+    assert calibration.sample(mapped).correct.mean() > right
     # a car that stands at a light off the map saw the same at the end of the route
-    cut = calibration.sample(without_places(case, 220, 330))
+    cut = calibration.sample(without_places(mapped, 220, 330))
     found = evaluate_rejection(*cut, cut.trust >= default_confidence(smooth).least_trust(0.99))
     assert found.found_at_99_precision > 0.8 and found.off_map_auroc > 0.9
     assert found.precision > precision and found.recall > recall

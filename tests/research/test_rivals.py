@@ -25,9 +25,10 @@ from edge_vpr_tools.research.experiments import (
 from edge_vpr_tools.research.experiments import (
     drives as counted_pairs,
 )
-from edge_vpr_tools.research.experiments.drives import CountedDrive, CountedPair, Pair
-from edge_vpr_tools.research.experiments.experiment import Draw, Drives, rows_of
+from edge_vpr_tools.research.experiments.experiment import Draw, Drives
 from edge_vpr_tools.research.experiments.mount_shift import ShiftedWindows, shifted
+from edge_vpr_tools.research.experiments.pairs import CountedDrive, CountedPair, Pair
+from in_process import rows_of
 from test_network_baselines import conv_model
 
 from edge_vpr.descriptors.windows import Descriptors
@@ -172,7 +173,7 @@ def test_the_default_among_rivals_is_the_default_of_a_map():
     ):  # fmt: skip
         live = {"query_mean": "running"} if changes else {}
         expected = mapped.match(windows[1], **changes, **live).matches
-        found = ours.match(rivals.decoders(5)[name].settings, 0, 40)
+        found = ours.match(rivals.decoders(5)[name].settings, slice(None))
         assert np.array_equal(found.place, expected.place), name
         assert np.array_equal(found.trust, expected.trust), name
         assert np.array_equal(found.lost, expected.lost), name
@@ -202,7 +203,7 @@ def test_the_filter_takes_given_distances_as_it_takes_those_of_codes():
 
 
 def test_a_simulated_street_is_counted_by_events():
-    pair = counted_pairs.simulated_pair(1, length_m=20, sensor="tiny")
+    pair = counted_pairs.counted_street(1, length_m=20, sensor="tiny")
     totals = pair.reference.images.sum(axis=(1, 2))
     assert len(pair.reference.images) >= 2 and len(pair.query.images) >= 2
     # hot pixels were taken out after the windows were counted
@@ -217,7 +218,7 @@ def test_a_simulated_street_is_counted_by_events():
 def test_a_system_that_does_not_fit_a_sensor_is_left_out():
     """The released code draws 100 pixels, each 7 pixels apart."""
     images = [ShiftedWindows(drive[:, :32, :32], TAU) for drive in drives()]
-    pair = counted_pairs.count_pair("drives", *images, SETTINGS, TRUTHS)
+    pair = Pair("drives", *images, SETTINGS, TRUTHS).counted()
     names = ("seed-code", "all-pixels")
     systems = [(name, open_baseline(name)) for name in names]
     (row,) = rivals.compare_systems(pair, systems)
@@ -252,7 +253,7 @@ def counted(windows=40):
     images = drives(windows)
     pair = Pair("walk, 25 px", *(ShiftedWindows(each, TAU) for each in images), SETTINGS, TRUTHS)
     few = replace(pair, settings=SETTINGS.replaced({"pixels": 25}, "test"))
-    return few, place_filter.counted_pair(few, 0)
+    return few, few.mapped(few.settings)
 
 
 def test_the_filter_with_the_default_constants_is_the_default():
@@ -261,18 +262,18 @@ def test_the_filter_with_the_default_constants_is_the_default():
     robot = place_filter.VARIANTS[place_filter.ROBOT]
     # a query that is hard enough for the constants to matter
     rng = np.random.default_rng(2)
-    noisy = replace(drive.queries, counts=rng.permuted(drive.queries.counts, axis=1))
-    drive = replace(drive, queries=noisy)
+    noisy = replace(drive.counted, counts=rng.permuted(drive.counted.counts, axis=1))
+    drive = replace(drive, counted=noisy)
     found = sensitivity.match_with(drive, sensitivity.Constants(), (0, 4))
     for delay, places in found.items():
-        assert np.array_equal(places, drive.matched({**robot, "delay": delay}).place), delay
+        assert np.array_equal(places, drive.coded({**robot, "delay": delay}).match().place), delay
     for constant in sensitivity.VARIED:
         times = 1 / 64 if constant == "doubted" else 0.25
         other = sensitivity.match_with(drive, sensitivity.Constants(**{constant: times}), (0,))
         changed = not np.array_equal(other[0], found[0])
         assert changed or constant == "cap", constant
     restart = sensitivity.match_with(drive, sensitivity.Constants(restart=0.5), (0,))[0]
-    assert np.array_equal(restart, drive.matched({**robot, "filter_restart": 8}).place)
+    assert np.array_equal(restart, drive.coded({**robot, "filter_restart": 8}).match().place)
 
 
 def test_each_constant_is_varied_and_a_pair_is_left_out_of_the_choice():
@@ -317,8 +318,8 @@ def test_every_variant_of_the_filter_is_judged_on_the_same_windows(monkeypatch):
 
 def test_what_shows_nothing_of_the_route_is_what_it_says():
     _, drive = counted()
-    shown = dict(nulls.null_queries(drive.queries, np.random.default_rng(0)))
-    counts = drive.queries.counts
+    shown = dict(nulls.null_queries(drive.counted, np.random.default_rng(0)))
+    counts = drive.counted.counts
     assert np.array_equal(shown["null: query reversed"].counts, counts[::-1])
     rows = sorted(map(tuple, counts.tolist()))
     assert sorted(map(tuple, shown["null: windows shuffled"].counts.tolist())) == rows
@@ -328,7 +329,7 @@ def test_what_shows_nothing_of_the_route_is_what_it_says():
     assert np.array_equal(np.sort(each, axis=1), np.sort(counts, axis=1))
     assert not np.array_equal(each, counts)
     for one in shown.values():
-        assert np.array_equal(one.start_us, drive.queries.start_us)
+        assert np.array_equal(one.start_us, drive.counted.start_us)
     # places 0 to 39 at a constant pace, of which three in a row are correct
     assert nulls.constant_speed(drive.truth) == 1
     late = replace(drive.truth, correct=np.roll(drive.truth.correct, 3, axis=0))
@@ -336,9 +337,8 @@ def test_what_shows_nothing_of_the_route_is_what_it_says():
 
 
 def test_the_number_of_pixels_is_varied_and_what_does_not_fit_is_left_out(monkeypatch):
-    pair = counted_pairs.count_pair(
-        "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, TRUTHS
-    )
+    images = (ShiftedWindows(each, TAU) for each in drives())
+    pair = Pair("drives", *images, SETTINGS, TRUTHS).counted()
     monkeypatch.setattr(pixel_number, "NUMBERS", (5, 150))
     rows = list(pixel_number.measure(Draw(pair, 0, True)))
     numbers = {
@@ -351,15 +351,14 @@ def test_the_number_of_pixels_is_varied_and_what_does_not_fit_is_left_out(monkey
 
 
 def test_few_pixels_are_compared_with_all(monkeypatch):
-    pair = counted_pairs.count_pair(
-        "drives", *(ShiftedWindows(images, TAU) for images in drives()), SETTINGS, TRUTHS
-    )
+    images = (ShiftedWindows(each, TAU) for each in drives())
+    pair = Pair("drives", *images, SETTINGS, TRUTHS).counted()
     monkeypatch.setattr(agreement, "NUMBERS", (25, 150))
     rows = list(agreement.measure(Draw(pair, 0, True)))
     # the pixels stand for blocks of 4 x 4, so that every match is the same
     assert [row[agreement.PLACES] for row in rows] == [1.0] * 4
     assert all(0 < row[agreement.DISTANCES] < 1 for row in rows)
-    street = list(agreement.measure(Draw(agreement.street(0, 40, "tiny"), 0, True)))
+    street = list(agreement.measure(Draw(agreement.street(0, 40, sensor="tiny"), 0, True)))
     assert all(-1 <= row[agreement.PROFILE] <= 1 for row in street)
     figure = agreement.figure([{"drives": "d", **row} for row in rows])
     assert len(figure.axes[0].containers) == 2 * len(agreement.MEASURES)
@@ -389,7 +388,7 @@ def test_what_fires_by_the_clock_makes_fewer_events_in_a_faster_drive():
 
 
 def test_windows_and_sequences_of_equal_time_are_compared(monkeypatch):
-    tried = window_length.variant(0.5, 8.0).changes
+    tried = window_length.changes(0.5, 8.0)
     assert tried == {"tau_us": 500_000, "sequence_length": 16, "exclusion": 6}
     short = partial(simulate_pair, sensor="tiny", length_m=80.0)
     monkeypatch.setattr(counted_pairs, "simulate_pair", short)
@@ -397,6 +396,6 @@ def test_windows_and_sequences_of_equal_time_are_compared(monkeypatch):
     monkeypatch.setattr(window_length, "SPANS_S", (2.0,))
     few = PRESETS["paper"].replaced({"pixels": 25}, "test")
     monkeypatch.setattr(window_length, "PRESETS", {"paper": few})
-    rows = rows_of(window_length.EXPERIMENT, None, 1)
+    rows = rows_of(window_length)
     assert [(row["window (s)"], row["match (s)"]) for row in rows] == [("0.5", "2"), ("1", "2")]
     assert window_length.figure(rows).axes[0].get_xticks().tolist() == [0.5, 1.0]

@@ -20,7 +20,7 @@ from edge_vpr_tools import cli
 from edge_vpr_tools.commands import compare as compare_arguments
 from edge_vpr_tools.research import trials
 from edge_vpr_tools.research.baselines import match_distances, open_baseline
-from edge_vpr_tools.research.experiments.drives import count_pair
+from edge_vpr_tools.research.experiments.pairs import Pair
 from edge_vpr_tools.research.sweep import comparison
 from edge_vpr_tools.research.sweep.comparison import draw, rows_of, write_comparison
 from edge_vpr_tools.research.sweep.plan import (
@@ -147,9 +147,8 @@ def test_a_plan_runs_rivals_beside_variants(plan_file, tmp_path):
     store, _ = swept(plan_file, Inline(), tmp_path / "run")
     by_sequence, _, by_filter = (store.result(key) for key in keys)
     drives = plan.drives["evening"]
-    pair = count_pair("", drives.open(0), drives.open(1), PRESETS["paper"].replaced(
-        {"tau_us": 100_000}, "test"
-    ), drives.truth)  # fmt: skip
+    short = PRESETS["paper"].replaced({"tau_us": 100_000}, "test")
+    pair = Pair("", drives.open(0), drives.open(1), short, {"": drives.truth}).counted()
     places, queries = pair.reference, pair.query
     distances = [
         [naive.sad(p.ravel().tolist(), q.ravel().tolist()) for q in queries.images]

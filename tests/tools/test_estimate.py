@@ -722,7 +722,7 @@ def test_accuracy_is_drawn_against_energy_and_against_bytes(name, drive, tmp_pat
 
 def test_the_rovers_question_is_one_command(tmp_path, capsys, monkeypatch):
     """Without any results: designs are tried on the spot, and each target is answered."""
-    from edge_vpr_tools.research.experiments.simulated import truth_of_pair
+    from edge_vpr_tools.research.experiments.pairs import truth_of_pair
 
     from edge_vpr.simulation import simulate_pair
 

@@ -29,8 +29,16 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.results import run_record, write_json
     from edge_vpr.simulation import simulate_pair
     from edge_vpr_tools.inputs import tracked
-    from edge_vpr_tools.report.demo_page import HEADER, remarks, rows, write_report
+    from edge_vpr_tools.report.demo_page import (
+        HEADER,
+        compare_latencies,
+        remarks,
+        rows,
+        write_report,
+    )
     from edge_vpr_tools.research.experiments import simulated
+    from edge_vpr_tools.research.experiments.pairs import Pair
+    from edge_vpr_tools.research.experiments.variants import Trial
 
     output = Path(args.output)
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
@@ -39,17 +47,21 @@ def run(args: argparse.Namespace) -> None:
     reference.keep(partial(tracked, label="simulating the reference drive"))
     label = "simulating the query drive: other speed, other light, other traffic"
     query.keep(partial(tracked, label=label))
+    pair, trials = Pair.simulated(reference, query), {}
     with status("mapping and matching") as show:
-        trials = simulated.run_variants(reference, query, args.seed, show)
+        for variant in simulated.VARIANTS:
+            show(variant.name)
+            trials[variant.name] = Trial.of(variant.of(pair, args.seed))
         show("matching event by event")
-        latencies = simulated.compare_latencies(reference, query, trials[simulated.DEFAULT])
+        tracks = reference.track, query.track
+        latencies = compare_latencies(trials[simulated.DEFAULT], query, tracks)
         show("drawing the report")
         with results.results_folder(output, args.overwrite) as folder:
             metrics = {
                 "variants": trials,
                 "latency_median_s": {name: found.median_s for name, found in latencies.items()},
             }
-            settings = simulated.SETTINGS.replaced({"seed": args.seed}, "seed")
+            settings = pair.drawn_with(args.seed)
             write_json(folder / results.RUN, run_record(settings.to_dict(), []))
             write_json(folder / results.METRICS, metrics)
             write_report(folder, trials, latencies, reference.track)

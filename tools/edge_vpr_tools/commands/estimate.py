@@ -192,7 +192,7 @@ def _drives(args: argparse.Namespace) -> Drives:
     from edge_vpr.recordings import open_recording
     from edge_vpr_tools.estimate import accuracy
     from edge_vpr_tools.estimate.accuracy import Drives, Pair
-    from edge_vpr_tools.research.experiments.trial import Kept
+    from edge_vpr_tools.research.experiments.pairs import Kept
     from edge_vpr_tools.truth_files import load_truth
 
     if args.accuracy_on == ["simulated"]:

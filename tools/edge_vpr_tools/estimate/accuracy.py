@@ -18,8 +18,7 @@ from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from edge_vpr_tools.estimate.search import Evaluated
 from edge_vpr_tools.estimate.show import matching
-from edge_vpr_tools.research.experiments.simulated import TOLERANCE_M, truth_of_pair
-from edge_vpr_tools.research.experiments.trial import TruthOf
+from edge_vpr_tools.research.experiments.pairs import TOLERANCE_M, TruthOf, truth_of_pair
 from firmware_model.model.design import Design
 
 #: J and bits that are tried, as far as the sensor has pixels and the code bits

@@ -35,8 +35,7 @@ from edge_vpr_tools.profile.measurement import (
 )
 from edge_vpr_tools.profile.sensors.sensor import Sensor, SensorError
 from edge_vpr_tools.research.baselines import map_all_pixels
-from edge_vpr_tools.research.experiments.simulated import truth_of_pair
-from edge_vpr_tools.research.experiments.trial import TruthOf
+from edge_vpr_tools.research.experiments.pairs import TruthOf, truth_of_pair
 
 # The pipeline as a load: a recording is repeatedly fed to a localiser in packets.
 

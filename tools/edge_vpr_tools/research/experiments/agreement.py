@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,19 +18,11 @@ from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.windows import FixedTime
 from edge_vpr.errors import UsageError
-from edge_vpr.settings import PRESETS
-from edge_vpr.simulation import simulate_pair
-from edge_vpr_tools.research.baselines import Baseline, match_distances, open_baseline
+from edge_vpr_tools.research.baselines import Baseline, open_baseline
 from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
-from edge_vpr_tools.research.experiments.drives import (
-    LENGTH_M,
-    CountedDrive,
-    CountedPair,
-    count_drive,
-    count_simulated,
-    counted_drives,
-)
+from edge_vpr_tools.research.experiments.drives import LENGTH_M, counted_drives, simulated_pair
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
+from edge_vpr_tools.research.experiments.pairs import CountedDrive, CountedPair, count_drive
 from edge_vpr_tools.research.experiments.plots import lines
 
 NUMBERS = (5, 10, 25, 50, 150)
@@ -48,11 +40,11 @@ class Timed(NamedTuple):
     timed: CountedDrive
 
 
-def street(seed: int, length_m: float = LENGTH_M, sensor: str = "default") -> Timed:
+def street(seed: int, length_m: float = LENGTH_M, **more: Any) -> Timed:
     """Simulate and count the pair of this seed, the query also in windows of fixed time."""
-    reference, query = (drive.keep() for drive in simulate_pair(seed, sensor, length_m=length_m))
-    pair = count_simulated(reference, query)
-    timed = count_drive(query, FixedTime(PRESETS["paper"].tau_us))
+    drives = simulated_pair(seed, length_m=length_m, **more)
+    pair = drives.counted(window="count")
+    timed = count_drive(drives.query, FixedTime(drives.settings.tau_us))
     # the hot pixels of the pair, which hold no counts there
     timed.images[:, ~(pair.reference.images.any(axis=0) | pair.query.images.any(axis=0))] = 0
     return Timed(pair, timed)
@@ -96,8 +88,7 @@ def _matched(pair: CountedPair, system: Baseline) -> tuple[Floats, npt.NDArray[n
     system.prepare(pair.reference.images)
     places, queries = (system.describe(d.images) for d in (pair.reference, pair.query))
     distances = system.distances(places, queries)
-    matches = match_distances(distances, pair.query.centre_us, pair.settings)
-    return distances, matches.place.astype(np.int64)
+    return distances, pair.match(distances, pair.settings).place.astype(np.int64)
 
 
 def drives(data: Path | None) -> list[Drives]:

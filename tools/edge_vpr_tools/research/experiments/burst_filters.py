@@ -15,8 +15,9 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
-from edge_vpr_tools.research.experiments.drives import Pair, walks
+from edge_vpr_tools.research.experiments.drives import walks
 from edge_vpr_tools.research.experiments.experiment import Draw, Experiment, Row
+from edge_vpr_tools.research.experiments.pairs import Pair
 from edge_vpr_tools.research.experiments.plots import dots
 
 #: Flashes per second that are added to the query: from none over a failing lamp to a strobe.

@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -35,75 +35,60 @@ from edge_vpr.confidence import (
 from edge_vpr.descriptors.counting import count_windows
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.calibration import learn_confidence, reliability
-from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
+from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate_rejection
 from edge_vpr.files import replacing
-from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import QUERY, REFERENCE, Drive, Light, SimulatedRecording, simulate_pair
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
 from edge_vpr_tools.research.experiments.nulls import null_queries
+from edge_vpr_tools.research.experiments.pairs import MappedPair, truth_of_tracks
 from edge_vpr_tools.research.experiments.plots import dots
 
 # Drives that leave the map: pieces cut out of a map, a jump, and windows of another street.
 
 
-@dataclass(frozen=True, eq=False)
-class Case:
-    """Map, counts of a query at the map's pixels, and their truth."""
-
-    reference: ReferenceMap
-    counted: Descriptors
-    truth: GroundTruth
-
-    def match(self) -> Matches:
-        """Match the query with the map's settings."""
-        queries = self.reference.coded(self.counted)
-        return match_descriptors(self.reference.places, queries, self.reference.settings)
-
-
-def without_places(case: Case, first: int, last: int) -> Case:
+def without_places(pair: MappedPair, first: int, last: int) -> MappedPair:
     """Remove the places from `first` up to, but without, `last` from the map."""
-    kept = np.ones(len(case.reference), dtype=np.bool_)
+    kept = np.ones(len(pair.reference), dtype=np.bool_)
     kept[first:last] = False
-    reference = replace(case.reference, places=case.reference.places.take(kept))
-    truth = GroundTruth(case.truth.correct[kept], case.truth.known, "part of the map")
-    return Case(reference, case.counted, truth)
+    reference = replace(pair.reference, places=pair.reference.places.take(kept))
+    truth = GroundTruth(pair.truth.correct[kept], pair.truth.known, "part of the map")
+    return MappedPair(reference, pair.counted, truth)
 
 
-def carried_off(case: Case, first: int, last: int) -> Case:
+def carried_off(pair: MappedPair, first: int, last: int) -> MappedPair:
     """Reorder a drive: up to window `first`, then from `last` on, then the windows between."""
-    windows = np.arange(len(case.counted))
-    return _reordered(case, np.r_[windows[:first], windows[last:], windows[first:last]])
+    windows = np.arange(len(pair.counted))
+    return _reordered(pair, np.r_[windows[:first], windows[last:], windows[first:last]])
 
 
-def with_detour(case: Case, elsewhere: Descriptors, at: int) -> Case:
+def with_detour(pair: MappedPair, elsewhere: Descriptors, at: int) -> MappedPair:
     """Insert the windows of another drive before window `at`; no place is correct for them."""
-    n, more = len(case.counted), len(elsewhere)
+    n, more = len(pair.counted), len(elsewhere)
     columns = {
         name: np.concatenate([column, elsewhere.to_arrays()[name]])
-        for name, column in case.counted.to_arrays().items()
+        for name, column in pair.counted.to_arrays().items()
     }
-    nowhere = np.zeros((len(case.reference), more), dtype=np.bool_)
+    nowhere = np.zeros((len(pair.reference), more), dtype=np.bool_)
     truth = GroundTruth(
-        np.concatenate([case.truth.correct, nowhere], axis=1),
-        np.concatenate([case.truth.known, np.ones(more, dtype=np.bool_)]),
+        np.concatenate([pair.truth.correct, nowhere], axis=1),
+        np.concatenate([pair.truth.known, np.ones(more, dtype=np.bool_)]),
         "with a detour",
     )
-    joined = Case(case.reference, Descriptors(**columns), truth)
+    joined = MappedPair(pair.reference, Descriptors(**columns), truth)
     return _reordered(joined, np.r_[0:at, n : n + more, at:n])
 
 
-def _reordered(case: Case, windows: npt.NDArray[np.int64]) -> Case:
-    truth = GroundTruth(case.truth.correct[:, windows], case.truth.known[windows], "spliced")
-    counted = case.counted.take(windows)
+def _reordered(pair: MappedPair, windows: npt.NDArray[np.int64]) -> MappedPair:
+    truth = GroundTruth(pair.truth.correct[:, windows], pair.truth.known[windows], "spliced")
+    counted = pair.counted.take(windows)
     # the spliced windows follow one another without gaps
     step = int(np.median(counted.end_us - counted.start_us))
     start = np.arange(len(windows), dtype=np.int64) * step
-    return Case(case.reference, replace(counted, start_us=start, end_us=start + step), truth)
+    return MappedPair(pair.reference, replace(counted, start_us=start, end_us=start + step), truth)
 
 
 # Streets, their drives, and the versions of each drive.
@@ -155,7 +140,7 @@ def open_street(seed: int) -> Street:
 
 def driven(
     street: Street, elsewhere: SimulatedRecording | None
-) -> Iterator[tuple[Case, Descriptors | None]]:
+) -> Iterator[tuple[MappedPair, Descriptors | None]]:
     """Map a street and count its drives, with each number of pixels and kind of window.
 
     With each drive come the counts of a drive of another street at the same pixels.
@@ -174,15 +159,8 @@ def driven(
             if elsewhere is not None:
                 away = count_windows(elsewhere, mapped.pixel_map, mapped.settings)
             for drive in street.drives.values():
-                counted = count_windows(drive, mapped.pixel_map, mapped.settings)
-                truth = from_tracks(
-                    street.reference.track,
-                    drive.track,
-                    mapped.places.centre_us,
-                    counted.centre_us,
-                    TOLERANCE_M,
-                )
-                yield Case(mapped, counted, truth), away
+                truth_of = truth_of_tracks(street.reference.track, drive.track, TOLERANCE_M)
+                yield MappedPair.of(mapped, drive, truth_of), away
 
 
 WHOLE, CUT, DETOUR, CARRIED = "whole", "a piece cut out", "a detour", "carried off twice"
@@ -190,8 +168,8 @@ BACKWARDS, ANOTHER = "backwards", "another route"
 
 
 def versions_of(
-    case: Case, elsewhere: Descriptors | None, rng: np.random.Generator
-) -> dict[str, Case]:
+    pair: MappedPair, elsewhere: Descriptors | None, rng: np.random.Generator
+) -> dict[str, MappedPair]:
     """Return the versions of a drive by name.
 
     Parameters
@@ -201,39 +179,39 @@ def versions_of(
     rng : Generator
         Decides where the map and the drive are cut.
     """
-    places, windows = len(case.reference), len(case.counted)
+    places, windows = len(pair.reference), len(pair.counted)
     first = int(rng.integers(0, 3 * places // 4))
-    versions = {WHOLE: case, CUT: without_places(case, first, first + places // 4)}
+    versions = {WHOLE: pair, CUT: without_places(pair, first, first + places // 4)}
     if elsewhere is not None:
         length = min(windows // 4, len(elsewhere))
         start = int(rng.integers(0, len(elsewhere) - length + 1))
         away = elsewhere.take(np.arange(start, start + length))
-        versions[DETOUR] = with_detour(case, away, int(rng.integers(1, windows)))
-    versions[CARRIED] = carried_off(case, windows // 3, 2 * windows // 3)
-    versions[BACKWARDS] = _reordered(case, np.arange(windows)[::-1])
+        versions[DETOUR] = with_detour(pair, away, int(rng.integers(1, windows)))
+    versions[CARRIED] = carried_off(pair, windows // 3, 2 * windows // 3)
+    versions[BACKWARDS] = _reordered(pair, np.arange(windows)[::-1])
     if elsewhere is not None:
-        versions[ANOTHER] = of_another_route(case, elsewhere)
+        versions[ANOTHER] = of_another_route(pair, elsewhere)
     return versions
 
 
-def of_another_route(case: Case, elsewhere: Descriptors) -> Case:
-    """Return the map of a case with a drive of another route."""
-    nowhere = np.zeros((len(case.reference), len(elsewhere)), dtype=np.bool_)
+def of_another_route(pair: MappedPair, elsewhere: Descriptors) -> MappedPair:
+    """Return the map of a pair with a drive of another route."""
+    nowhere = np.zeros((len(pair.reference), len(elsewhere)), dtype=np.bool_)
     known = np.ones(len(elsewhere), dtype=np.bool_)
-    return Case(case.reference, elsewhere, GroundTruth(nowhere, known, ANOTHER))
+    return MappedPair(pair.reference, elsewhere, GroundTruth(nowhere, known, ANOTHER))
 
 
-def scrambled(case: Case, rng: np.random.Generator) -> dict[str, Case]:
-    """Return the null queries of a case by name; what is correct of them, is by chance."""
-    queries = null_queries(case.counted, rng)
-    return {name: replace(case, counted=shown) for name, shown in queries}
+def scrambled(pair: MappedPair, rng: np.random.Generator) -> dict[str, MappedPair]:
+    """Return the null queries of a pair by name; what is correct of them, is by chance."""
+    queries = null_queries(pair.counted, rng)
+    return {name: replace(pair, counted=shown) for name, shown in queries}
 
 
 # Matches of known truth, by the settings that each table is for.
 
 
 #: settings of the matches that each table is for
-MATCHINGS: dict[str, dict[str, object]] = {
+MATCHINGS: Mapping[str, Mapping[str, Any]] = {
     **{
         str(delay): {"smooth": False, "delay": delay, "query_mean": "running"}
         for delay in LEARNT_DELAYS
@@ -252,18 +230,12 @@ class Sample(NamedTuple):
     has_place: npt.NDArray[np.bool_]
 
 
-def with_settings(case: Case, **changes: object) -> Case:
-    """Return a case whose map has other settings for matching."""
-    settings = case.reference.settings.replaced(changes, "calibration")
-    return replace(case, reference=replace(case.reference, settings=settings))
-
-
-def sample(case: Case) -> Sample:
-    """Match a case, and return the matches whose truth is known."""
-    matches = case.match()
-    known = case.truth.known[matches.query]
-    correct = case.truth.correct[matches.place, matches.query]
-    has_place = case.truth.has_place[matches.query]
+def sample(pair: MappedPair) -> Sample:
+    """Match a pair, and return the matches whose truth is known."""
+    matches = pair.match()
+    known = pair.truth.known[matches.query]
+    correct = pair.truth.correct[matches.place, matches.query]
+    has_place = pair.truth.has_place[matches.query]
     return Sample(matches.net_trust[known], correct[known], has_place[known])
 
 
@@ -284,10 +256,10 @@ def learn(seeds: int, folder: Path, on_start: Callable[[str], None]) -> None:
     for seed in range(FIRST_SEED, FIRST_SEED + seeds):
         on_start(f"street {seed - FIRST_SEED + 1} of {seeds}")
         street = open_street(seed)
-        for case, elsewhere in driven(street, before):
-            for version, changed in versions_of(case, elsewhere, rng).items():
+        for pair, elsewhere in driven(street, before):
+            for version, changed in versions_of(pair, elsewhere, rng).items():
                 for name, changes in MATCHINGS.items():
-                    some = sample(with_settings(changed, **changes))
+                    some = sample(changed.with_settings(changes))
                     found[name].append(some)
                     if version == WHOLE and name == AT_ONCE:
                         on_map.append(some)
@@ -349,13 +321,15 @@ def described(name: str) -> str:
 
 
 def evaluate_tables(
-    versions: Mapping[str, Sequence[Case]], matchings: Sequence[str], switched_on: Sequence[str]
+    versions: Mapping[str, Sequence[MappedPair]],
+    matchings: Sequence[str],
+    switched_on: Sequence[str],
 ) -> Iterator[Row]:
     """Evaluate the shipped tables on drives whose truth is known.
 
     Parameters
     ----------
-    versions : mapping of str to sequence of Case
+    versions : mapping of str to sequence of MappedPair
         Drives by version; those of one version are evaluated together.
     matchings : sequence of str
         Of `MATCHINGS`.
@@ -364,15 +338,15 @@ def evaluate_tables(
     """
     learnt_on = "streets of seeds {} to {}".format(*learnt_seeds())
     for name in matchings:
-        for version, cases in versions.items():
-            changed = [with_settings(case, **MATCHINGS[name]) for case in cases]
+        for version, pairs in versions.items():
+            changed = [pair.with_settings(MATCHINGS[name]) for pair in pairs]
             settings = changed[0].reference.settings
             table, on_map = (
                 default_confidence(settings.smooth, settings.match_delay, stays)
                 for stays in (False, True)
             )
             row = {"map": version, "matching": described(name), LEARNT_ON: learnt_on}
-            found = [sample(case) for case in changed]
+            found = [sample(pair) for pair in changed]
             stays = _if_on_map(figures_of_table(on_map, found)) if name == AT_ONCE else {}
             yield {**row, **figures_of_table(table, found), **stays}
             if version == WHOLE and name in switched_on:
@@ -432,18 +406,20 @@ def windows_past_the_edge(found: Sequence[Sample], least: int) -> list[int]:
     return lasted
 
 
-def first_confident(table: Confidence, cases: Sequence[Case]) -> dict[str, float | int | None]:
+def first_confident(
+    table: Confidence, pairs: Sequence[MappedPair]
+) -> dict[str, float | int | None]:
     """Start at many windows, and measure the time to the first match of each probability."""
     waits: dict[float, list[tuple[float, bool]]] = {0.95: [], 0.99: []}
     starts = 0
-    for case in cases:
-        windows, delay = len(case.counted), case.reference.settings.match_delay
+    for pair in pairs:
+        windows, delay = len(pair.counted), pair.reference.settings.match_delay
         for start in range(0, windows - _LEFT, START_EVERY):
-            if not case.truth.known[start]:
+            if not pair.truth.known[start]:
                 continue
             starts += 1
             stop = min(start + GIVEN, windows)
-            rest = replace(case, counted=case.counted.take(np.arange(start, stop)))
+            rest = replace(pair, counted=pair.counted.take(np.arange(start, stop)))
             matches = rest.match()
             given = table.probability_of(matches.net_trust)
             for least, found in waits.items():
@@ -452,7 +428,7 @@ def first_confident(table: Confidence, cases: Sequence[Case]) -> dict[str, float
                     j = int(confident[0])
                     given_at = min(j + delay, len(matches) - 1)
                     lasted = rest.counted.end_us[given_at] - rest.counted.start_us[0]
-                    correct = bool(case.truth.correct[matches.place[j], start + j])
+                    correct = bool(pair.truth.correct[matches.place[j], start + j])
                     found.append((float(lasted) / 1e6, correct))
     row: dict[str, float | int | None] = {"starts": starts}
     for least, found in waits.items():
@@ -463,14 +439,14 @@ def first_confident(table: Confidence, cases: Sequence[Case]) -> dict[str, float
     return row
 
 
-def unseen_street(seed: int) -> dict[str, list[Case]]:
+def unseen_street(seed: int) -> dict[str, list[MappedPair]]:
     """Open the versions of all drives of a street that no table was learnt from."""
     street_seed = learnt_seeds()[1] + 1 + seed
     rng = np.random.default_rng((_CUTS, street_seed))
     _, other = simulate_pair(street_seed - 1, query=QUERIES[_ELSEWHERE])
-    found: dict[str, list[Case]] = {}
-    for case, elsewhere in driven(open_street(street_seed), other.keep()):
-        for name, version in (versions_of(case, elsewhere, rng) | scrambled(case, rng)).items():
+    found: dict[str, list[MappedPair]] = {}
+    for pair, elsewhere in driven(open_street(street_seed), other.keep()):
+        for name, version in (versions_of(pair, elsewhere, rng) | scrambled(pair, rng)).items():
             found.setdefault(name, []).append(version)
     return found
 

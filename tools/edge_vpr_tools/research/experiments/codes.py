@@ -11,12 +11,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr.map_record import coded_map, describe
-from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.reference_map import ReferenceMap
-from edge_vpr_tools.research.experiments.drives import Pair, recorded_drives
+from edge_vpr_tools.research.experiments.drives import recorded_drives
 from edge_vpr_tools.research.experiments.experiment import Draw, Experiment, Row, Rows
+from edge_vpr_tools.research.experiments.pairs import Pair
 from edge_vpr_tools.research.experiments.plots import lines
 from fixedpoint.codes import packed_bytes
 
@@ -30,21 +27,6 @@ CODES: Mapping[str, Mapping[str, Any]] = {
     "square root, per pixel": {"counter_code": "sqrt", "counter_scaling": "per-pixel"},
     "logarithm, per pixel": {"counter_code": "log", "counter_scaling": "per-pixel"},
 }
-
-
-def score(pair: Pair, seed: int, variants: Mapping[Any, Mapping[str, Any]]) -> dict[Any, float]:
-    """Match a pair with every code at one draw of pixels, and return P@100R by its name."""
-    settings = pair.settings.replaced({"seed": seed}, "seed")
-    mapped = ReferenceMap.build(pair.reference, settings)
-    queries = describe(pair.query, mapped.pixel_map, settings)
-    truth = pair.truth_of(mapped.places.centre_us, queries.centre_us)
-    found = {}
-    for variant, changes in variants.items():
-        coded = settings.replaced(changes, str(variant))
-        in_code = coded_map(mapped, coded)
-        matches = match_descriptors(in_code.places, in_code.coded(queries), coded)
-        found[variant] = evaluate(matches, truth).precision_at_100_recall
-    return found
 
 
 def variants() -> dict[tuple[str, int, str | int], Mapping[str, Any]]:
@@ -62,10 +44,16 @@ def variants() -> dict[tuple[str, int, str | int], Mapping[str, Any]]:
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Match a pair with every code."""
-    pixels = draw.pair.settings.pixels
-    for (code, bits, scale), correct in score(draw.pair, draw.seed, variants()).items():
-        row = {"code": code, "bits": bits, "full scale": scale}
-        yield {**row, "P@100R": correct, "bytes per place": packed_bytes(pixels, bits)}
+    pair: Pair = draw.pair
+    mapped = pair.mapped(pair.drawn_with(draw.seed))
+    for (code, bits, scale), changes in variants().items():
+        yield {
+            "code": code,
+            "bits": bits,
+            "full scale": scale,
+            "P@100R": mapped.coded(changes).correct(),
+            "bytes per place": packed_bytes(pair.settings.pixels, bits),
+        }
 
 
 def figure(rows: Rows) -> Figure:

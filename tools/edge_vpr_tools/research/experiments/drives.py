@@ -3,35 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from edge_vpr.descriptors.cleaning import find_hot_pixels
-from edge_vpr.descriptors.counting import DescriptorStream, EventSource, WindowSource, cleaned
-from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import FixedCount, FixedTime, PublishedWindows, Window
+from edge_vpr.descriptors.windows import PublishedWindows
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_alignment, load_alignment
-from edge_vpr.evaluation.tracks import Track, load_track
+from edge_vpr.evaluation.tracks import load_track
 from edge_vpr.recordings import open_recording
-from edge_vpr.settings import PRESETS, Settings
-from edge_vpr.simulation import SimulatedRecording, simulate_pair
-from edge_vpr_tools.research.catalogue import NOT_OPENED, STAND_INS, Download
+from edge_vpr.settings import PRESETS
+from edge_vpr.simulation import QUERY, Drive, Light, SimulatedRecording, simulate_pair
+from edge_vpr_tools.research.catalogue import NOT_OPENED, STAND_INS, Download, stand_in_text
 from edge_vpr_tools.research.datasets import DATA_SETS, found_traverses, published_pairs
-from edge_vpr_tools.research.experiments.experiment import Drives, recorded_folder
-from edge_vpr_tools.research.experiments.simulated import (
-    FIRST_SEED,
+from edge_vpr_tools.research.experiments.experiment import Drives
+from edge_vpr_tools.research.experiments.pairs import (
     SIMULATED,
-    TOLERANCE_M,
-    truth_of_pair,
+    CountedDrive,
+    CountedPair,
+    Kept,
+    Pair,
+    Times,
+    Tracks,
+    TruthOf,
+    truths_of_tracks,
 )
-from edge_vpr_tools.research.experiments.trial import Kept, Times, TruthOf, truth_of_tracks
 
 PAPER = PRESETS["paper"]
 #: numbers of pixels with which each pair of drives is matched
@@ -42,78 +42,6 @@ INDOOR, WALKS, BRISBANE, LENS = (
     "brisbane_sparse49",
     "brisbane_lens49",
 )
-#: truth by tolerance, the one that pairs are evaluated by first
-Truths = Mapping[str, TruthOf]
-
-
-def truths_of_tracks(reference: Track, query: Track, *metres: float) -> Truths:
-    """Return the truth of two tracks for each tolerance."""
-    return {f"{each:g} m": truth_of_tracks(reference, query, each) for each in metres}
-
-
-class Tracks(NamedTuple):
-    """Tracks of a pair of drives."""
-
-    reference: Track
-    query: Track
-
-
-@dataclass(frozen=True, eq=False)
-class Pair:
-    """Two drives, and how they are matched.
-
-    Parameters
-    ----------
-    drives : str
-        Name of the drives.
-    truths : mapping of str to callable
-        Each makes the ground truth from the times of places and queries.
-    drawn : bool
-        Whether pixels are drawn, so that several draws differ.
-    tracks : Tracks, optional
-        Tracks of the drives, where the truth comes from them.
-    files : tuple of path
-        Files and folders of the drives.
-    """
-
-    drives: str
-    reference: EventSource | WindowSource
-    query: EventSource | WindowSource
-    settings: Settings
-    truths: Truths
-    drawn: bool = True
-    tracks: Tracks | None = None
-    files: tuple[Path, ...] = ()
-
-    @property
-    def truth_of(self) -> TruthOf:
-        """Truth by the first tolerance."""
-        return next(iter(self.truths.values()))
-
-    @property
-    def name(self) -> str:
-        """Name of the drives, with the number of pixels."""
-        some = self.query.counted.sum() if isinstance(self.query, WindowSource) else 0
-        of_all = f" of {some}" if not self.has_images and some > self.settings.pixels else ""
-        return f"{self.drives}, {self.settings.pixels}{of_all} px"
-
-    @property
-    def has_events(self) -> bool:
-        """Whether the events were recorded, and not only their counts."""
-        return not isinstance(self.query, WindowSource)
-
-    @property
-    def events(self) -> tuple[EventSource, EventSource]:
-        """Reference and query, if their events were recorded."""
-        assert not isinstance(self.reference, WindowSource)
-        assert not isinstance(self.query, WindowSource)
-        return self.reference, self.query
-
-    @property
-    def has_images(self) -> bool:
-        """Whether every pixel of the query was counted, or can be."""
-        return not isinstance(self.query, WindowSource) or bool(self.query.counted.all())
-
 
 # Pairs of recorded drives that lie in a folder: the stand-ins, and the published traverses.
 
@@ -336,129 +264,71 @@ def _brisbane(folder: Path) -> Iterator[Pair]:
 _STAND_INS = {INDOOR: _indoor, WALKS: _walks, BRISBANE: _brisbane}
 
 
-# Pairs of drives whose windows are counted at every pixel, as every system to compare gets them.
-#
-# On simulated streets, whose drives differ in speed, a window is a number of events of the whole
-# sensor; on recorded drives it is a period of time.
+# Simulated streets.
 
 
-#: length of the simulated streets in metres
+#: length of the streets whose windows are counted at every pixel, in metres
 LENGTH_M = 450.0
+#: of the streets from here on, which no parameter was chosen on
+FIRST_SEED = 70
 
 
-@dataclass(frozen=True, eq=False)
-class CountedDrive:
-    """Windows of a drive, counted at every pixel.
-
-    Attributes
-    ----------
-    images : ndarray of int, shape (n, height, width)
-        Counts of events at each pixel, for n windows.
-    centre_us : ndarray of int64, shape (n,)
-        Centre of each window.
-    """
-
-    images: npt.NDArray[np.integer]
-    centre_us: Times
-
-    @property
-    def activity(self) -> npt.NDArray[np.int64]:
-        """Events of each window, shape (n,)."""
-        return self.images.sum(axis=(1, 2), dtype=np.int64)
+def simulated_pair(seed: int, **street: Any) -> Pair:
+    """Simulate the pair of this seed; further arguments are those of `simulate_pair`."""
+    reference, query = simulate_pair(seed, **street)
+    return Pair.simulated(reference.keep(), query.keep())
 
 
-@dataclass(frozen=True, eq=False)
-class CountedPair:
-    """Two drives as windows, and how they are matched.
-
-    Attributes
-    ----------
-    truths : mapping of str to callable
-        See `Pair`.
-    laid_out : bool
-        Whether all pixels were counted, so that images can be made of them.
-    weights : tuple of path
-        Of LENS, trained with the reference.
-    """
-
-    name: str
-    reference: CountedDrive
-    query: CountedDrive
-    settings: Settings
-    truths: Truths
-    laid_out: bool = True
-    weights: tuple[Path, ...] = ()
-
-    def truth(self) -> GroundTruth:
-        """Return the truth of all windows by the first tolerance."""
-        truth_of = next(iter(self.truths.values()))
-        return truth_of(self.reference.centre_us, self.query.centre_us)
-
-    @property
-    def pixels(self) -> int:
-        """Number of pixels."""
-        _, height, width = self.reference.images.shape
-        return int(height * width)
+def counted_street(seed: int, length_m: float = LENGTH_M, **street: Any) -> CountedPair:
+    """Simulate the pair of this seed, and count it in windows of a number of events."""
+    return simulated_pair(seed, length_m=length_m, **street).counted(window="count")
 
 
-def count_drive(drive: EventSource | WindowSource, window: Window) -> CountedDrive:
-    """Count a drive's windows at every pixel, without bursts."""
-    if isinstance(drive, WindowSource):
-        windows = drive.windows()
-    else:
-        stream = DescriptorStream(PixelMap.all_of(drive.sensor), window)
-        windows = (
-            one for events in cleaned(drive, PRESETS["paper"]) for one in stream.windows(events)
+class Second(NamedTuple):
+    """A second drive along the street, and the contrast thresholds of its camera as a multiple."""
+
+    drive: Drive
+    contrast: float = 1.0
+
+
+#: as in the demo, in two other lights, with stops, and with a camera that fires sooner or later
+STREETS: Mapping[str, Second] = {
+    "street": Second(QUERY),
+    "street, low sun": Second(
+        replace(
+            QUERY,
+            light=Light(sun=0.2, ambient=0.15, azimuth_deg=110.0, elevation_deg=15.0, glare=0.06),
         )
-    size = (drive.sensor.height, drive.sensor.width)
-    images, centres = [], []
-    for one in windows:
-        images.append(np.minimum(one.counts, 65_535).astype(np.uint16).reshape(size))
-        centres.append(one.start_us + (one.end_us - one.start_us) // 2)
-    return CountedDrive(np.array(images), np.array(centres, dtype=np.int64))
+    ),
+    "street, noon": Second(
+        replace(
+            QUERY,
+            light=Light(sun=0.9, ambient=0.2, azimuth_deg=-160.0, elevation_deg=70.0, glare=0.0),
+        )
+    ),
+    "street, 3 stops": Second(replace(QUERY, stops=3, stop_s=10.0)),
+    "street, thresholds x 1.3": Second(QUERY, 1.3),
+    "street, thresholds x 0.75": Second(QUERY, 0.75),
+}
 
 
-def count_pair(
-    name: str,
-    reference: EventSource | WindowSource,
-    query: EventSource | WindowSource,
-    settings: Settings,
-    truths: Truths,
-) -> CountedPair:
-    """Count both drives without hot pixels, by number of events if the settings ask for it."""
-    window: Window = FixedTime(settings.tau_us)
-    first = count_drive(reference, window)
-    if settings.window == "count":
-        window = FixedCount(max(1, int(first.images.sum(dtype=np.int64)) // len(first.images)))
-        first = count_drive(reference, window)
-    second = count_drive(query, window)
-    hot = find_hot_pixels(first.images.sum(axis=0, dtype=np.int64))
-    for drive in (first, second):
-        drive.images[:, hot] = 0
-    return CountedPair(name, first, second, settings, truths)
-
-
-@lru_cache(maxsize=1)
-def counted(pair: Pair) -> CountedPair:
-    """Count a pair, for as many draws of pixels as there are."""
-    return count_pair(pair.drives, pair.reference, pair.query, pair.settings, pair.truths)
-
-
-def simulated_pair(seed: int, length_m: float = LENGTH_M, sensor: str = "default") -> CountedPair:
-    """Simulate and count the pair of this seed."""
-    return count_simulated(*(d.keep() for d in simulate_pair(seed, sensor, length_m=length_m)))
-
-
-def count_simulated(
-    reference: SimulatedRecording, query: SimulatedRecording, *, window: str = "count"
-) -> CountedPair:
-    """Count two simulated drives of one street, by default in windows of a number of events."""
-    settings = PAPER.replaced({"window": window}, "pairs")
-    truths = {f"{TOLERANCE_M:g} m": truth_of_pair(reference, query)}
-    return count_pair(SIMULATED, reference, query, settings, truths)
+def second_drive(query: SimulatedRecording, name: str, offset: int = 0) -> SimulatedRecording:
+    """Simulate the drive of `STREETS` on the street of a query; an offset makes another traffic."""
+    drive, contrast = STREETS[name]
+    camera = replace(
+        query.camera,
+        contrast_on=contrast * query.camera.contrast_on,
+        contrast_off=contrast * query.camera.contrast_off,
+    )
+    seed = query.seed + offset
+    return SimulatedRecording(query.world, camera, drive, seed=seed, device=query.device).keep()
 
 
 # Drives as experiments declare them.
+
+
+#: counts a pair, for as many draws of pixels as there are
+_counted = lru_cache(maxsize=1)(Pair.counted)
 
 
 def _declared(
@@ -491,25 +361,15 @@ def recorded_drives(data: Path | None, *, images: bool = False) -> list[Drives]:
 
 def counted_drives(data: Path | None) -> list[Drives]:
     """Return streets, and the recorded pairs of a folder, as windows of all pixels."""
-    streets = Drives(SIMULATED, simulated_pair, varied=True)
-    return [streets, *_declared(whole_pairs(data), counted, lambda pair: pair.drives)]
+    streets = Drives(SIMULATED, counted_street, varied=True)
+    return [streets, *_declared(whole_pairs(data), _counted, lambda pair: pair.drives)]
 
 
 def event_drives(data: Path | None) -> list[Drives]:
     """Return streets, and the pairs of a folder whose events were recorded."""
-    streets = Drives(SIMULATED, _event_street, varied=True)
+    streets = Drives(SIMULATED, simulated_pair, varied=True)
     recorded = [pair for pair in whole_pairs(data) if pair.has_events]
     return [streets, *_declared(recorded, lambda pair: pair, lambda pair: pair.drives)]
-
-
-def _event_street(seed: int) -> Pair:
-    return simulated_events(*(drive.keep() for drive in simulate_pair(seed)))
-
-
-def simulated_events(reference: SimulatedRecording, query: SimulatedRecording) -> Pair:
-    """Return two simulated drives of one street, matched by the settings of the paper."""
-    truths = {f"{TOLERANCE_M:g} m": truth_of_pair(reference, query)}
-    return Pair(SIMULATED, reference, query, PAPER, truths)
 
 
 def walks(data: Path | None) -> Drives:
@@ -520,8 +380,12 @@ def walks(data: Path | None) -> Drives:
     UsageError
         If they are not there.
     """
-    folder = recorded_folder(data, WALKS)
-    (pair,) = (pair for pair in whole_pairs(folder.parent) if pair.files == (folder,))
+    if data is None or not (data / WALKS).is_dir():
+        raise UsageError(
+            f"the folder {WALKS}, {stand_in_text(WALKS)}, is not in {data or 'any folder given'}"
+            ": name the folder that holds it with --data"
+        )
+    (pair,) = (pair for pair in whole_pairs(data) if pair.files == (data / WALKS,))
     return _declared([pair], lambda pair: pair, lambda pair: pair.drives)[0]
 
 
@@ -536,7 +400,7 @@ def contests(data: Path | None) -> list[Drives]:
     ]
     if data is None:
         return found
-    found += _declared(whole_pairs(data), counted, lambda pair: pair.drives)
+    found += _declared(whole_pairs(data), _counted, lambda pair: pair.drives)
     sparse, lens = data / BRISBANE, data / LENS
     if sparse.is_dir():
         there, back = _BRISBANE_DRIVES, _BRISBANE_DRIVES[::-1]
@@ -553,14 +417,13 @@ def contests(data: Path | None) -> list[Drives]:
 
 
 def _street_contest(window: str, seed: int) -> CountedPair:
-    return count_simulated(*_kept_street(FIRST_SEED + seed), window=window)
+    return _kept_street(FIRST_SEED + seed).counted(window=window)
 
 
 @lru_cache(maxsize=1)
-def _kept_street(seed: int) -> tuple[SimulatedRecording, SimulatedRecording]:
+def _kept_street(seed: int) -> Pair:
     """Simulate a street, which is counted in several ways."""
-    reference, query = simulate_pair(seed, length_m=LENGTH_M)
-    return reference.keep(), query.keep()
+    return simulated_pair(seed, length_m=LENGTH_M)
 
 
 def _brisbane_contest(folder: Path, logs: Path, names: tuple[str, str], seed: int) -> CountedPair:

@@ -24,7 +24,6 @@ import fixedpoint
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr_tools import research
 from edge_vpr_tools.report.tables import SEED, TableView, table_of, write_spreadsheet
-from edge_vpr_tools.research.catalogue import stand_in_text
 from edge_vpr_tools.research.trials import (
     SCHEMA,
     NamedTrial,
@@ -133,52 +132,6 @@ def open_experiment(name: str) -> Experiment:
     return found
 
 
-def recorded_folder(data: Path | None, folder: str) -> Path:
-    """Return the folder of recorded drives that an experiment needs.
-
-    Raises
-    ------
-    UsageError
-        If it is not there.
-    """
-    if data is None or not (data / folder).is_dir():
-        raise UsageError(
-            f"the folder {folder}, {stand_in_text(folder)}, is not in {data or 'any folder given'}"
-            ": name the folder that holds it with --data"
-        )
-    return data / folder
-
-
-def rows_of(
-    experiment: Experiment, data: Path | None, seeds: int, systems: tuple[str, ...] = ()
-) -> list[dict[str, Any]]:
-    """Measure all drives of an experiment with all seeds, in this process."""
-    return _concluded(
-        experiment,
-        [
-            {DRIVES: drives.name, **row, SEED: seed}
-            for drives in experiment.drives(data)
-            for seed in range(seeds if drives.drawn else 1)
-            for row in _measured(experiment, drives, seed, systems)
-        ],
-    )
-
-
-def _measured(
-    experiment: Experiment, drives: Drives, seed: int, systems: tuple[str, ...]
-) -> Iterator[Row]:
-    """Yield the rows of one pair of drives with one seed."""
-    draw = Draw(drives.open(seed), seed, drives.varied or seed == 0, systems)
-    for row in experiment.measure(draw):
-        yield {**{name: row[name] for name in experiment.names}, **row}
-
-
-def _concluded(experiment: Experiment, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the rows of all trials with those that follow from them."""
-    more = experiment.conclude(rows) if experiment.conclude is not None else ()
-    return [*rows, *map(dict, more)]
-
-
 # Trials of experiments.
 
 
@@ -216,8 +169,13 @@ def run_trial(trial: ExperimentTrial) -> ExperimentResult:
     experiment = open_experiment(trial.experiment)
     data = None if trial.data is None else Path(trial.data)
     (drives,) = (each for each in experiment.drives(data) if each.name == trial.drives)
-    rows = tuple(_measured(experiment, drives, trial.seed, trial.systems))
-    return ExperimentResult(rows=rows, elapsed_s=time.perf_counter() - start)
+    is_new = drives.varied or trial.seed == 0
+    draw = Draw(drives.open(trial.seed), trial.seed, is_new, trial.systems)
+    rows = [
+        {**{name: row[name] for name in experiment.names}, **row}
+        for row in experiment.measure(draw)
+    ]
+    return ExperimentResult(rows=tuple(rows), elapsed_s=time.perf_counter() - start)
 
 
 def trials_of(
@@ -338,7 +296,9 @@ def run_experiments(
             assert found is not None
             elapsed_s += found.elapsed_s
             rows += [{DRIVES: one.drives, **row, SEED: one.seed} for row in found.rows]
-        measured.append(Measured(name, _concluded(open_experiment(name), rows), elapsed_s))
+        conclude = open_experiment(name).conclude
+        rows += [] if conclude is None else map(dict, conclude(rows))
+        measured.append(Measured(name, rows, elapsed_s))
     return run, measured
 
 

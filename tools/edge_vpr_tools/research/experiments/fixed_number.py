@@ -17,11 +17,11 @@ from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.counting import EventSource
 from edge_vpr.simulation import REFERENCE, simulate_pair
-from edge_vpr_tools.research.experiments.drives import Pair, event_drives, simulated_events
+from edge_vpr_tools.research.experiments.drives import event_drives
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
+from edge_vpr_tools.research.experiments.pairs import SIMULATED, Pair
 from edge_vpr_tools.research.experiments.plots import lines
-from edge_vpr_tools.research.experiments.simulated import SIMULATED
-from edge_vpr_tools.research.experiments.trial import Variant, run_trial
+from edge_vpr_tools.research.experiments.variants import Variant
 
 LENGTH_M = 450.0
 #: speeds of the query as multiples of the reference's
@@ -61,7 +61,7 @@ def street(seed: int) -> list[tuple[str, Pair]]:
         first, query = simulate_pair(seed, length_m=LENGTH_M, reference=still, query=other)
         reference = first.keep() if reference is None else reference
         query.keep()
-        found.append((f"speed x {speed:g}", simulated_events(reference, query)))
+        found.append((f"speed x {speed:g}", Pair.simulated(reference, query)))
     return found
 
 
@@ -71,16 +71,14 @@ def measure(draw: Draw) -> Iterator[Row]:
     queries: list[tuple[str, Pair]] = [("as recorded", draw.pair)] if recorded else draw.pair
     reference = extent(queries[0][1].events[0])
     for name, pair in queries:
-        settings = pair.settings.replaced({"seed": draw.seed}, "seed")
         query = extent(pair.events[1])
         for variant in VARIANTS:
-            trial = run_trial(*pair.events, pair.truth_of, settings, variant)
             yield {
                 "query": name,
                 "variant": variant.name,
                 DURATION: query.duration_us / max(1, reference.duration_us),
                 EVENTS: query.events / max(1, reference.events),
-                "P@100R": trial.evaluation.precision_at_100_recall,
+                "P@100R": variant.of(pair, draw.seed).correct(),
             }
 
 

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.counting import EventSource
 from edge_vpr.errors import UsageError
@@ -22,19 +22,18 @@ from edge_vpr.simulation import simulate_pair
 from edge_vpr_tools.research.baselines import Baseline, open_baseline
 from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
 from edge_vpr_tools.research.datasets import PublishedDrive, PublishedPair, published_pairs
-from edge_vpr_tools.research.experiments.drives import (
-    LENGTH_M,
+from edge_vpr_tools.research.experiments.drives import LENGTH_M
+from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
+from edge_vpr_tools.research.experiments.pairs import (
+    SIMULATED,
     CountedDrive,
     CountedPair,
-    count_pair,
-    count_simulated,
+    Pair,
+    Times,
     truths_of_tracks,
 )
-from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
 from edge_vpr_tools.research.experiments.plots import dots
 from edge_vpr_tools.research.experiments.rivals import compare_systems
-from edge_vpr_tools.research.experiments.simulated import SIMULATED
-from edge_vpr_tools.research.experiments.trial import Times
 from edge_vpr_tools.research.intensity import IntensityFrames, frames_at, open_intensity
 from edge_vpr_tools.research.intensity.frames import simulated_images
 
@@ -107,7 +106,7 @@ def _read(
         events = None
         times = [_grid(drive) for drive in (reference, query)]
     else:
-        events = count_pair(name, reference.recording, query.recording, SETTINGS, truths)
+        events = Pair(name, reference.recording, query.recording, SETTINGS, truths).counted()
         times = [events.reference.centre_us, events.query.centre_us]
     first, second = (
         CountedDrive(
@@ -156,7 +155,7 @@ DENSE = {"all pixels": "all-pixels", "patch-normalised": "patch-normalised"}
 def simulated_frames(seed: int, length_m: float = LENGTH_M, sensor: str = "default") -> FramedPair:
     """Simulate the pair of this seed, and take a frame at the centre of each window."""
     drives = tuple(drive.keep() for drive in simulate_pair(seed, sensor, length_m=length_m))
-    events = count_simulated(*drives)
+    events = Pair.simulated(*drives).counted(window="count")
     rng = np.random.default_rng(seed)
     first, second = (
         CountedDrive(simulated_images(drive, counted.centre_us, rng), counted.centre_us)
@@ -198,11 +197,10 @@ def drives(data: Path | None) -> list[Drives]:
     return [streets, *(framed_pairs(data) if data is not None else ())]
 
 
-def figure(rows: Rows) -> Figure:
-    """Draw correct matches of every choice, as events and as frames."""
-    return dots(rows, measures=("P@100R", "R@99P"), row="system", series="seen")
-
-
 EXPERIMENT = Experiment(
-    drives=drives, names=("seen", "system"), measure=measure, figure=figure, takes_systems=True
+    drives=drives,
+    names=("seen", "system"),
+    measure=measure,
+    figure=partial(dots, measures=("P@100R", "R@99P"), row="system", series="seen"),
+    takes_systems=True,
 )

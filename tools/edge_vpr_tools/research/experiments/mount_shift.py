@@ -15,25 +15,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.counting import DescriptorStream, EventSource, WindowSource
-from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedTime, WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.registration import register
-from edge_vpr_tools.research.baselines import map_all_pixels
 from edge_vpr_tools.research.experiments.drives import (
     INDOOR,
     PAPER,
     WALKS,
-    Pair,
     recorded_drives,
     without_pairs,
 )
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
+from edge_vpr_tools.research.experiments.pairs import Pair, count_drive
 from edge_vpr_tools.research.experiments.plots import lines
-from edge_vpr_tools.research.experiments.trial import DEFAULT_MATCHING
+from edge_vpr_tools.research.experiments.variants import DEFAULT_MATCHING, Variant
 
 #: shifts to the right and downwards, in pixels
 SHIFTS = (0, 1, 2, 4, 8)
@@ -41,26 +37,23 @@ _CODED = {"counter_code": "log"}
 
 
 @dataclass(frozen=True)
-class Method:
-    """How a shifted drive is matched."""
+class Method(Variant):
+    """Variant by which a shifted drive is matched."""
 
-    name: str
-    changes: dict[str, Any]
     registered: bool = False
-    all_pixels: bool = False
 
 
 METHODS = (
-    Method("counts", {}),
-    Method("counts, registered", {}, True),
+    Method("counts"),
+    Method("counts, registered", registered=True),
     Method("3-bit logarithms", _CODED),
-    Method("3-bit logarithms, registered", _CODED, True),
+    Method("3-bit logarithms, registered", _CODED, registered=True),
     Method("place filter (default)", DEFAULT_MATCHING),
-    Method("place filter, registered", DEFAULT_MATCHING, True),
+    Method("place filter, registered", DEFAULT_MATCHING, registered=True),
 )
 #: methods that draw no pixels, and are therefore matched once, beside the largest number of pixels
 EVERY = (
-    Method("all pixels, counts", {}, all_pixels=True),
+    Method("all pixels, counts", all_pixels=True),
     Method("all pixels, 3-bit logarithms", _CODED, all_pixels=True),
 )
 
@@ -102,29 +95,18 @@ def shifted(image: npt.NDArray[np.integer], dx: int, dy: int) -> npt.NDArray[np.
     return found
 
 
-def counted_images(drive: EventSource | WindowSource, window_us: int) -> npt.NDArray[np.integer]:
-    """Count a drive at every pixel, window by window, as (n, height, width)."""
-    if isinstance(drive, WindowSource):
-        windows = drive.windows()
-    else:
-        stream = DescriptorStream(PixelMap.all_of(drive.sensor), FixedTime(window_us))
-        windows = (window for events in drive for window in stream.windows(events))
-    size = (drive.sensor.height, drive.sensor.width)
-    return np.array([w.counts.astype(np.uint16).reshape(size) for w in windows])
-
-
 def measure(draw: Draw) -> Iterator[Row]:
     """Shift the query, and match it by every method."""
     pair: Pair = draw.pair
     window_us = pair.settings.tau_us
-    first, second = (counted_images(drive, window_us) for drive in (pair.reference, pair.query))
+    first, second = (
+        count_drive(drive, FixedTime(window_us), bursts=True).images
+        for drive in (pair.reference, pair.query)
+    )
     reference = ShiftedWindows(first, window_us)
     every = draw.is_new and pair.settings.pixels == PAPER.pixels
     for method in (*METHODS, *(EVERY if every else ())):
-        chosen = pair.settings.replaced({"seed": draw.seed, **method.changes}, method.name)
-        mapped = ReferenceMap.build(reference, chosen)
-        if method.all_pixels:
-            mapped = map_all_pixels(reference, chosen, mapped.hot)
+        mapped = method.map(reference, pair.drawn_with(draw.seed))
         for shift in SHIFTS:
             row: dict[str, Any] = {"way": method.name, "shift": shift}
             query, used = ShiftedWindows(second, window_us, shift, shift), mapped

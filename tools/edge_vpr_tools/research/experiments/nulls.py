@@ -15,9 +15,8 @@ import numpy as np
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr.matching.drive import match_query
-from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.research.experiments.experiment import CHOSEN_ON, Row
+from edge_vpr_tools.research.experiments.pairs import MappedPair
 
 #: data that chose the parameters of the default, of methods of others, and of no parameters
 BY_US, BY_AUTHORS, BY_NOBODY = "streets and the real drives", "its authors", "none"
@@ -55,27 +54,20 @@ def constant_speed(truth: GroundTruth) -> float:
 
 
 def null_rows(
-    reference: ReferenceMap,
-    counted: Descriptors,
-    truth: GroundTruth,
-    rng: np.random.Generator,
-    column: str,
-    ending: str = "",
+    pair: MappedPair, rng: np.random.Generator, column: str, ending: str = ""
 ) -> Iterator[Row]:
-    """Yield a row for each null baseline of a map and its settings.
+    """Yield a row for each null baseline of a pair, with the settings of its map.
 
     Parameters
     ----------
-    counted : Descriptors
-        Counts of the query at the map's pixels.
     column : str
         Column of the name.
     ending : str
         Of the names of all but the constant speed, which has no settings and no row if this is not
         empty.
     """
-    for name, shown in null_queries(counted, rng):
-        found = evaluate(match_query(reference, reference.coded(shown)), truth)
+    for name, shown in null_queries(pair.counted, rng):
+        found = evaluate(replace(pair, counted=shown).match(), pair.truth)
         yield {
             column: name + ending,
             CHOSEN_ON: BY_US,
@@ -86,5 +78,5 @@ def null_rows(
         yield {
             column: CONSTANT_SPEED,
             CHOSEN_ON: BY_NOBODY,
-            "P@100R": constant_speed(truth),
+            "P@100R": constant_speed(pair.truth),
         }

@@ -7,17 +7,14 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr.matching.drive import match_query
-from edge_vpr.matching.matches import Matches
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.research.baselines import open_baseline
 from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
-from edge_vpr_tools.research.experiments.drives import CountedPair, counted_drives
+from edge_vpr_tools.research.experiments.drives import counted_drives
 from edge_vpr_tools.research.experiments.experiment import Draw, Experiment, Row
+from edge_vpr_tools.research.experiments.pairs import CountedPair
 from edge_vpr_tools.research.experiments.plots import lines
-from edge_vpr_tools.research.experiments.rivals import compare_systems, map_of, windows_at
+from edge_vpr_tools.research.experiments.rivals import compare_systems
 
 NUMBERS = (5, 10, 25, 50, 83, 150, 300)
 #: strategies with the suppression of the default number of pixels; numbers of pixels that do not
@@ -40,7 +37,6 @@ _ROBOT = {"smooth": False, "query_mean": "running"}
 def measure(draw: Draw) -> Iterator[Row]:
     """Match a pair with every choice and number of pixels, and with all of them."""
     pair: CountedPair = draw.pair
-    truth = pair.truth()
     for name, changes in STRATEGIES.items():
         for number in NUMBERS:
             settings = pair.settings.replaced(
@@ -52,23 +48,16 @@ def measure(draw: Draw) -> Iterator[Row]:
                 continue
             row = {"pixels chosen by": name, "pixels": number}
             yield {"matching": PAPER, **row, "P@100R": found[0]["P@100R"]}
-            matches = match_as_robot(pair, pixels.pixel_map)
-            correct = evaluate(matches, truth).precision_at_100_recall
-            yield {"matching": ROBOT, **row, "P@100R": correct}
+            robot = PRESETS["default"].replaced(
+                {"pixels": len(pixels.pixel_map), "window": pair.settings.window, **_ROBOT}, ROBOT
+            )
+            mapped = pair.mapped(pixels.pixel_map, robot)
+            yield {"matching": ROBOT, **row, "P@100R": mapped.correct()}
     if draw.is_new:
         for found_all in compare_systems(pair, [(ALL, open_baseline("all-pixels"))]):
             every = pair.reference.images[0].size
             row = {"matching": PAPER, "pixels chosen by": ALL, "pixels": every}
             yield {**row, "P@100R": found_all["P@100R"]}
-
-
-def match_as_robot(pair: CountedPair, pixel_map: PixelMap) -> Matches:
-    """Match a pair at these pixels by the default method, window by window."""
-    settings = PRESETS["default"].replaced(
-        {"pixels": len(pixel_map), "window": pair.settings.window, **_ROBOT}, ROBOT
-    )
-    coded = map_of(pair.reference, pixel_map, settings)
-    return match_query(coded, coded.coded(windows_at(pair.query, pixel_map)))
 
 
 EXPERIMENT = Experiment(

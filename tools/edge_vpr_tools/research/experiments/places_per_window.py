@@ -20,7 +20,6 @@ from edge_vpr.descriptors.counting import EventSource, count_windows
 from edge_vpr.evaluation.calibration import reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr.matching.drive import match_query
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
@@ -28,13 +27,17 @@ from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from edge_vpr.simulation.drive import wheel_odometry
 from edge_vpr_tools.report.tables import TableView
-from edge_vpr_tools.research.experiments.calibration import Case, carried_off, without_places
-from edge_vpr_tools.research.experiments.drives import WALKS, Pair, walks
+from edge_vpr_tools.research.experiments.calibration import carried_off, without_places
+from edge_vpr_tools.research.experiments.drives import WALKS, second_drive, walks
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
 from edge_vpr_tools.research.experiments.nulls import null_queries
-from edge_vpr_tools.research.experiments.place_filter import second_drive
+from edge_vpr_tools.research.experiments.pairs import (
+    MappedPair,
+    Pair,
+    TruthOf,
+    truth_of_tracks,
+)
 from edge_vpr_tools.research.experiments.plots import dots
-from edge_vpr_tools.research.experiments.trial import TruthOf, truth_of_tracks
 
 LENGTH_M, TOLERANCES_M = 450.0, (10.0, 20.0)
 FIRST_SEED = 70
@@ -116,8 +119,7 @@ def measure(draw: Draw) -> Iterator[Row]:
                 row = {"pixels": pixels, "query": query.name, _NUMBER: number}
                 for (matched, changes), (name, seen) in product(MATCHED.items(), shown.items()):
                     named = {**row, "matched": matched, "odometry": "none"}
-                    asked = mapped.settings.replaced(changes, matched)
-                    drive = Case(mapped.matched_with(asked), seen, truths[-1])
+                    drive = MappedPair(mapped, seen, truths[-1]).with_settings(changes)
                     yield {**named, "drive": name, **_figures(drive, drive.match(), truths)}
                     for part_name, left in LEFT_MAP.items() if name == WHOLE else ():
                         part = left(drive, number)
@@ -126,18 +128,18 @@ def measure(draw: Draw) -> Iterator[Row]:
                     if query.odometry is not None and route.odometry is not None:
                         along_mm = route.odometry.along(mapped.places.centre_us)
                         metred = replace(drive.reference, odometer_mm=along_mm)
-                        found = match_query(metred, metred.coded(seen), query.odometry)
+                        found = replace(drive, reference=metred).match(query.odometry)
                         figures = _figures(drive, found, truths)
                         yield {**named, "odometry": "wheels", "drive": name, **figures}
 
 
-def _cut(drive: Case, number: int) -> Case:
+def _cut(drive: MappedPair, number: int) -> MappedPair:
     """Cut the third quarter out of the map."""
     places = len(drive.reference) // number
     return without_places(drive, number * (places // 2), number * (3 * places // 4))
 
 
-def _carried(drive: Case, number: int) -> Case:
+def _carried(drive: MappedPair, number: int) -> MappedPair:
     windows = len(drive.counted)
     return carried_off(drive, windows // 3, 2 * windows // 3)
 
@@ -148,7 +150,7 @@ LEFT_MAP = {"a quarter cut out": _cut, "carried off": _carried}
 NULLS = ("null: windows shuffled", "null: query reversed")
 
 
-def _figures(drive: Case, found: Matches, truths: Sequence[GroundTruth]) -> Row:
+def _figures(drive: MappedPair, found: Matches, truths: Sequence[GroundTruth]) -> Row:
     """Return the figures of a drive; those of probabilities, and "wide", are by the last truth."""
     reference, known = drive.reference, truths[-1].known
     wide = truths[-1].correct[found.place, found.query]

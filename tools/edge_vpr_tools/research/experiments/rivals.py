@@ -18,28 +18,18 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors, narrow
+from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr.map_record import coded_map
-from edge_vpr.matching.drive import anchor_offset, match_query
+from edge_vpr.matching.drive import anchor_offset
 from edge_vpr.matching.matches import Matches
-from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.report.tables import TableView
-from edge_vpr_tools.research.baselines import (
-    Baseline,
-    baseline_names,
-    compare,
-    filter_distances,
-    match_distances,
-    open_baseline,
-)
+from edge_vpr_tools.research.baselines import Baseline, baseline_names, compare, open_baseline
 from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
-from edge_vpr_tools.research.experiments.drives import CountedDrive, CountedPair, contests
+from edge_vpr_tools.research.experiments.drives import contests
 from edge_vpr_tools.research.experiments.experiment import CHOSEN_ON, Draw, Experiment, Row, Rows
 from edge_vpr_tools.research.experiments.nulls import (
     BY_AUTHORS,
@@ -49,8 +39,8 @@ from edge_vpr_tools.research.experiments.nulls import (
     constant_speed,
     null_queries,
 )
+from edge_vpr_tools.research.experiments.pairs import CountedPair, inner_windows
 from edge_vpr_tools.research.experiments.plots import costs
-from edge_vpr_tools.research.experiments.trial import inner_windows
 
 # How a matrix of distances becomes matches.
 
@@ -109,8 +99,8 @@ class System:
     chosen_on : str
         Data that chose its parameters.
     match : callable
-        Maps settings, and the first and last window of a part of the query, to the matches of this
-        part; its windows count from 0.
+        Maps settings, and a part of the query's windows, to the matches of this part, whose windows
+        count from 0.
     bytes_per_place, operations : int or None
         Of `Compared`.
     query_us : float or None
@@ -121,7 +111,7 @@ class System:
 
     name: str
     chosen_on: str
-    match: Callable[[Settings, int, int], Matches]
+    match: Callable[[Settings, slice], Matches]
     bytes_per_place: int | None = None
     operations: int | None = None
     query_us: float | None = None
@@ -131,64 +121,38 @@ class System:
 OURS = "edge-vpr (default)"
 
 
-def ours(pair: CountedPair, seed: int) -> tuple[ReferenceMap, Descriptors]:
-    """Map the reference at the default's pixels, and count the query there."""
+#: of a `Decoder`, the settings that match the default's own distances
+_DECODED = (
+    "matching", "smooth", "delay", "query_mean", "precision", "score", "sequence_length", "anchor",
+)  # fmt: skip
+
+
+def our_systems(pair: CountedPair, seed: int) -> Iterator[System]:
+    """Yield the default, and the default on queries that show nothing of the route."""
     pixels = min(_DEFAULT.pixels, pair.pixels)
     every = {"strategy": "top"} if pixels == pair.pixels else {}
     settings = _DEFAULT.replaced({"pixels": pixels, "seed": seed, **every}, OURS)
     chosen = SelectedPixels(OURS, settings)
     chosen.prepare(pair.reference.images)
-    return map_of(pair.reference, chosen.pixel_map, settings), windows_at(
-        pair.query, chosen.pixel_map
-    )
+    mapped = pair.mapped(chosen.pixel_map, settings)
 
+    def match(shown: Descriptors, settings: Settings, part: slice) -> Matches:
+        changed = mapped.with_settings({each: getattr(settings, each) for each in _DECODED})
+        return replace(changed, counted=shown.take(part)).match()
 
-def map_of(drive: CountedDrive, pixel_map: PixelMap, settings: Settings) -> ReferenceMap:
-    """Map a counted drive at these pixels."""
-    size = drive.images.shape[1:]
-    nothing = np.zeros(size, dtype=np.float32), np.zeros(size, dtype=np.bool_)
-    places = windows_at(drive, pixel_map)
-    return coded_map(ReferenceMap(settings.uncoded, pixel_map, places, *nothing), settings)
-
-
-def windows_at(drive: CountedDrive, pixel_map: PixelMap) -> Descriptors:
-    """Return the counts of a drive's windows at some pixels."""
-    counts, centre = drive.images[:, pixel_map.y, pixel_map.x], drive.centre_us
-    events = drive.images.sum(axis=(1, 2), dtype=np.int64)
-    return Descriptors(narrow(counts), centre, centre + 1, events)
-
-
-def our_systems(pair: CountedPair, seed: int) -> Iterator[System]:
-    """Yield the default, and the default on queries that show nothing of the route."""
-    mapped, counted = ours(pair, seed)
-
-    def system(name: str, queries: Descriptors, only: Sequence[str] | None = None) -> System:
-        def match(settings: Settings, first: int, last: int) -> Matches:
-            changed = mapped.settings.replaced(
-                {
-                    each: getattr(settings, each)
-                    for each in (
-                        "matching", "smooth", "delay", "query_mean", "precision", "score",
-                        "sequence_length", "anchor",
-                    )
-                },
-                name,
-            )  # fmt: skip
-            reference = replace(mapped, settings=changed)
-            return match_query(reference, reference.coded(queries.take(slice(first, last))))
-
-        return System(name, BY_US, match, only=only)
-
-    _, coding_s = fastest(lambda: mapped.coded(counted))
-    yield replace(
-        system(OURS, counted),
-        bytes_per_place=mapped.packed_bytes_per_place,
-        operations=mapped.places.counts.size,
-        query_us=1e6 * coding_s / len(counted),
+    reference, counted = mapped.reference, mapped.counted
+    _, coding_s = fastest(lambda: reference.coded(counted))
+    yield System(
+        OURS,
+        BY_US,
+        partial(match, counted),
+        reference.packed_bytes_per_place,
+        reference.places.counts.size,
+        1e6 * coding_s / len(counted),
     )
     filters = [name for name in decoders(LONGEST) if "filter" in name]
     for name, shown in null_queries(counted, np.random.default_rng(seed)):
-        yield system(name, shown, filters)
+        yield System(name, BY_US, partial(match, shown), only=filters)
 
 
 def rivals_of(
@@ -208,26 +172,10 @@ def rivals_of(
             found = compare(baseline, pair.reference.images, pair.query.images)
         except UsageError:  # as where the surrounds of the pixels do not fit the sensor
             continue
-        events = tuple(
-            d.images.sum(axis=(1, 2), dtype=np.int64) for d in (pair.reference, pair.query)
-        )
-
-        def match(
-            settings: Settings,
-            first: int,
-            last: int,
-            distances: npt.NDArray[np.float64] = found.distances,
-            activity: Sequence[npt.NDArray[np.int64]] = events,
-        ) -> Matches:
-            part, centre_us = distances[:, first:last], pair.query.centre_us[first:last]
-            if settings.matching == "filter":
-                windows = activity[0], activity[1][first:last]
-                return filter_distances(part, windows, centre_us, settings)
-            return match_distances(part, centre_us, settings)
-
         yield System(
-            name, BY_AUTHORS, match, found.bytes_per_place, found.operations, found.query_us
-        )
+            name, BY_AUTHORS, partial(pair.match, found.distances), found.bytes_per_place,
+            found.operations, found.query_us,
+        )  # fmt: skip
 
 
 #: baselines that draw pixels, so that several draws differ
@@ -283,7 +231,7 @@ def measure(draw: Draw) -> Iterator[Row]:
         for matching, decoder in matchings.items():
             if system.only is not None and matching not in system.only:
                 continue
-            matches, matching_s = fastest(partial(system.match, decoder.settings, 0, windows))
+            matches, matching_s = fastest(partial(system.match, decoder.settings, slice(None)))
             starts = _starts(system, decoder, windows) if decoder.lag is not None else None
             for tolerance, truth in truths.items():
                 row = {
@@ -344,11 +292,10 @@ class _Start(NamedTuple):
 
 def _starts(system: System, decoder: Decoder, windows: int) -> list[_Start]:
     """Match from many windows on."""
-    found = []
-    for first in range(0, windows - LEFT, START_EVERY):
-        last = min(first + GIVEN, windows)
-        found.append(_Start(first, system.match(decoder.settings, first, last)))
-    return found
+    return [
+        _Start(first, system.match(decoder.settings, slice(first, first + GIVEN)))
+        for first in range(0, windows - LEFT, START_EVERY)
+    ]
 
 
 def first_correct(
@@ -396,8 +343,7 @@ def compare_systems(
     for name, system in systems:
         try:
             found = compare(system, pair.reference.images, pair.query.images)
-            part = found.distances, pair.query.centre_us, pair.settings
-            matches, matching_s = fastest(partial(match_distances, *part))
+            matches, matching_s = fastest(partial(pair.match, found.distances, pair.settings))
         except UsageError:
             continue
         evaluated = evaluate(matches, truth)

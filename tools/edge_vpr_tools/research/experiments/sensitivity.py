@@ -44,8 +44,9 @@ from edge_vpr.matching.place_filter import (
     window_misfit,
     write_match,
 )
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.report.tables import TableView
-from edge_vpr_tools.research.experiments.drives import Pair, recorded_drives
+from edge_vpr_tools.research.experiments.drives import recorded_drives
 from edge_vpr_tools.research.experiments.experiment import (
     CHOSEN_ON,
     DRIVES,
@@ -56,12 +57,12 @@ from edge_vpr_tools.research.experiments.experiment import (
     Rows,
 )
 from edge_vpr_tools.research.experiments.nulls import BY_US, null_queries
+from edge_vpr_tools.research.experiments.pairs import MappedPair
 from edge_vpr_tools.research.experiments.place_filter import (
     ROBOT,
     VARIANTS,
-    Counted,
-    counted_pair,
-    counted_street,
+    driven,
+    driven_street,
 )
 from edge_vpr_tools.research.experiments.plots import lines
 from fixedpoint.activity import PARTS, WEIGHT_BITS
@@ -99,12 +100,12 @@ class Constants:
     doubted: float = 1.0
 
 
-def transitions_of(counted: Counted, constants: Constants) -> Transitions:
+def transitions_of(reference: ReferenceMap, constants: Constants) -> Transitions:
     """Return the moves along a map, with costs of these constants."""
-    default = TransitionCosts.of(counted.settings.replaced(VARIANTS[ROBOT], "variant"))
-    activity = place_activity(counted.reference.places.activity)
-    exclusion = counted.settings.exclusion_places
-    found = Transitions(len(counted.reference), default, activity, exclusion=exclusion)
+    default = TransitionCosts.of(reference.settings)
+    activity = place_activity(reference.places.activity)
+    exclusion = reference.settings.exclusion_places
+    found = Transitions(len(reference), default, activity, exclusion=exclusion)
     table = found.table
     found.table = table._replace(
         costs=np.rint(constants.steps * table.costs).astype(np.int32),
@@ -114,13 +115,13 @@ def transitions_of(counted: Counted, constants: Constants) -> Transitions:
 
 
 def match_with(
-    counted: Counted, constants: Constants, delays: Sequence[int]
+    pair: MappedPair, constants: Constants, delays: Sequence[int]
 ) -> dict[int, npt.NDArray[np.int64]]:
     """Match window by window as on a robot; return the place of each window, by delay."""
-    coded = counted.coded(VARIANTS[ROBOT])
-    queries = coded.coded(counted.queries)
+    coded = pair.coded(VARIANTS[ROBOT]).reference
+    queries = coded.coded(pair.counted)
     distances = ReferenceIndex(coded.places.counts).rows(queries.counts)
-    transitions = transitions_of(counted, constants)
+    transitions = transitions_of(coded, constants)
     cap, doubted = (round(of * EVIDENCE_TOP) for of in (constants.cap, constants.doubted))
     typical, misfit = typical_distances(coded.places.counts), MISFIT_ZERO << LASTING_BITS
     mean, scale = activity_of_drive(coded.places.activity), 0
@@ -204,20 +205,19 @@ Setting = tuple[str, float]
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Vary each constant alone, on a recorded pair or on each drive of a street."""
-    counted = [counted_pair(draw.pair, draw.seed)] if isinstance(draw.pair, Pair) else draw.pair
-    for each in counted:
-        shown = dict(null_queries(each.queries, np.random.default_rng(draw.seed)))
-        null = replace(each, queries=shown[NULL])
-        default = _correct(each, Constants()), _correct(null, Constants())
+    for drives_name, pair, _ in driven(draw):
+        shown = dict(null_queries(pair.counted, np.random.default_rng(draw.seed)))
+        null = replace(pair, counted=shown[NULL])
+        default = _correct(pair, Constants()), _correct(null, Constants())
         for constant, multiples in VARIED.items():
             for times in multiples:
                 varied = Constants(**{constant: times})
                 correct, chance = (
-                    default if times == 1 else (_correct(each, varied), _correct(null, varied))
+                    default if times == 1 else (_correct(pair, varied), _correct(null, varied))
                 )
                 for name in DELAYS:
                     yield {
-                        DRIVES: each.name,
+                        DRIVES: drives_name,
                         CONSTANT: SHOWN[constant],
                         TIMES: times,
                         "matching": name,
@@ -227,9 +227,9 @@ def measure(draw: Draw) -> Iterator[Row]:
                     }
 
 
-def _correct(counted: Counted, constants: Constants) -> dict[str, float]:
+def _correct(pair: MappedPair, constants: Constants) -> dict[str, float]:
     """Return the share of correct matches by the name of the delay."""
-    found, truth = match_with(counted, constants, list(DELAYS.values())), counted.truth
+    found, truth = match_with(pair, constants, list(DELAYS.values())), pair.truth
     return {
         name: float(truth.correct[found[delay], np.arange(len(found[delay]))][truth.known].mean())
         for name, delay in DELAYS.items()
@@ -273,12 +273,8 @@ def _group(drives: str) -> str:
 
 def drives(data: Path | None) -> list[Drives]:
     """Return streets, and the recorded pairs of a folder."""
-    streets = Drives("streets", _streets, varied=True)
+    streets = Drives("streets", lambda seed: driven_street(FIRST_SEED + seed, KINDS), varied=True)
     return [streets, *(recorded_drives(data) if data is not None else ())]
-
-
-def _streets(seed: int) -> Iterator[Counted]:
-    return counted_street(FIRST_SEED + seed, KINDS)
 
 
 def figure(rows: Rows) -> Figure:

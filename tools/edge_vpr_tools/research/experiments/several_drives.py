@@ -8,24 +8,23 @@ Nothing was chosen on these streets.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 from edge_vpr.descriptors.counting import count_windows
-from edge_vpr.evaluation.ground_truth import from_tracks
-from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.tracks import with_positions
 from edge_vpr.learning import learn_drive
-from edge_vpr.matching.drive import match_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import SimulatedRecording, simulate_pair
 from edge_vpr_tools.report.tables import TableView
+from edge_vpr_tools.research.experiments.drives import second_drive
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
-from edge_vpr_tools.research.experiments.place_filter import second_drive
+from edge_vpr_tools.research.experiments.pairs import MappedPair, truth_of_pair
 from edge_vpr_tools.research.experiments.plots import dots
 
-LENGTH_M, TOLERANCE_M = 450.0, 10.0
+LENGTH_M = 450.0
 FIRST_SEED = 80
 PIXELS = (25, 150)
 LIGHTS: Mapping[str, str] = {
@@ -69,9 +68,13 @@ def measure(draw: Draw) -> Iterator[Row]:
     for pixels in PIXELS:
         settings = PRESETS["default"].replaced({"pixels": pixels, "seed": draw.seed}, "street")
         first = ReferenceMap.build(street.reference, settings)
-        counted = {
-            name: {light: count_windows(one, first.pixel_map, settings) for light, one in of}
-            for name, of in (("learnt", street.learnt.items()), ("queries", street.queries.items()))
+        learnt = {
+            light: count_windows(one, first.pixel_map, settings)
+            for light, one in street.learnt.items()
+        }
+        queries = {
+            light: MappedPair.of(first, one, truth_of_pair(street.reference, one))
+            for light, one in street.queries.items()
         }
         for name, lights in LEARNT.items():
             for aligned in ("by matching", "by tracks") if lights else ("alone",):
@@ -79,25 +82,16 @@ def measure(draw: Draw) -> Iterator[Row]:
                 route = with_positions(first, street.reference.track) if by_tracks else first
                 for light in lights:
                     track = street.learnt[light].track if by_tracks else None
-                    route = learn_drive(route, counted["learnt"][light], track=track).reference
-                for light, query in street.queries.items():
-                    described = counted["queries"][light]
-                    truth = from_tracks(
-                        street.reference.track,
-                        query.track,
-                        first.places.centre_us,
-                        described.centre_us,
-                        TOLERANCE_M,
-                    )
+                    route = learn_drive(route, learnt[light], track=track).reference
+                for light, pair in queries.items():
                     for matched, by in (("live", route.causal()), ("recorded", route)):
-                        found = evaluate(match_query(by, by.coded(described)), truth)
                         yield {
                             "map": name,
                             "aligned": aligned,
                             "pixels": pixels,
                             "query": light,
                             "matched": matched,
-                            "P@100R": found.precision_at_100_recall,
+                            "P@100R": replace(pair, reference=by).correct(),
                         }
 
 

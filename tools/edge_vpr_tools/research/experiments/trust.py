@@ -14,10 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from edge_vpr.confidence import SMOOTHED
-from edge_vpr.descriptors.counting import count_windows
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.tracks import distances, with_positions
-from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.research.experiments import calibration
 from edge_vpr_tools.research.experiments.calibration import (
@@ -27,16 +25,15 @@ from edge_vpr_tools.research.experiments.calibration import (
     NAMES,
     STAYS_ON_MAP,
     WHOLE,
-    Case,
     carried_off,
     described,
     evaluate_tables,
     scrambled,
-    with_settings,
     without_places,
 )
-from edge_vpr_tools.research.experiments.drives import Pair, Tracks, recorded_drives
+from edge_vpr_tools.research.experiments.drives import recorded_drives
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
+from edge_vpr_tools.research.experiments.pairs import MappedPair, Pair, Tracks
 
 #: of `MATCHINGS`, those that are evaluated, and those that a robot can use
 LIVE = ("4", "0")
@@ -49,18 +46,10 @@ _SAME_M = 5.0
 BY_TOLERANCE = "precision by tolerance"
 
 
-def case_of(pair: Pair, seed: int) -> Case:
-    """Map and describe a pair with the default settings and one draw of pixels.
-
-    The truth is that of the pair's first tolerance.
-    """
-    settings = PRESETS["default"].replaced(
-        {"pixels": pair.settings.pixels, "strategy": pair.settings.strategy, "seed": seed}, "trust"
-    )
-    mapped = ReferenceMap.build(pair.reference, settings)
-    counted = count_windows(pair.query, mapped.pixel_map, settings)
-    truth = pair.truth_of(mapped.places.centre_us, counted.centre_us)
-    return Case(mapped, counted, truth)
+def mapped_by_default(pair: Pair, seed: int) -> MappedPair:
+    """Map a pair with the default settings and one draw of pixels."""
+    chosen = {"pixels": pair.settings.pixels, "strategy": pair.settings.strategy, "seed": seed}
+    return pair.mapped(PRESETS["default"].replaced(chosen, "trust"))
 
 
 def in_zone(truth: GroundTruth, places: int) -> GroundTruth:
@@ -92,25 +81,25 @@ def in_zone(truth: GroundTruth, places: int) -> GroundTruth:
     return GroundTruth(correct & truth.known, truth.known, f"within {places} places")
 
 
-def driven_versions(case: Case, piece: tuple[int, int]) -> dict[str, list[Case]]:
+def driven_versions(mapped: MappedPair, piece: tuple[int, int]) -> dict[str, list[MappedPair]]:
     """Return the drive whole, with a piece cut out of the map, and carried off twice."""
-    windows = len(case.counted)
+    windows = len(mapped.counted)
     return {
-        WHOLE: [case],
-        CUT: [without_places(case, *piece)],
-        CARRIED: [carried_off(case, windows // 3, 2 * windows // 3)],
+        WHOLE: [mapped],
+        CUT: [without_places(mapped, *piece)],
+        CARRIED: [carried_off(mapped, windows // 3, 2 * windows // 3)],
     }
 
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Evaluate the tables on a pair: whole, a piece cut out, carried off twice, and nulls."""
     pair: Pair = draw.pair
-    near = case_of(pair, draw.seed)
-    case = replace(near, truth=in_zone(near.truth, near.reference.settings.exclusion_places))
-    places = len(case.reference)
+    near = mapped_by_default(pair, draw.seed)
+    mapped = replace(near, truth=in_zone(near.truth, near.reference.settings.exclusion_places))
+    places = len(mapped.reference)
     piece = (places // 2, 3 * places // 4) if pair.has_images else _CUT
-    nulls = scrambled(case, np.random.default_rng((_NULLS, draw.seed)))
-    versions = driven_versions(case, piece) | {name: [shown] for name, shown in nulls.items()}
+    nulls = scrambled(mapped, np.random.default_rng((_NULLS, draw.seed)))
+    versions = driven_versions(mapped, piece) | {name: [shown] for name, shown in nulls.items()}
     others: dict[tuple[str, str], dict[str, float]] = {}
     for row in evaluate_tables(driven_versions(near, piece), EVALUATED, ()):
         others[row["map"], row["matching"]] = {
@@ -120,18 +109,18 @@ def measure(draw: Draw) -> Iterator[Row]:
         }
     if pair.tracks is not None:
         for name in EVALUATED:
-            found = interval(pair.tracks, with_settings(case, **MATCHINGS[name]))
+            found = interval(pair.tracks, mapped.with_settings(MATCHINGS[name]))
             others[WHOLE, described(name)] |= found
     for row in evaluate_tables(versions, EVALUATED, LIVE):
         yield {**row, **others.get((row["map"], row["matching"]), {})}
 
 
-def interval(tracks: Tracks, case: Case) -> dict[str, float]:
+def interval(tracks: Tracks, mapped: MappedPair) -> dict[str, float]:
     """Return how often the interval along the route holds the true position, and its length."""
-    route = with_positions(case.reference, tracks.reference).route
+    route = with_positions(mapped.reference, tracks.reference).route
     assert route is not None
-    matches = case.match()
-    known = case.truth.known[matches.query]
+    matches = mapped.match()
+    known = mapped.truth.known[matches.query]
     gaps = distances(
         tracks.query.kind, tracks.query.at(matches.time_us)[known, None], route.position[None]
     )

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from typing import Any
 
 from matplotlib.figure import Figure
 
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.report.tables import TableView
-from edge_vpr_tools.research.experiments.drives import Pair, event_drives
+from edge_vpr_tools.research.experiments.drives import event_drives
 from edge_vpr_tools.research.experiments.experiment import Draw, Experiment, Row, Rows
+from edge_vpr_tools.research.experiments.pairs import Pair
 from edge_vpr_tools.research.experiments.plots import lines
-from edge_vpr_tools.research.experiments.trial import Variant, map_and_describe, match_trial
 
 #: duration of one window in seconds
 WINDOWS_S = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -22,17 +22,13 @@ SPANS_S = (4.0, 8.0, 16.0)
 _EXCLUSION_S = 3.0
 
 
-def variant(window_s: float, span_s: float) -> Variant:
-    """Return the paper's method with windows of this length, and sequences that fill the span."""
-    length = round(span_s / window_s)
-    return Variant(
-        f"{length} windows of {window_s:g} s",
-        {
-            "tau_us": round(window_s * 1e6),
-            "sequence_length": length,
-            "exclusion": max(1, round(_EXCLUSION_S / window_s)),
-        },
-    )
+def changes(window_s: float, span_s: float) -> dict[str, Any]:
+    """Return settings of the paper's method: windows of this length, and sequences of the span."""
+    return {
+        "tau_us": round(window_s * 1e6),
+        "sequence_length": round(span_s / window_s),
+        "exclusion": max(1, round(_EXCLUSION_S / window_s)),
+    }
 
 
 def measure(draw: Draw) -> Iterator[Row]:
@@ -44,14 +40,11 @@ def measure(draw: Draw) -> Iterator[Row]:
     pair: Pair = draw.pair
     settings = PRESETS["paper"].replaced({"seed": draw.seed}, "seed")
     for window_s in WINDOWS_S:
-        tried = variant(window_s, SPANS_S[0])
-        mapped, queries = map_and_describe(*pair.events, settings, tried)
+        mapped = pair.mapped(settings.replaced(changes(window_s, SPANS_S[0]), "windows"))
         for span_s in SPANS_S:
-            longer = variant(window_s, span_s)
-            changed = mapped.settings.replaced(longer.changes, longer.name)
-            trial = match_trial(replace(mapped, settings=changed), queries, pair.truth_of)
             row = {"window (s)": f"{window_s:g}", "match (s)": f"{span_s:g}"}
-            yield {**row, "P@100R": trial.evaluation.precision_at_100_recall}
+            longer = mapped.with_settings(changes(window_s, span_s))
+            yield {**row, "P@100R": longer.correct()}
 
 
 def figure(rows: Rows) -> Figure:

@@ -10,6 +10,7 @@ import re
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,20 +22,14 @@ from edge_vpr.errors import UsageError, did_you_mean
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr.files import read_toml
-from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import Recording, crop_of, open_recording
 from edge_vpr.reference_map import MatchMetrics, ReferenceMap
 from edge_vpr.results import RecordError, from_json
 from edge_vpr.settings import SETTING_FIELDS, Settings, resolve_settings
 from edge_vpr.warm_up import mapping_steps, matching_steps, warm_up
-from edge_vpr_tools.research.baselines import (
-    compare,
-    filter_distances,
-    match_distances,
-    open_baseline,
-)
+from edge_vpr_tools.research.baselines import compare, open_baseline
 from edge_vpr_tools.research.baselines.baseline import fastest
-from edge_vpr_tools.research.experiments.drives import count_pair
+from edge_vpr_tools.research.experiments.pairs import Pair
 from edge_vpr_tools.research.trials import (
     SCHEMA,
     NamedTrial,
@@ -267,18 +262,11 @@ def _run_system(
     start = time.perf_counter()
     baseline = open_baseline(system, settings.seed)
     truths = {system: drives.truth}
-    counted = count_pair(system, drives.open(0), drives.open(1), settings, truths)
+    counted = Pair(system, drives.open(0), drives.open(1), settings, truths).counted()
     places, queries = counted.reference, counted.query
     counting_s = time.perf_counter() - start
     compared = compare(baseline, places.images, queries.images)
-
-    def match() -> Matches:
-        if settings.matching == "filter":
-            activity = places.activity, queries.activity
-            return filter_distances(compared.distances, activity, queries.centre_us, settings)
-        return match_distances(compared.distances, queries.centre_us, settings)
-
-    matches, matching_s = fastest(match)
+    matches, matching_s = fastest(partial(counted.match, compared.distances, settings))
     return evaluate(matches, counted.truth()), {
         "places": len(places.images),
         "pixels": places.images[0].size,
