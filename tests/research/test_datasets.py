@@ -236,7 +236,7 @@ def test_the_complete_log_begins_with_the_recording(shared_data, tmp_path):
         traverse = brisbane(name)
         log = tmp_path / f"{traverse.video}_concat.nmea"
         log.symlink_to(shared_data / "brisbane_sparse49" / f"{name}.nmea")
-        track, beginning_us = traverse.track(tmp_path)
+        track, beginning_us = traverse.origin(tmp_path, 0)
         assert abs(beginning_us / 1e6 - track.start_utc.timestamp()) < 3
 
 

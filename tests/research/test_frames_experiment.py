@@ -13,6 +13,7 @@ from in_process import rows_of
 from test_datasets import brisbane, write_bag, write_log, write_parquet
 from test_intensity import IMAGE, ros_image
 from test_intensity import write_bag as write_messages
+from test_rivals import TRUTHS
 
 from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.evaluation.ground_truth import from_tracks
@@ -68,15 +69,8 @@ def small_pair():
     images = images_of_places()
     times = np.arange(len(images), dtype=np.int64) * SECOND + SECOND // 2
     drive = CountedDrive(images, times)
-    pair = CountedPair("streets", drive, drive, SETTINGS, {"1 s": truth_of})
+    pair = CountedPair("streets", drive, drive, SETTINGS, TRUTHS)
     return frames.FramedPair("streets", pair, pair)
-
-
-def truth_of(places_us, queries_us):
-    from edge_vpr.evaluation.ground_truth import from_alignment
-
-    ends = np.array([[0.0, 0.0], [100.0, 100.0]])
-    return from_alignment(ends, queries_us / SECOND, places_us / SECOND, 1.0, "s")
 
 
 def test_simulated_frames_are_taken_in_the_middle_of_the_windows():

@@ -108,7 +108,7 @@ def test_a_plan_is_variants_times_drives_times_seeds(plan_file):
     ]  # fmt: skip
     assert len(trials) == 6
     # two names of the same settings are one result
-    assert len({one.trial.key for one in trials}) == 4
+    assert len({one.key for one in trials}) == 4
 
 
 def test_a_worker_with_a_nanny_keeps_freed_memory_during_a_job(monkeypatch):
@@ -142,7 +142,7 @@ def test_a_plan_runs_rivals_beside_variants(plan_file, tmp_path):
         "system=active-pixels@1,2": "active-pixels@1,2",
         "again": "all-pixels",
     }
-    keys = [one.trial.key for one in plan.trials() if one.seed == 1]
+    keys = [one.key for one in plan.trials() if one.seed == 1]
     assert len(set(keys)) == 3
     store, _ = swept(plan_file, Inline(), tmp_path / "run")
     by_sequence, _, by_filter = (store.result(key) for key in keys)
@@ -179,7 +179,7 @@ def test_weights_of_a_rival_are_found_from_the_plan_and_are_part_of_the_key(
     plan_file.write_text(PLAN.replace("pixels = 5", 'system = "model:net.onnx@1,2"', 1))
 
     def keys():
-        return {one.trial.key for one in read_plan(plan_file).trials()}
+        return {one.key for one in read_plan(plan_file).trials()}
 
     before = keys()
     assert read_plan(plan_file).systems["again"] == f"model:{weights}@1,2"
@@ -194,7 +194,7 @@ def test_weights_of_a_rival_are_found_from_the_plan_and_are_part_of_the_key(
 
 def test_a_key_is_of_settings_contents_and_version_and_not_of_names(plan_file, tmp_path):
     def keys():
-        return [one.trial.key for one in read_plan(plan_file).trials()]
+        return [one.key for one in read_plan(plan_file).trials()]
 
     before = keys()
     (tmp_path / "monday.npz").rename(tmp_path / "moved.npz")
@@ -205,7 +205,7 @@ def test_a_key_is_of_settings_contents_and_version_and_not_of_names(plan_file, t
     plan_file.write_text(PLAN.replace("monday", "moved"))
     (tmp_path / "truth.csv").write_text("query_s,reference_s\n0,0\n1000,1001\n")
     assert not set(keys()) & set(before)
-    trial = next(read_plan(plan_file).trials()).trial
+    trial, *_ = read_plan(plan_file).trials().values()
     assert replace(trial, version="9.9.9").key != trial.key
     with pytest.raises(UsageError, match=r"and the sweep is of 9\.9\.9"):
         run_trial(replace(trial, version="9.9.9"))

@@ -46,6 +46,8 @@ QCR_ROUTE_M = 160.0
 Files = Literal["parquet", "bag", "hdf5"]
 #: in order of preference
 _EVERY_KIND: tuple[Files, ...] = ("parquet", "bag", "hdf5")
+#: of files that do not state theirs
+TIME_UNITS = {".parquet": "us", ".h5": "ns"}
 Landmarks = Literal["common", "released-code"]
 
 
@@ -80,7 +82,6 @@ class BrisbaneTraverse:
 
     sensor = SENSOR
     kinds: ClassVar[tuple[Files, ...]] = ("parquet", "bag")
-    time_units: ClassVar[Mapping[str, str]] = {"parquet": "us"}
 
     def file_name(self, kind: Files) -> str:
         """Return the published name of the recording's file."""
@@ -98,10 +99,6 @@ class BrisbaneTraverse:
             brisbane_download(self.name, self.recording), bags
         )  # fmt: skip
 
-    def origin(self, folder: Path, start_us: int) -> tuple[Track, int]:
-        """Return the GPS log and the time of its time 0; see `track`."""
-        return self.track(folder)
-
     @property
     def logs(self) -> dict[str, float]:
         """Return the published GPS logs by name, each with the Unix time at its first second."""
@@ -110,14 +107,8 @@ class BrisbaneTraverse:
             logs = {f"{self.recording}.nmea": self.beginning_s, **logs}
         return logs
 
-    def track(self, folder: Path) -> tuple[Track, int]:
-        """Load the GPS log.
-
-        Returns
-        -------
-        track : Track
-        beginning_us : int
-            Unix time of the track's time 0 on the event camera's clock, in microseconds.
+    def origin(self, folder: Path, start_us: int) -> tuple[Track, int]:
+        """Return the GPS log, and the Unix time of its time 0 on the event camera's clock.
 
         Raises
         ------
@@ -154,7 +145,6 @@ class QCRTraverse:
 
     sensor = SENSOR
     kinds: ClassVar[tuple[Files, ...]] = ("parquet", "bag")
-    time_units: ClassVar[Mapping[str, str]] = {"parquet": "us"}
 
     def file_name(self, kind: Files) -> str:
         """Return the published name of the recording's file."""
@@ -213,7 +203,6 @@ class NSAVPTraverse:
 
     sensor = NSAVP_SENSOR
     kinds: ClassVar[tuple[Files, ...]] = ("hdf5",)
-    time_units: ClassVar[Mapping[str, str]] = {"h5": "ns"}
 
     def file_name(self, kind: Files) -> str:
         """Return the published name of the recording's file, which is of one kind."""
@@ -435,7 +424,7 @@ def open_drive(traverse: Traverse, path: Path) -> PublishedDrive:
     GroundTruthError
         If the GPS log or the poses are missing or cannot be read.
     """
-    unit = traverse.time_units.get(path.suffix[1:])
+    unit = TIME_UNITS.get(path.suffix)
     recording = open_recording(path, sensor=traverse.sensor, on_fault="drop", time_unit=unit)
     track, beginning_us = traverse.origin(path.parent, recording.start_us)
     crop = TimeCrop(end_us=int(track.time_us[-1]), offset_us=beginning_us)

@@ -22,6 +22,7 @@ from edge_vpr_tools.research.datasets import (
     BRISBANE_TRAVERSES,
     QCR_TRAVERSES,
     SENSOR,
+    TIME_UNITS,
     BrisbaneTraverse,
     Files,
     Landmarks,
@@ -143,7 +144,7 @@ class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has
         """
         traverse = self._chosen[index]
         path = self._path(traverse)
-        unit = traverse.time_units.get(path.suffix[1:])
+        unit = TIME_UNITS.get(path.suffix)
         recording = open_recording(path, sensor=SENSOR, on_fault=self._on_fault, time_unit=unit)
         track, beginning_us = traverse.origin(self._folder, recording.start_us)
         zero_us = beginning_us - recording.start_us

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import ctypes
 import fcntl
+import hashlib
+import json
 import multiprocessing
 import os
 import time
 import traceback
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -283,6 +285,12 @@ _RESULTS, _FAILURES, _LOCK = "results", "failures", ".lock"
 _REMEDY = "remove it, and the sweep computes it again"
 
 
+def key_of(version: str, *decides: Any) -> str:
+    """Return the key of a result: a hash of all that decides it, as JSON."""
+    text = json.dumps([SCHEMA, version, *decides], sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
 class AnyTrial(Protocol):
     """Everything that determines a result; a record that JSON can hold."""
 
@@ -395,9 +403,9 @@ class Store(Generic[TrialT, ResultT]):
         finally:
             os.close(handle)
 
-    def list_trials(self, trials: Sequence[ListedTrial]) -> None:
+    def list_trials(self, trials: tuple[ListedTrial, ...]) -> None:
         """Write the names and keys of the sweep's trials."""
-        write_json(self.folder / SWEEP, SweepRecord(schema=1, trials=tuple(trials)))
+        write_json(self.folder / SWEEP, SweepRecord(schema=1, trials=trials))
 
     def listed(self) -> tuple[ListedTrial, ...]:
         """Read the names and keys of the sweep's trials.
@@ -499,18 +507,8 @@ class TrialsRun:
     elapsed_s: float
 
 
-@dataclass(frozen=True, kw_only=True)
-class NamedTrial(Generic[TrialT]):
-    """Trial with its names."""
-
-    variant: str
-    drives: str
-    seed: int
-    trial: TrialT
-
-
 def compute(
-    named: Sequence[NamedTrial[TrialT]],
+    named: Mapping[ListedTrial, TrialT],
     run: Callable[[TrialT], ResultT],
     store: Store[TrialT, ResultT],
     workers: Workers,
@@ -522,6 +520,8 @@ def compute(
 
     Parameters
     ----------
+    named : mapping of ListedTrial to trial
+        Trials by their names and keys.
     run : callable
         Maps a trial to its result; must be a function of a module.
     store : Store
@@ -536,13 +536,8 @@ def compute(
     EdgeVprError
         If an input or a stored file cannot be read, or the cluster cannot be reached any more.
     """
-    trials = {one.trial.key: one.trial for one in named}
-    store.list_trials(
-        [
-            ListedTrial(variant=one.variant, drives=one.drives, seed=one.seed, key=one.trial.key)
-            for one in named
-        ]
-    )
+    trials = {listed.key: trial for listed, trial in named.items()}
+    store.list_trials(tuple(named))
     missing = {
         key: trial
         for key, trial in trials.items()

@@ -7,7 +7,6 @@ Each pair of drives with each seed is a trial, which runs on a worker and is sto
 from __future__ import annotations
 
 import hashlib
-import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,14 +24,14 @@ from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr_tools import research
 from edge_vpr_tools.report.tables import SEED, TableView, table_of, write_spreadsheet
 from edge_vpr_tools.research.trials import (
-    SCHEMA,
-    NamedTrial,
+    ListedTrial,
     Progress,
     Store,
     TrialsRun,
     Workers,
     compute,
     failures,
+    key_of,
 )
 
 #: what a row is named by, and what was measured
@@ -150,9 +149,8 @@ class ExperimentTrial:
     @property
     def key(self) -> str:
         """Key of the result; the folder's name has no effect on it."""
-        decides = [SCHEMA, self.version, self.experiment, self.drives, self.seed, *self.systems]
-        text = json.dumps([*decides, self.inputs], separators=(",", ":"))
-        return hashlib.sha256(text.encode()).hexdigest()[:32]
+        names = self.experiment, self.drives, self.seed, *self.systems
+        return key_of(self.version, *names, self.inputs)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,8 +178,8 @@ def run_trial(trial: ExperimentTrial) -> ExperimentResult:
 
 def trials_of(
     name: str, data: Path | None, seeds: int, systems: tuple[str, ...] = ()
-) -> list[NamedTrial[ExperimentTrial]]:
-    """Return the trials of an experiment: its drives times seeds.
+) -> dict[ListedTrial, ExperimentTrial]:
+    """Return the trials of an experiment by their names: its drives times seeds.
 
     Raises
     ------
@@ -192,23 +190,19 @@ def trials_of(
     if systems and not experiment.takes_systems:
         raise UsageError(f"experiment {name} compares no systems: leave --with out")
     weights = [Path(one.partition(":")[2]) for one in systems if ":" in one]
-    return [
-        NamedTrial(
-            variant=name,
-            drives=drives.name,
-            seed=seed,
-            trial=ExperimentTrial(
+    found = {}
+    for drives in experiment.drives(data if experiment.reads_data else None):
+        for seed in range(seeds if drives.drawn else 1):
+            trial = ExperimentTrial(
                 experiment=name,
                 drives=drives.name,
                 seed=seed,
                 systems=systems,
                 data=None if data is None else str(data.absolute()),
                 inputs=_fingerprint([*drives.files, *weights]),
-            ),
-        )
-        for drives in experiment.drives(data if experiment.reads_data else None)
-        for seed in range(seeds if drives.drawn else 1)
-    ]
+            )
+            found[ListedTrial(variant=name, drives=drives.name, seed=seed, key=trial.key)] = trial
+    return found
 
 
 def store_of(folder: Path) -> Store[ExperimentTrial, ExperimentResult]:
@@ -276,7 +270,9 @@ def run_experiments(
     EdgeVprError
         If a trial failed.
     """
-    named = [one for name in names for one in trials_of(name, data, seeds, systems)]
+    named: dict[ListedTrial, ExperimentTrial] = {}
+    for name in names:
+        named |= trials_of(name, data, seeds, systems)
     run = compute(named, run_trial, store, workers, retry_failed=True, progress=progress)
     lost = failures(store)
     if lost:
@@ -292,7 +288,7 @@ def run_experiments(
         for one in named:
             if one.variant != name:
                 continue
-            found = store.result(one.trial.key)
+            found = store.result(one.key)
             assert found is not None
             elapsed_s += found.elapsed_s
             rows += [{DRIVES: one.drives, **row, SEED: one.seed} for row in found.rows]

@@ -5,7 +5,7 @@ Frames are taken at the centres of the windows of events, so that both show the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -165,18 +165,14 @@ def simulated_frames(seed: int, length_m: float = LENGTH_M, sensor: str = "defau
     return FramedPair(SIMULATED, events, frames)
 
 
-def systems(
-    seed: int, drawn_only: bool, baselines: Sequence[str] = ()
-) -> Iterator[tuple[str, Baseline]]:
-    """Yield each choice of pixels with its name."""
-    if not drawn_only:
-        for name, baseline in DENSE.items():
-            yield name, open_baseline(baseline)
-        for name in baselines:
-            yield name, open_baseline(name, seed)
+def systems(draw: Draw) -> Iterator[tuple[str, Baseline]]:
+    """Yield each choice of pixels with its name; what draws none, once."""
+    if draw.is_new:
+        for name, baseline in [*DENSE.items(), *((each, each) for each in draw.systems)]:
+            yield name, open_baseline(baseline, draw.seed)
     for number in NUMBERS:
         for name, strategy in STRATEGIES.items():
-            changes = {"pixels": number, "strategy": strategy, "seed": seed}
+            changes = {"pixels": number, "strategy": strategy, "seed": draw.seed}
             settings = PRESETS["paper"].replaced(changes, name)
             yield f"{number} {name}", SelectedPixels(name, settings)
 
@@ -186,8 +182,7 @@ def measure(draw: Draw) -> Iterator[Row]:
     pair: FramedPair = draw.pair
     for seen, counted in (("events", pair.events), ("frames", pair.frames)):
         if counted is not None:
-            every = systems(draw.seed, not draw.is_new, draw.systems)
-            for row in compare_systems(counted, every):
+            for row in compare_systems(counted, systems(draw)):
                 yield {"seen": seen, **row}
 
 

@@ -44,7 +44,7 @@ FIRST_SEED = 70
 #: twice as many places of half as many pixels take as many bytes
 PIXELS = (12, 25, 75, 150)
 PRECISION = 0.99
-WHOLE = "whole"
+WHOLE, CUT, CARRIED = "whole", "a quarter cut out", "carried off"
 _NUMBER = "places per window"
 _WHEELS = 9  # random stream of the odometers
 LIGHTS: Mapping[str, str] = {
@@ -121,8 +121,8 @@ def measure(draw: Draw) -> Iterator[Row]:
                     named = {**row, "matched": matched, "odometry": "none"}
                     drive = MappedPair(mapped, seen, truths[-1]).with_settings(changes)
                     yield {**named, "drive": name, **_figures(drive, drive.match(), truths)}
-                    for part_name, left in LEFT_MAP.items() if name == WHOLE else ():
-                        part = left(drive, number)
+                    parts = _left_map(drive, number) if name == WHOLE else {}
+                    for part_name, part in parts.items():
                         figures = _figures(part, part.match(), [part.truth])
                         yield {**named, "drive": part_name, **figures}
                     if query.odometry is not None and route.odometry is not None:
@@ -133,19 +133,13 @@ def measure(draw: Draw) -> Iterator[Row]:
                         yield {**named, "odometry": "wheels", "drive": name, **figures}
 
 
-def _cut(drive: MappedPair, number: int) -> MappedPair:
-    """Cut the third quarter out of the map."""
-    places = len(drive.reference) // number
-    return without_places(drive, number * (places // 2), number * (3 * places // 4))
+def _left_map(drive: MappedPair, number: int) -> dict[str, MappedPair]:
+    """Return the drive with the third quarter cut out of the map, and carried off."""
+    places, windows = len(drive.reference) // number, len(drive.counted)
+    cut = without_places(drive, number * (places // 2), number * (3 * places // 4))
+    return {CUT: cut, CARRIED: carried_off(drive, windows // 3, 2 * windows // 3)}
 
 
-def _carried(drive: MappedPair, number: int) -> MappedPair:
-    windows = len(drive.counted)
-    return carried_off(drive, windows // 3, 2 * windows // 3)
-
-
-#: parts of drives that leave the map, by name
-LEFT_MAP = {"a quarter cut out": _cut, "carried off": _carried}
 #: queries that show nothing of the route: what is found in them, the filter and the odometry assume
 NULLS = ("null: windows shuffled", "null: query reversed")
 

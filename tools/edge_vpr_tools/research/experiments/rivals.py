@@ -155,19 +155,13 @@ def our_systems(pair: CountedPair, seed: int) -> Iterator[System]:
         yield System(name, BY_US, partial(match, shown), only=filters)
 
 
-def rivals_of(
-    pair: CountedPair, seed: int, is_new: bool, systems: Sequence[str]
-) -> Iterator[System]:
+def rivals_of(draw: Draw) -> Iterator[System]:
     """Yield the rivals that can be used on these drives, and that this seed makes a difference to.
 
-    Parameters
-    ----------
-    is_new : bool
-        Yield those too that draw nothing.
-    systems : sequence of str
-        Baselines in addition, for drives whose pixels are known.
+    The user's baselines are among them on drives whose pixels are known.
     """
-    for name, baseline in _baselines(pair, seed, is_new, systems):
+    pair: CountedPair = draw.pair
+    for name, baseline in _baselines(pair, draw):
         try:
             found = compare(baseline, pair.reference.images, pair.query.images)
         except UsageError:  # as where the surrounds of the pixels do not fit the sensor
@@ -184,21 +178,21 @@ DRAWN = ("paper", "seed-code")
 _ANYWHERE = ("all-pixels", "all-pixels@1,2,4", "active-pixels", "active-overlap")
 
 
-def _baselines(
-    pair: CountedPair, seed: int, is_new: bool, systems: Sequence[str]
-) -> Iterator[tuple[str, Baseline]]:
-    names = [*baseline_names(), *systems] if pair.laid_out else list(_ANYWHERE)
+def _baselines(pair: CountedPair, draw: Draw) -> Iterator[tuple[str, Baseline]]:
+    names = [*baseline_names(), *draw.systems] if pair.laid_out else list(_ANYWHERE)
     for name in dict.fromkeys(names):
-        if is_new or name in DRAWN:
-            baseline = open_baseline(name, seed)
+        if draw.is_new or name in DRAWN:
+            baseline = open_baseline(name, draw.seed)
             yield baseline.title, baseline
-    if not pair.laid_out and is_new:
+    if not draw.is_new:
+        return
+    if not pair.laid_out:
         given = {"pixels": pair.pixels, "strategy": "top"}
         settings = PRESETS["seed-code"].replaced(given, "released code")
         title = "released code: the given pixels, clipped at 10, SAD"
         yield title, SelectedPixels(title, settings)
-    for path in pair.weights if is_new else ():
-        baseline = open_baseline(f"lens:{path}", seed)
+    for path in pair.weights:
+        baseline = open_baseline(f"lens:{path}", draw.seed)
         yield f"LENS, {path.name.split('_')[0]}", baseline
 
 
@@ -226,8 +220,7 @@ def measure(draw: Draw) -> Iterator[Row]:
         for tolerance, truth_of in pair.truths.items()
     }
     windows = len(pair.query.centre_us)
-    rivals = rivals_of(pair, draw.seed, draw.is_new, draw.systems)
-    for system in (*our_systems(pair, draw.seed), *rivals):
+    for system in (*our_systems(pair, draw.seed), *rivals_of(draw)):
         for matching, decoder in matchings.items():
             if system.only is not None and matching not in system.only:
                 continue

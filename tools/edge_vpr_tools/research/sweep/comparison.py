@@ -21,7 +21,7 @@ from edge_vpr.files import parse_errors, read_json, replacing
 from edge_vpr.results import RUN, run_record, write_json
 from edge_vpr.settings import SETTING_FIELDS
 from edge_vpr_tools.report.style import CYCLE, figure, legend_below, look, name_label, save
-from edge_vpr_tools.report.tables import write_spreadsheet
+from edge_vpr_tools.report.tables import markdown_table, write_spreadsheet
 from edge_vpr_tools.research.sweep.plan import sweep_store
 from edge_vpr_tools.research.trials import SWEEP, ListedTrial
 
@@ -241,9 +241,8 @@ def markdown(rows: Sequence[Row]) -> str:
         counted = f"{row.number}" + (f" ({row.failed} failed)" if row.failed else "")
         lines.append([row.run, row.variant, row.drives, counted, *_cells(row)])
     # names come from files: a bar would end a cell, and an escape sequence would reach the terminal
-    cells = [[printable(cell, 200).replace("|", "\\|") for cell in line] for line in [head, *lines]]
-    cells.insert(1, ["---"] * len(head))
-    return "".join(f"| {' | '.join(line)} |\n" for line in cells)
+    cells = [[printable(cell, 200).replace("|", "\\|") for cell in line] for line in lines]
+    return markdown_table(head, cells) + "\n"
 
 
 # Over drives: means, differences from the first variant, and their intervals.

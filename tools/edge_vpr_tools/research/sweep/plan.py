@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import json
 import math
 import re
 import time
@@ -31,13 +30,13 @@ from edge_vpr_tools.research.baselines import compare, open_baseline
 from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.experiments.pairs import Pair
 from edge_vpr_tools.research.trials import (
-    SCHEMA,
-    NamedTrial,
+    ListedTrial,
     Progress,
     Store,
     TrialsRun,
     Workers,
     compute,
+    key_of,
 )
 from edge_vpr_tools.truth_files import load_truth
 
@@ -155,11 +154,10 @@ class Trial:
         drives = asdict(self.drives)
         for name in ("reference", "query", "ground_truth"):
             del drives[name]
-        decides: list[Any] = [SCHEMA, self.version, dict(self.settings), drives, self.inputs]
+        decides: list[Any] = [dict(self.settings), drives, self.inputs]
         if self.system is not None:
             decides.append(_FILE.sub(":", self.system))
-        text = json.dumps(decides, sort_keys=True, separators=(",", ":"))
-        return hashlib.sha256(text.encode()).hexdigest()[:32]
+        return key_of(self.version, *decides)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -307,8 +305,8 @@ class Plan:
     seeds: tuple[int, ...]
     systems: Mapping[str, str] = field(default_factory=dict)
 
-    def trials(self) -> Iterator[NamedTrial[Trial]]:
-        """Hash every input once, and yield all trials.
+    def trials(self) -> dict[ListedTrial, Trial]:
+        """Hash every input once, and return all trials by their names.
 
         Raises
         ------
@@ -318,6 +316,7 @@ class Plan:
         files = {file for drives in self.drives.values() for file in drives.files}
         files |= {file for system in self.systems.values() for file in _files_of(system)}
         hashes = {file: content_hash(Path(file)) for file in sorted(files)}
+        found = {}
         for (drive, drives), (name, settings), seed in itertools.product(
             self.drives.items(), self.variants.items(), self.seeds
         ):
@@ -328,7 +327,8 @@ class Plan:
                 inputs=tuple(hashes[file] for file in (*drives.files, *_files_of(system))),
                 system=system,
             )
-            yield NamedTrial(variant=name, drives=drive, seed=seed, trial=trial)
+            found[ListedTrial(variant=name, drives=drive, seed=seed, key=trial.key)] = trial
+        return found
 
 
 def read_plan(path: Path) -> Plan:
@@ -511,5 +511,5 @@ def run_sweep(
     run: Callable[[Trial], TrialResult] = run_trial,
 ) -> TrialsRun:
     """Compute every trial of a plan whose result is not stored yet; see `compute`."""
-    trials = list(plan.trials())
+    trials = plan.trials()
     return compute(trials, run, store, workers, retry_failed=retry_failed, progress=progress)
