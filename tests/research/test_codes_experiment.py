@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from edge_vpr_tools.research.experiments import codes
-from edge_vpr_tools.research.experiments.drives import pairs, without_pairs
+from edge_vpr_tools.research.experiments.drives import open_pairs, without_pairs
 from edge_vpr_tools.research.experiments.experiment import Draw
 
 from edge_vpr.errors import UsageError
@@ -34,7 +34,8 @@ def score(pair, seed, variants):
 @pytest.fixture(scope="module")
 def found(shared_data):
     return {
-        pair.name: [score(pair, seed, VARIANTS) for seed in range(2)] for pair in pairs(shared_data)
+        pair.name: [score(pair, seed, VARIANTS) for seed in range(2)]
+        for pair in open_pairs(shared_data)
     }
 
 
@@ -60,7 +61,7 @@ def test_the_figures_quoted_for_brisbane_are_those_of_this_code(found):
 
 def test_all_codes_of_a_pair_see_the_same_counts(shared_data):
     """A code that keeps every count gives what no code gives."""
-    pair = next(pairs(shared_data))
+    pair = next(open_pairs(shared_data))
     everything = {("all", 16): {"counter_code": "linear", "counter_bits": 16}}
     plain = {("none", 0): {"counter_code": "none"}}
     assert score(pair, 0, everything)["all", 16] == score(pair, 0, plain)["none", 0]
@@ -85,15 +86,15 @@ def test_every_code_is_a_row_and_those_with_a_learnt_scale_are_drawn():
 
 def test_pairs_are_those_whose_folders_are_there(tmp_path):
     with pytest.raises(UsageError, match=r"holds no pair: name a folder .* brisbane_sparse49"):
-        list(pairs(tmp_path))
+        list(open_pairs(tmp_path))
     with pytest.raises(UsageError, match="no folder was given with --data: name a folder"):
-        list(pairs(None))
+        list(open_pairs(None))
     assert without_pairs(None, ["speck_walks"]).count("speck_") == 1
-    assert list(pairs(tmp_path, needed=False)) == []
+    assert list(open_pairs(tmp_path, needed=False)) == []
     (tmp_path / "speck_indoor").mkdir()
     for name in ("reference", "query"):
         np.savez(tmp_path / "speck_indoor" / name, frames=np.ones((40, 8, 8), np.uint8))
-    assert [pair.name for pair in pairs(tmp_path)] == [
+    assert [pair.name for pair in open_pairs(tmp_path)] == [
         "Speck indoor, 25 px",
         "Speck indoor, 150 px",
     ]

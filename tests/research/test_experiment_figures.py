@@ -28,7 +28,6 @@ from edge_vpr_tools.research.experiments import (
 from edge_vpr_tools.research.experiments import nulls as nulls_module
 from edge_vpr_tools.research.experiments.experiment import (
     DRIVES,
-    Experiment,
     open_experiment,
 )
 from edge_vpr_tools.research.experiments.variants import Variant, variants_experiment
@@ -63,12 +62,6 @@ def mean_of(rows, measure, **names):
     found = [row[measure] for row in rows if names.items() <= row.items()]
     assert found
     return pytest.approx(np.mean(found))
-
-
-@pytest.mark.parametrize("name", EXPERIMENTS)
-def test_every_experiment_is_a_declaration(name):
-    found = open_experiment(name)
-    assert isinstance(found, Experiment) and found.names
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)

@@ -96,7 +96,7 @@ def small(monkeypatch):
 def test_pairs_of_published_traverses_are_cut_to_their_tracks(kind, tmp_path):
     for name in ("sunset1", "sunset2"):
         write_brisbane(tmp_path, name, kind, per_second=20, seconds=12)
-    few, many = drive_pairs.pairs(tmp_path)
+    few, many = drive_pairs.open_pairs(tmp_path)
     assert [few.name, many.name] == [f"{PAIR}, 25 px", f"{PAIR}, 150 px"]
     (pair,) = drive_pairs.whole_pairs(tmp_path)
     assert pair.drives == PAIR and pair.settings.pixels == 150 and pair.has_events

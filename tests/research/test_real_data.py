@@ -37,7 +37,9 @@ def walks(shared_data):
 
 @pytest.fixture(scope="module")
 def brisbane(shared_data):
-    return next(pair for pair in drive_pairs.pairs(shared_data) if pair.name == "Brisbane, 49 px")
+    return next(
+        pair for pair in drive_pairs.open_pairs(shared_data) if pair.name == "Brisbane, 49 px"
+    )
 
 
 def figures_of_the_oracle(distances, truth, length, offset):
@@ -158,7 +160,7 @@ ERRORS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ERRORS)
 def test_the_shipped_probabilities_are_as_far_off_as_they_were_on_each_drive(shared_data, name):
-    pair = next(pair for pair in drive_pairs.pairs(shared_data) if pair.name == name)
+    pair = next(pair for pair in drive_pairs.open_pairs(shared_data) if pair.name == name)
     mapped = trust.mapped_by_default(pair, 0)
     for how, most in zip(("0", SMOOTHED), ERRORS[name], strict=True):
         changed = mapped.with_settings(calibration.MATCHINGS[how])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -92,22 +92,17 @@ class CosineBaseline(VectorBaseline):
 HOG_SIDE, CELL, BLOCK, ORIENTATIONS = 64, 8, 2, 9
 
 
-def load_hog() -> Any:
-    """Import scikit-image's function, or raise an error that names the extra with it."""
-    try:
-        from skimage.feature import hog as function
-    except ImportError as error:
-        raise MissingExtraError("the baseline hog", "scikit-image", "baselines") from error
-    return function
-
-
 class OrientedGradients(CosineBaseline):
     """Gradients of the logarithm of counts, shrunk to 64 x 64; distance is 1 less the cosine."""
 
     title = f"HOG {HOG_SIDE} x {HOG_SIDE}, cosine"
 
     def __init__(self, seed: int = 0) -> None:
-        self._hog = load_hog()
+        try:
+            from skimage.feature import hog
+        except ImportError as error:
+            raise MissingExtraError("the baseline hog", "scikit-image", "baselines") from error
+        self._hog = hog
 
     def describe(self, images: Images) -> Described:
         """Return the histograms, shape (n, D), float32."""

@@ -481,15 +481,6 @@ def lens(seed: int, file: str) -> Lens:
 BATCH = 8
 
 
-def load_runtime() -> Any:
-    """Import ONNX Runtime, or raise an error that names the extra with it."""
-    try:
-        import onnxruntime
-    except ImportError as error:
-        raise MissingExtraError("a baseline model:FILE", "onnxruntime", "models") from error
-    return onnxruntime
-
-
 class ModelDescriptor(CosineBaseline):
     """Vectors of an ONNX model; distance is 1 less the cosine.
 
@@ -506,8 +497,11 @@ class ModelDescriptor(CosineBaseline):
     """
 
     def __init__(self, path: str | Path) -> None:
+        try:
+            import onnxruntime as runtime
+        except ImportError as error:
+            raise MissingExtraError("a baseline model:FILE", "onnxruntime", "models") from error
         path = Path(path)
-        runtime = load_runtime()
         options = runtime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 4

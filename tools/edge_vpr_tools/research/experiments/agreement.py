@@ -78,9 +78,8 @@ def measure(draw: Draw) -> Iterator[Row]:
 
 def correlation(a: Floats, b: Floats) -> float:
     """Return Pearson's correlation of two arrays of one shape; 0 if one of them is constant."""
-    a, b = a.ravel() - a.mean(), b.ravel() - b.mean()
-    scale = float(np.sqrt((a * a).sum() * (b * b).sum()))
-    return float((a * b).sum()) / scale if scale > 0 else 0.0
+    constant = np.ptp(a) == 0 or np.ptp(b) == 0
+    return 0.0 if constant else float(np.corrcoef(a.ravel(), b.ravel())[0, 1])
 
 
 def _matched(pair: CountedPair, system: Baseline) -> tuple[Floats, npt.NDArray[np.int64]]:

@@ -46,7 +46,7 @@ INDOOR, WALKS, BRISBANE, LENS = (
 # Pairs of recorded drives that lie in a folder: the stand-ins, and the published traverses.
 
 
-def pairs(data: Path | None, *, needed: bool = True) -> Iterator[Pair]:
+def open_pairs(data: Path | None, *, needed: bool = True) -> Iterator[Pair]:
     """Open the pairs of drives in a folder, one after another, each with some numbers of pixels.
 
     Parameters
@@ -93,7 +93,7 @@ def _with_numbers(pair: Pair) -> Iterator[Pair]:
 @lru_cache(maxsize=1)
 def _pairs(data: Path) -> tuple[Pair, ...]:
     """Open the pairs of a folder once, for as many draws of pixels as there are."""
-    return tuple(pairs(data, needed=False))
+    return tuple(open_pairs(data, needed=False))
 
 
 def whole_pairs(data: Path | None) -> list[Pair]:
