@@ -302,6 +302,20 @@ def test_poses_that_begin_after_the_events_begin_the_drive(tmp_path):
     assert (events["t"][0], events["x"][0] // 13) == (0, 3)
 
 
+def test_a_recording_that_begins_after_its_track_has_the_positions_of_its_times(tmp_path):
+    write_brisbane(tmp_path, "sunset1", per_second=20, seconds=12)
+    traverse = brisbane("sunset1")
+    path = tmp_path / traverse.file_name("parquet")
+    whole = datasets.open_drive(traverse, path)
+    first = round(traverse.beginning_s * SECOND)
+    write_parquet(path, first + np.arange(2 * SECOND, 14 * SECOND, SECOND // 20))
+    late = datasets.open_drive(traverse, path)
+    times = np.concatenate(list(late.recording))["t"]
+    assert (times[0], times[-1]) == (0, 8_950_000) and late.track.time_us[-1] == 9 * SECOND
+    at = np.array([0, 5 * SECOND])
+    np.testing.assert_array_equal(late.track.at(at), whole.track.at(at + 2 * SECOND))
+
+
 def test_a_dry_run_lists_every_file_and_finds_those_that_are_not_the_published_ones(
     downloads, tmp_path, capsys, monkeypatch
 ):

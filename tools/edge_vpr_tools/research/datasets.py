@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -216,14 +216,7 @@ class NSAVPTraverse:
     def origin(self, folder: Path, start_us: int) -> tuple[Track, int]:
         """Return the poses as a track of three metric coordinates, and the time of its time 0.
 
-        Time 0 is that of the first pose, or of the first event if this is later.
-
-        Parameters
-        ----------
-        folder : Path
-            Holds the poses.
-        start_us : int
-            Of the first event, on the data set's clock.
+        Time 0 is that of the first pose.
 
         Raises
         ------
@@ -248,7 +241,7 @@ class NSAVPTraverse:
                 raise GroundTruthError(
                     f"{path} has no poses as NSAVP has them ({error}): download it again"
                 ) from error
-        zero = max(int(time_us[0]), start_us) if time_us.size else start_us
+        zero = int(time_us[0]) if time_us.size else start_us
         kept = np.diff(time_us, prepend=-1) > 0
         track = Track(time_us[kept] - zero, position[kept], max_gap_us=round(MAX_GAP_S * 1e6))
         return track, zero
@@ -337,7 +330,7 @@ class PublishedDrive:
     Attributes
     ----------
     recording : Recording
-        Its time 0 is that of the track.
+        On the clock of the track.
     """
 
     name: str
@@ -417,6 +410,8 @@ def find_file(traverse: Traverse, folder: Path, files: tuple[Files, ...]) -> Pat
 def open_drive(traverse: Traverse, path: Path) -> PublishedDrive:
     """Open the recording of a traverse, cut to the track that lies in the same folder.
 
+    Times count from the beginning of the track, or of the recording if this is later.
+
     Raises
     ------
     RecordingError
@@ -427,5 +422,8 @@ def open_drive(traverse: Traverse, path: Path) -> PublishedDrive:
     unit = TIME_UNITS.get(path.suffix)
     recording = open_recording(path, sensor=traverse.sensor, on_fault="drop", time_unit=unit)
     track, beginning_us = traverse.origin(path.parent, recording.start_us)
-    crop = TimeCrop(end_us=int(track.time_us[-1]), offset_us=beginning_us)
+    late_us = max(0, recording.start_us - beginning_us)
+    if late_us:
+        track = replace(track, time_us=track.time_us - late_us, start_utc=None)
+    crop = TimeCrop(end_us=int(track.time_us[-1]), offset_us=beginning_us + late_us)
     return PublishedDrive(traverse.name, path, recording.cropped(crop), track)
