@@ -83,7 +83,7 @@ def small(monkeypatch):
     variants = [v for v in fixed_number.VARIANTS if v.changes["pixels"] == 25]
     monkeypatch.setattr(fixed_number, "VARIANTS", variants)
     monkeypatch.setattr(mount_shift, "SHIFTS", (2,))
-    monkeypatch.setattr(mount_shift, "METHODS", (mount_shift.METHODS[0], mount_shift.METHODS[-1]))
+    monkeypatch.setattr(mount_shift, "METHODS", (mount_shift.METHODS[0], mount_shift.METHODS[5]))
     monkeypatch.setattr(drive_pairs, "NUMBERS", (25,))
     monkeypatch.setattr(drive_pairs, "PAPER", few)
     monkeypatch.setattr(pairs, "PRESETS", {"paper": few})

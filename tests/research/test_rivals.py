@@ -14,6 +14,7 @@ from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
 from edge_vpr_tools.research.experiments import (
     agreement,
     event_speed,
+    frames,
     mount_shift,
     nulls,
     pixel_number,
@@ -211,7 +212,7 @@ def test_a_simulated_street_is_counted_by_events():
     settings = pair.settings.replaced({"sequence_length": 1}, "test")
     names = ("all-pixels", "active-pixels")
     systems = [(name, open_baseline(name)) for name in names]
-    found = rivals.compare_systems(replace(pair, settings=settings), systems)
+    found = frames.compare_systems(replace(pair, settings=settings), systems)
     assert [row["system"] for row in found] == list(names)
 
 
@@ -221,7 +222,7 @@ def test_a_system_that_does_not_fit_a_sensor_is_left_out():
     pair = Pair("drives", *images, SETTINGS, TRUTHS).counted()
     names = ("seed-code", "all-pixels")
     systems = [(name, open_baseline(name)) for name in names]
-    (row,) = rivals.compare_systems(pair, systems)
+    (row,) = frames.compare_systems(pair, systems)
     assert row["system"] == "all-pixels" and row["P@100R"] == 1
     assert row["bytes per place"] == 32 * 32 and row["operations per query"] == 20 * 32 * 32
 

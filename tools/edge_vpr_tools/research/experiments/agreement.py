@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.windows import FixedTime
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.research.baselines import Baseline, open_baseline
+from edge_vpr_tools.research.baselines import open_baseline
 from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
 from edge_vpr_tools.research.experiments.drives import LENGTH_M, counted_drives, simulated_pair
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
@@ -53,7 +53,8 @@ def street(seed: int, length_m: float = LENGTH_M, **more: Any) -> Timed:
 def measure(draw: Draw) -> Iterator[Row]:
     """Compare every choice and number of pixels with all pixels."""
     pair, timed = draw.pair if isinstance(draw.pair, Timed) else (draw.pair, draw.pair.query)
-    dense, places = _matched(pair, open_baseline("all-pixels"))
+    dense = pair.distances(open_baseline("all-pixels"))
+    places = pair.match(dense, pair.settings).place
     every = timed.images.mean(axis=(1, 2), dtype=np.float64)
     for strategy, called in STRATEGIES.items():
         for number in NUMBERS:
@@ -61,18 +62,18 @@ def measure(draw: Draw) -> Iterator[Row]:
             settings = pair.settings.replaced(changes, strategy)
             chosen = SelectedPixels(strategy, settings)
             try:
-                sparse, matched = _matched(pair, chosen)
-            except UsageError:  # on this sensor, the surrounds of fewer pixels cover all others
+                sparse = pair.distances(chosen)
+            except UsageError:  # these pixels do not fit the sensor
                 continue
             at = chosen.pixel_map
             profile = timed.images[:, at.y, at.x].mean(axis=1, dtype=np.float64)
-            near = np.abs(matched - places) <= settings.exclusion_places
+            apart = pair.match(sparse, settings).place.astype(np.int64) - places
             yield {
                 "pixels chosen": called,
                 "pixels": number,
                 PROFILE: correlation(profile, every),
                 DISTANCES: correlation(sparse, dense),
-                PLACES: float(near.mean()),
+                PLACES: float((np.abs(apart) <= settings.exclusion_places).mean()),
             }
 
 
@@ -80,14 +81,6 @@ def correlation(a: Floats, b: Floats) -> float:
     """Return Pearson's correlation of two arrays of one shape; 0 if one of them is constant."""
     constant = np.ptp(a) == 0 or np.ptp(b) == 0
     return 0.0 if constant else float(np.corrcoef(a.ravel(), b.ravel())[0, 1])
-
-
-def _matched(pair: CountedPair, system: Baseline) -> tuple[Floats, npt.NDArray[np.int64]]:
-    """Return the distances of single windows, shape (K, Q), and the place of each query."""
-    system.prepare(pair.reference.images)
-    places, queries = (system.describe(d.images) for d in (pair.reference, pair.query))
-    distances = system.distances(places, queries)
-    return distances, pair.match(distances, pair.settings).place.astype(np.int64)
 
 
 def drives(data: Path | None) -> list[Drives]:

@@ -5,7 +5,7 @@ Frames are taken at the centres of the windows of events, so that both show the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,11 +15,13 @@ import numpy as np
 
 from edge_vpr.descriptors.counting import EventSource
 from edge_vpr.errors import UsageError
+from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.tracks import Track, load_track
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
-from edge_vpr_tools.research.baselines import Baseline, open_baseline
+from edge_vpr_tools.research.baselines import Baseline, compare, open_baseline
+from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
 from edge_vpr_tools.research.datasets import PublishedDrive, PublishedPair, published_pairs
 from edge_vpr_tools.research.experiments.drives import LENGTH_M
@@ -33,7 +35,6 @@ from edge_vpr_tools.research.experiments.pairs import (
     truths_of_tracks,
 )
 from edge_vpr_tools.research.experiments.plots import dots
-from edge_vpr_tools.research.experiments.rivals import compare_systems
 from edge_vpr_tools.research.intensity import IntensityFrames, frames_at, open_intensity
 from edge_vpr_tools.research.intensity.frames import simulated_images
 
@@ -175,6 +176,25 @@ def systems(draw: Draw) -> Iterator[tuple[str, Baseline]]:
             changes = {"pixels": number, "strategy": strategy, "seed": draw.seed}
             settings = PRESETS["paper"].replaced(changes, name)
             yield f"{number} {name}", SelectedPixels(name, settings)
+
+
+def compare_systems(pair: CountedPair, systems: Iterable[tuple[str, Baseline]]) -> Iterator[Row]:
+    """Match a pair by sequences with every system that fits its sensor."""
+    for name, system in systems:
+        try:
+            found = compare(system, pair.reference.images, pair.query.images)
+            matches, matching_s = fastest(partial(pair.match, found.distances, pair.settings))
+        except UsageError:  # as of pixels whose surrounds do not fit the sensor
+            continue
+        evaluated = evaluate(matches, pair.truth())
+        yield {
+            "system": name,
+            "P@100R": evaluated.precision_at_100_recall,
+            "R@99P": evaluated.recall_at_99_precision,
+            "bytes per place": found.bytes_per_place,
+            "operations per query": found.operations,
+            "time per query (us)": found.query_us + 1e6 * matching_s / len(matches),
+        }
 
 
 def measure(draw: Draw) -> Iterator[Row]:

@@ -50,9 +50,6 @@ METHODS = (
     Method("3-bit logarithms, registered", _CODED, registered=True),
     Method("place filter (default)", DEFAULT_MATCHING),
     Method("place filter, registered", DEFAULT_MATCHING, registered=True),
-)
-#: methods that draw no pixels, and are therefore matched once, beside the largest number of pixels
-EVERY = (
     Method("all pixels, counts", all_pixels=True),
     Method("all pixels, 3-bit logarithms", _CODED, all_pixels=True),
 )
@@ -96,7 +93,10 @@ def shifted(image: npt.NDArray[np.integer], dx: int, dy: int) -> npt.NDArray[np.
 
 
 def measure(draw: Draw) -> Iterator[Row]:
-    """Shift the query, and match it by every method."""
+    """Shift the query, and match it by every method.
+
+    Those that draw no pixels are matched once, beside the largest number of pixels.
+    """
     pair: Pair = draw.pair
     window_us = pair.settings.tau_us
     first, second = (
@@ -105,7 +105,9 @@ def measure(draw: Draw) -> Iterator[Row]:
     )
     reference = ShiftedWindows(first, window_us)
     every = draw.is_new and pair.settings.pixels == PAPER.pixels
-    for method in (*METHODS, *(EVERY if every else ())):
+    for method in METHODS:
+        if not (method.drawn or every):
+            continue
         mapped = method.map(reference, pair.drawn_with(draw.seed))
         for shift in SHIFTS:
             row: dict[str, Any] = {"way": method.name, "shift": shift}

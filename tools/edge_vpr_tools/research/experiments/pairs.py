@@ -32,7 +32,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulation import SimulatedRecording
-from edge_vpr_tools.research.baselines import filter_distances, match_distances
+from edge_vpr_tools.research.baselines import Baseline, filter_distances, match_distances
 
 # Ground truth of two drives, for windows at any times.
 
@@ -316,13 +316,26 @@ class CountedPair:
         counts = ReferenceMap(settings.uncoded, pixel_map, places, *nothing)
         return MappedPair(coded_map(counts, settings), self.query.at(pixel_map), self.truth())
 
+    def distances(self, system: Baseline) -> npt.NDArray[np.float64]:
+        """Return the distances of a baseline, shape (K, Q).
+
+        Raises
+        ------
+        UsageError
+            If the baseline does not fit the sensor, as where the surrounds of fewer pixels than it
+            draws cover all others.
+        """
+        system.prepare(self.reference.images)
+        places, queries = (system.describe(each.images) for each in (self.reference, self.query))
+        return system.distances(places, queries)
+
     def match(
         self,
         distances: npt.NDArray[np.floating],
         settings: Settings,
         part: slice = slice(None),
     ) -> Matches:
-        """Match a part of the query by the distances of a baseline, shape (K, Q).
+        """Match a part of the query by distances, shape (K, Q).
 
         Parameters
         ----------

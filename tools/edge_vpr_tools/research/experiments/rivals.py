@@ -9,7 +9,7 @@ query: what they find, the filter assumes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -319,35 +319,6 @@ def first_correct(
         "first right match (s)": median if np.isfinite(median) else None,
         "starts with a right match": float(np.isfinite(waits).mean()) if waits else None,
     }
-
-
-def compare_systems(
-    pair: CountedPair, systems: Iterable[tuple[str, Baseline]]
-) -> Iterator[dict[str, Any]]:
-    """Match a pair by sequences with every system that can be used on its sensor.
-
-    Yields
-    ------
-    dict
-        Row of a system. Those that do not fit are left out: pixels with large surrounds do not fit
-        every sensor.
-    """
-    truth = pair.truth()
-    for name, system in systems:
-        try:
-            found = compare(system, pair.reference.images, pair.query.images)
-            matches, matching_s = fastest(partial(pair.match, found.distances, pair.settings))
-        except UsageError:
-            continue
-        evaluated = evaluate(matches, truth)
-        yield {
-            "system": name,
-            "P@100R": evaluated.precision_at_100_recall,
-            "R@99P": evaluated.recall_at_99_precision,
-            "bytes per place": found.bytes_per_place,
-            "operations per query": found.operations,
-            "time per query (us)": found.query_us + 1e6 * matching_s / len(matches),
-        }
 
 
 def figure(rows: Rows) -> Figure:

@@ -50,8 +50,7 @@ class Street(NamedTuple):
 
 def open_street(seed: int) -> Street:
     """Simulate the drives of one street."""
-    reference, query = simulate_pair(FIRST_SEED + seed, "default", length_m=LENGTH_M)
-
+    reference, query = simulate_pair(FIRST_SEED + seed, length_m=LENGTH_M)
     learnt, queries = (
         {
             light: second_drive(query, name, offset + i)
