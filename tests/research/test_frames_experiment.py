@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 import recording_files as files
@@ -18,6 +20,7 @@ from test_rivals import TRUTHS
 from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.evaluation.ground_truth import from_tracks
 from edge_vpr.settings import PRESETS
+from edge_vpr.simulation import simulate_pair
 
 SECOND = 1_000_000
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 2}, "test")
@@ -73,8 +76,10 @@ def small_pair():
     return frames.FramedPair("streets", pair, pair)
 
 
-def test_simulated_frames_are_taken_in_the_middle_of_the_windows():
-    pair = frames.simulated_frames(1, length_m=30.0, sensor="tiny")
+def test_simulated_frames_are_taken_in_the_middle_of_the_windows(monkeypatch):
+    monkeypatch.setattr(frames, "simulate_pair", partial(simulate_pair, sensor="tiny"))
+    monkeypatch.setattr(frames, "LENGTH_M", 30.0)
+    pair = frames.simulated_frames(1)
     for counted, framed in (
         (pair.events.reference, pair.frames.reference),
         (pair.events.query, pair.frames.query),

@@ -11,7 +11,7 @@ from edge_vpr_tools.research.experiments import calibration, trust
 from edge_vpr_tools.research.experiments import drives as drive_pairs
 from edge_vpr_tools.research.experiments.calibration import without_places
 from edge_vpr_tools.research.experiments.pairs import Kept, Pair
-from edge_vpr_tools.research.experiments.variants import Trial, Variant
+from edge_vpr_tools.research.experiments.variants import Variant, VariantResult
 
 from edge_vpr.confidence import SMOOTHED, default_confidence
 from edge_vpr.descriptors.windows import PublishedWindows
@@ -70,7 +70,7 @@ def test_150_varying_pixels_recognise_the_walks_and_the_oracle_agrees(walks, sha
     pair = Pair("walks", *walks, drive_pairs.WALKS_SETTINGS, truths)
     shares = []
     for seed in range(5):
-        trial = Trial.of(Variant("paper").of(pair, seed))
+        trial = VariantResult.of(Variant("paper").of(pair, seed))
         shares.append(trial.evaluation.precision_at_100_recall)
         if seed == 0:
             expected = figures_of_the_oracle(
@@ -100,7 +100,9 @@ def test_sequences_on_the_brisbane_drives_are_the_oracles(shared_data, brisbane)
     distances = naive.distance_matrix(counts[0].tolist(), counts[1].tolist())
     for length in (1, 20):
         expected = figures_of_the_oracle(distances, truth, length, length // 2)
-        figures = Trial.of(Variant("", {"sequence_length": length}).of(brisbane, 0)).evaluation
+        figures = VariantResult.of(
+            Variant("", {"sequence_length": length}).of(brisbane, 0)
+        ).evaluation
         assert expected == (
             figures.precision_at_100_recall,
             figures.recall_at_99_precision,

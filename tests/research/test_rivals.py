@@ -203,8 +203,10 @@ def test_the_filter_takes_given_distances_as_it_takes_those_of_codes():
         assert np.array_equal(found.lost, expected.lost)
 
 
-def test_a_simulated_street_is_counted_by_events():
-    pair = counted_pairs.counted_street(1, length_m=20, sensor="tiny")
+def test_a_simulated_street_is_counted_by_events(monkeypatch):
+    monkeypatch.setattr(counted_pairs, "simulate_pair", partial(simulate_pair, sensor="tiny"))
+    monkeypatch.setattr(counted_pairs, "LENGTH_M", 20.0)
+    pair = counted_pairs.counted_street(1)
     totals = pair.reference.images.sum(axis=(1, 2))
     assert len(pair.reference.images) >= 2 and len(pair.query.images) >= 2
     # hot pixels were taken out after the windows were counted
@@ -359,7 +361,9 @@ def test_few_pixels_are_compared_with_all(monkeypatch):
     # the pixels stand for blocks of 4 x 4, so that every match is the same
     assert [row[agreement.PLACES] for row in rows] == [1.0] * 4
     assert all(0 < row[agreement.DISTANCES] < 1 for row in rows)
-    street = list(agreement.measure(Draw(agreement.street(0, 40, sensor="tiny"), 0, True)))
+    monkeypatch.setattr(counted_pairs, "simulate_pair", partial(simulate_pair, sensor="tiny"))
+    monkeypatch.setattr(agreement, "LENGTH_M", 40.0)
+    street = list(agreement.measure(Draw(agreement.street(0), 0, True)))
     assert all(-1 <= row[agreement.PROFILE] <= 1 for row in street)
     figure = agreement.figure([{"drives": "d", **row} for row in rows])
     assert len(figure.axes[0].containers) == 2 * len(agreement.MEASURES)

@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
     )
     from edge_vpr_tools.research.experiments import simulated
     from edge_vpr_tools.research.experiments.pairs import Pair
-    from edge_vpr_tools.research.experiments.variants import Trial
+    from edge_vpr_tools.research.experiments.variants import VariantResult
 
     output = Path(args.output)
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> None:
     with status("mapping and matching") as show:
         for variant in simulated.VARIANTS:
             show(variant.name)
-            trials[variant.name] = Trial.of(variant.of(pair, args.seed))
+            trials[variant.name] = VariantResult.of(variant.of(pair, args.seed))
         show("matching event by event")
         tracks = reference.track, query.track
         latencies = compare_latencies(trials[simulated.DEFAULT], query, tracks)

@@ -22,7 +22,7 @@ from edge_vpr_tools.report.traverse import shown_distances
 from edge_vpr_tools.report.verdict import outcome_of
 from edge_vpr_tools.research.experiments import simulated
 from edge_vpr_tools.research.experiments.pairs import TOLERANCE_M
-from edge_vpr_tools.research.experiments.variants import Trial
+from edge_vpr_tools.research.experiments.variants import VariantResult
 
 # How soon a place is recognised after it was entered: event by event against window by window.
 
@@ -98,7 +98,7 @@ def measure_latency(
 
 
 def compare_latencies(
-    trial: Trial, query: EventSource, tracks: tuple[Track, Track]
+    trial: VariantResult, query: EventSource, tracks: tuple[Track, Track]
 ) -> dict[str, Latency]:
     """Time the recognition of places with a match after every event, and after every window.
 
@@ -120,7 +120,7 @@ def compare_latencies(
 # The table, remarks on it, and the report.
 
 
-def rows(trials: dict[str, Trial]) -> list[tuple[str, ...]]:
+def rows(trials: dict[str, VariantResult]) -> list[tuple[str, ...]]:
     """Return a row of `HEADER` for each variant."""
     return [
         (
@@ -140,7 +140,7 @@ HEADER = (
 )  # fmt: skip
 
 
-def remarks(trials: dict[str, Trial], latencies: dict[str, Latency]) -> list[str]:
+def remarks(trials: dict[str, VariantResult], latencies: dict[str, Latency]) -> list[str]:
     """Return remarks on the table, one line each, and the latencies."""
     share = {name: trial.evaluation.precision_at_100_recall for name, trial in trials.items()}
 
@@ -172,7 +172,7 @@ def remarks(trials: dict[str, Trial], latencies: dict[str, Latency]) -> list[str
 
 
 def write_report(
-    folder: Path, trials: dict[str, Trial], latencies: dict[str, Latency], track: Track
+    folder: Path, trials: dict[str, VariantResult], latencies: dict[str, Latency], track: Track
 ) -> None:
     """Write ``report.html`` and its figures, and map and matches of the default."""
     best, by_time = trials[simulated.BEST], trials[simulated.BY_TIME]

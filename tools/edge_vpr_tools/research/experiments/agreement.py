@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -40,9 +40,9 @@ class Timed(NamedTuple):
     timed: CountedDrive
 
 
-def street(seed: int, length_m: float = LENGTH_M, **more: Any) -> Timed:
+def street(seed: int) -> Timed:
     """Simulate and count the pair of this seed, the query also in windows of fixed time."""
-    drives = simulated_pair(seed, length_m=length_m, **more)
+    drives = simulated_pair(seed, length_m=LENGTH_M)
     pair = drives.counted(window="count")
     timed = count_drive(drives.query, FixedTime(drives.settings.tau_us))
     # the hot pixels of the pair, which hold no counts there

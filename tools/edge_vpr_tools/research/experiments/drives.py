@@ -279,9 +279,9 @@ def simulated_pair(seed: int, **street: Any) -> Pair:
     return Pair.simulated(reference.keep(), query.keep())
 
 
-def counted_street(seed: int, length_m: float = LENGTH_M, **street: Any) -> CountedPair:
+def counted_street(seed: int) -> CountedPair:
     """Simulate the pair of this seed, and count it in windows of a number of events."""
-    return simulated_pair(seed, length_m=length_m, **street).counted(window="count")
+    return simulated_pair(seed, length_m=LENGTH_M).counted(window="count")
 
 
 class Second(NamedTuple):
@@ -332,7 +332,9 @@ _counted = lru_cache(maxsize=1)(Pair.counted)
 
 
 def _declared(
-    found: Collection[Pair], opened: Callable[[Pair], Any], named: Callable[[Pair], str]
+    found: Collection[Pair],
+    opened: Callable[[Pair], Any] = lambda pair: pair,
+    named: Callable[[Pair], str] = lambda pair: pair.drives,
 ) -> list[Drives]:
     return [
         Drives(named(pair), lambda seed, pair=pair: opened(pair), pair.files, drawn=pair.drawn)  # type: ignore[misc]
@@ -356,20 +358,20 @@ def recorded_drives(data: Path | None, *, images: bool = False) -> list[Drives]:
     check_data(data)
     assert data is not None
     found = [pair for pair in _pairs(data) if pair.has_images or not images]
-    return _declared(found, lambda pair: pair, lambda pair: pair.name)
+    return _declared(found, named=lambda pair: pair.name)
 
 
 def counted_drives(data: Path | None) -> list[Drives]:
     """Return streets, and the recorded pairs of a folder, as windows of all pixels."""
     streets = Drives(SIMULATED, counted_street, varied=True)
-    return [streets, *_declared(whole_pairs(data), _counted, lambda pair: pair.drives)]
+    return [streets, *_declared(whole_pairs(data), _counted)]
 
 
 def event_drives(data: Path | None) -> list[Drives]:
     """Return streets, and the pairs of a folder whose events were recorded."""
     streets = Drives(SIMULATED, simulated_pair, varied=True)
     recorded = [pair for pair in whole_pairs(data) if pair.has_events]
-    return [streets, *_declared(recorded, lambda pair: pair, lambda pair: pair.drives)]
+    return [streets, *_declared(recorded)]
 
 
 def walks(data: Path | None) -> Drives:
@@ -386,7 +388,7 @@ def walks(data: Path | None) -> Drives:
             ": name the folder that holds it with --data"
         )
     (pair,) = (pair for pair in whole_pairs(data) if pair.files == (data / WALKS,))
-    return _declared([pair], lambda pair: pair, lambda pair: pair.drives)[0]
+    return _declared([pair])[0]
 
 
 def contests(data: Path | None) -> list[Drives]:
@@ -400,7 +402,7 @@ def contests(data: Path | None) -> list[Drives]:
     ]
     if data is None:
         return found
-    found += _declared(whole_pairs(data), _counted, lambda pair: pair.drives)
+    found += _declared(whole_pairs(data), _counted)
     sparse, lens = data / BRISBANE, data / LENS
     if sparse.is_dir():
         there, back = _BRISBANE_DRIVES, _BRISBANE_DRIVES[::-1]

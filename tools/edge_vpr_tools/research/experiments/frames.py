@@ -153,9 +153,9 @@ NUMBERS = (25, 150)
 DENSE = {"all pixels": "all-pixels", "patch-normalised": "patch-normalised"}
 
 
-def simulated_frames(seed: int, length_m: float = LENGTH_M, sensor: str = "default") -> FramedPair:
+def simulated_frames(seed: int) -> FramedPair:
     """Simulate the pair of this seed, and take a frame at the centre of each window."""
-    drives = tuple(drive.keep() for drive in simulate_pair(seed, sensor, length_m=length_m))
+    drives = tuple(drive.keep() for drive in simulate_pair(seed, length_m=LENGTH_M))
     events = Pair.simulated(*drives).counted(window="count")
     rng = np.random.default_rng(seed)
     first, second = (

@@ -74,7 +74,7 @@ class Variant:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class VariantResult:
     """Result of one variant on one pair of drives."""
 
     reference: ReferenceMap
@@ -85,7 +85,7 @@ class Trial:
     matching_s: float
 
     @classmethod
-    def of(cls, pair: MappedPair, longest: int = 1) -> Trial:
+    def of(cls, pair: MappedPair, longest: int = 1) -> VariantResult:
         """Match, and evaluate the windows that sequences of `longest` windows match too."""
         queries = pair.reference.coded(pair.counted)
         matches, matching_s = fastest(lambda: match_query(pair.reference, queries))
@@ -157,8 +157,8 @@ def _measure(variants: Sequence[Variant], default: str, draw: Draw) -> Iterator[
         if not (draw.is_new or variant.drawn):
             continue
         mapped = variant.of(pair, draw.seed)
-        trial = Trial.of(mapped, pair.settings.sequence_length)
-        yield {"variant": variant.name, CHOSEN_ON: variant.chosen_on, **trial.row()}
+        found = VariantResult.of(mapped, pair.settings.sequence_length)
+        yield {"variant": variant.name, CHOSEN_ON: variant.chosen_on, **found.row()}
         if variant.name == default:
             rng = np.random.default_rng(draw.seed)
-            yield from null_rows(replace(mapped, truth=trial.truth), rng, "variant")
+            yield from null_rows(replace(mapped, truth=found.truth), rng, "variant")
