@@ -26,7 +26,6 @@ from edge_vpr_tools.research.sweep.comparison import draw, rows_of, write_compar
 from edge_vpr_tools.research.sweep.plan import (
     content_hash,
     read_plan,
-    run_sweep,
     run_trial,
     sweep_store,
 )
@@ -92,10 +91,10 @@ def plan_file(tmp_path):
     return tmp_path / "sweep.toml"
 
 
-def swept(plan_file, workers, folder, **more):
+def swept(plan_file, workers, folder, run=run_trial, **more):
     store = sweep_store(folder)
     with store.opened():
-        return store, run_sweep(read_plan(plan_file), store, workers, **more)
+        return store, trials.compute(read_plan(plan_file).trials(), run, store, workers, **more)
 
 
 def test_a_plan_is_variants_times_drives_times_seeds(plan_file):

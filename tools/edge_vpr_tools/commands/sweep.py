@@ -40,8 +40,8 @@ _MOST_SHOWN = 5
 def run(args: argparse.Namespace) -> None:
     """Run the missing trials, and print the table of all."""
     from edge_vpr_tools.research.sweep.comparison import markdown, rows_of
-    from edge_vpr_tools.research.sweep.plan import read_plan, run_sweep, sweep_store
-    from edge_vpr_tools.research.trials import cluster, failures, processes
+    from edge_vpr_tools.research.sweep.plan import read_plan, run_trial, sweep_store
+    from edge_vpr_tools.research.trials import cluster, compute, failures, processes
 
     if args.workers is not None and args.scheduler is not None:
         raise UsageError("--workers are of this machine, --scheduler of a cluster: leave one out")
@@ -51,8 +51,9 @@ def run(args: argparse.Namespace) -> None:
     else:
         started = processes(os.cpu_count() or 1 if args.workers is None else args.workers)
     with store.opened(), started as workers, status("hashing the inputs") as show:
-        done = run_sweep(
-            plan,
+        done = compute(
+            plan.trials(),
+            run_trial,
             store,
             workers,
             retry_failed=args.retry_failed,

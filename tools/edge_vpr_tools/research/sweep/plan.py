@@ -7,7 +7,7 @@ import itertools
 import math
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
@@ -31,11 +31,7 @@ from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.experiments.pairs import Pair
 from edge_vpr_tools.research.trials import (
     ListedTrial,
-    Progress,
     Store,
-    TrialsRun,
-    Workers,
-    compute,
     key_of,
 )
 from edge_vpr_tools.truth_files import load_truth
@@ -288,6 +284,11 @@ def _files_of(system: str | None) -> list[str]:
     return [found[1:] for found in _FILE.findall(system or "")]
 
 
+def sweep_store(folder: Path) -> Store[Trial, TrialResult]:
+    """Return the store of a sweep in a folder."""
+    return Store(folder, Trial, TrialResult)
+
+
 # Plan of a sweep: the file ``sweep.toml``.
 
 
@@ -491,25 +492,3 @@ def _check_names(values: Mapping[str, Any], known: tuple[str, ...], where: str) 
 
 def _word(value: object) -> str:
     return ",".join(map(str, value)) if isinstance(value, list) else str(value)
-
-
-# Run a sweep.
-
-
-def sweep_store(folder: Path) -> Store[Trial, TrialResult]:
-    """Return the store of a sweep in a folder."""
-    return Store(folder, Trial, TrialResult)
-
-
-def run_sweep(
-    plan: Plan,
-    store: Store[Trial, TrialResult],
-    workers: Workers,
-    *,
-    retry_failed: bool = False,
-    progress: Progress = lambda done, of, failed: None,
-    run: Callable[[Trial], TrialResult] = run_trial,
-) -> TrialsRun:
-    """Compute every trial of a plan whose result is not stored yet; see `compute`."""
-    trials = plan.trials()
-    return compute(trials, run, store, workers, retry_failed=retry_failed, progress=progress)
