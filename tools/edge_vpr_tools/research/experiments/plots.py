@@ -24,8 +24,8 @@ from edge_vpr_tools.report.style import (
     name_label,
     panels,
 )
+from edge_vpr_tools.research.experiments.experiment import Rows
 
-Rows = Sequence[Mapping[str, Any]]
 _COLUMNS = 4
 
 
