@@ -24,7 +24,6 @@ from streams import random_events
 from edge_vpr.events import Sensor
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.recordings import write_recording
-from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from firmware_model import Design
 
@@ -277,14 +276,10 @@ def folder(tmp_path_factory):
     return folder
 
 
-class _Pair:
-    def __init__(self, name):
-        self.name, self.settings = name, PRESETS["tiny"]
-
-
-def scores(pair, seed, variants):
-    rng = np.random.default_rng(seed)
-    return {variant: float(rng.random()) for variant in variants}
+def rows_of_codes(draw):
+    for bits in (1, 3):
+        row = {"code": "logarithm", "bits": bits, "full scale": "learnt"}
+        yield {**row, "P@100R": 0.5, "bytes per place": bits}
 
 
 @pytest.fixture
@@ -295,10 +290,9 @@ def small_loads(monkeypatch):
     monkeypatch.setattr(profiling, "sparse_against_all", lambda *unused: timed)
     monkeypatch.setattr(accuracy, "PIXELS", (5,))
     monkeypatch.setattr("firmware_model.vectors.standard_suites", lambda *unused: {})
-    pairs = [Drives(name, lambda seed, name=name: _Pair(name)) for name in "ab"]
-    declared = replace(codes.EXPERIMENT, drives=lambda data: pairs)
+    pairs = [Drives(name, lambda seed: None) for name in "ab"]
+    declared = replace(codes.EXPERIMENT, drives=lambda data: pairs, measure=rows_of_codes)
     monkeypatch.setattr(codes, "EXPERIMENT", declared)
-    monkeypatch.setattr(codes, "score", scores)
     monkeypatch.setattr("edge_vpr_tools.report.traverse.write_report", lambda *unused, **more: None)
     street = partial(simulate_pair, length_m=60.0)
     monkeypatch.setattr("edge_vpr.simulation.simulate_pair", street)
