@@ -590,7 +590,7 @@ class LiveSession:
             if path.suffix != ".bin":
                 _check_format(path)
             check_output(path, [map_file])
-        source = link if isinstance(link, str | os.PathLike) else None
+        source = Path(link) if isinstance(link, str | os.PathLike) else None
         seen: set[Path] = set()
         for path in filter(None, (*self._record, self._learn)):
             check_output(path, [source])

@@ -510,7 +510,7 @@ def test_a_recording_that_cannot_be_written_is_refused_before_the_drive(tmp_path
         ({"record": "a.npz", "learn": "a.npz"}, "is named twice"),
     ],
 )
-def test_no_file_of_a_session_replaces_another_one(files, says, route, query, tmp_path, monkeypatch):
+def test_a_file_of_a_session_replaces_no_other(files, says, route, query, tmp_path, monkeypatch):
     """Not even with `overwrite`; a map may be replaced by itself, with what it has learnt."""
     monkeypatch.chdir(tmp_path)
     route.save("map.npz")
