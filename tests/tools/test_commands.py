@@ -375,7 +375,8 @@ def test_matches_event_by_event_are_evaluated_by_the_same_command(
     assert set(found["recall_at"]) == {"1"}  # of each match only the best place is kept
     assert (folder / "matches.svg").is_file()
     # of more matches than the truth has room for, some are evaluated, and it says how many
-    monkeypatch.setattr("edge_vpr_tools.truth_files._MOST_CELLS", len(matches) * len(reference) // 2)
+    room = len(matches) * len(reference) // 2
+    monkeypatch.setattr("edge_vpr_tools.truth_files._MOST_CELLS", room)
     assert main(arguments) == 0
     found = json.loads((folder / "metrics.json").read_text())["evaluation"]
     some = -(-len(matches) // 3)
