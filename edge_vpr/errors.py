@@ -212,13 +212,14 @@ def did_you_mean(given: str, known: Iterable[str]) -> str:
 def install_command(extra: str) -> str:
     """Return the command that installs an extra, from the same source as edge-vpr itself.
 
-    An edge-vpr that was installed from a checkout is not on a package index. If that checkout is
-    gone, as after `tools/board/install.sh`, the command names the libraries of the extra.
+    An edge-vpr that was installed from a checkout is not on a package index. One that runs from its
+    checkout still does so afterwards (``-e``). If the checkout is gone, as after
+    `tools/board/install.sh`, the command names the libraries of the extra.
     """
     checkout = Path(__file__).parents[1]
     if (checkout / "pyproject.toml").is_file():
         here = checkout == Path.cwd()
-        return f"pip install '{'.' if here else checkout}[{extra}]'"
+        return f"pip install -e '{'.' if here else checkout}[{extra}]'"
     return _from_origin(extra)
 
 

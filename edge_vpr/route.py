@@ -218,17 +218,20 @@ class Odometry(EqualByValue):
         return np.maximum.accumulate(shown) - shown[0]
 
     def of_windows(
-        self, end_us: npt.NDArray[np.int64]
+        self, end_us: npt.NDArray[np.int64], spacing_mm: int = 0
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
         """Return the distance driven between the ends of successive windows.
 
         A reading belongs to the window that ends after it. The distance of a window is known if it
         and the window before it have readings; it is the difference of the newest readings of both.
+        Short ones are added up: see `Odometer`.
 
         Parameters
         ----------
         end_us : ndarray of int64, shape (n,)
             Ends of the windows, increasing.
+        spacing_mm : int
+            See `Odometer`; 0 adds up none.
 
         Returns
         -------
@@ -236,7 +239,7 @@ class Odometry(EqualByValue):
             0 where it is not known.
         known : ndarray of bool, shape (n,)
         """
-        meter = Odometer()
+        meter = Odometer(spacing_mm)
         travelled = np.zeros(len(end_us), dtype=np.int64)
         known = np.zeros(len(end_us), dtype=np.bool_)
         read = np.searchsorted(self.time_us, end_us, side="left").tolist()
@@ -255,16 +258,26 @@ class Odometry(EqualByValue):
 class Odometer:
     """Readings of an odometer in the present window and in the one before it.
 
+    Parameters
+    ----------
+    spacing_mm : int
+        Mean distance between two places. If the robot drives less than half of it in a window, the
+        distance counts as 0, until the windows that do not count yet make up the whole of it. The
+        filter has whole places: to stay would otherwise be nearest to the distance driven, in each
+        window again.
+
     Attributes
     ----------
-    latest, anchor : int
-        Newest reading, and the newest of the window before, in millimetres.
+    latest, before, anchor : int
+        Newest reading, the newest of the window before, and the newest that has been counted, in
+        millimetres.
     fresh, anchored : bool
-        Whether there was one in each of the two.
+        Whether there was one in this window and in the one before it.
     """
 
-    def __init__(self) -> None:
-        self.latest = self.anchor = 0
+    def __init__(self, spacing_mm: int = 0) -> None:
+        self.spacing_mm = spacing_mm
+        self.latest = self.before = self.anchor = 0
         self.fresh = self.anchored = False
 
     def read(self, distance_mm: int) -> None:
@@ -273,9 +286,15 @@ class Odometer:
 
     @property
     def travelled_mm(self) -> int | None:
-        """Distance since the end of the window before; None if not known."""
-        return self.latest - self.anchor if self.fresh and self.anchored else None
+        """Distance that counts in this window; None if not known."""
+        if not (self.fresh and self.anchored):
+            return None
+        slow = 2 * abs(self.latest - self.before) < self.spacing_mm
+        driven = self.latest - self.anchor
+        return 0 if slow and abs(driven) < self.spacing_mm else driven
 
     def end_window(self) -> None:
         """Begin the next window."""
-        self.anchor, self.anchored, self.fresh = self.latest, self.fresh, False
+        if self.travelled_mm != 0:
+            self.anchor = self.latest
+        self.before, self.anchored, self.fresh = self.latest, self.fresh, False

@@ -660,6 +660,23 @@ def transitions_by_steps(
     return transitions
 
 
+def counted_distances(along: Sequence[int], driven: Sequence[int | None]) -> list[int | None]:
+    """What counts of the distances between readings: short ones once they add up to a place."""
+    spacing = (along[-1] - along[0]) // (len(along) - 1)
+    counted: list[int | None] = []
+    held = 0
+    for distance in driven:
+        held = 0 if distance is None else held + distance
+        if distance is None:
+            counted.append(None)
+        elif 2 * abs(distance) < spacing and abs(held) < spacing:
+            counted.append(0)
+        else:
+            counted.append(held)
+            held = 0
+    return counted
+
+
 def transitions_by_odometry(
     along: Sequence[int], travelled: int, jumps: Sequence[tuple[int, int]], per_window: int = 1
 ) -> list[tuple[int, int, int]]:

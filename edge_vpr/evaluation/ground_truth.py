@@ -334,6 +334,9 @@ def _common(track: Track, times_us: npt.NDArray[np.float64]) -> float:
     """Return the common time of track and windows, divided by the time that they span together."""
     first, last = float(track.time_us[0]), float(track.time_us[-1])
     start, end = float(times_us.min()), float(times_us.max())
+    # the first and the last window reach half a window beyond their centres
+    half = (end - start) / max(1, 2 * (times_us.size - 1))
+    start, end = start - half, end + half
     whole = max(last, end) - min(first, start)
     return max(0.0, min(last, end) - max(first, start)) / whole if whole > 0 else 1.0
 

@@ -30,7 +30,7 @@ from edge_vpr.descriptors.counting import Removed
 from edge_vpr.errors import MapError, RecordingError, UsageError, as_path, expect, printable
 from edge_vpr.evaluation.tracks import save_odometry
 from edge_vpr.events import Events, Sensor, join_events
-from edge_vpr.files import work_folder
+from edge_vpr.files import check_output, work_folder
 from edge_vpr.learning import MapUpdate
 from edge_vpr.live.links import DescriptorLink, Link, LinkReader, SocketLink, UrlLink, open_link
 from edge_vpr.live.odometer import OdometerReader
@@ -45,7 +45,7 @@ from edge_vpr.online.localiser import (
     MatchSchedule,
     Step,
 )
-from edge_vpr.recordings import FORMATS, write_recording
+from edge_vpr.recordings import FORMATS, WRITTEN, writable_format, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_parent
 from edge_vpr.route import Odometry
@@ -504,9 +504,9 @@ class LiveSession:
     Raises
     ------
     UsageError
-        If arguments contradict each other, or a file exists or cannot be written.
+        If arguments contradict each other, or a file exists, cannot be written, or is read too.
     MapError
-        If the map cannot be read, or is of another sensor.
+        If the map cannot be read.
 
     Attributes
     ----------
@@ -553,8 +553,9 @@ class LiveSession:
                 expect(text, str, name, "a text such as '500ms'")
         if odometry is not None:
             expect(odometry, str, "odometry", "the odometer's port as text")
+        map_file = None
         if isinstance(reference, str | Path):
-            reference = ReferenceMap.load(reference)
+            map_file, reference = reference, ReferenceMap.load(reference)
         if reference is not None:
             expect(reference, ReferenceMap, "reference", "a ReferenceMap or the path of one")
             settings = reference.settings if settings is None else settings
@@ -585,7 +586,17 @@ class LiveSession:
         self._record = [as_path(path, "a file to record") for path in paths]
         self._overwrite = overwrite
         self._learn = None if learn is None else as_path(learn, "the map to learn")
+        for path in self._record:
+            if path.suffix != ".bin":
+                _check_format(path)
+            check_output(path, [map_file])
+        source = Path(link) if isinstance(link, str | os.PathLike) else None
+        seen: set[Path] = set()
         for path in filter(None, (*self._record, self._learn)):
+            check_output(path, [source])
+            if path.resolve() in seen:
+                raise UsageError(f"{path} is named twice: give each file another name")
+            seen.add(path.resolve())
             check_parent(path)
             if path.exists() and not overwrite:
                 raise UsageError(f"{path} exists: name another file, or pass overwrite=True")
@@ -646,6 +657,8 @@ class LiveSession:
         ------
         UsageError
             If the session was closed.
+        MapError
+            If the map is of another sensor.
         LinkError
             If the link or the odometer cannot be opened.
         OSError
@@ -1185,6 +1198,14 @@ def _sensor_of(
     if reference is None:
         raise UsageError("the size of the sensor is not known: pass sensor= or reference=")
     return reference.pixel_map.sensor
+
+
+def _check_format(path: Path) -> None:
+    try:
+        writable_format(path)
+    except UsageError as error:
+        known = ", ".join(WRITTEN)
+        raise UsageError(f"record {path}: expected .bin for bytes, or {known}") from error
 
 
 def _is_recording(path: Path) -> bool:

@@ -275,7 +275,7 @@ def filter_drive(
     travelled: list[Travelled] = [None] * n
     if odometry is not None:
         place_filter.transitions.check_odometry()
-        driven, known = odometry.of_windows(queries.end_us)
+        driven, known = odometry.of_windows(queries.end_us, place_filter.transitions.spacing_mm)
         travelled = [
             mm if is_known else None for mm, is_known in zip(driven.tolist(), known, strict=True)
         ]

@@ -399,6 +399,11 @@ class Transitions:
             per_window = max(self._spacing, 1) * costs.places_per_window
             self._rate = (OFF_BY_A_WINDOW << FRACTION_BITS << RATE_BITS) // per_window
 
+    @property
+    def spacing_mm(self) -> int:
+        """Mean distance between two places; 0 if the map holds none."""
+        return self._spacing
+
     def check_odometry(self) -> None:
         """Raise UsageError if the map does not hold the distances between its places."""
         self._checked_along()

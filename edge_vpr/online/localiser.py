@@ -931,7 +931,7 @@ class FilterRun(MatchRun):
             reference.places, reference.settings, reference.jumps, reference.along_mm
         )
         super().__init__(reference, window, schedule, place_filter=self.place_filter)
-        self.odometer = Odometer()
+        self.odometer = Odometer(self.place_filter.transitions.spacing_mm)
         self._code = reference.own_mean_code
         self.mean = None
         if self._code is not None and reference.mean is not None:
@@ -996,7 +996,7 @@ class FilterRun(MatchRun):
             "filter_state": np.array(state, dtype=np.int64),
         }
         if meter.fresh or meter.anchored:
-            state = [meter.latest, meter.anchor, meter.fresh, meter.anchored]
+            state = [meter.latest, meter.anchor, meter.fresh, meter.anchored, meter.before]
             arrays["filter_odometer"] = np.array(state, dtype=np.int64)
         if self.mean is not None:
             arrays["filter_mean"] = self.mean.total
@@ -1011,8 +1011,10 @@ class FilterRun(MatchRun):
         if "filter_odometer" in arrays:
             found.transitions.check_odometry()
             meter = self.odometer
-            meter.latest, meter.anchor, fresh, anchored = arrays["filter_odometer"].tolist()
-            meter.fresh, meter.anchored = bool(fresh), bool(anchored)
+            numbers = arrays["filter_odometer"].tolist()
+            meter.latest, meter.anchor = numbers[:2]
+            meter.fresh, meter.anchored = (bool(number) for number in numbers[2:4])
+            meter.before = numbers[4] if len(numbers) == 5 else meter.anchor
             self._travel()
         self._set_window_end()
         if self.mean is not None:
@@ -1839,9 +1841,10 @@ def check_filter_state(
         )
     _check_schedule(arrays, "filter_schedule", places, every, floor_us)
     if "filter_odometer" in arrays:
-        check_array(arrays["filter_odometer"], "filter_odometer", (np.int64,), (4,))
-        check_range(arrays["filter_odometer"][:2], "filter_odometer", -MOST_MM, MOST_MM)
-        check_range(arrays["filter_odometer"][2:], "filter_odometer", 0, 1)
+        meter = arrays["filter_odometer"]  # without the last number from earlier versions
+        check_array(meter, "filter_odometer", (np.int64,), (4 if meter.size == 4 else 5,))
+        check_range(meter[[0, 1, -1]], "filter_odometer", -MOST_MM, MOST_MM)
+        check_range(meter[2:4], "filter_odometer", 0, 1)
     if "filter_mean" in arrays:
         check_array(arrays["filter_mean_windows"], "filter_mean_windows", (np.int64,), (1,))
         check_range(arrays["filter_mean_windows"], "filter_mean_windows", 0, max(windows, 0))

@@ -141,6 +141,12 @@ def test_the_log_of_another_drive_is_noticed_by_its_time():
     )
 
 
+def test_the_log_of_a_drive_of_a_few_windows_is_no_other_one_s():
+    """Of three windows the centres span two thirds of the drive."""
+    track = straight(3, 30)
+    assert from_tracks(track, track, centres(3), centres(3), 5.0).notes == ()
+
+
 def test_tracks_of_two_routes_say_how_far_they_are_apart():
     with pytest.raises(GroundTruthError, match="come no nearer than 4,000 m"):
         from_tracks(

@@ -494,6 +494,34 @@ def test_files_are_looked_at_before_the_link_is_opened(what, tmp_path):
             LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, **{what: tmp_path / name})
 
 
+def test_a_recording_that_cannot_be_written_is_refused_before_the_drive(tmp_path):
+    for name in ("drive.xyz", "drive"):
+        with pytest.raises(UsageError, match=r"drive.*: expected \.bin for bytes, or \.npz"):
+            LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, record=tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("files", "says"),
+    [
+        ({"record": "sent.bin"}, "is the input"),
+        ({"record": "map.npz"}, "is the input"),
+        ({"learn": "sent.bin"}, "is the input"),
+        ({"record": ["a.bin", "a.bin"]}, "is named twice"),
+        ({"record": "a.npz", "learn": "a.npz"}, "is named twice"),
+    ],
+)
+def test_a_file_of_a_session_replaces_no_other(files, says, route, query, tmp_path, monkeypatch):
+    """Not even with `overwrite`; a map may be replaced by itself, with what it has learnt."""
+    monkeypatch.chdir(tmp_path)
+    route.save("map.npz")
+    Path("sent.bin").write_bytes(open_encoder("evpr", SENSOR).encode(query))
+    asked = {"protocol": "evpr", "reference": "map.npz", "overwrite": True}
+    with pytest.raises(UsageError, match=says):
+        LiveSession("sent.bin", **asked, **files)
+    assert ReferenceMap.load("map.npz") == route and Path("sent.bin").stat().st_size > 0
+    LiveSession("sent.bin", **asked, learn="map.npz")
+
+
 def test_a_session_that_is_not_open_yet_has_a_state():
     session = LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR)
     assert (session.address, session.status.dead_s) == ("/dev/null0", 0.0)

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 
+import naive
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.estimate.of_map import design_of, memories_of
+from hypothesis import given
+from hypothesis import strategies as st
 from streams import descriptors
 from test_localiser import PIXEL_MAP, PIXELS, SENSOR
 
@@ -82,6 +85,36 @@ def test_the_way_of_a_window_lies_between_its_last_reading_and_that_of_the_windo
     assert travelled[known].tolist() == [2, 4, 16]
 
 
+def test_short_distances_count_once_they_add_up_to_a_place():
+    odometry = Odometry(np.arange(5, 105, 10), np.array([0, 3, 6, 9, 9, 12, 8, 9, 14, 13]))
+    travelled, known = odometry.of_windows(np.arange(10, 110, 10), 8)
+    # with places 8 apart, half of that in one window counts at once, and what was held with it
+    assert travelled.tolist() == [0, 0, 0, 9, 0, 0, -1, 0, 6, 0]
+    assert known.tolist() == [False, *[True] * 9]
+    # windows without a reading, or after one without, let go of what was held
+    gap = Odometry(np.array([5, 15, 45, 55]), np.array([0, 3, 90, 99]))
+    travelled, known = gap.of_windows(np.arange(10, 70, 10), 8)
+    assert travelled[known].tolist() == [0, 9]
+    gap = Odometry(np.array([5, 15, 45, 55]), np.array([0, 3, 90, 93]))
+    travelled, known = gap.of_windows(np.arange(10, 70, 10), 8)
+    assert travelled[known].tolist() == [0, 0]
+
+
+@given(seed=st.integers(0, 2**32), spacing=st.integers(1, 20))
+def test_what_counts_of_a_drive_is_what_the_oracle_says(seed, spacing):
+    rng = np.random.default_rng(seed)
+    read = np.flatnonzero(rng.random(30) < 0.9)
+    odometry = Odometry(read * 10 + 5, np.cumsum(rng.integers(-6, 13, read.size)))
+    travelled, known = odometry.of_windows(np.arange(10, 310, 10), spacing)
+    shown = dict(zip(read.tolist(), odometry.distance_mm.tolist(), strict=True))
+    both = [j in shown and j - 1 in shown for j in range(30)]
+    driven = [shown[j] - shown[j - 1] if both[j] else None for j in range(30)]
+    found = [
+        mm if is_known else None for mm, is_known in zip(travelled.tolist(), known, strict=True)
+    ]
+    assert found == naive.counted_distances([0, spacing], driven)
+
+
 @pytest.mark.parametrize(
     ("time_us", "distance_mm", "message"),
     [
@@ -118,6 +151,21 @@ def test_places_that_look_alike_are_told_apart_by_the_way():
     matched = match_descriptors(places, queries, settings, along_mm=along, odometry=odometry)
     assert matched.place.tolist() == path.tolist()
     assert match_descriptors(places, queries, settings).place.tolist() != path.tolist()
+
+
+def test_a_robot_at_a_quarter_of_the_speed_of_the_map_moves_on_among_places_that_look_alike():
+    rng = np.random.default_rng(0)
+    counts = np.full((40, len(PIXELS)), 20)
+    counts[8] = rng.integers(0, 60, len(PIXELS))
+    path = np.repeat(np.arange(8, 30), 4)
+    settings = Settings(pixels=len(PIXELS), matching="filter", smooth=False)
+    times = np.arange(path.size, dtype=np.int64) * 1_000 + 500
+    matched = match_descriptors(
+        descriptors(counts), descriptors(counts[path]), settings,
+        along_mm=np.arange(40, dtype=np.int64) * 2_000,
+        odometry=Odometry(times, np.arange(path.size, dtype=np.int64) * 500),
+    )  # fmt: skip
+    assert (np.abs(matched.place - path) <= 1).mean() > 0.9
 
 
 def test_a_loop_that_closes_is_driven_on_over_a_jump():

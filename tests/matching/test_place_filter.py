@@ -125,7 +125,8 @@ def test_a_smoothed_drive_has_the_cost_of_the_best_path_through_each_place(
     along, travelled = random_distances(rng, places, windows, spacing)
     odometry = None if along is None else readings(travelled)
     if odometry is not None:
-        travelled = [None, *np.diff(odometry.distance_mm).tolist()]
+        driven = [None, *np.diff(odometry.distance_mm).tolist()]
+        travelled = naive.counted_distances(along.tolist(), driven)
     chosen = Settings(
         matching="filter", pixels=3, smooth=delay is None, delay=delay or 0,
         filter_steps=steps.forward, filter_back=steps.back, filter_restart=steps.restart,

@@ -387,7 +387,7 @@ def test_aedat4_with_two_cameras_asks_which(tmp_path):
 def test_a_missing_library_names_the_extra(name, head, module, extra, tmp_path, monkeypatch):
     (tmp_path / name).write_bytes(head)
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(MissingExtraError, match=rf"run pip install '.*\[{extra}\]'"):
+    with pytest.raises(MissingExtraError, match=rf"run pip install -e '.*\[{extra}\]'"):
         open_recording(tmp_path / name)
 
 

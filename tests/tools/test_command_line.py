@@ -458,11 +458,12 @@ def test_names_of_outputs_reach_no_terminal_raw(drive, tmp_path, capsys):
 
 
 def test_the_hint_to_install_an_extra_works_from_here(monkeypatch):
+    """And leaves this checkout installed, not a copy that later changes do not reach."""
     root = str(edge_vpr.__path__[0]).removesuffix("/edge_vpr")
     monkeypatch.chdir("/")
-    assert str(MissingExtraError("x", "y", "parquet")).endswith(f"pip install '{root}[parquet]'")
+    assert str(MissingExtraError("x", "y", "parquet")).endswith(f"pip install -e '{root}[parquet]'")
     monkeypatch.chdir(root)
-    assert str(MissingExtraError("x", "y", "parquet")).endswith("pip install '.[parquet]'")
+    assert str(MissingExtraError("x", "y", "parquet")).endswith("pip install -e '.[parquet]'")
 
 
 def test_the_hint_names_an_extras_libraries_if_the_checkout_that_was_installed_is_gone(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import shutil
 from dataclasses import replace
 from functools import partial
@@ -90,6 +91,14 @@ def test_settings_lie_flags_over_file_over_preset(drive, tmp_path):
     assert main(["map", source, "-o", str(output), *flags]) == 0
     settings = ReferenceMap.load(output).settings
     assert (settings.pixels, settings.seed, settings.strategy) == (25, 4, "random")
+
+
+def test_the_next_command_can_be_copied(drive, tmp_path, capsys):
+    folder = tmp_path / "drive of monday"
+    words = ["match", str(drive / "map.npz"), str(drive / "query.npz"), "-o", str(folder)]
+    assert main(words) == 0
+    printed = capsys.readouterr().out.rpartition("next, compare with the truth: ")[2]
+    assert shlex.split(printed) == ["edge-vpr", "evaluate", str(folder), "--help"]
 
 
 def test_evaluate_adds_figures_and_metrics(drive, tmp_path, capsys):
@@ -344,7 +353,9 @@ def test_a_file_of_somebody_else_in_a_results_folder_is_never_deleted(drive, cap
     assert (tmp_path / "results" / "mine").is_dir()
 
 
-def test_matches_event_by_event_are_evaluated_by_the_same_command(drive, capsys, tmp_path):
+def test_matches_event_by_event_are_evaluated_by_the_same_command(
+    drive, capsys, tmp_path, monkeypatch
+):
     arguments = ["match", str(drive / "map.npz"), str(drive / "query.npz"), "--online"]
     assert main([*arguments, "-o", str(tmp_path / "online")]) == 0
     for name in ("reference", "query"):
@@ -363,6 +374,14 @@ def test_matches_event_by_event_are_evaluated_by_the_same_command(drive, capsys,
     assert found["precision_at_100_recall"] == pytest.approx(right.mean(), abs=0.01)
     assert set(found["recall_at"]) == {"1"}  # of each match only the best place is kept
     assert (folder / "matches.svg").is_file()
+    # of more matches than the truth has room for, some are evaluated, and it says how many
+    room = len(matches) * len(reference) // 2
+    monkeypatch.setattr("edge_vpr_tools.truth_files._MOST_CELLS", room)
+    assert main(arguments) == 0
+    found = json.loads((folder / "metrics.json").read_text())["evaluation"]
+    some = -(-len(matches) // 3)
+    says = f"edge-vpr: one match in 3 is evaluated: {some:,} of {len(matches):,}\n"
+    assert found["queries"] == some and says in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ from edge_vpr.evaluation.tracks import load_track
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import parse_period
 from edge_vpr.reference_map import MatchResult
-from edge_vpr_tools.console import warning
+from edge_vpr_tools.console import note, warning
 
 #: Suffixes of files that hold a track and not an alignment.
 _TRACKS = (".nmea", ".gpx", ".tum")
@@ -133,9 +133,11 @@ def load_evaluated(
     """
     result = MatchResult.load(results)
     reference, matches = result.reference, result.matches
-    if result.queries is None:  # matched online: each match is a query
-        matches = matches.every(1 + len(matches) * len(reference) // _MOST_CELLS)
-        result = replace(result, matches=matches)
+    stride = 1 + len(matches) * len(reference) // _MOST_CELLS
+    if result.queries is None and stride > 1:  # matched online: each match is a query
+        some = matches.every(stride)
+        note(f"one match in {stride} is evaluated: {len(some):,} of {len(matches):,}")
+        matches, result = some, replace(result, matches=some)
     if frame_period is None and reference.frame_period is not None:
         frame_period = str(reference.frame_period)
     truth_of = partial(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from functools import partial
 from pathlib import Path
+from shlex import quote
 
 from edge_vpr_tools.console import say, status, table
 from edge_vpr_tools.flags import add_output_flags
@@ -69,5 +70,5 @@ def run(args: argparse.Namespace) -> None:
     table(HEADER, rows(trials), title=title, width=_WIDTH)
     for line in remarks(trials, latencies):
         say(line, width=_WIDTH, markup=True)
-    film = f"edge-vpr replay {output} -o match.gif"
+    film = f"edge-vpr replay {quote(str(output))} -o match.gif"
     say(f"See {output / results.REPORT}; as a film: {film}", width=_WIDTH)

@@ -6,6 +6,7 @@ import argparse
 import contextlib
 from collections.abc import Iterable
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
@@ -177,7 +178,7 @@ def run(args: argparse.Namespace) -> None:
     if not args.no_figures:
         summary(
             f"see {output / results.REPORT}; next, compare with the truth: "
-            f"edge-vpr evaluate {output} --help"
+            f"edge-vpr evaluate {quote(str(output))} --help"
         )
 
 
