@@ -26,8 +26,7 @@ from streams import Drive, random_events
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.live.bridge import Bridge, LineFaults
-from edge_vpr.live.links import open_device_link
+from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.session import LiveLocaliser, LiveResult, LiveStatus
 from edge_vpr.matching.matches import Matches, write_csv
