@@ -124,6 +124,8 @@ def check_codes(
 
 
 KIND = "reference map"
+#: arrays that only some maps have
+_OPTIONAL = ("full_scale", "mean", "jumps", "odometer_mm", "learnt_mean", "drives")
 #: a map of any class: a function that changes a map returns one of the same class
 AnyMap = TypeVar("AnyMap", bound="MapRecord")
 
@@ -381,14 +383,7 @@ class MapRecord(EqualByValue):
             "saliency": self.saliency,
             "hot": self.hot,
         }
-        arrays |= present(
-            full_scale=self.full_scale,
-            mean=self.mean,
-            jumps=self.jumps,
-            odometer_mm=self.odometer_mm,
-            learnt_mean=self.learnt_mean,
-            drives=self.drives,
-        )
+        arrays |= present(**{name: getattr(self, name) for name in _OPTIONAL})
         meta: dict[str, Any] = {
             "settings": self.settings.to_dict(),
             "sensor": list(self.pixel_map.sensor),
@@ -423,15 +418,10 @@ class MapRecord(EqualByValue):
                 places=Descriptors.from_arrays(arrays),
                 saliency=arrays["saliency"],
                 hot=arrays["hot"],
-                full_scale=arrays.get("full_scale"),
-                mean=arrays.get("mean"),
                 confidence=Confidence.from_arrays(arrays),
                 route=Route.from_arrays(arrays, meta),
-                jumps=arrays.get("jumps"),
-                odometer_mm=arrays.get("odometer_mm"),
                 frame_period=_period(meta.get("frame_period")),
-                learnt_mean=arrays.get("learnt_mean"),
-                drives=arrays.get("drives"),
+                **{name: arrays.get(name) for name in _OPTIONAL},
             )
         earlier = found.settings.matching == "filter" and meta.get("trust_rule") != TRUST_RULE
         if found.confidence is None or not earlier:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import EqualByValue, check_array, check_range
+from edge_vpr.archive import EqualByValue, check_array, check_range, present
 from edge_vpr.compiling import kernel, plain
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.events import TIME_LIMIT_US, Sensor
@@ -145,8 +145,7 @@ class Descriptors(EqualByValue):
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays by name, for an archive; the inverse of `from_arrays`."""
         names = ("counts", "start_us", "end_us", "events", "selected")
-        columns = {name: getattr(self, name) for name in names}
-        return {name: column for name, column in columns.items() if column is not None}
+        return present(**{name: getattr(self, name) for name in names})
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Descriptors:
@@ -263,23 +262,6 @@ def collect(windows: Iterable[WindowCounts], counters: int) -> Descriptors:
     spans = np.array([window[1:] for window in taken], dtype=np.int64).reshape(-1, 3)
     stacked = np.stack(counts) if counts else np.zeros((0, counters), dtype=np.uint8)
     return Descriptors(stacked, spans[:, 0], spans[:, 1], spans[:, 2])
-
-
-def join(parts: Sequence[Descriptors]) -> Descriptors:
-    """Join the descriptors of successive calls, in the narrowest common dtype.
-
-    Parameters
-    ----------
-    parts : sequence of Descriptors
-        At least one.
-    """
-    return Descriptors(
-        np.concatenate([part.counts for part in parts]),
-        np.concatenate([part.start_us for part in parts]),
-        np.concatenate([part.end_us for part in parts]),
-        np.concatenate([part.events for part in parts]),
-        np.concatenate([part.activity for part in parts]),
-    )
 
 
 # Activity of a window: how many events it has against the mean number, and whether it is a pause.
