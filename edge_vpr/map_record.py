@@ -57,7 +57,6 @@ from edge_vpr.descriptors.windows import (
     FixedTime,
     activity_of_drive,
     check_descriptors,
-    find_pauses,
     narrow,
 )
 from edge_vpr.errors import MapError, UsageError, expect
@@ -714,8 +713,7 @@ def coded_map(counted: AnyMap, settings: Settings) -> AnyMap:
     full_scale, mean = None, None
     code = settings.own_mean_code
     if code is not None:
-        paused = find_pauses(windows.activity, counted.mean_activity)
-        mean = drive_mean(windows.counts, paused, code)
+        mean = drive_mean(windows, code, counted.mean_activity)
         coded: npt.NDArray[np.unsignedinteger] = code.encode(counts, mean)
     else:
         full_scale = learn_full_scale(windows.counts) if settings.learns_full_scale else None

@@ -324,7 +324,7 @@ def place_activity(
 
 @kernel(inline="always")
 def is_pause(events: int, mean_activity: int) -> bool:
-    """Return whether a window of `events` selected events is a pause; see `Activity`."""
+    """Return whether a window of `events` selected events is a pause."""
     return events == 0 or events << (ACTIVITY_BITS + PAUSE_SHIFT) < mean_activity
 
 
@@ -337,31 +337,10 @@ def mean_activity_after(mean_activity: int, events: int) -> int:
     )
 
 
-class Activity:
-    """Usual number of events in a window, as a running mean in integers.
-
-    Parameters
-    ----------
-    mean_activity : int
-        Where it starts, in units of 1/256 event: `activity_of_drive` of the reference.
-    """
-
-    def __init__(self, mean_activity: int) -> None:
-        self.mean_activity = mean_activity
-
-    def pauses(self, events: int) -> bool:
-        """Return whether a window with `events` selected events is a pause."""
-        return bool(plain(is_pause)(events, self.mean_activity))
-
-    def update(self, events: int) -> None:
-        """Update the mean by the number of selected events of a finished window."""
-        self.mean_activity = plain(mean_activity_after)(self.mean_activity, events)
-
-
 def activity_of_drive(events: npt.NDArray[np.integer]) -> int:
     """Return the mean of the windows' selected events, in units of 1/256 event, rounded down.
 
-    It saturates as `Activity` does.
+    It saturates as `mean_activity_after` does.
 
     Parameters
     ----------
@@ -372,23 +351,23 @@ def activity_of_drive(events: npt.NDArray[np.integer]) -> int:
 
 
 def find_pauses(events: npt.NDArray[np.integer], mean_activity: int) -> npt.NDArray[np.bool_]:
-    """Return which windows of a drive are pauses.
+    """Return which windows of a drive are pauses, by the running mean of those before each.
 
     Parameters
     ----------
     events : ndarray of int, shape (n,)
         At the selected pixels.
     mean_activity : int
-        See `Activity`.
+        Where the mean starts: `activity_of_drive` of the reference.
 
     Returns
     -------
     ndarray of bool, shape (n,)
     """
-    activity, paused = Activity(mean_activity), np.zeros(len(events), dtype=np.bool_)
+    paused = np.zeros(len(events), dtype=np.bool_)
     for i, count in enumerate(events.tolist()):
-        paused[i] = activity.pauses(count)
-        activity.update(count)
+        paused[i] = plain(is_pause)(count, mean_activity)
+        mean_activity = plain(mean_activity_after)(mean_activity, count)
     return paused
 
 
