@@ -122,15 +122,8 @@ class UdpSenderLink(SocketLink):
         time.sleep(timeout)
         return b""
 
-    def write(self, data: bytes, timeout: float) -> int:
-        """Send one datagram; see `Link.write`."""
-        with as_link_error(self.address):
-            if not select.select([], [self._fd], [], timeout)[1]:
-                return 0
-            try:
-                return self._socket.sendto(data[:DATAGRAM_BYTES], self._to)
-            except BlockingIOError:
-                return 0
+    def _put(self, data: bytes) -> int:
+        return self._socket.sendto(data[:DATAGRAM_BYTES], self._to)
 
 
 def open_device_link(address: str, *, baud: int = 115_200, flow_control: bool = False) -> Link:

@@ -135,9 +135,12 @@ class DescriptorLink(Link):
             if not select.select([], [self._fd], [], timeout)[1]:
                 return 0
             try:
-                return os.write(self._fd, data)
+                return self._put(data)
             except BlockingIOError:
                 return 0
+
+    def _put(self, data: bytes) -> int:
+        return os.write(self._fd, data)
 
     def fileno(self) -> int:
         """Return the descriptor; -1 once the link is closed."""
