@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.codes import drive_mean
-from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, find_pauses
+from edge_vpr.descriptors.windows import Descriptors, activity_of_drive
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import Track, distances
 from edge_vpr.map_record import AnyMap, MapRecord
@@ -148,8 +148,7 @@ def learn_drive(
         fine = reference.coded(counted).counts.astype(np.int64) << FRACTION_BITS
     else:
         windows = counted.take(slice(None, None, reference.settings.places_per_window))
-        paused = find_pauses(windows.activity, reference.mean_activity)
-        own = drive_mean(windows.counts, paused, code)
+        own = drive_mean(windows, code, reference.mean_activity)
         fine = code.fine(counted.counts, own)
     seen, shown = _mean_by_place(fine, place, len(reference))
     learnt = shown > 0

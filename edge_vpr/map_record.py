@@ -57,7 +57,6 @@ from edge_vpr.descriptors.windows import (
     FixedTime,
     activity_of_drive,
     check_descriptors,
-    find_pauses,
     narrow,
 )
 from edge_vpr.errors import MapError, UsageError, expect
@@ -124,6 +123,8 @@ def check_codes(
 
 
 KIND = "reference map"
+#: arrays that only some maps have
+_OPTIONAL = ("full_scale", "mean", "jumps", "odometer_mm", "learnt_mean", "drives")
 #: a map of any class: a function that changes a map returns one of the same class
 AnyMap = TypeVar("AnyMap", bound="MapRecord")
 
@@ -381,14 +382,7 @@ class MapRecord(EqualByValue):
             "saliency": self.saliency,
             "hot": self.hot,
         }
-        arrays |= present(
-            full_scale=self.full_scale,
-            mean=self.mean,
-            jumps=self.jumps,
-            odometer_mm=self.odometer_mm,
-            learnt_mean=self.learnt_mean,
-            drives=self.drives,
-        )
+        arrays |= present(**{name: getattr(self, name) for name in _OPTIONAL})
         meta: dict[str, Any] = {
             "settings": self.settings.to_dict(),
             "sensor": list(self.pixel_map.sensor),
@@ -423,15 +417,10 @@ class MapRecord(EqualByValue):
                 places=Descriptors.from_arrays(arrays),
                 saliency=arrays["saliency"],
                 hot=arrays["hot"],
-                full_scale=arrays.get("full_scale"),
-                mean=arrays.get("mean"),
                 confidence=Confidence.from_arrays(arrays),
                 route=Route.from_arrays(arrays, meta),
-                jumps=arrays.get("jumps"),
-                odometer_mm=arrays.get("odometer_mm"),
                 frame_period=_period(meta.get("frame_period")),
-                learnt_mean=arrays.get("learnt_mean"),
-                drives=arrays.get("drives"),
+                **{name: arrays.get(name) for name in _OPTIONAL},
             )
         earlier = found.settings.matching == "filter" and meta.get("trust_rule") != TRUST_RULE
         if found.confidence is None or not earlier:
@@ -724,8 +713,7 @@ def coded_map(counted: AnyMap, settings: Settings) -> AnyMap:
     full_scale, mean = None, None
     code = settings.own_mean_code
     if code is not None:
-        paused = find_pauses(windows.activity, counted.mean_activity)
-        mean = drive_mean(windows.counts, paused, code)
+        mean = drive_mean(windows, code, counted.mean_activity)
         coded: npt.NDArray[np.unsignedinteger] = code.encode(counts, mean)
     else:
         full_scale = learn_full_scale(windows.counts) if settings.learns_full_scale else None

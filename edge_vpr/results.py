@@ -18,7 +18,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from edge_vpr.errors import EdgeVprError, UsageError, as_path
+from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr.files import check_output, replacing, replacing_folder
 from edge_vpr.run_log import command_line, warnings_so_far
 
@@ -128,7 +128,6 @@ def results_folder(
     UsageError
         See `check_output_folder`.
     """
-    path = as_path(path, "a folder of results")
     check_output_folder(path, overwrite, inputs)
     with replacing_folder(path) as folder:
         yield folder

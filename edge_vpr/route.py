@@ -16,7 +16,8 @@ from edge_vpr.events import TIME_LIMIT_US
 # Positions of the places of a map along the route of the reference drive.
 
 
-RouteKind = Literal["metric", "geographic"]
+#: what positions are: metres, or latitude and longitude
+Kind = Literal["metric", "geographic"]
 #: names of the coordinates, by their kind and number
 _COORDINATES = {
     ("geographic", 2): ("latitude", "longitude"),
@@ -57,10 +58,10 @@ class Route(EqualByValue):
     #: Shape (K,): metres that the reference had driven there since the first known place; NaN where
     #: the position is not known.
     along_m: npt.NDArray[np.float64]
-    kind: RouteKind = "metric"  #: {"metric", "geographic"}: what the positions are.
+    kind: Kind = "metric"  #: {"metric", "geographic"}: what the positions are.
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(RouteKind):
+        if self.kind not in get_args(Kind):
             raise MapError(f"position_kind is {self.kind!r}: expected metric or geographic")
         check_array(self.position, "position", (np.float64,), (None, None))
         places, width = self.position.shape

@@ -13,7 +13,8 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from fractions import Fraction
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any, Literal, cast, get_args
+from types import UnionType
+from typing import TYPE_CHECKING, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 from edge_vpr.errors import UsageError, as_path, did_you_mean, expect
 from edge_vpr.files import read_toml
@@ -129,7 +130,8 @@ class SettingField:
     group : str
         Heading under which ``--help`` shows the flag.
     kind : type
-        Type of the value: bool, int, float, str or tuple.
+        Type of the value: bool, int, float, str or tuple. It comes from the attribute of
+        `Settings`, as the name, the default and the choices do.
     name : str
         Attribute of `Settings`.
     key : str
@@ -141,7 +143,7 @@ class SettingField:
     default : object
         Value where none is given.
     choices : tuple of str
-        All allowed values, for a setting that is chosen from a few.
+        All allowed values, for a setting that is chosen from a few words.
     plugins : bool
         Whether other packages can register more of them, written ``plugin:NAME``. A map with such a
         value is read without the package.
@@ -187,9 +189,15 @@ class SettingField:
     needs: tuple[str, tuple[str, ...]] | None = None
     zero_is_none: bool = False
 
-    def named(self, name: str, default: Any) -> SettingField:
-        """Return the record of the attribute `name` with its default."""
-        return replace(self, name=name, key=self.key or name, default=default)
+    def of(self, name: str, hint: Any, default: Any) -> SettingField:
+        """Return the record of the attribute `name` with its type and its default."""
+        # of ``float | None`` the float; of ``Strategy | str`` the words of this package
+        one = get_args(hint)[0] if get_origin(hint) in (Union, UnionType) else hint
+        words: tuple[str, ...] = get_args(one) if get_origin(one) is Literal else ()
+        kind = str if words else get_origin(one) or one
+        return replace(
+            self, name=name, key=self.key or name, default=default, kind=kind, choices=words
+        )
 
     @property
     def flag(self) -> str:
@@ -344,10 +352,9 @@ def _group(title: str, **settings: SettingField) -> dict[str, SettingField]:
 
 _PIXELS = _group(
     "pixels",
-    pixels=SettingField(kind=int, help="number of selected pixels, J", metavar="J", least=1),
+    pixels=SettingField(help="number of selected pixels, J", metavar="J", least=1),
     strategy=SettingField(
         help="how pixels are selected",
-        choices=STRATEGIES,
         plugins=True,
         more="variance: drawn by the variance of their counts (the paper). seed-code: drawn by the "
         "mean of their counts (the released code). random: all equally likely. random-upper: "
@@ -356,21 +363,18 @@ _PIXELS = _group(
         "docs/plugins.md.",
     ),
     sigma=SettingField(
-        kind=float,
         help="width (sigma, in pixels) of the Gaussian that keeps selected pixels apart",
         metavar="PX",
         needs=("strategy", ("variance", "random", "random-upper")),
     ),
-    seed=SettingField(kind=int, help="seed of the selection of pixels"),
+    seed=SettingField(help="seed of the selection of pixels"),
 )
 _WINDOWS = _group(
     "windows",
     window=SettingField(
         help="windows of a fixed time, or of a fixed number of events at the selected pixels",
-        choices=get_args(WindowKind),
     ),
     tau_us=SettingField(
-        kind=int,
         help="length of a fixed-time window, for example 1s or 250ms",
         key="tau",
         metavar="TIME",
@@ -381,7 +385,6 @@ _WINDOWS = _group(
         more="Pixels are always selected by windows of this length.",
     ),
     events_per_pixel=SettingField(
-        kind=float,
         help="a fixed-count window holds R x J events, rounded; auto: the average number of the "
         "reference drive in --tau",
         metavar="R",
@@ -391,7 +394,6 @@ _WINDOWS = _group(
         needs=("window", ("count",)),
     ),
     places_per_window=SettingField(
-        kind=int,
         help="places per window length; 2: a place starts at every half window",
         metavar="N",
         least=1,
@@ -399,14 +401,13 @@ _WINDOWS = _group(
         more="2 needs the place filter, a reference of events, and twice the memory and work.",
         needs=_FILTER,
     ),
-    keep_incomplete=SettingField(kind=bool, help="keep an incomplete last window"),
+    keep_incomplete=SettingField(help="keep an incomplete last window"),
 )
 _COUNTERS = _group(
     "counters",
-    polarity=SettingField(kind=bool, help="count ON and OFF events in separate counters"),
+    polarity=SettingField(help="count ON and OFF events in separate counters"),
     clip=SettingField(
         help="cap counts at N; none: no cap",
-        kind=int,
         metavar="N",
         words={"none": None},
         least=1,
@@ -416,16 +417,14 @@ _COUNTERS = _group(
     ),
     counter_code=SettingField(
         help="how counts are compressed to a few bits; none: not at all",
-        choices=CODES,
         plugins=True,
         more="See docs/codes.md.",
     ),
     counter_bits=SettingField(
-        kind=int, help="bits per code", metavar="B", least=1, most=MAX_BITS, needs=_CODE
+        help="bits per code", metavar="B", least=1, most=MAX_BITS, needs=_CODE
     ),
     counter_full_scale=SettingField(
         help="count that gets the largest code; auto: one that suits the code",
-        kind=int,
         metavar="N",
         words={"auto": None},
         least=1,
@@ -437,7 +436,6 @@ _COUNTERS = _group(
         help="how counts are normalised: by one range for all pixels (shared); by each pixel's "
         "range in the reference (per-pixel); as logarithms minus the pixel's mean over the drive "
         "(own-mean), or also minus the window's mean (contrast)",
-        choices=get_args(CounterScaling),
         more="Own-mean codes hardly change with the light; contrast codes hardly change with light "
         "or speed.",
     ),
@@ -447,19 +445,16 @@ _MATCHING = _group(
     query_mean=SettingField(
         help="mean that own-mean and contrast codes subtract in a query: of the whole drive (own), "
         "or running, as on a robot; auto: running with the place filter and no smoothing, else own",
-        choices=get_args(QueryMean),
         more="Live and online matching always use the running one.",
         needs=("counter_scaling", OWN_MEAN_SCALINGS),
     ),
     matching=SettingField(
         help="match with the place filter, or by sequences of windows (the paper)",
-        choices=get_args(Matching),
         more="See docs/place_filter.md.",
     ),
     filter_steps=SettingField(
         help="place filter: cost of moving on by 0, 1, 2 ... places per window; auto: by the "
         "events of the window and of the place, or 1,0,0,1 for fixed-count windows",
-        kind=tuple,
         metavar="C,C,...",
         words={"auto": None},
         read=costs,
@@ -470,7 +465,6 @@ _MATCHING = _group(
         needs=_FILTER,
     ),
     filter_back=SettingField(
-        kind=tuple,
         help="place filter: cost of moving back by 1, 2 ... places per window; none: never back",
         metavar="C,C,...",
         words={"none": ()},
@@ -481,7 +475,6 @@ _MATCHING = _group(
         needs=_FILTER,
     ),
     filter_restart=SettingField(
-        kind=int,
         help="place filter: cost of moving to any other place",
         metavar="C",
         least=1,
@@ -489,13 +482,11 @@ _MATCHING = _group(
         needs=_FILTER,
     ),
     smooth=SettingField(
-        kind=bool,
         help="place filter: use the later windows of a recording too",
         more="Live and online matching never smooth.",
         needs=_FILTER,
     ),
     delay=SettingField(
-        kind=int,
         help="place filter without smoothing: each match waits for N later windows and uses them",
         metavar="N",
         most=MOST_DELAY,
@@ -503,7 +494,6 @@ _MATCHING = _group(
         needs=_FILTER,
     ),
     sequence_length=SettingField(
-        kind=int,
         help="windows in a sequence, L",
         short="-L",
         metavar="L",
@@ -512,11 +502,9 @@ _MATCHING = _group(
     ),
     anchor=SettingField(
         help="which window of a sequence its match is for: the middle one or the last (end)",
-        choices=get_args(Anchor),
         needs=_SEQUENCE,
     ),
     exclusion=SettingField(
-        kind=int,
         help="exclusion zone: the second-best place lies more than R places away from the best",
         metavar="R",
         more="With two places per window, R counts windows.",
@@ -525,14 +513,12 @@ _MATCHING = _group(
         help="score by which an evaluation accepts matches; auto: trust with the place filter, "
         "ratio with sequences",
         words={"auto": None},
-        choices=get_args(Score),
         more="distance: of the best place (the paper). ratio: best distance divided by the "
         "second-best. margin: second-best less best. trust: see docs/trust.md.",
     ),
     precision=SettingField(
         help="mark matches as lost so that a share P of the others, such as 0.99, is expected to "
         "be correct; none: mark none",
-        kind=float,
         metavar="P",
         words={"none": None},
         above=0,
@@ -543,7 +529,6 @@ _MATCHING = _group(
     stays_on_map=SettingField(
         help="place filter without smoothing and delay: accept more matches, for a robot that "
         "never leaves the route",
-        kind=bool,
         more="Off the map, probabilities are too high: see docs/trust.md.",
         needs=_FILTER,
     ),
@@ -551,7 +536,6 @@ _MATCHING = _group(
 _CLEANING = _group(
     "cleaning",
     remove_hot_pixels=SettingField(
-        kind=bool,
         help="find hot pixels and leave them out, keep them, or leave out those listed in FILE "
         "(one x, y per line)",
         key="hot_pixels",
@@ -560,7 +544,6 @@ _CLEANING = _group(
         more="Only the flag takes a file. See method.md.",
     ),
     remove_bursts=SettingField(
-        kind=bool,
         help="remove or keep the events of bursts, moments in which most pixels fire",
         key="bursts",
         words={"remove": True, "keep": False},
@@ -810,9 +793,11 @@ class Settings:
             raise UsageError(f"{source}: {error}") from None
 
 
+_HINTS = get_type_hints(Settings)
 #: the description of each setting, by its name, in order
 SETTING_FIELDS = {
-    field.name: TABLE[field.name].named(field.name, field.default) for field in fields(Settings)
+    field.name: TABLE[field.name].of(field.name, _HINTS[field.name], field.default)
+    for field in fields(Settings)
 }
 Settings.__doc__ = f"{Settings.__doc__}\n\n{attributes_section(SETTING_FIELDS)}"
 

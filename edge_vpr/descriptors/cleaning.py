@@ -242,7 +242,7 @@ class CausalBurstFilter:
 
     Attributes
     ----------
-    box : Box
+    box : KernelState
         State for `keep`; call `make_room` before it.
     """
 

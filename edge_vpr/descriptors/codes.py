@@ -137,23 +137,24 @@ def encoder_of(
 
 
 def drive_mean(
-    counts: npt.NDArray[np.integer], paused: npt.NDArray[np.bool_], code: OwnMeanCode
+    windows: Descriptors, code: OwnMeanCode, mean_activity: int
 ) -> npt.NDArray[np.int32]:
     """Return the mean logarithm of each counter over the windows of a drive, without pauses.
 
     Parameters
     ----------
-    counts : ndarray of int, shape (n, J)
-        Of each window.
-    paused : ndarray of bool, shape (n,)
-        If all are pauses, they count all the same.
+    windows : Descriptors
+        Counts. If all windows are pauses, they count all the same.
+    mean_activity : int
+        Of the reference, see `activity_of_drive`.
 
     Returns
     -------
     ndarray of int32, shape (J,)
         In units of 1/256 octave.
     """
-    moving = counts if paused.all() else counts[~paused]
+    paused = find_pauses(windows.activity, mean_activity)
+    moving = windows.counts if paused.all() else windows.counts[~paused]
     return mean_level(code.level(moving))
 
 
@@ -165,9 +166,9 @@ def encode_own(counted: Descriptors, code: OwnMeanCode, mean_activity: int) -> D
     counted : Descriptors
         Counts.
     mean_activity : int
-        Selected events that a window of the reference has, see `Activity`.
+        Of the reference, see `activity_of_drive`.
     """
-    own = drive_mean(counted.counts, find_pauses(counted.activity, mean_activity), code)
+    own = drive_mean(counted, code, mean_activity)
     return _replaced(counted, code.encode(counted.counts, own))
 
 
@@ -183,7 +184,7 @@ def encode_running(
     mean : ndarray of int32, shape (J,)
         Of the reference: where the running mean starts.
     mean_activity : int
-        Selected events that a window of the reference has, see `Activity`.
+        Of the reference, see `activity_of_drive`.
     """
     running, coded = RunningMean(mean), np.empty(counted.counts.shape, dtype=np.uint8)
     paused = find_pauses(counted.activity, mean_activity)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import EqualByValue, check_array, check_range
+from edge_vpr.archive import EqualByValue, check_array, check_range, present
 from edge_vpr.compiling import kernel, plain
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.events import TIME_LIMIT_US, Sensor
@@ -145,8 +145,7 @@ class Descriptors(EqualByValue):
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays by name, for an archive; the inverse of `from_arrays`."""
         names = ("counts", "start_us", "end_us", "events", "selected")
-        columns = {name: getattr(self, name) for name in names}
-        return {name: column for name, column in columns.items() if column is not None}
+        return present(**{name: getattr(self, name) for name in names})
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Descriptors:
@@ -265,23 +264,6 @@ def collect(windows: Iterable[WindowCounts], counters: int) -> Descriptors:
     return Descriptors(stacked, spans[:, 0], spans[:, 1], spans[:, 2])
 
 
-def join(parts: Sequence[Descriptors]) -> Descriptors:
-    """Join the descriptors of successive calls, in the narrowest common dtype.
-
-    Parameters
-    ----------
-    parts : sequence of Descriptors
-        At least one.
-    """
-    return Descriptors(
-        np.concatenate([part.counts for part in parts]),
-        np.concatenate([part.start_us for part in parts]),
-        np.concatenate([part.end_us for part in parts]),
-        np.concatenate([part.events for part in parts]),
-        np.concatenate([part.activity for part in parts]),
-    )
-
-
 # Activity of a window: how many events it has against the mean number, and whether it is a pause.
 
 
@@ -342,7 +324,7 @@ def place_activity(
 
 @kernel(inline="always")
 def is_pause(events: int, mean_activity: int) -> bool:
-    """Return whether a window of `events` selected events is a pause; see `Activity`."""
+    """Return whether a window of `events` selected events is a pause."""
     return events == 0 or events << (ACTIVITY_BITS + PAUSE_SHIFT) < mean_activity
 
 
@@ -355,31 +337,10 @@ def mean_activity_after(mean_activity: int, events: int) -> int:
     )
 
 
-class Activity:
-    """Usual number of events in a window, as a running mean in integers.
-
-    Parameters
-    ----------
-    mean_activity : int
-        Where it starts, in units of 1/256 event: `activity_of_drive` of the reference.
-    """
-
-    def __init__(self, mean_activity: int) -> None:
-        self.mean_activity = mean_activity
-
-    def pauses(self, events: int) -> bool:
-        """Return whether a window with `events` selected events is a pause."""
-        return bool(plain(is_pause)(events, self.mean_activity))
-
-    def update(self, events: int) -> None:
-        """Update the mean by the number of selected events of a finished window."""
-        self.mean_activity = plain(mean_activity_after)(self.mean_activity, events)
-
-
 def activity_of_drive(events: npt.NDArray[np.integer]) -> int:
     """Return the mean of the windows' selected events, in units of 1/256 event, rounded down.
 
-    It saturates as `Activity` does.
+    It saturates as `mean_activity_after` does.
 
     Parameters
     ----------
@@ -390,23 +351,23 @@ def activity_of_drive(events: npt.NDArray[np.integer]) -> int:
 
 
 def find_pauses(events: npt.NDArray[np.integer], mean_activity: int) -> npt.NDArray[np.bool_]:
-    """Return which windows of a drive are pauses.
+    """Return which windows of a drive are pauses, by the running mean of those before each.
 
     Parameters
     ----------
     events : ndarray of int, shape (n,)
         At the selected pixels.
     mean_activity : int
-        See `Activity`.
+        Where the mean starts: `activity_of_drive` of the reference.
 
     Returns
     -------
     ndarray of bool, shape (n,)
     """
-    activity, paused = Activity(mean_activity), np.zeros(len(events), dtype=np.bool_)
+    paused = np.zeros(len(events), dtype=np.bool_)
     for i, count in enumerate(events.tolist()):
-        paused[i] = activity.pauses(count)
-        activity.update(count)
+        paused[i] = plain(is_pause)(count, mean_activity)
+        mean_activity = plain(mean_activity_after)(mean_activity, count)
     return paused
 
 

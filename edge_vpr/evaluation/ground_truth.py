@@ -17,13 +17,13 @@ from edge_vpr.archive import EqualByValue, read_members, read_npy
 from edge_vpr.errors import GroundTruthError, expect, printable
 from edge_vpr.evaluation.tracks import (
     Floats,
-    Kind,
     Track,
     distances,
     interpolate,
     read_table,
     unix_remedy,
 )
+from edge_vpr.route import Kind
 
 #: Number of distances that are computed at a time: a few arrays of 8 MB.
 BLOCK_CELLS = 1 << 20

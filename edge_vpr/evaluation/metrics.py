@@ -40,10 +40,6 @@ class Rejection:
     precision: float | None = None
     recall: float | None = None
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values, for JSON."""
-        return asdict(self)
-
 
 def evaluate_rejection(
     trust: npt.NDArray[np.integer],
@@ -296,7 +292,7 @@ class Evaluation:
             "queries_tied": self.queries_tied,
             "score": self.score,
             "recall_denominator": self.recall_denominator,
-            "rejection": self.rejection.to_dict(),
+            "rejection": asdict(self.rejection),
             "reliability": None if self.reliability is None else self.reliability.to_dict(),
         }
 

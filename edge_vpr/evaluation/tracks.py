@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from itertools import takewhile
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
 from xml.etree import ElementTree
 
 import numpy as np
@@ -23,12 +22,11 @@ from edge_vpr.errors import GroundTruthError, UsageError, as_path, kind_of
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.files import replacing
 from edge_vpr.map_record import AnyMap
-from edge_vpr.route import MOST_MM, Odometry, Route
+from edge_vpr.route import MOST_MM, Kind, Odometry, Route
 
 # Tracks: positions of the camera over time, interpolated but never extrapolated.
 
 
-Kind = Literal["geographic", "metric"]
 Floats = npt.NDArray[np.float64]
 
 #: Mean radius of the Earth in metres (IUGG, R1).

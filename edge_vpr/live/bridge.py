@@ -1,9 +1,18 @@
-"""Imitation of a camera bridge: sends a recording over a link as a device would."""
+"""Imitation of a camera bridge: sends a recording over a link as a device would.
+
+Its links are the device's ends of those in `links`.
+"""
 
 from __future__ import annotations
 
+import fcntl
+import os
+import select
+import socket
+import termios
 import threading
 import time
+import tty
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -11,8 +20,132 @@ import numpy as np
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events
-from edge_vpr.live.links import Link, LinkClosed, TcpServerLink, VirtualLink
+from edge_vpr.live.links import (
+    DescriptorLink,
+    Link,
+    LinkClosed,
+    SocketLink,
+    TcpLink,
+    address_of,
+    as_link_error,
+    bracketed,
+    host_port,
+    listening_socket,
+    open_serial,
+)
 from edge_vpr.live.protocols import Encoder
+
+# The device's ends of links.
+
+
+#: Largest datagram, which fits into one Ethernet packet.
+DATAGRAM_BYTES = 1_400
+
+
+class VirtualLink(DescriptorLink):
+    """The device's end of a pseudo-terminal; a host opens its `address`."""
+
+    def __init__(self) -> None:
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        super().__init__(os.ttyname(slave), master)
+        # held open, so that a host can connect and disconnect
+        self._slave = slave
+        self._as_made = termios.tcgetattr(slave)
+
+    def opened(self) -> bool:
+        """Return whether a host has configured the terminal, as hosts do with a serial port."""
+        return termios.tcgetattr(self._slave) != self._as_made
+
+    def drain(self, timeout: float) -> None:
+        """Wait until the host has read everything, because closing a terminal discards the rest."""
+        end, quiet = time.monotonic() + timeout, 0
+        while time.monotonic() < end and quiet < 3:
+            waiting = fcntl.ioctl(self._slave, termios.FIONREAD, b"\0\0\0\0")
+            quiet = 0 if any(waiting) else quiet + 1
+            time.sleep(0.02)
+
+    def close(self) -> None:
+        """See `Link.close`."""
+        if self._fd >= 0:
+            os.close(self._slave)
+        super().close()
+
+
+class TcpServerLink(Link):
+    """TCP port of a bridge, for one host; others are refused."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._server = listening_socket(host, port, "listen on tcp://")
+        super().__init__(address_of("tcp", self._server))
+        self._host: TcpLink | None = None
+
+    def accepted(self, timeout: float) -> TcpLink | None:
+        """Return the link to the host once one is connected, after at most `timeout` seconds."""
+        if self._host is None and select.select([self._server], [], [], timeout)[0]:
+            self._host = TcpLink(self.address, self._server.accept()[0])
+            self._server.close()
+        return self._host
+
+    def read(self, timeout: float) -> bytes:
+        """See `Link.read`."""
+        host = self.accepted(timeout)
+        return host.read(timeout) if host else b""
+
+    def write(self, data: bytes, timeout: float) -> int:
+        """See `Link.write`."""
+        host = self.accepted(timeout)
+        return host.write(data, timeout) if host else 0
+
+    def close(self) -> None:
+        """See `Link.close`."""
+        if self._host is not None:
+            self._host.close()
+        self._server.close()
+
+
+class UdpSenderLink(SocketLink):
+    """UDP sender of a bridge, which cannot know whether its datagrams arrive."""
+
+    two_way = False
+
+    def __init__(self, host: str, port: int) -> None:
+        with as_link_error(f"udp://{host}:{port}"):
+            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            # not connected, because a missing receiver would then be an error
+            sock = socket.socket(found[0], socket.SOCK_DGRAM)
+        self._to = found[4]
+        super().__init__(f"udp://{bracketed(host)}:{port}", sock)
+
+    def read(self, timeout: float) -> bytes:
+        """Wait."""
+        time.sleep(timeout)
+        return b""
+
+    def _put(self, data: bytes) -> int:
+        return self._socket.sendto(data[:DATAGRAM_BYTES], self._to)
+
+
+def open_device_link(address: str, *, baud: int = 115_200, flow_control: bool = False) -> Link:
+    """Open the device's end of a link, for a bridge.
+
+    Parameters
+    ----------
+    address : str
+        ``virtual`` for a pseudo-terminal, ``tcp://[HOST]:PORT`` to listen (port 0: any free one;
+        loopback unless a host is named), ``udp://HOST:PORT`` to send to, or a serial port.
+    """
+    if address == "virtual":
+        return VirtualLink()
+    if address.startswith("tcp://"):
+        return TcpServerLink(*host_port(address))
+    if address.startswith("udp://"):
+        return UdpSenderLink(*host_port(address))
+    return open_serial(address, baud, flow_control=flow_control)
+
+
+# Replay of a recording, on a good line or a bad one.
+
 
 #: Intervals at which events are sent, and at which an idle device reports that it is idle.
 SLICE_US = 5_000
@@ -151,7 +284,8 @@ class Bridge:
             self._send(self._encoder.start(), corrupt=False)
             self._replay(recording)
             self._serve_until_held(0)
-            self._link.drain(1.0 if self.stopping.is_set() else 10.0)
+            if isinstance(self._link, VirtualLink):
+                self._link.drain(1.0 if self.stopping.is_set() else 10.0)
         except LinkClosed:
             return
         finally:

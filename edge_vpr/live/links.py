@@ -15,7 +15,6 @@ import sys
 import termios
 import threading
 import time
-import tty
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -82,9 +81,6 @@ class Link(ABC):
         """Return whether the bytes that were read last are the beginning of another stream."""
         return False
 
-    def drain(self, timeout: float) -> None:  # noqa: B027, most links need none
-        """Wait until the other side has received what was sent."""
-
 
 class AbsentLink(Link):
     """Stands for a link that could not be opened yet."""
@@ -135,13 +131,16 @@ class DescriptorLink(Link):
 
     def write(self, data: bytes, timeout: float) -> int:
         """See `Link.write`."""
-        with _as_link_error(self.address):
+        with as_link_error(self.address):
             if not select.select([], [self._fd], [], timeout)[1]:
                 return 0
             try:
-                return os.write(self._fd, data)
+                return self._put(data)
             except BlockingIOError:
                 return 0
+
+    def _put(self, data: bytes) -> int:
+        return os.write(self._fd, data)
 
     def fileno(self) -> int:
         """Return the descriptor; -1 once the link is closed."""
@@ -155,7 +154,7 @@ class DescriptorLink(Link):
 
 
 @contextlib.contextmanager
-def _as_link_error(address: str) -> Iterator[None]:
+def as_link_error(address: str) -> Iterator[None]:
     """Convert errors of the system to `LinkError`."""
     try:
         yield
@@ -170,42 +169,12 @@ def _link_error(address: str, error: Exception) -> LinkError:
     return kind(f"{address}: {error}: check that the other side is there")
 
 
-# Links over serial ports, and over a pseudo-terminal that imitates one.
+# Links over serial ports.
 
 
 # Linux's struct serial_icounter_struct: cts, dsr, rng, dcd, rx, tx, frame, overrun, parity, brk,
 # buf_overrun, and nine that are spare
 _COUNTERS = struct.Struct("20i")
-
-
-class VirtualLink(DescriptorLink):
-    """The device's end of a pseudo-terminal; a host opens its `address`."""
-
-    def __init__(self) -> None:
-        master, slave = os.openpty()
-        tty.setraw(slave)
-        super().__init__(os.ttyname(slave), master)
-        # held open, so that a host can connect and disconnect
-        self._slave = slave
-        self._as_made = termios.tcgetattr(slave)
-
-    def opened(self) -> bool:
-        """Return whether a host has configured the terminal, as hosts do with a serial port."""
-        return termios.tcgetattr(self._slave) != self._as_made
-
-    def drain(self, timeout: float) -> None:
-        """Wait until the host has read everything, because closing a terminal discards the rest."""
-        end, quiet = time.monotonic() + timeout, 0
-        while time.monotonic() < end and quiet < 3:
-            waiting = fcntl.ioctl(self._slave, termios.FIONREAD, b"\0\0\0\0")
-            quiet = 0 if any(waiting) else quiet + 1
-            time.sleep(0.02)
-
-    def close(self) -> None:
-        """See `Link.close`."""
-        if self._fd >= 0:
-            os.close(self._slave)
-        super().close()
 
 
 class SerialLink(DescriptorLink):
@@ -292,7 +261,7 @@ class UrlLink(Link):
             self._port.close()
 
 
-def _open_serial(address: str, baud: int, *, flow_control: bool) -> Link:
+def open_serial(address: str, baud: int, *, flow_control: bool) -> Link:
     """Open a serial port, or any other address that pyserial's ``serial_for_url`` accepts."""
     import serial
 
@@ -336,8 +305,6 @@ def _why(error: Exception) -> str:
 
 # a peer that vanished without closing, for example without power, is noticed after 11 s
 _KEEP_ALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
-#: Largest datagram, which fits into one Ethernet packet.
-DATAGRAM_BYTES = 1_400
 #: When the sender was silent for this time, another one may take its place.
 GIVES_WAY_S = 2.0
 
@@ -376,7 +343,7 @@ class UdpHostLink(SocketLink):
     two_way = False
 
     def __init__(self, host: str, port: int) -> None:
-        with _as_link_error(f"udp://{host}:{port}"):
+        with as_link_error(f"udp://{host}:{port}"):
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             sock = socket.socket(found[0], socket.SOCK_DGRAM)
             sock.bind(found[4])
@@ -388,7 +355,7 @@ class UdpHostLink(SocketLink):
     def read(self, timeout: float) -> bytes:
         """See `Link.read`; an empty datagram is no end."""
         end = time.monotonic() + timeout
-        with _as_link_error(self.address):
+        with as_link_error(self.address):
             while select.select([self._fd], [], [], max(0.0, end - time.monotonic()))[0]:
                 try:
                     data, sender = self._socket.recvfrom(READ_BYTES)
@@ -424,67 +391,6 @@ class UdpHostLink(SocketLink):
     def write(self, data: bytes, timeout: float) -> int:
         """Raise `LinkError`."""
         raise LinkError(f"{self.address} only hears: take TCP for a device that is asked")
-
-
-class TcpServerLink(Link):
-    """TCP port of a bridge, for one host; others are refused."""
-
-    def __init__(self, host: str, port: int) -> None:
-        self._server = listening_socket(host, port, "listen on tcp://")
-        super().__init__(address_of("tcp", self._server))
-        self._host: TcpLink | None = None
-
-    def accepted(self, timeout: float) -> TcpLink | None:
-        """Return the link to the host once one is connected, after at most `timeout` seconds."""
-        if self._host is None and select.select([self._server], [], [], timeout)[0]:
-            self._host = TcpLink(self.address, self._server.accept()[0])
-            self._server.close()
-        return self._host
-
-    def read(self, timeout: float) -> bytes:
-        """See `Link.read`."""
-        host = self.accepted(timeout)
-        return host.read(timeout) if host else b""
-
-    def write(self, data: bytes, timeout: float) -> int:
-        """See `Link.write`."""
-        host = self.accepted(timeout)
-        return host.write(data, timeout) if host else 0
-
-    def close(self) -> None:
-        """See `Link.close`."""
-        if self._host is not None:
-            self._host.close()
-        self._server.close()
-
-
-class UdpSenderLink(SocketLink):
-    """UDP sender of a bridge, which cannot know whether its datagrams arrive."""
-
-    two_way = False
-
-    def __init__(self, host: str, port: int) -> None:
-        with _as_link_error(f"udp://{host}:{port}"):
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-            # not connected, because a missing receiver would then be an error
-            sock = socket.socket(found[0], socket.SOCK_DGRAM)
-        self._to = found[4]
-        super().__init__(f"udp://{bracketed(host)}:{port}", sock)
-
-    def read(self, timeout: float) -> bytes:
-        """Wait."""
-        time.sleep(timeout)
-        return b""
-
-    def write(self, data: bytes, timeout: float) -> int:
-        """Send one datagram; see `Link.write`."""
-        with _as_link_error(self.address):
-            if not select.select([], [self._fd], [], timeout)[1]:
-                return 0
-            try:
-                return self._socket.sendto(data[:DATAGRAM_BYTES], self._to)
-            except BlockingIOError:
-                return 0
 
 
 def listening_socket(host: str, port: int, what: str) -> socket.socket:
@@ -550,7 +456,7 @@ def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) 
     if address == "-":
         return DescriptorLink("standard input", os.dup(sys.stdin.fileno()), live=False)
     if address.startswith("tcp://"):
-        host, port = _host_port(address)
+        host, port = host_port(address)
         try:
             return TcpLink(address, socket.create_connection((host, port), timeout=5))
         except (ConnectionError, TimeoutError) as error:
@@ -558,7 +464,7 @@ def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) 
         except OSError as error:
             raise _link_error(address, error) from error
     if address.startswith("udp://"):
-        return UdpHostLink(*_host_port(address))
+        return UdpHostLink(*host_port(address))
     path = Path(address)
     if path.is_file():
         try:
@@ -567,28 +473,11 @@ def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) 
             raise LinkError(
                 f"cannot read {address}: {error.strerror}: check its permissions"
             ) from error
-    return _open_serial(address, baud, flow_control=flow_control)
+    return open_serial(address, baud, flow_control=flow_control)
 
 
-def open_device_link(address: str, *, baud: int = 115_200, flow_control: bool = False) -> Link:
-    """Open the device's end of a link, for a bridge.
-
-    Parameters
-    ----------
-    address : str
-        ``virtual`` for a pseudo-terminal, ``tcp://[HOST]:PORT`` to listen (port 0: any free one;
-        loopback unless a host is named), ``udp://HOST:PORT`` to send to, or a serial port.
-    """
-    if address == "virtual":
-        return VirtualLink()
-    if address.startswith("tcp://"):
-        return TcpServerLink(*_host_port(address))
-    if address.startswith("udp://"):
-        return UdpSenderLink(*_host_port(address))
-    return _open_serial(address, baud, flow_control=flow_control)
-
-
-def _host_port(address: str) -> tuple[str, int]:
+def host_port(address: str) -> tuple[str, int]:
+    """Return the host of an address, this machine if it names none, and the port."""
     host, colon, port = address.split("://", 1)[1].rpartition(":")
     if not (colon and port.isdigit() and int(port) < 65_536):
         raise UsageError(

@@ -438,7 +438,8 @@ class Transitions:
         along, travelled = self._checked_along(), _limited(travelled_mm)
         off = np.abs(along - along[place] - travelled)
         follows = (off * self._rate) >> RATE_BITS < self.table.restart
-        for begin, end in self.jumps[self._jumps_near(place, JUMP_REACH)].tolist():
+        before = self.jumps[:, 0] - place
+        for begin, end in self.jumps[(before >= 0) & (before < JUMP_REACH)].tolist():
             beyond = slice(end, end + JUMP_REACH)
             length = along[begin] - along[place] + self._spacing + along[beyond] - along[end]
             cost = (np.abs(length - travelled) * self._rate) >> RATE_BITS
@@ -452,10 +453,6 @@ class Transitions:
             follows = plain(leads_to)(place, next_place, table.first, table.last, table.jumps)
             return bool(follows)
         return bool(self.following(place, travelled_mm)[next_place])
-
-    def _jumps_near(self, place: int, reach: int) -> npt.NDArray[np.bool_]:
-        before = self.jumps[:, 0] - place
-        return np.asarray((before >= 0) & (before < reach))
 
     def _checked_along(self) -> npt.NDArray[np.int64]:
         if self._along is None:
@@ -1327,7 +1324,7 @@ class PlaceFilter:
     @property
     def place(self) -> int:
         """Place of the latest match; -1 before the first."""
-        return self.numbers[NUMBER_NAMES.index("place")]
+        return int(self.state.numbers[0].place)
 
     @property
     def numbers(self) -> tuple[int, ...]:

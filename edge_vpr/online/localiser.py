@@ -1206,21 +1206,21 @@ class Localiser:
             raise UsageError(
                 f"{recent} recent places are left out by sequences only: set matching to sequence"
             )
-        self._run: MatchRun
+        self.run: MatchRun  # for kernels that decode events too
         if filtered:
             filter_run = DelayedRun if settings.match_delay else FilterRun
-            self._run = filter_run(reference, self._window, self.every)
+            self.run = filter_run(reference, self._window, self.every)
         else:
             check_no_transitions(reference.jumps, odometry=False)
-            self._run = MatchRun(reference, self._window, self.every, recent)
+            self.run = MatchRun(reference, self._window, self.every, recent)
 
     def __len__(self) -> int:
-        return len(self._run.places)
+        return len(self.run.places)
 
     @property
     def counts(self) -> npt.NDArray[np.int64]:
         """Counts of each window, newest first, shape (L, J); a copy."""
-        return self._run.settled().counts.copy()
+        return self.run.settled().counts.copy()
 
     @property
     def distance_sums(self) -> npt.NDArray[np.int64]:
@@ -1228,12 +1228,12 @@ class Localiser:
 
         Element m belongs to place m + L - 1.
         """
-        return self._run.distance_sums()
+        return self.run.distance_sums()
 
     @property
     def map_bytes(self) -> int:
         """Size of the map in the form that is searched, in bytes."""
-        return self._run.state.windows.columns.nbytes
+        return self.run.state.windows.columns.nbytes
 
     @property
     def complete(self) -> bool:
@@ -1245,13 +1245,13 @@ class Localiser:
         """Share of these windows that is complete, 0 to 1."""
         windows = self.settings.windows_per_match + self.settings.match_delay
         if isinstance(self._window, FixedTime):
-            return min(1.0, self._run.now_us / (windows * self._window.tau_us))
+            return min(1.0, self.run.now_us / (windows * self._window.tau_us))
         return min(1.0, self.selected / (windows * self._window.events))
 
     @property
     def next_match_us(self) -> int:
         """Time before which there is no match, if matches are given by time only; else 0."""
-        return 0 if self.every.events else self._run.next_tick
+        return 0 if self.every.events else self.run.next_tick
 
     def update(self, events: Events) -> npt.NDArray[np.void]:
         """Feed the next events.
@@ -1264,14 +1264,14 @@ class Localiser:
         Returns
         -------
         ndarray of MATCH_DTYPE, shape (m,)
-            The matches that the policy asks for, in order.
+            The matches that the schedule asks for, in order.
 
         Raises
         ------
         EventError
             If time runs backwards or a pixel lies off the sensor; the state is then as it was.
         UsageError
-            If time jumps over more than a million ticks of the policy.
+            If time jumps over more than a million ticks of the schedule.
         """
         try:
             if not events.size:
@@ -1285,10 +1285,10 @@ class Localiser:
             raise
         if self._check_every:
             return self._verified(events)
-        stop = self._run.follow(events)
+        stop = self.run.follow(events)
         if stop[1] == REFUSED:
             self._check(events)
-        return _joined(self._run.go_on(stop))
+        return _joined(self.run.go_on(stop))
 
     def _verified(self, events: Events) -> npt.NDArray[np.void]:
         """Process events in parts, and verify the state after each."""
@@ -1297,14 +1297,14 @@ class Localiser:
         ends = np.flatnonzero(selected)[self._check_every - 1 :: self._check_every] + 1
         found = []
         for part in np.split(events, ends[ends < events.size]):
-            found += self._run.go_on(self._run.follow(part))
+            found += self.run.go_on(self.run.follow(part))
             self.verify()
         return _joined(found)
 
     def _check(self, events: Events) -> None:
         """Raise what is wrong with events of EVENT_DTYPE, if anything is."""
-        check_order(events, self._run.floor_us, self._reference.pixel_map.sensor)
-        self.every.check_ticks(self._run.next_tick, int(events["t"][-1]))
+        check_order(events, self.run.floor_us, self._reference.pixel_map.sensor)
+        self.every.check_ticks(self.run.next_tick, int(events["t"][-1]))
 
     def _plain(self, events: Events) -> Events:
         """Return events of another layout as an array of EVENT_DTYPE."""
@@ -1317,14 +1317,9 @@ class Localiser:
         return plain
 
     @property
-    def run(self) -> MatchRun:
-        """What feeds its kernel, for kernels that decode events too."""
-        return self._run
-
-    @property
     def selected(self) -> int:
         """Events at the selected pixels so far."""
-        return int(self._run.state.windows.bound[0])
+        return int(self.run.state.windows.bound[0])
 
     def advance(self, until_us: int) -> npt.NDArray[np.void]:
         """Advance the time without events to T = `until_us`, and return the matches due until then.
@@ -1339,7 +1334,7 @@ class Localiser:
         ndarray of MATCH_DTYPE, shape (m,)
         """
         expect(until_us, (int, np.integer), "until_us", "whole microseconds")
-        floor_us = self._run.floor_us
+        floor_us = self.run.floor_us
         if until_us < floor_us:
             raise EventError(
                 f"time runs backwards, from {floor_us} to {until_us} us: name a later time"
@@ -1348,8 +1343,8 @@ class Localiser:
             raise EventError(
                 f"time {until_us} us lies beyond {TIME_LIMIT_US}: check the clock's unit"
             )
-        self.every.check_ticks(self._run.next_tick, until_us)
-        found = _joined(self._run.advance(until_us))
+        self.every.check_ticks(self.run.next_tick, until_us)
+        found = _joined(self.run.advance(until_us))
         if self._check_every:
             self.verify()
         return found
@@ -1363,7 +1358,7 @@ class Localiser:
             Of the last windows, with fewer windows after them than the settings ask for; m is 0
             without a delay.
         """
-        return _joined(self._run.finish())
+        return _joined(self.run.finish())
 
     def read_odometer(self, time_us: int, distance_m: float) -> npt.NDArray[np.void]:
         """Advance the time to `time_us` and take a reading of the robot's odometer.
@@ -1391,7 +1386,7 @@ class Localiser:
             If the map does not say how far its places are from each other, matching is by
             sequences, or the distance is not finite or beyond 1e9 m.
         """
-        run = self._run
+        run = self.run
         if not isinstance(run, FilterRun):
             check_no_transitions(None, odometry=True)
             return NO_MATCHES
@@ -1414,7 +1409,7 @@ class Localiser:
         interval = self.every.interval_us
         if interval:
             last = until_us // interval * interval
-            self._run.next_tick = max(self._run.next_tick, last)
+            self.run.next_tick = max(self.run.next_tick, last)
 
     def append(self, counts: npt.NDArray[np.integer]) -> int:
         """Add a place at the end of the map.
@@ -1436,7 +1431,7 @@ class Localiser:
         """
         if self.settings.matching == "filter":
             raise UsageError("places are added while matching by sequences only: map the drive")
-        self._run.append(counts)
+        self.run.append(counts)
         return len(self) - 1
 
     def save(self, path: str | Path) -> None:
@@ -1447,7 +1442,7 @@ class Localiser:
         path : path
             An ``.npz`` file, written atomically.
         """
-        run, reference = self._run, self._reference
+        run, reference = self.run, self._reference
         arrays = map_arrays(reference) | run.to_arrays()
         meta = {
             "sensor": list(reference.pixel_map.sensor),
@@ -1481,8 +1476,8 @@ class Localiser:
 
     def _resume(self, arrays: Arrays, meta: Mapping[str, Any]) -> None:
         """Restore the state from what `save` wrote, which is checked."""
-        places, counters = self._run.places.shape
-        length, filtered = self.settings.windows_per_match, isinstance(self._run, FilterRun)
+        places, counters = self.run.places.shape
+        length, filtered = self.settings.windows_per_match, isinstance(self.run, FilterRun)
         now_us, floor_us = check_state(
             arrays,
             meta,
@@ -1495,7 +1490,7 @@ class Localiser:
         )
         if filtered:
             check_filter_state(arrays, places, self._window, self.every, floor_us)
-        self._run.resume(arrays, now_us, floor_us)
+        self.run.resume(arrays, now_us, floor_us)
 
     def verify(self) -> None:
         """Recompute counters and distances from the events in the windows, and compare.
@@ -1505,7 +1500,7 @@ class Localiser:
         EdgeVprError
             If anything differs, which no sequence of events can bring about.
         """
-        self._run.verify()
+        self.run.verify()
 
 
 def _joined(found: Found) -> npt.NDArray[np.void]:

@@ -63,19 +63,19 @@ class _Layout(NamedTuple):
 _DAVIS = _Layout(12, 0x3FF, 22, 0x1FF, 11, 1, 1 << 31 | 1 << 10)
 _DVS128 = _Layout(1, 0x7F, 8, 0x7F, 0, 0, 1 << 15)
 
-_CHIPS = (
-    (r"dvs128", Sensor(128, 128), _DVS128),
-    (r"davis240", Sensor(240, 180), _DAVIS),
-    (r"davis(rgb)?346", Sensor(346, 260), _DAVIS),
-    (r"davis(rgb)?640", Sensor(640, 480), _DAVIS),
-    (r"davis208", Sensor(208, 192), _DAVIS),
-    (r"davis128", Sensor(128, 128), _DAVIS),
-)
+_CHIPS = {
+    r"dvs128": Sensor(128, 128),
+    r"davis240": Sensor(240, 180),
+    r"davis(rgb)?346": Sensor(346, 260),
+    r"davis(rgb)?640": Sensor(640, 480),
+    r"davis208": Sensor(208, 192),
+    r"davis128": Sensor(128, 128),
+}
 
 
 def chip_size(name: str) -> Sensor | None:
     """Return the size of the sensor of a chip; None if the chip is unknown."""
-    return next((size for chip, size, _ in _CHIPS if re.search(chip, name.lower())), None)
+    return next((size for chip, size in _CHIPS.items() if re.search(chip, name.lower())), None)
 
 
 class Pairs(NamedTuple):
@@ -104,16 +104,15 @@ class Aedat2Source(Source):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._skip, chip = read_header(path)
-        for name, size, layout in _CHIPS:
-            if chip is not None and re.search(name, chip.lower()):
-                self._sensor, self._layout = size, layout
-                break
-        else:
+        size = chip_size(chip)
+        if size is None:
             raise RecordingError(
                 f"{path} was recorded by the chip {chip or '(its header does not say)'}, whose "
                 "addresses are not known here: convert it with jAER or DV to AEDAT 4"
             )
-        super().__init__(path, options, self._sensor)
+        self._sensor = size
+        self._layout = _DVS128 if "dvs128" in chip.lower() else _DAVIS
+        super().__init__(path, options, size)
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
@@ -132,9 +131,9 @@ class Aedat2Source(Source):
             )
 
 
-def read_header(path: Path) -> tuple[int, str | None]:
-    """Return the length of the header, and the chip that it names."""
-    n, chip = 0, None
+def read_header(path: Path) -> tuple[int, str]:
+    """Return the length of the header, and the chip that it names; "" if it names none."""
+    n, chip = 0, ""
     with path.open("rb") as file:
         while (line := file.readline(1 << 16)).startswith(b"#"):
             n += len(line)

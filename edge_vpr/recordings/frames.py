@@ -8,7 +8,7 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -385,8 +385,7 @@ class CountFrames:
                 )
                 frame += 1
             return
-        with foreign_errors(self.path, lambda: f" after frame {frame:,}"), ExitStack() as stack:
-            stream = self._stream(stack)
+        with foreign_errors(self.path, lambda: f" after frame {frame:,}"), self._stream() as stream:
             rows = max(1, _BLOCK_BYTES // max(1, stream.row_bytes))
             while frame < self.n_frames:
                 block, leftover = stream.read(rows)
@@ -417,23 +416,27 @@ class CountFrames:
         self.n_frames = len(self._images)
         self.period, self.start_us = read_metadata(self.path)
 
-    def _stream(self, stack: ExitStack) -> ArrayStream:
+    @contextmanager
+    def _stream(self) -> Iterator[ArrayStream]:
         if self._name:
-            return stack.enter_context(Archive(self.path)).stream(self._name, stack)
-        return ArrayStream(stack.enter_context(self.path.open("rb")), str(self.path))
+            with Archive(self.path) as archive:
+                yield archive.stream(self._name)
+        else:
+            with self.path.open("rb") as file:
+                yield ArrayStream(file, str(self.path))
 
     def _read_array_layout(self) -> None:
-        with ExitStack() as stack:
-            stream = self._stream(stack)
-        _check_frame_shape(stream.shape[1:], stream.dtype, str(self.path))
-        if not stream.shape[0]:
+        with self._stream() as stream:
+            shape, dtype = stream.shape, stream.dtype
+        _check_frame_shape(shape[1:], dtype, str(self.path))
+        if not shape[0]:
             raise RecordingError(f"{self.path} holds no frames: save it again")
-        self._polarities = len(stream.shape) - 3
-        self.n_frames = stream.shape[0]
-        self._grid(*stream.shape[1:3])
+        self._polarities = len(shape) - 3
+        self.n_frames = shape[0]
+        self._grid(*shape[1:3])
 
     def _read_layout(self) -> None:
-        with Archive(self.path) as archive, ExitStack() as stack:
+        with Archive(self.path) as archive:
             found = [name for name in ("frames", "counts") if name in archive.names]
             if len(found) != 1:
                 raise RecordingError(
@@ -441,7 +444,7 @@ class CountFrames:
                     "count frames need the array frames (F,H,W) or counts (F,J)"
                 )
             self._name = found[0]
-            stream = archive.stream(self._name, stack)
+            stream = archive.stream(self._name)
             dimensions = 3 if self._name == "frames" else 2
             if (
                 len(stream.shape) != dimensions

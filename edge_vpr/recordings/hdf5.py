@@ -24,6 +24,81 @@ from edge_vpr.events import TIME_LIMIT_US, Events, Sensor
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
+# Open HDF5 files, and the filters that their data sets are stored through.
+
+
+#: Bytes of expanded chunks that libhdf5 keeps, unless one chunk is larger.
+_CACHE = 1 << 25
+
+
+#: Registered filters of published files: https://github.com/HDFGroup/hdf5_plugins
+_FILTER_NAMES = {
+    305: "LZO",
+    307: "bzip2",
+    32_001: "Blosc",
+    32_004: "LZ4",
+    32_008: "bitshuffle",
+    32_013: "ZFP",
+    32_015: "Zstandard",
+    32_026: "Blosc2",
+    36_559: "ECF, of Metavision",
+}
+#: Those that hdf5plugin has.
+_IN_HDF5PLUGIN = {307, 32_001, 32_004, 32_008, 32_013, 32_015, 32_026}
+
+
+def load_h5py() -> Any:
+    """Import h5py, or raise an error that names the extra with it."""
+    try:
+        import h5py
+    except ImportError as error:
+        raise MissingExtraError("an HDF5 file", "h5py", "hdf5") from error
+    return h5py
+
+
+def _check_filters(name: str, filters: list[int]) -> None:
+    """Refuse a data set whose filter libhdf5 does not find; hdf5plugin registers what it has."""
+    from h5py import h5z
+
+    if all(h5z.filter_avail(number) for number in filters):
+        return
+    with contextlib.suppress(ImportError):
+        import hdf5plugin  # noqa: F401  # its import registers the filters
+    for number in filters:
+        if h5z.filter_avail(number):
+            continue
+        called = _FILTER_NAMES.get(number, "not in our list")
+        if number in _IN_HDF5PLUGIN:
+            what = f"{name}, stored through the HDF5 filter {number} ({called}),"
+            raise MissingExtraError(what, "hdf5plugin", "hdf5-filters")
+        raise RecordingError(
+            f"{name} is stored through the HDF5 filter {number} ({called}), which is not "
+            "installed: install its plug-in and name its folder in HDF5_PLUGIN_PATH, or write the "
+            "file again with h5repack -f GZIP=4 where it is installed"
+        )
+
+
+def open_hdf5(path: Path, largest_chunk: int = 0) -> Any:
+    """Open a file for reading.
+
+    Parameters
+    ----------
+    largest_chunk : int
+        Bytes of the largest chunk that is read, for which there must be space.
+
+    Raises
+    ------
+    RecordingError
+        If it is damaged.
+    """
+    try:
+        return load_h5py().File(path, "r", rdcc_nbytes=max(_CACHE, largest_chunk), locking=False)
+    except OSError as error:
+        raise RecordingError(
+            f"{path} is damaged, cut off or no HDF5 file ({error}): copy it again"
+        ) from error
+
+
 # Read the compressed chunks of an HDF5 data set, and check the size of each.
 #
 # libhdf5 and h5py's LZF filter do not compare the size of an expanded chunk with the size that the
@@ -39,6 +114,11 @@ _DEFLATE, _SHUFFLE, _FLETCHER32, _LZF = 1, 2, 3, 32_000
 _PLUGINS = 256
 #: Largest excess of a stored chunk's size over its expanded size, in bytes.
 _OVERHEAD = 1 << 16
+#: Most bytes of one expanded chunk, which is kept whole, so that none is read twice: chunks of any
+#: data set, and of one that is stored in at least a hundredth of that.
+_CHUNK, _LARGEST_CHUNK = _CACHE, 1 << 30
+#: Largest ratio of a data set's stated size to its size in the file: Deflate reaches 1,032.
+_MOST_EXPANSION = 1_100
 
 
 def _filters_of(dataset: Any) -> list[int]:
@@ -57,42 +137,59 @@ def _is_plugin(number: int) -> bool:
 class CheckedDataset:
     """Rows of one data set, read in consecutive slices.
 
-    Parameters
-    ----------
-    dataset : h5py.Dataset
-        Data set of one dimension or more.
-    name : str
-        File and data set, for messages.
-
     Raises
     ------
     RecordingError
-        If the data set uses a filter whose sizes cannot be checked. Filters that are plug-ins of
-        libhdf5 are trusted, like any installed library.
+        If its data lie in other files, its stated sizes are impossible for the size of the file, or
+        it uses a filter whose sizes cannot be checked. Filters that are plug-ins of libhdf5 are
+        trusted, like any installed library.
     """
 
-    def __init__(self, dataset: Any, name: str) -> None:
+    def __init__(self, path: Path, dataset: Any) -> None:
         from h5py import h5t
 
-        self._dataset, self._name = dataset, name
-        self._filters = _filters_of(dataset)
-        known = {number for number in self._filters if not _is_plugin(number)}
+        name = f"{path}: {dataset.name}"
+        if dataset.external or dataset.is_virtual:
+            raise RecordingError(
+                f"{name} lies in other files, which are not read: copy it into one file"
+            )
+        filters, chunk = _filters_of(dataset), _chunk_bytes(dataset)
+        stored, file_size = dataset.id.get_storage_size(), dataset.file.id.get_filesize()
+        held = min(stored, path.stat().st_size)
+        most = max(_CHUNK, min(100 * held, _LARGEST_CHUNK))
+        if chunk > most or len(set(filters)) < len(filters):
+            raise RecordingError(
+                f"{name} is stored in chunks of {chunk:,} bytes through {len(filters)} filters: "
+                f"the most of {held:,} stored bytes is {most:,}, and each filter once; write it "
+                "with h5repack -l CHUNK=65536"
+            )
+        _check_filters(name, filters)
+        claimed = dataset.size * dataset.dtype.itemsize
+        if any(_is_plugin(number) for number in filters):  # Zstandard expands without a limit
+            most = dataset.id.get_num_chunks() * chunk
+        else:
+            most = held * _MOST_EXPANSION if dataset.chunks and filters else held
+        if claimed > most:
+            raise RecordingError(
+                f"{name} claims {claimed:,} bytes, and the file holds {held:,} of them: it was "
+                "not closed when it was written, or is damaged; copy or record it again"
+            )
+        known = {number for number in filters if not _is_plugin(number)}
         if known - {_DEFLATE, _SHUFFLE, _FLETCHER32, _LZF} or {_DEFLATE, _LZF} <= known:
             raise RecordingError(
-                f"{name} is stored through the HDF5 filters {self._filters}, whose sizes cannot be "
+                f"{name} is stored through the HDF5 filters {filters}, whose sizes cannot be "
                 "checked: write it again with h5repack -f GZIP=4"
             )
         # libhdf5 takes memory for all of a chunk, also for one that is larger than the file
-        stored, held = dataset.id.get_storage_size(), dataset.file.id.get_filesize()
-        if dataset.chunks is not None and stored > held:
+        if dataset.chunks is not None and stored > file_size:
             raise RecordingError(
-                f"{name} has chunks of {stored:,} bytes in a file of {held:,}: it is damaged; copy "
-                "or record it again"
+                f"{name} has chunks of {stored:,} bytes in a file of {file_size:,}: it is damaged; "
+                "copy or record it again"
             )
-        self._bytes = _chunk_bytes(dataset)
+        self._dataset, self._name, self._filters, self._bytes = dataset, name, filters, chunk
         #: whether the bytes in the file are those of the array, apart from the filters
         self._plain = (
-            self._filters in ([_DEFLATE], [_SHUFFLE, _DEFLATE])
+            filters in ([_DEFLATE], [_SHUFFLE, _DEFLATE])
             and dataset.ndim == 1
             and dataset.id.get_type().equal(h5t.py_create(dataset.dtype))
         )
@@ -231,122 +328,6 @@ def lzf_size(data: npt.NDArray[np.uint8]) -> int:
         at += 1
         size += length + 2
     return size if at == data.size else -1
-
-
-# Open HDF5 files, and check what each data set claims before it is read.
-
-
-#: Bytes of expanded chunks that libhdf5 keeps, unless one chunk is larger.
-_CACHE = 1 << 25
-#: Most bytes of one expanded chunk, which is kept whole, so that none is read twice: chunks of any
-#: data set, and of one that is stored in at least a hundredth of that.
-_CHUNK, _LARGEST_CHUNK = _CACHE, 1 << 30
-#: Largest ratio of a data set's stated size to its size in the file: Deflate reaches 1,032.
-_MOST_EXPANSION = 1_100
-
-
-#: Registered filters of published files: https://github.com/HDFGroup/hdf5_plugins
-_FILTER_NAMES = {
-    305: "LZO",
-    307: "bzip2",
-    32_001: "Blosc",
-    32_004: "LZ4",
-    32_008: "bitshuffle",
-    32_013: "ZFP",
-    32_015: "Zstandard",
-    32_026: "Blosc2",
-    36_559: "ECF, of Metavision",
-}
-#: Those that hdf5plugin has.
-_IN_HDF5PLUGIN = {307, 32_001, 32_004, 32_008, 32_013, 32_015, 32_026}
-
-
-def load_h5py() -> Any:
-    """Import h5py, or raise an error that names the extra with it."""
-    try:
-        import h5py
-    except ImportError as error:
-        raise MissingExtraError("an HDF5 file", "h5py", "hdf5") from error
-    return h5py
-
-
-def _check_filters(name: str, filters: list[int]) -> None:
-    """Refuse a data set whose filter libhdf5 does not find; hdf5plugin registers what it has."""
-    from h5py import h5z
-
-    if all(h5z.filter_avail(number) for number in filters):
-        return
-    with contextlib.suppress(ImportError):
-        import hdf5plugin  # noqa: F401  # its import registers the filters
-    for number in filters:
-        if h5z.filter_avail(number):
-            continue
-        called = _FILTER_NAMES.get(number, "not in our list")
-        if number in _IN_HDF5PLUGIN:
-            what = f"{name}, stored through the HDF5 filter {number} ({called}),"
-            raise MissingExtraError(what, "hdf5plugin", "hdf5-filters")
-        raise RecordingError(
-            f"{name} is stored through the HDF5 filter {number} ({called}), which is not "
-            "installed: install its plug-in and name its folder in HDF5_PLUGIN_PATH, or write the "
-            "file again with h5repack -f GZIP=4 where it is installed"
-        )
-
-
-def open_hdf5(path: Path, largest_chunk: int = 0) -> Any:
-    """Open a file for reading.
-
-    Parameters
-    ----------
-    largest_chunk : int
-        Bytes of the largest chunk that is read, for which there must be space.
-
-    Raises
-    ------
-    RecordingError
-        If it is damaged.
-    """
-    try:
-        return load_h5py().File(path, "r", rdcc_nbytes=max(_CACHE, largest_chunk), locking=False)
-    except OSError as error:
-        raise RecordingError(
-            f"{path} is damaged, cut off or no HDF5 file ({error}): copy it again"
-        ) from error
-
-
-def checked_dataset(path: Path, dataset: Any) -> CheckedDataset:
-    """Refuse data outside the file, and stated sizes that are impossible for the file's size.
-
-    Returns
-    -------
-    CheckedDataset
-        Reader of the dataset.
-    """
-    name = f"{path}: {dataset.name}"
-    if dataset.external or dataset.is_virtual:
-        raise RecordingError(
-            f"{name} lies in other files, which are not read: copy it into one file"
-        )
-    filters, chunk = _filters_of(dataset), _chunk_bytes(dataset)
-    held = min(dataset.id.get_storage_size(), path.stat().st_size)
-    most = max(_CHUNK, min(100 * held, _LARGEST_CHUNK))
-    if chunk > most or len(set(filters)) < len(filters):
-        raise RecordingError(
-            f"{name} is stored in chunks of {chunk:,} bytes through {len(filters)} filters: "
-            f"the most of {held:,} stored bytes is {most:,}, and each filter once; write it with "
-            "h5repack -l CHUNK=65536"
-        )
-    _check_filters(name, filters)
-    claimed = dataset.size * dataset.dtype.itemsize
-    if any(_is_plugin(number) for number in filters):  # Zstandard expands without a limit
-        most = dataset.id.get_num_chunks() * chunk
-    else:
-        most = held * _MOST_EXPANSION if dataset.chunks and filters else held
-    if claimed > most:
-        raise RecordingError(
-            f"{name} claims {claimed:,} bytes, and the file holds {held:,} of them: it was "
-            "not closed when it was written, or is damaged; copy or record it again"
-        )
-    return CheckedDataset(dataset, name)
 
 
 # Write HDF5 so that a full disk is an error and not a crash.
@@ -576,7 +557,7 @@ class Hdf5Source(Source):
         with open_hdf5(self.path, min(self._largest_chunk, _LARGEST_CHUNK)) as file:
             place = file[self._place]
             checked = {
-                name: checked_dataset(self.path, item)
+                name: CheckedDataset(self.path, item)
                 for name, item in self._datasets(place).items()
             }
             total = self._rows(place)
@@ -599,7 +580,7 @@ class Hdf5Source(Source):
         for group in groups:
             offset = self._dataset(group, "t_offset")
             if offset is not None and not offset.shape:
-                checked_dataset(self.path, offset)
+                CheckedDataset(self.path, offset)  # refuses a damaged one
                 return int(offset[()])
         return 0
 

@@ -175,36 +175,35 @@ class Archive:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._file = _Bounded(path.open("rb", buffering=0))
-        try:
-            self._zip = zipfile.ZipFile(self._file)
-        except Exception as error:
-            self._file.close()
-            raise RecordingError(
-                f"{path} is a damaged or cut-off .npz archive ({error}): copy it again"
-            ) from error
-        self._file.limit = _LARGEST
-        if (kind := archive_kind(path)) is not None:
-            self.__exit__()
-            raise UsageError(f"{path} is a {kind}, and a recording is expected in its place")
+        with ExitStack() as stack:
+            file = stack.enter_context(_Bounded(path.open("rb", buffering=0)))
+            try:
+                self._zip = stack.enter_context(zipfile.ZipFile(file))
+            except Exception as error:
+                raise RecordingError(
+                    f"{path} is a damaged or cut-off .npz archive ({error}): copy it again"
+                ) from error
+            file.limit = _LARGEST
+            if (kind := archive_kind(path)) is not None:
+                raise UsageError(f"{path} is a {kind}, and a recording is expected in its place")
+            self._opened = stack.pop_all()
         self.names = {Path(name).stem: name for name in self._zip.namelist()}
 
     def __enter__(self) -> Archive:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._zip.close()
-        self._file.close()
+        self._opened.close()
 
-    def stream(self, name: str, stack: ExitStack) -> ArrayStream:
-        """Open the array `name`; `stack` closes it."""
+    def stream(self, name: str) -> ArrayStream:
+        """Open the array `name`, which is closed with the archive."""
         info = self._zip.getinfo(self.names[name])
         if info.compress_type not in _STORED_OR_DEFLATED or info.flag_bits & 1:
             raise RecordingError(
                 f"{self.path}: {name} is encrypted, or compressed by method {info.compress_type}: "
                 "save it with numpy.savez or numpy.savez_compressed"
             )
-        member = stack.enter_context(self._zip.open(info))
+        member = self._opened.enter_context(self._zip.open(info))
         array = ArrayStream(member, f"{self.path}:{name}")
         announced = math.prod(array.shape) * array.dtype.itemsize
         held = info.file_size - array.header_bytes
@@ -226,8 +225,7 @@ class Archive:
 
     def small(self, name: str) -> np.ndarray:
         """Load a whole array that is known to be small."""
-        with ExitStack() as stack:
-            return self.stream(name, stack).load(_LARGEST)
+        return self.stream(name).load(_LARGEST)
 
     def sensor(self) -> Sensor | None:
         """Return the size of the sensor; None if the archive does not state it."""
@@ -245,7 +243,7 @@ class NpzSource(Source):
     """Source of the array ``events`` (structured), or of the arrays ``t``, ``x``, ``y``, ``p``."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        with Archive(path) as archive, ExitStack() as stack:
+        with Archive(path) as archive:
             schema = archive.scalar("schema")
             if schema is not None and schema > SCHEMA:
                 raise RecordingError(
@@ -253,7 +251,7 @@ class NpzSource(Source):
                     "it"
                 )
             if "events" in archive.names:
-                _column_names(archive.stream("events", stack), options.columns)
+                _column_names(archive.stream("events"), options.columns)
             elif match_columns(archive.names) is None:
                 raise RecordingError(
                     f"{path} holds {', '.join(sorted(archive.names))}: events need the arrays t, "
@@ -266,21 +264,21 @@ class NpzSource(Source):
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
-        with Archive(self.path) as archive, ExitStack() as stack:
+        with Archive(self.path) as archive:
             try:
                 if "events" in archive.names:
-                    yield from _array_chunks(self, archive.stream("events", stack), log)
+                    yield from _array_chunks(self, archive.stream("events"), log)
                 else:
-                    yield from self._columns(archive, stack, log)
+                    yield from self._columns(archive, log)
             except (zipfile.BadZipFile, zlib.error, EOFError) as error:
                 raise RecordingError(
                     f"{self.path} is damaged after event {log.entries:,} ({error}): copy it again"
                 ) from error
 
-    def _columns(self, archive: Archive, stack: ExitStack, log: FaultLog) -> Iterator[Columns]:
+    def _columns(self, archive: Archive, log: FaultLog) -> Iterator[Columns]:
         names = match_columns(archive.names)
         assert names is not None  # `sniff` has found t, x and y
-        streams = {column: archive.stream(name, stack) for column, name in names.items()}
+        streams = {column: archive.stream(name) for column, name in names.items()}
         shapes = {stream.shape for stream in streams.values()}
         if len(shapes) != 1 or len(next(iter(shapes))) != 1:
             sizes = ", ".join(f"{name} {stream.shape}" for name, stream in streams.items())

@@ -56,7 +56,8 @@ class Header(NamedTuple):
         if "evt" in self.fields:
             return _VERSIONS.get(self.fields["evt"])
         text = " ".join(self.fields.values())
-        return "dat" if "Event2d" in text or self._is_dat() else None
+        is_dat = "Version" in self.fields or {"Width", "Height"} <= self.fields.keys()
+        return "dat" if "Event2d" in text or is_dat else None
 
     @property
     def sensor(self) -> Sensor | None:
@@ -86,9 +87,6 @@ class Header(NamedTuple):
     def _options(self) -> dict[str, str]:
         parts = self.fields.get("format", "").split(";")
         return dict(part.split("=", 1) for part in parts if "=" in part)
-
-    def _is_dat(self) -> bool:
-        return "Version" in self.fields or {"Width", "Height"} <= self.fields.keys()
 
 
 def _parse_header(head: bytes) -> Header:

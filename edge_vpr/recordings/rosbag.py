@@ -423,7 +423,11 @@ class Bag:
         except (EdgeVprError, MemoryError):
             raise
         except Exception as error:
-            raise _unreadable(self.path, self.ros, error) from error
+            remedy = "rosbag reindex" if self.ros == 1 else "ros2 bag reindex"
+            raise RecordingError(
+                f"{self.path} is cut off, damaged or no ROS {self.ros} bag "
+                f"({' '.join(str(error).split())}): try {remedy}, or copy it again"
+            ) from error
 
     def _take_over(self, reader: Any) -> Callable[[bytes], bytes]:
         """Return the function that decompresses messages; rosbags would do it without a limit."""
@@ -449,7 +453,7 @@ def _place(path: Path) -> Path:
     cannot be used, the file is opened on its own; of a folder, it must be the only one.
     """
     folder = path if path.is_dir() else path.parent
-    listing = folder / "metadata.yaml"
+    listing = folder / _LISTING
     if not path.is_dir() and not listing.exists():
         return path
     fault = _metadata_fault(listing) if listing.exists() else "is missing"
@@ -501,14 +505,6 @@ def _limited(chunk: Any) -> Any:
     if name is not None and name.startswith("lz4"):
         return chunk._replace(decompressor=lz4("a ROS bag", "ros"))
     return chunk
-
-
-def _unreadable(path: Path, ros: int, error: Exception) -> RecordingError:
-    remedy = "rosbag reindex" if ros == 1 else "ros2 bag reindex"
-    text = " ".join(str(error).split())
-    return RecordingError(
-        f"{path} is cut off, damaged or no ROS {ros} bag ({text}): try {remedy}, or copy it again"
-    )
 
 
 #: Message types with one structure for each event, and those with a camera's own words.

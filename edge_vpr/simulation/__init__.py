@@ -231,7 +231,7 @@ class SimulatedRecording:
             pixels.step(image, now)
             if number % BLOCK == 0 or number == len(times):
                 self.position = now / times[-1]
-                yield pixels.take(*noise.between((number - 1) // BLOCK, before, now))
+                yield pixels.take(noise.between((number - 1) // BLOCK, before, now))
                 before = now
 
 

@@ -23,6 +23,9 @@ SLACK = 1e-9
 #: Time of the last event of a pixel that has not fired yet, in microseconds.
 NEVER = -(2**62)
 
+NoiseEvents = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.bool_]]
+"""Times in microseconds, row-major pixel indices, polarities; shape ``(n,)`` each."""
+
 
 @kernel
 def _cross(
@@ -159,19 +162,14 @@ class PixelArray:
         self._pixels = np.concatenate((self._pixels, np.empty_like(self._pixels)))
         self._polarities = np.concatenate((self._polarities, np.empty_like(self._polarities)))
 
-    def take(
-        self,
-        times: npt.NDArray[np.int64] | None = None,
-        pixels: npt.NDArray[np.int64] | None = None,
-        polarities: npt.NDArray[np.bool_] | None = None,
-    ) -> Events:
+    def take(self, noise: NoiseEvents | None = None) -> Events:
         """Return the events since the last call, together with noise events.
 
         Parameters
         ----------
-        times, pixels, polarities : ndarray of int64, int64 and bool, shape (n,), optional
-            Noise: microseconds, row-major pixel indices, polarities, in any order. None of it may
-            be earlier than the step before the last call, or later than the last step.
+        noise : NoiseEvents, optional
+            In any order. None of it may be earlier than the step before the last call, or later
+            than the last step.
 
         Returns
         -------
@@ -181,10 +179,10 @@ class PixelArray:
         """
         n, self._n = self._n, 0
         t, i, p = self._times[:n], self._pixels[:n], self._polarities[:n]
-        if times is not None and pixels is not None and polarities is not None:
-            t = np.concatenate((t, times))
-            i = np.concatenate((i, pixels))
-            p = np.concatenate((p, polarities))
+        if noise is not None:
+            t = np.concatenate((t, noise[0]))
+            i = np.concatenate((i, noise[1]))
+            p = np.concatenate((p, noise[2]))
         order = np.argsort(t, kind="stable")
         t, i, p = t[order], i[order], p[order]
         keep = np.empty(t.size, np.bool_)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.events import Sensor
 from edge_vpr.simulation.drive import Drive, Light, Motion
+from edge_vpr.simulation.pixel_model import NoiseEvents
 from edge_vpr.simulation.world import (
     COLUMN_M,
     FAR_M,
@@ -176,9 +177,6 @@ CAMERAS = {
 
 
 _BURSTS, _BACKGROUND, _BURST = 3, 4, 5  # one random stream each
-
-NoiseEvents = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.bool_]]
-"""Times in microseconds, row-major pixel indices, polarities; shape ``(n,)`` each."""
 
 
 class Noise:
@@ -420,11 +418,11 @@ class View:
                 (0, NEAR_M, NEAR_TOP_M, NEAR_ROW_M),
                 (2, FAR_M, FAR_TOP_M, FAR_ROW_M),
             ):
-                z = (np.where(right == 1, wall_m, -wall_m) - self.lane_m) / across
+                aside = np.where(right == 1, wall_m, -wall_m) - self.lane_m
+                z = aside / across
                 height = CAMERA_M - z * down
                 met = seen & (z < VIEW_M) & (height >= 0) & (height < top_m)
-                distance = np.abs(np.where(right == 1, wall_m, -wall_m) - self.lane_m)
-                self._add(textures, used, met, number + right, height / row_m, z, distance)
+                self._add(textures, used, met, number + right, height / row_m, z, np.abs(aside))
             x = self.lane_m + ground_z * across
             met = seen & (ground_z < VIEW_M) & (np.abs(x) < FAR_M)
             self._add(

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import descriptors
 
-from edge_vpr.descriptors.codes import drive_mean, encode_own, encode_running
+from edge_vpr.descriptors.codes import encode_own, encode_running
 from edge_vpr.descriptors.windows import find_pauses
 from fixedpoint.errors import FixedPointError
 from fixedpoint.own_mean import OwnMeanCode, RunningMean, mean_level
@@ -43,7 +43,7 @@ def test_contrast_codes_are_those_of_a_drive_at_any_speed():
     rng = np.random.default_rng(2)
     fast = rng.integers(32, 256, (50, 40)) * 4 - 1  # log2(1 + c) falls by exactly 2 at low speed
     slow = (fast + 1) // 4 - 1
-    mean = drive_mean(fast, np.zeros(50, dtype=np.bool_), OwnMeanCode())
+    mean = mean_level(OwnMeanCode().level(fast))
     codes = [OwnMeanCode(contrast=True).encode(counts, mean) for counts in (fast, slow)]
     assert np.array_equal(codes[0], codes[1])
     assert not np.array_equal(*(OwnMeanCode().encode(counts, mean) for counts in (fast, slow)))
@@ -104,8 +104,8 @@ def test_other_light_moves_the_mean_and_not_the_codes():
     rng = np.random.default_rng(0)
     bright = rng.integers(32, 256, (50, 5)) * 4 - 1  # log2(1 + c) falls by exactly 2 in dim light
     dim = (bright + 1) // 4 - 1
-    code, nothing = OwnMeanCode(), np.zeros(50, dtype=np.bool_)
-    codes = [code.encode(c, drive_mean(c, nothing, code)) for c in (bright, dim)]
+    code = OwnMeanCode()
+    codes = [code.encode(c, mean_level(code.level(c))) for c in (bright, dim)]
     assert np.count_nonzero(codes[0] != codes[1]) <= 2  # one unit of 1/256 may round otherwise
 
 

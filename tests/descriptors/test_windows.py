@@ -11,7 +11,7 @@ from streams import as_tuples, cut_up, random_events
 
 from edge_vpr.descriptors.counting import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import FixedCount, FixedTime, collect, join
+from edge_vpr.descriptors.windows import Descriptors, FixedCount, FixedTime, collect
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
 
@@ -21,7 +21,8 @@ PIXEL_MAP = PixelMap(SENSOR, *np.array(PIXELS, dtype=np.uint16).T)
 
 
 def descriptors(stream, chunks):
-    return join([stream.update(chunk) for chunk in chunks])
+    parts = [stream.update(chunk).to_arrays() for chunk in chunks]
+    return Descriptors(*(np.concatenate([part[name] for part in parts]) for name in parts[0]))
 
 
 @given(

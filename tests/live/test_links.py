@@ -18,7 +18,7 @@ import pytest
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.live import links
-from edge_vpr.live.bridge import Bridge
+from edge_vpr.live.bridge import Bridge, open_device_link
 from edge_vpr.live.links import (
     Chunk,
     Link,
@@ -27,7 +27,6 @@ from edge_vpr.live.links import (
     LinkReader,
     SerialLink,
     UrlLink,
-    open_device_link,
     open_link,
 )
 from edge_vpr.live.protocols import open_encoder

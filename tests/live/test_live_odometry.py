@@ -17,8 +17,7 @@ from streams import Drive, random_events
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.evaluation.tracks import load_odometry
 from edge_vpr.events import Sensor
-from edge_vpr.live.bridge import Bridge
-from edge_vpr.live.links import open_device_link
+from edge_vpr.live.bridge import Bridge, open_device_link
 from edge_vpr.live.odometer import OdometerLine
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.online.localiser import Localiser, MatchSchedule, OdometryFeed

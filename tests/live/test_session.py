@@ -26,8 +26,8 @@ from edge_vpr import LiveSession
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.live.bridge import Bridge
-from edge_vpr.live.links import LinkError, open_device_link
+from edge_vpr.live.bridge import Bridge, open_device_link
+from edge_vpr.live.links import LinkError
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording

@@ -26,8 +26,7 @@ from streams import Drive, random_events
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.live.bridge import Bridge, LineFaults
-from edge_vpr.live.links import open_device_link
+from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.session import LiveLocaliser, LiveResult, LiveStatus
 from edge_vpr.matching.matches import Matches, write_csv
@@ -433,8 +432,8 @@ def test_a_causal_burst_filter_gives_a_match_with_the_event_that_it_needs(refere
         for each in live.feed(sent, 0).matches:
             assert last - 10_000 < each["time_us"] <= last
             assert each["time_us"] >= piece["t"][0] - 10_000
-        assert live._localiser._run.next_tick > last  # no tick is behind
-        late += exact._localiser._run.next_tick <= last
+        assert live._localiser.run.next_tick > last  # no tick is behind
+        late += exact._localiser.run.next_tick <= last
         exact.feed(sent, 0)
     assert late > 100
 

@@ -328,7 +328,7 @@ def test_drift_would_be_noticed():
     reference = map_of(np.random.default_rng(0).integers(0, 4, (50, 5)), tau_us=100)
     localiser = Localiser(reference)
     localiser.update(EVERYWHERE)
-    localiser._run.state.windows.sums[3] += 1
+    localiser.run.state.windows.sums[3] += 1
     with pytest.raises(EdgeVprError, match="have drifted"):
         localiser.verify()
 

@@ -17,7 +17,7 @@ from streams import Drive, random_events
 from terminals import Terminal
 
 from edge_vpr.events import Sensor
-from edge_vpr.live.links import open_device_link
+from edge_vpr.live.bridge import open_device_link
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings

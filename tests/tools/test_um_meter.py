@@ -11,7 +11,8 @@ from edge_vpr_tools.profile.sensors import um_meter
 from edge_vpr_tools.profile.sensors.sensor import SensorError
 from edge_vpr_tools.profile.sensors.um_meter import UmMeter, decode, from_head
 
-from edge_vpr.live.links import LinkError, VirtualLink
+from edge_vpr.live.bridge import VirtualLink
+from edge_vpr.live.links import LinkError
 
 UM24C, UM25C, UM34C = 0x0963, 0x09C9, 0x0D4C
 END = b"\xff\xf1"

@@ -24,8 +24,7 @@ import numpy.typing as npt
 from soak import a_map
 
 from edge_vpr.events import Events, Sensor, make_events
-from edge_vpr.live.bridge import Bridge
-from edge_vpr.live.links import VirtualLink
+from edge_vpr.live.bridge import Bridge, VirtualLink
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.session import LiveLocaliser
 from edge_vpr.online.localiser import MatchSchedule

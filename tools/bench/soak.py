@@ -25,8 +25,7 @@ import numpy as np
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.live.bridge import Bridge
-from edge_vpr.live.links import VirtualLink
+from edge_vpr.live.bridge import Bridge, VirtualLink
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings

@@ -51,8 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Wait for a host and send everything."""
-    from edge_vpr.live.bridge import Bridge, LineFaults
-    from edge_vpr.live.links import open_device_link
+    from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
     from edge_vpr.live.protocols import open_encoder
     from edge_vpr_tools.inputs import open_from
 

@@ -21,9 +21,10 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.calibration import Reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth, TrueCells
 from edge_vpr.evaluation.metrics import Evaluation
-from edge_vpr.evaluation.tracks import Kind, local_metres
+from edge_vpr.evaluation.tracks import local_metres
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.route import Kind
 from edge_vpr_tools.report.page import MISSED
 from edge_vpr_tools.report.style import (
     BLUE,

@@ -233,7 +233,7 @@ class NSAVPTraverse:
             try:
                 group = file["pose_base_link"]
                 position, time_ns = (
-                    CheckedDataset(group[name], f"{path}: {name}").read(slice(0, len(group[name])))
+                    CheckedDataset(path, group[name]).read(slice(0, len(group[name])))
                     for name in ("positions", "timestamps")
                 )
                 time_us = time_ns.astype(np.int64) // 1_000

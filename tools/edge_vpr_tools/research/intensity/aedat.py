@@ -65,7 +65,7 @@ class Aedat2Frames:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._data_at, chip = read_header(path)
-        name = (chip or "").lower()
+        name = chip.lower()
         size = chip_size(name)
         if size is None or "davis" not in name or "rgb" in name or "color" in name:
             raise RecordingError(
