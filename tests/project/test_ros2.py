@@ -218,21 +218,22 @@ def test_rows_of_a_server_arrive_at_another_participant(messages, dds_types):
     with LineServer("0") as server:
         thread = threading.Thread(target=serve, args=(server,))
         thread.start()
+        address = server.address.removeprefix("tcp://")
+        node = started(domain, "--connect", address, "--once", "--tf")
         try:
-            with started(
-                domain, "--connect", server.address.removeprefix("tcp://"), "--once", "--tf"
-            ) as node:
-                samples = dict.fromkeys(topics, ())
-                end = time.monotonic() + 60
-                while not all(samples.values()) and time.monotonic() < end and node.poll() is None:
-                    samples = {t: samples[t] or readers[t].take(1) for t in topics}
-                    time.sleep(0.02)
-                stop.set()
-                thread.join()
-                server.close()
-                assert node.wait(20) == 0, node.stderr.read()
+            samples = dict.fromkeys(topics, ())
+            end = time.monotonic() + 60
+            while not all(samples.values()) and time.monotonic() < end and node.poll() is None:
+                samples = {t: samples[t] or readers[t].take(1) for t in topics}
+                time.sleep(0.02)
         finally:
             stop.set()
+            thread.join()
+    with node:
+        try:
+            assert node.wait(20) == 0, node.stderr.read()
+        finally:
+            node.kill()  # else leaving the block would wait for it
     pose, odometry = samples["pose"][0], samples["odometry"][0]
     assert pose.pose.pose.position.x == 1.5
     assert pose.header.frame_id == "map"
