@@ -254,14 +254,14 @@ def test_with_odometry_the_cut_of_the_stream_and_a_saved_state_change_nothing(tm
             Odometry(odometry.time_us[later], odometry.distance_mm[later]),
         ).update(events[cut:])
         assert without_ratio(np.concatenate([*begin, *rest])) == without_ratio(whole)
-    first._run.odometer.before = 7
+    first.run.odometer.before = 7
     first.save(tmp_path / "state.npz")
-    assert vars(Localiser.load(tmp_path / "state.npz")._run.odometer) == vars(first._run.odometer)
+    assert vars(Localiser.load(tmp_path / "state.npz").run.odometer) == vars(first._run.odometer)
     # a state of before short distances were held is still read
     arrays, meta = read_archive(tmp_path / "state.npz", KIND)
     arrays["filter_odometer"] = arrays["filter_odometer"][:4]
     write_archive(tmp_path / "state.npz", KIND, arrays, meta)
-    meter = Localiser.load(tmp_path / "state.npz")._run.odometer
+    meter = Localiser.load(tmp_path / "state.npz").run.odometer
     assert meter.before == meter.anchor
 
 
