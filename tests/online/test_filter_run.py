@@ -256,7 +256,7 @@ def test_with_odometry_the_cut_of_the_stream_and_a_saved_state_change_nothing(tm
         assert without_ratio(np.concatenate([*begin, *rest])) == without_ratio(whole)
     first.run.odometer.before = 7
     first.save(tmp_path / "state.npz")
-    assert vars(Localiser.load(tmp_path / "state.npz").run.odometer) == vars(first._run.odometer)
+    assert vars(Localiser.load(tmp_path / "state.npz").run.odometer) == vars(first.run.odometer)
     # a state of before short distances were held is still read
     arrays, meta = read_archive(tmp_path / "state.npz", KIND)
     arrays["filter_odometer"] = arrays["filter_odometer"][:4]
