@@ -587,8 +587,7 @@ class LiveSession:
         self._overwrite = overwrite
         self._learn = None if learn is None else as_path(learn, "the map to learn")
         for path in self._record:
-            if path.suffix != ".bin":
-                _check_format(path)
+            check_recorded(path, "record")
             check_output(path, [map_file])
         source = Path(link) if isinstance(link, str | os.PathLike) else None
         seen: set[Path] = set()
@@ -1200,12 +1199,26 @@ def _sensor_of(
     return reference.pixel_map.sensor
 
 
-def _check_format(path: Path) -> None:
+def check_recorded(path: Path, argument: str) -> None:
+    """Check that bytes or events can be recorded in a file of this name.
+
+    Parameters
+    ----------
+    argument : str
+        That names the file, for the message.
+
+    Raises
+    ------
+    UsageError
+        If they cannot.
+    """
+    if path.suffix == ".bin":
+        return
     try:
         writable_format(path)
     except UsageError as error:
         known = ", ".join(WRITTEN)
-        raise UsageError(f"record {path}: expected .bin for bytes, or {known}") from error
+        raise UsageError(f"{argument} {path}: expected .bin for bytes, or {known}") from error
 
 
 def _is_recording(path: Path) -> bool:

@@ -392,17 +392,13 @@ class Transitions:
             place_activity, typical, exclusion,
         )  # fmt: skip
         self._along = along_mm
-        self._spacing = self._rate = 0
+        #: mean distance between two places; 0 if the map holds none
+        self.spacing_mm = self._rate = 0
         if along_mm is not None:
             check_along(along_mm, places)
-            self._spacing = int(along_mm[-1] - along_mm[0]) // max(places - 1, 1)
-            per_window = max(self._spacing, 1) * costs.places_per_window
+            self.spacing_mm = int(along_mm[-1] - along_mm[0]) // max(places - 1, 1)
+            per_window = max(self.spacing_mm, 1) * costs.places_per_window
             self._rate = (OFF_BY_A_WINDOW << FRACTION_BITS << RATE_BITS) // per_window
-
-    @property
-    def spacing_mm(self) -> int:
-        """Mean distance between two places; 0 if the map holds none."""
-        return self._spacing
 
     def check_odometry(self) -> None:
         """Raise UsageError if the map does not hold the distances between its places."""
@@ -428,7 +424,7 @@ class Transitions:
             metric, along = np.ascontiguousarray(metric[::-1]), along[-1] - along[::-1]
             jumps = self.places - 1 - jumps[:, ::-1]
         found = predict_by_distance(
-            metric, along, _limited(travelled_mm), (self._rate, self._spacing),
+            metric, along, _limited(travelled_mm), (self._rate, self.spacing_mm),
             self.table.restart, jumps,
         )  # fmt: skip
         return np.ascontiguousarray(found[::-1]) if back else found
@@ -441,7 +437,7 @@ class Transitions:
         before = self.jumps[:, 0] - place
         for begin, end in self.jumps[(before >= 0) & (before < JUMP_REACH)].tolist():
             beyond = slice(end, end + JUMP_REACH)
-            length = along[begin] - along[place] + self._spacing + along[beyond] - along[end]
+            length = along[begin] - along[place] + self.spacing_mm + along[beyond] - along[end]
             cost = (np.abs(length - travelled) * self._rate) >> RATE_BITS
             follows[beyond] |= cost < self.table.restart
         return np.asarray(follows)
@@ -460,7 +456,7 @@ class Transitions:
                 "the map does not say how far its places are from each other: make it with the "
                 "reference drive's --odometry or --track"
             )
-        if self._spacing < 1:
+        if self.spacing_mm < 1:
             raise UsageError(
                 "the reference drive of this map did not move by its odometry or track: map a "
                 "drive that moves, or match without odometry"

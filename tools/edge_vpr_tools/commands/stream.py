@@ -165,7 +165,7 @@ def _check_odometry(args: argparse.Namespace) -> None:
 
 
 def _check_files(args: argparse.Namespace) -> None:
-    from edge_vpr.recordings import WRITTEN, writable_format
+    from edge_vpr.live.session import check_recorded
     from edge_vpr.results import check_new_file
 
     of_events = [name for name in args.record if Path(name).suffix != ".bin"]
@@ -174,11 +174,7 @@ def _check_files(args: argparse.Namespace) -> None:
             "--record can write one file of events, and none with --learn: record bytes (.bin)"
         )
     for name in of_events:
-        try:
-            writable_format(Path(name))
-        except UsageError as error:
-            known = ", ".join(WRITTEN)
-            raise UsageError(f"--record {name}: expected .bin for bytes, or {known}") from error
+        check_recorded(Path(name), "--record")
     saved = None if args.rerun == "viewer" else args.rerun
     seen = {Path(name).resolve() for name in (args.port, args.map) if name}
     for name in filter(None, [*args.record, args.log, args.output, saved]):
