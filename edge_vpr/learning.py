@@ -147,7 +147,7 @@ def learn_drive(
     if code is None or initial is None:
         fine = reference.coded(counted).counts.astype(np.int64) << FRACTION_BITS
     else:
-        windows = counted.take(slice(None, None, reference.settings.places_per_window))
+        windows = counted.take(slice(None, None, reference.settings.window_parts))
         own = drive_mean(windows, code, reference.mean_activity)
         fine = code.fine(counted.counts, own)
     seen, shown = _mean_by_place(fine, place, len(reference))
@@ -205,7 +205,7 @@ def _aligned_by_matching(
     }  # fmt: skip
     matching = reference.matched_with(reference.settings.replaced(asked, "alignment"))
     place = np.full(len(counted), -1, dtype=np.int64)
-    number = reference.settings.places_per_window
+    number = reference.settings.window_parts
     for first in range(min(number, len(counted))):
         windows = matching.coded(counted.take(slice(first, None, number)))
         matches = match_query(matching, windows, odometry)

@@ -72,6 +72,9 @@ from fixedpoint.own_mean import OwnMeanCode
 
 #: each is processed after every window
 MOST_JUMPS = 4_096
+#: frames in a window of a reference of frames that has places at half windows, at least: its halves
+#: then differ little in length
+LEAST_FRAMES = 20
 
 
 def check_transitions(
@@ -231,7 +234,7 @@ class MapRecord(EqualByValue):
     @property
     def windows(self) -> Descriptors:
         """The places whose windows do not overlap: every one, or every second of half windows."""
-        number = self.settings.places_per_window
+        number = self.settings.window_parts
         return self.places if number == 1 else self.places.take(slice(None, None, number))
 
     @property
@@ -572,6 +575,8 @@ def map_traverse(
         expect(pixel_map, PixelMap, "pixel_map", "a PixelMap(sensor, x, y)")
         check_sensor(sensor, pixel_map.sensor)
         settings = settings.replaced({"pixels": len(pixel_map)}, "the pixel map")
+    if settings.places_per_window is None:
+        settings = _with_places(settings, recording)
     check_parts(recording, settings)
     # the released code selects by clipped counts; with other codes, pixels are selected by plain
     # counts, so that maps with different codes have the same pixels
@@ -607,9 +612,7 @@ def map_traverse(
             settings = settings.replaced({"pixels": len(pixel_map)}, "the recording")
         if settings.window == "count" and settings.events_per_pixel is None:
             settings = _with_mean_count(settings, first, pixel_map)
-        needs_events = (
-            settings.window == "count" or settings.polarity or settings.places_per_window > 1
-        )
+        needs_events = settings.window == "count" or settings.polarity or settings.window_parts > 1
         places = None if needs_events else first.descriptors(pixel_map)
     if places is None:
         places = count_places(recording, pixel_map, settings, removed)
@@ -731,6 +734,21 @@ def coded_map(counted: AnyMap, settings: Settings) -> AnyMap:
 def _with_mean_count(settings: Settings, first: PixelStatistics, pixel_map: PixelMap) -> Settings:
     """Set the number of events in a window to the average of a window of tau."""
     events = int(first.totals[pixel_map.y, pixel_map.x].sum())
-    number = settings.places_per_window  # a window has as many whole parts
+    number = settings.window_parts  # a window has as many whole parts
     mean = number * max(1, round(events / first.windows / number))
     return settings.replaced({"events_per_pixel": mean / len(pixel_map)}, "the reference")
+
+
+def _with_places(settings: Settings, recording: EventSource | WindowSource) -> Settings:
+    """Set the number of places per window: two if windows of this recording can overlap."""
+    period = getattr(recording, "frame_period", None)
+    two = (
+        settings.matching == "filter"
+        and settings.filter_steps is None
+        and not settings.filter_back
+        and settings.window == "time"
+        and settings.tau_us % 2 == 0
+        and not isinstance(recording, WindowSource)
+        and (period is None or LEAST_FRAMES * period * 1_000_000 <= settings.tau_us)
+    )
+    return settings.replaced({"places_per_window": 2 if two else 1}, "the reference")

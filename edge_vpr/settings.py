@@ -394,11 +394,15 @@ _WINDOWS = _group(
         needs=("window", ("count",)),
     ),
     places_per_window=SettingField(
-        help="places per window length; 2: a place starts at every half window",
+        help="places per window length; 2: a place starts at every half window; auto: 2 where the "
+        "reference and the other settings allow it",
         metavar="N",
+        words={"auto": None},
         least=1,
         most=2,
-        more="2 needs the place filter, a reference of events, and twice the memory and work.",
+        more="2 takes twice the memory and work, and needs the place filter and a reference of "
+        "events. auto is 1 for windows of a number of events, and with `filter_steps` or "
+        "`filter_back`, which count places.",
         needs=_FILTER,
     ),
     keep_incomplete=SettingField(help="keep an incomplete last window"),
@@ -572,7 +576,7 @@ class Settings:
     window: WindowKind = "time"
     tau_us: int = 1_000_000
     events_per_pixel: float | None = 3.0
-    places_per_window: int = 1
+    places_per_window: int | None = 1
     polarity: bool = False
     clip: int | None = None
     counter_code: CounterCodeName | str = "none"
@@ -601,11 +605,11 @@ class Settings:
             setting.check(getattr(self, name))
         if self.events_per_pixel is not None:
             self._check_events_per_window()
-        if self.places_per_window > 1 and self.matching != "filter":
+        if self.window_parts > 1 and self.matching != "filter":
             raise UsageError(
                 f"setting places_per_window = {self.places_per_window} with matching = "
                 f"{self.matching}: sequences compare one place per window; set matching to filter, "
-                "or places_per_window to 1"
+                "or map the reference with places_per_window = 1"
             )
         self._check_code()
 
@@ -633,7 +637,12 @@ class Settings:
     @property
     def exclusion_places(self) -> int:
         """Number of places on each side of the best one in its exclusion zone."""
-        return self.exclusion * self.places_per_window
+        return self.exclusion * self.window_parts
+
+    @property
+    def window_parts(self) -> int:
+        """Parts of a window at which places start, 1 or 2; of a map, its `places_per_window`."""
+        return self.places_per_window or 1
 
     @property
     def match_delay(self) -> int:
@@ -848,7 +857,8 @@ def values_by_name(values: Mapping[str, Any], source: str) -> dict[str, Any]:
 
 
 _BEST = Settings(
-    matching="filter", smooth=True, counter_code="log", counter_scaling="contrast", anchor="end",
+    places_per_window=None, matching="filter", smooth=True, counter_code="log",
+    counter_scaling="contrast", anchor="end",
 )  # fmt: skip
 
 PRESETS: Mapping[str, Settings] = {

@@ -760,7 +760,7 @@ def count_places(
     UsageError
         If the recording is shorter than a window, holds no events, or a window has no whole parts.
     """
-    number = settings.places_per_window
+    number = settings.window_parts
     if number == 1:
         return count_windows(recording, pixel_map, settings, removed)
     check_parts(recording, settings)
@@ -778,7 +778,7 @@ def count_places(
 
 def check_parts(recording: EventSource | WindowSource, settings: Settings) -> None:
     """Raise UsageError unless places can start at the parts of a window that the settings say."""
-    number = settings.places_per_window
+    number = settings.window_parts
     if number == 1:
         return
     where = f"setting places_per_window = {number}"

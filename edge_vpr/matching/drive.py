@@ -723,7 +723,7 @@ def filter_of(
     jumps, along_mm : ndarray or None
         Of the map, see `match_descriptors`.
     """
-    events, number = places.activity, settings.places_per_window
+    events, number = places.activity, settings.window_parts
     return PlaceFilter(
         len(places), TransitionCosts.of(settings), settings.exclusion_places,
         activity_of_drive(events[::number]), place_activity=place_activity(events, number),

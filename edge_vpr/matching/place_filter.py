@@ -87,7 +87,7 @@ class TransitionCosts:
     @classmethod
     def of(cls, settings: Settings) -> TransitionCosts:
         """Return the costs of the settings; the default depends on the kind of window."""
-        forward, number = settings.filter_steps, settings.places_per_window
+        forward, number = settings.filter_steps, settings.window_parts
         if forward is None and settings.window == "count":  # whose activity is always the same
             forward = COUNT_COSTS[number]
         return cls(forward, settings.filter_back, settings.filter_restart, number)

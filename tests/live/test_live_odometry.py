@@ -195,8 +195,9 @@ def test_a_map_that_is_learnt_with_an_odometer_knows_its_distances(drive, tmp_pa
         end()
     along = ReferenceMap.load(tmp_path / "map.npz").odometer_mm
     assert along is not None and len(along) > 15
-    # 5 m/s for the time between the first place and the last; what waits at the host is later
-    assert 0.5 < along[-1] / (5_000 * 0.1 * (len(along) - 1)) < 1.5
+    # 5 m/s for the time between the first place and the last, half windows of 0.05 s apart; what
+    # waits at the host is later
+    assert 0.5 < along[-1] / (5_000 * 0.05 * (len(along) - 1)) < 1.5
 
 
 def test_a_drive_that_makes_no_map_is_kept_with_its_odometry(drive, tmp_path, capsys):

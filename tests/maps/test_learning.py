@@ -14,7 +14,7 @@ import pytest
 from edge_vpr_tools.cli import main
 
 from edge_vpr import ReferenceMap, UsageError
-from edge_vpr.descriptors.counting import count_windows
+from edge_vpr.descriptors.counting import count_places
 from edge_vpr.descriptors.windows import activity_of_drive, find_pauses
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.learning import MOST_DRIVES, learn_drive
@@ -35,11 +35,13 @@ def _nearest(reference: ReferenceMap, track: Track, query: Track, times: Places)
     return np.abs(query.at(times)[:, 0][:, None] - places).argmin(axis=1)
 
 
-def test_the_new_codes_are_the_rounded_mean_of_both_drives(drives: Drives) -> None:
+@pytest.mark.parametrize("number", [1, 2])
+def test_the_new_codes_are_the_rounded_mean_of_both_drives(drives: Drives, number: int) -> None:
     reference, query = drives
-    route = ReferenceMap.build(reference, pixels=20, track=reference.track)
+    asked = {"pixels": 20, "places_per_window": number}
+    route = ReferenceMap.build(reference, track=reference.track, **asked)
     update = route.update(query, track=query.track)
-    counted = count_windows(query, route.pixel_map, route.settings)
+    counted = count_places(query, route.pixel_map, route.settings)
     expected_place = _nearest(route, reference.track, query.track, counted.centre_us)
     assert (update.place[update.aligned] == expected_place[update.aligned]).all()
     assert update.aligned.mean() > 0.9
@@ -50,8 +52,9 @@ def test_the_new_codes_are_the_rounded_mean_of_both_drives(drives: Drives) -> No
     levels = code.level(counted.counts).tolist()
     n, counters = counted.counts.shape
     top = 2**code.bits - 1
-    paused = find_pauses(counted.activity, activity_of_drive(route.places.activity))
-    moving = [row for row, pause in zip(levels, paused, strict=True) if not pause]
+    activity = activity_of_drive(route.places.activity[::number])
+    paused = find_pauses(counted.activity[::number], activity)
+    moving = [row for row, pause in zip(levels[::number], paused, strict=True) if not pause]
     m = len(moving)
     means = [(2 * sum(row[j] for row in moving) + m) // (2 * m) for j in range(counters)]
     of_window = [
@@ -135,7 +138,7 @@ def test_a_drive_of_another_route_is_refused(drives: Drives) -> None:
 def test_places_that_look_different_are_named(drives: Drives) -> None:
     reference, query = drives
     route = ReferenceMap.build(reference, pixels=50, track=reference.track)
-    counted = count_windows(query, route.pixel_map, route.settings)
+    counted = count_places(query, route.pixel_map, route.settings)
     place = _nearest(route, reference.track, query.track, counted.centre_us)
     rebuilt = int(np.median(place))
     counts = counted.counts.copy()
@@ -149,7 +152,7 @@ def test_places_that_look_different_are_named(drives: Drives) -> None:
 def test_few_aligned_windows_are_a_warning(drives: Drives) -> None:
     reference, query = drives
     route = ReferenceMap.build(reference, pixels=50, track=reference.track)
-    counted = count_windows(query, route.pixel_map, route.settings)
+    counted = count_places(query, route.pixel_map, route.settings)
     last = int(query.track.time_us[-1])
     part = query.track.time_us < 0.6 * last
     track = Track(query.track.time_us[part], query.track.position[part])

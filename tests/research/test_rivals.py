@@ -262,7 +262,7 @@ def counted(windows=40):
 def test_the_filter_with_the_default_constants_is_the_default():
     """Live and late; other constants match otherwise."""
     _, drive = counted()
-    robot = place_filter.VARIANTS[place_filter.ROBOT]
+    robot = place_filter.DEFAULTS[place_filter.ROBOT]
     # a query that is hard enough for the constants to matter
     rng = np.random.default_rng(2)
     noisy = replace(drive.counted, counts=rng.permuted(drive.counted.counts, axis=1))
@@ -313,7 +313,7 @@ def test_every_variant_of_the_filter_is_judged_on_the_same_windows(monkeypatch):
     rows = list(place_filter.measure(Draw(pair, 0, True)))
     assert {found.queries for found in judged} == {40 - place_filter.LONGEST + 1}
     right = {row["method"]: row["P@100R"] for row in rows}
-    assert {*place_filter.VARIANTS, nulls.CONSTANT_SPEED} < right.keys()
+    assert {*place_filter.VARIANTS, *place_filter.DEFAULTS, nulls.CONSTANT_SPEED} < right.keys()
     assert right[place_filter.BEST] == 1 > right["null: windows shuffled"]
     (best,) = (row for row in rows if row["method"] == place_filter.BEST)
     assert best["R@99P"] == best["R@99P by trust"]

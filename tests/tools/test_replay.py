@@ -37,6 +37,7 @@ def drive(tmp_path_factory):
     (folder / "track.csv").write_text("time_s,x_m,y_m\n0,10,20\n3,40,-10\n")
     (folder / "wheel.csv").write_text("time_s,distance_m\n0,0\n3,42\n")
     words = ["map", "drive.npz", "-o", "map.npz", "--track", "track.csv", "--tau", "100ms"]
+    words += ["--places-per-window", "1"]  # which sequences need
     words += ["--pixels", "20", "--sigma", "1"]
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)

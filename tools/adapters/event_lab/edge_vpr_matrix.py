@@ -85,13 +85,17 @@ def write_distance_matrix(request: Request, output: Path) -> None:
             _call(words)
 
 
+#: Event-LAB's truth has a row for each window
+_EACH_WINDOW = ("--places-per-window", "1")
+
+
 def commands(request: Request, output: Path, folder: Path) -> list[list[str]]:
     """Return the two command lines; map and matches are written into `folder`."""
     reference, query = request.reference, request.query
     tau = [] if reference.is_frames else ["--tau", f"{request.window_ms:g}ms"]
     return [
         [*request.program, "map", str(reference.path), "-o", str(folder / "map.npz"), "--quiet",
-         *_reading(request, reference), *tau, *_flags(request.settings)],
+         *_reading(request, reference), *tau, *_EACH_WINDOW, *_flags(request.settings)],
         [*request.program, "match", str(folder / "map.npz"), str(query.path), "--quiet",
          "-o", str(folder / "matches"), "--no-figures", "--overwrite", "--matrix", str(output),
          *_reading(request, query)],

@@ -52,7 +52,7 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         places=len(reference),
         matching=settings.matching,
         length=0 if filters else settings.sequence_length,
-        activity_costs=filters and costs.forward is None and settings.places_per_window,
+        activity_costs=filters and costs.forward is None and settings.window_parts,
         steps=_steps_of(costs),
         back=costs.back,
         restart=costs.restart,
@@ -82,7 +82,7 @@ def memories_of(reference: ReferenceMap, design: Design) -> Memories:
         if reference.codes is None:
             places = narrow(codes.encode(places))
     adaptive = design.own_mean or design.filters
-    of_places = place_activity(events, reference.settings.places_per_window)
+    of_places = place_activity(events, reference.settings.window_parts)
     return Memories(
         design,
         np.stack([reference.pixel_map.x, reference.pixel_map.y], axis=1).tolist(),

@@ -381,7 +381,7 @@ def candidates(
         try:
             design = design_of(reference)
             if places is not None:
-                design = replace(design, places=places * reference.settings.places_per_window)
+                design = replace(design, places=places * reference.settings.window_parts)
         except DesignError as error:
             raise UsageError(f"{one.name}: {error}") from error
         windows_s = int((reference.places.end_us - reference.places.start_us).sum()) / 1e6

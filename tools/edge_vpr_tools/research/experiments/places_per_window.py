@@ -103,7 +103,7 @@ def measure(draw: Draw) -> Iterator[Row]:
     route: Route = draw.pair
     for pixels in PIXELS:
         settings = PRESETS["default"].replaced({"pixels": pixels, "seed": draw.seed}, "half")
-        whole = ReferenceMap.build(route.reference, settings)
+        whole = ReferenceMap.build(route.reference, settings, places_per_window=1)
         half = ReferenceMap.build(
             route.reference, settings, pixel_map=whole.pixel_map, places_per_window=2
         )
@@ -164,7 +164,7 @@ def _figures(drive: MappedPair, found: Matches, truths: Sequence[GroundTruth]) -
         "accepted at 0.99": int(accepted.sum()),
         "accepted and correct": int((accepted & wide).sum()),
         "places": len(reference),
-        "bytes per window": reference.settings.places_per_window * place_bytes,
+        "bytes per window": reference.settings.window_parts * place_bytes,
         "bytes of the places": len(reference) * place_bytes,
         "differences per window": reference.places.counts.size,
     }

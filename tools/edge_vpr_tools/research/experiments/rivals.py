@@ -118,7 +118,7 @@ class System:
     only: Sequence[str] | None = None
 
 
-OURS = "edge-vpr (default)"
+OURS = "edge-vpr, places at whole windows"
 
 
 #: of a `Decoder`, the settings that match the default's own distances

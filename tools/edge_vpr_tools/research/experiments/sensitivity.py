@@ -2,8 +2,8 @@
 
 Each constant is varied alone, as a multiple of the default. A rule that the filter does not have is
 varied too: a limit on the evidence while the running misfit is high. Beside each setting stands
-what it finds in a query whose pixels were shuffled: that it assumes. The last rows leave one pair
-out: of all settings of the table, the one that is best on the other pairs of drives, the streets as
+what it finds in a query whose pixels were shuffled: that it assumes. Maps have places at whole
+windows. The last rows leave one pair out: of all settings of the table, the one that is best on the other pairs of drives, the streets as
 one pair, is evaluated on the pair that is left out, which chose nothing.
 """
 
@@ -60,7 +60,7 @@ from edge_vpr_tools.research.experiments.nulls import BY_US, null_queries
 from edge_vpr_tools.research.experiments.pairs import MappedPair
 from edge_vpr_tools.research.experiments.place_filter import (
     ROBOT,
-    VARIANTS,
+    DEFAULTS,
     driven,
     driven_street,
 )
@@ -118,7 +118,7 @@ def match_with(
     pair: MappedPair, constants: Constants, delays: Sequence[int]
 ) -> dict[int, npt.NDArray[np.int64]]:
     """Match window by window as on a robot; return the place of each window, by delay."""
-    coded = pair.coded(VARIANTS[ROBOT]).reference
+    coded = pair.coded(DEFAULTS[ROBOT]).reference
     queries = coded.coded(pair.counted)
     distances = ReferenceIndex(coded.places.counts).rows(queries.counts)
     transitions = transitions_of(coded, constants)
@@ -205,7 +205,7 @@ Setting = tuple[str, float]
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Vary each constant alone, on a recorded pair or on each drive of a street."""
-    for drives_name, pair, _ in driven(draw):
+    for drives_name, pair, *_ in driven(draw):
         shown = dict(null_queries(pair.counted, np.random.default_rng(draw.seed)))
         null = replace(pair, counted=shown[NULL])
         default = _correct(pair, Constants()), _correct(null, Constants())

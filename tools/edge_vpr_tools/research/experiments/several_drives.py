@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
-from edge_vpr.descriptors.counting import count_windows
+from edge_vpr.descriptors.counting import count_places
 from edge_vpr.evaluation.tracks import with_positions
 from edge_vpr.learning import learn_drive
 from edge_vpr.reference_map import ReferenceMap
@@ -68,7 +68,7 @@ def measure(draw: Draw) -> Iterator[Row]:
         settings = PRESETS["default"].replaced({"pixels": pixels, "seed": draw.seed}, "street")
         first = ReferenceMap.build(street.reference, settings)
         learnt = {
-            light: count_windows(one, first.pixel_map, settings)
+            light: count_places(one, first.pixel_map, first.settings)
             for light, one in street.learnt.items()
         }
         queries = {

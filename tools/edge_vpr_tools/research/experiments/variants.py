@@ -34,8 +34,11 @@ from edge_vpr_tools.research.experiments.plots import dots
 #: matching of the default: the place filter with contrast codes
 DEFAULT_MATCHING = {
     name: getattr(PRESETS["default"], name)
-    for name in ("matching", "smooth", "counter_code", "counter_scaling", "anchor", "score")
-}
+    for name in (
+        "matching", "smooth", "counter_code", "counter_scaling", "anchor", "score",
+        "places_per_window",
+    )
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
