@@ -1,10 +1,11 @@
 """How much each constant of the place filter matters, and how well it does where it chose nothing.
 
-Each constant is varied alone, as a multiple of the default. A rule that the filter does not have is
-varied too: a limit on the evidence while the running misfit is high. Beside each setting stands
-what it finds in a query whose pixels were shuffled: that it assumes. Maps have places at whole
-windows. The last rows leave one pair out: of all settings of the table, the one that is best on the other pairs of drives, the streets as
-one pair, is evaluated on the pair that is left out, which chose nothing.
+Each constant is varied alone, as a multiple of the default, with places at whole windows. A rule
+that the filter does not have is varied too: a limit on the evidence while the running misfit is
+high. Beside each setting stands what it finds in a query whose pixels were shuffled: that it
+assumes. The last rows leave one pair out: of all settings of the table, the one that is best on the
+other pairs of drives, the streets as one pair, is evaluated on the pair that is left out, which
+chose nothing.
 """
 
 from __future__ import annotations
@@ -59,8 +60,8 @@ from edge_vpr_tools.research.experiments.experiment import (
 from edge_vpr_tools.research.experiments.nulls import BY_US, null_queries
 from edge_vpr_tools.research.experiments.pairs import MappedPair
 from edge_vpr_tools.research.experiments.place_filter import (
-    ROBOT,
     DEFAULTS,
+    ROBOT,
     driven,
     driven_street,
 )
