@@ -139,21 +139,23 @@ def open_street(seed: int) -> Street:
 
 
 def driven(
-    street: Street, elsewhere: SimulatedRecording | None
+    street: Street, elsewhere: SimulatedRecording | None, **changes: Any
 ) -> Iterator[tuple[MappedPair, Descriptors | None]]:
     """Map a street and count its drives, with each number of pixels and kind of window.
 
-    With each drive come the counts of a drive of another street at the same pixels.
+    With each drive come the counts of a drive of another street at the same pixels. `changes` are
+    settings that differ from the default.
     """
     for pixels in PIXELS:
         for window in WINDOWS:
-            changes = {
+            chosen = {
                 "pixels": pixels,
                 "window": window,
                 "events_per_pixel": None,
                 "seed": street.seed,
+                **changes,
             }
-            settings = PRESETS["default"].replaced(changes, "calibration")
+            settings = PRESETS["default"].replaced(chosen, "calibration")
             mapped = ReferenceMap.build(street.reference, settings)
             away = None
             if elsewhere is not None:
@@ -248,7 +250,11 @@ def joined(found: Sequence[Sample]) -> Sample:
 
 
 def learn(seeds: int, folder: Path, on_start: Callable[[str], None]) -> None:
-    """Learn the tables on simulated streets, and write them in the package's format, atomically."""
+    """Learn the tables on simulated streets, and write them in the package's format, atomically.
+
+    Places are at whole windows: these tables hold for places at half windows too, and not the other
+    way round.
+    """
     rng = np.random.default_rng(_CUTS)
     found: dict[str, list[Sample]] = {name: [] for name in MATCHINGS}
     on_map: list[Sample] = []
@@ -256,7 +262,7 @@ def learn(seeds: int, folder: Path, on_start: Callable[[str], None]) -> None:
     for seed in range(FIRST_SEED, FIRST_SEED + seeds):
         on_start(f"street {seed - FIRST_SEED + 1} of {seeds}")
         street = open_street(seed)
-        for pair, elsewhere in driven(street, before):
+        for pair, elsewhere in driven(street, before, places_per_window=1):
             for version, changed in versions_of(pair, elsewhere, rng).items():
                 for name, changes in MATCHINGS.items():
                     some = sample(changed.with_settings(changes))
