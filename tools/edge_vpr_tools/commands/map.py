@@ -154,9 +154,10 @@ def run(args: argparse.Namespace) -> None:
         f"{reference.packed_bytes_per_place * len(places) / 1e3:.1f} kB in all"
     )
     if seconds is not None:
+        events = int(reference.windows.events.sum())
         summary(
-            f"counted {places.events.sum():,} events over {places.end_us[-1] / 1e6:.1f} s "
-            f"in {seconds:.2f} s; {hot_pixels} hot pixels left out"
+            f"counted {events:,} events over {places.end_us[-1] / 1e6:.1f} s in {seconds:.2f} s; "
+            f"{hot_pixels} hot pixels left out"
             f"{describe_removed(removed, reference.settings)}"
             f"{describe_faults(recording)}"
         )
