@@ -110,7 +110,8 @@ DRIVE = "a drive of 724 windows by the place filter, 641 places"
 LIMIT, WEIGHT = "largest evidence at high misfit", "weight of evidence"
 CUT, CARRIED, SWITCHED = "a piece cut out", "carried off twice", "switched on in mid-route"
 LATE, GUESS = "4 windows late", "null: constant*"
-OURS, LIVE = "edge-vpr, places at whole windows", "place filter, live"
+AT_WHOLE = ", places at whole windows"
+OURS, LIVE = f"edge-vpr{AT_WHOLE}", "place filter, live"
 SOON = "median time to 0.99 (s)"
 SCRAMBLED = (
     "windows shuffled", "query reversed", "pixels shuffled in each window", "pixels shuffled once",
@@ -360,7 +361,7 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
      lambda: [half_windows("share accepted at 0.99", "150", of) for of in "12"]),
     ("results_robustness", "it rises from {:.3f} to {:.3f}, with stops from {:.3f} to {:.3f}",
      lambda: [value for drives in ("street, 150 px", "street, 3 stops, 150 px")
-              for value in reversed(correct(drives, "*(robot)|*(robot), places at whole windows"))]),
+              for value in reversed(correct(drives, f"*(robot)|*(robot){AT_WHOLE}"))]),
     ("results_robustness", "75 pixels reach {:.2f} and {:.2f}",
      lambda: [half_windows(of, "75", "2") for of in ("P@100R", "share accepted at 0.99")]),
     ("results_robustness", "precision is {:.2f} to {:.2f} on the walks and indoors",
@@ -433,7 +434,7 @@ CLAIMS: list[tuple[str, str, Callable[[], bool]]] = [
      lambda: missed(LATE, "whole") == trust("precision", "*indoor, 150 px", LATE)),
     ("results", "sequences of 10 are about as good on streets",
      lambda: all(abs(of[0] - of[1]) < 0.025 for of in (
-         correct(drives, "sequences of 10, own mean|*(robot), places at whole windows")
+         correct(drives, f"sequences of 10, own mean|*(robot){AT_WHOLE}")
          for drives in ("street, 150 px", "street, low sun, 150 px")))),
     ("results_cost", "met with code tables and missed with contrast codes",
      lambda: logic("*by activity") < 1_900 < logic("*by activity, contrast codes")),
