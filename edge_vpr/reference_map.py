@@ -69,9 +69,9 @@ class ReferenceMap(MapRecord):
     >>> monday, tuesday = simulate_pair(0, "tiny", length_m=40)
     >>> route = ReferenceMap.build(monday, pixels=50)
     >>> route
-    ReferenceMap(6 places, 50 pixels of 32x32, 3 bits a counter)
+    ReferenceMap(12 places, 50 pixels of 32x32, 3 bits a counter)
     >>> route.match(tuesday).matches.place.tolist()
-    [0, 1, 1, 2, 3, 3, 4, 5]
+    [0, 1, 2, 3, 5, 6, 9, 10]
 
     `build` makes a map of a recording, `match` finds the places of another recording, and
     `localiser` follows events while they come. Two maps are equal if all their data are.
@@ -488,7 +488,7 @@ class MatchResult:
     >>> monday, tuesday = simulate_pair(0, "tiny", length_m=40)
     >>> result = ReferenceMap.build(monday, pixels=50).match(tuesday)
     >>> result, result.evaluate((monday.track, tuesday.track), 10).precision_at_100_recall
-    (MatchResult(Matches(8 queries, 6 places, place filter, 0 tied)), 1.0)
+    (MatchResult(Matches(8 queries, 12 places, place filter, 0 tied)), 1.0)
 
     Attributes
     ----------

@@ -1144,7 +1144,7 @@ class Localiser:
     >>> localiser = ReferenceMap.build(monday, pixels=50).localiser("window")
     >>> places = [int(match["place"]) for events in tuesday for match in localiser.update(events)]
     >>> tuple(places[-3:])
-    (3, 4, 5)
+    (6, 8, 10)
 
     It holds the counters of the newest L windows, one directly after the other
     (`SlidingWindows`), and the distances of this sequence to all places. An event changes each

@@ -87,7 +87,7 @@ def test_tum_holds_metres_as_they_are_and_no_rotation(drive, tmp_path):
 
 def test_lost_matches_are_left_out_of_a_track_and_marked_on_a_map(drive, tmp_path):
     files = [tmp_path / "track.gpx", tmp_path / "track.geojson"]
-    more = ("--online", "--every", "window", "--precision", "0.9")
+    more = ("--online", "--every", "window", "--precision", "0.99")
     reference, matches = matched(drive, "gps", tmp_path / "out", *files, more=more, query="strayed")
     known = np.isfinite(reference.route.along_m[matches.place])
     assert (matches.lost & known).any() and (~matches.lost & known).any()

@@ -203,7 +203,7 @@ def test_the_calibration_learns_tables_instead_of_judging_them(tmp_path, capsys)
     before, pooled, whole = None, [], []
     for seed in (1000, 1001):
         street = calibration.open_street(seed)
-        for case, away in calibration.driven(street, before):
+        for case, away in calibration.driven(street, before, places_per_window=1):
             for name, version in calibration.versions_of(case, away, rng).items():
                 changed = version.with_settings(calibration.MATCHINGS["0"])
                 pooled.append(calibration.sample(changed))
