@@ -51,6 +51,11 @@ def is_quiet() -> bool:
     return _now[-1] <= Verbosity.QUIET
 
 
+def is_verbose() -> bool:
+    """Return whether a command prints more than it must."""
+    return _now[-1] >= Verbosity.VERBOSE
+
+
 def summary(text: str) -> None:
     """Print a line of a command's result on standard output; not if quiet."""
     if not is_quiet():
@@ -65,7 +70,7 @@ def note(text: str) -> None:
 
 def detail(text: str) -> None:
     """Print a line on standard error if verbose."""
-    if _now[-1] >= Verbosity.VERBOSE:
+    if is_verbose():
         error_line(text)
 
 
