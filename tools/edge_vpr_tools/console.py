@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from edge_vpr.descriptors.counting import Removed
+    from edge_vpr.warm_up import WarmUpStep
 
 # Notes on standard error and summaries on standard output, depending on ``-q`` and ``-v``.
 
@@ -113,6 +114,14 @@ def status(text: str) -> Iterator[Callable[[str], None]]:
     with Console(stderr=True, quiet=is_quiet()).status(text) as shown:
         yield shown.update
     check_interrupted()
+
+
+def warm_up_shown(steps: Sequence[WarmUpStep]) -> None:
+    """Compile the kernels of all steps, and show on a terminal which."""
+    from edge_vpr.warm_up import warm_up
+
+    with status("kernels") as show:
+        warm_up(steps, show)
 
 
 # Orderly end, with files and summary, on Ctrl-C, SIGTERM and a closed terminal.

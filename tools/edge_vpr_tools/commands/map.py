@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import detail_settings, status, summary, warn_of_bursts, warning
+from edge_vpr_tools.console import detail_settings, summary, warm_up_shown, warn_of_bursts, warning
 from edge_vpr_tools.flags import (
     add_map_flags,
     add_output_flags,
@@ -180,13 +180,12 @@ def _mapped(
     """Return the map of the reference drive, and the time that it took in seconds."""
     from edge_vpr.descriptors.counting import WindowSource
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr.warm_up import mapping_steps, warm_up
+    from edge_vpr.warm_up import mapping_steps
     from edge_vpr_tools.inputs import tracked
 
     detail_settings(settings.to_dict())
     if not isinstance(recording, WindowSource):
-        with status("kernels") as show:
-            warm_up(mapping_steps(settings), show)
+        warm_up_shown(mapping_steps(settings))
     start = time.perf_counter()
     reference = ReferenceMap.build(
         tracked(recording, "mapping"), settings, pixel_map=args.pixel_map,
