@@ -489,7 +489,10 @@ def test_a_map_in_place_of_a_port_is_called_a_map(route, tmp_path):
 def test_files_are_looked_at_before_the_link_is_opened(what, tmp_path):
     """Also the map to learn, which would replace that of another drive."""
     (tmp_path / "here.npz").touch()
-    for name, says in (("here.npz", "exists: name another"), ("no/new.npz", "is not a folder")):
+    for name, says in (
+        ("here.npz", "exists: name another, or replace it with --overwrite"),
+        ("no/new.npz", "is not a folder"),
+    ):
         with pytest.raises(UsageError, match=says):
             LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, **{what: tmp_path / name})
 
