@@ -47,7 +47,7 @@ from edge_vpr.online.localiser import (
 )
 from edge_vpr.recordings import FORMATS, WRITTEN, writable_format, write_recording
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.results import check_new_file
+from edge_vpr.results import check_new_file, check_new_map
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings, duration_us, resolve_settings
 from edge_vpr.warm_up import WarmUpStep, localising_steps, synthetic_events, warm_up
@@ -595,7 +595,8 @@ class LiveSession:
             if path.resolve() in seen:
                 raise UsageError(f"{path} is named twice: give each file another name")
             seen.add(path.resolve())
-            check_new_file(path, [source], overwrite)
+            check = check_new_map if path is self._learn else check_new_file
+            check(path, [source], overwrite)
         if not isinstance(settings, Settings):
             settings = resolve_settings("default" if settings is None else settings)
         self._settings = settings

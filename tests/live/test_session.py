@@ -497,6 +497,15 @@ def test_files_are_looked_at_before_the_link_is_opened(what, tmp_path):
             LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, **{what: tmp_path / name})
 
 
+def test_a_map_to_learn_has_the_suffix_of_a_map(tmp_path, capsys):
+    """As the map that `edge-vpr map` makes; said before a link is opened."""
+    with pytest.raises(UsageError, match=r"x.txt does not end in .npz: name the map"):
+        LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, learn=tmp_path / "x.txt")
+    words = ["--port", "/dev/null0", "--protocol", "evpr", "--sensor", "64x48", "--learn"]
+    assert main(["stream", *words, "-o", str(tmp_path / "x.txt")]) == 2
+    assert "x.txt does not end in .npz: name the map" in capsys.readouterr().err
+
+
 def test_a_recording_that_cannot_be_written_is_refused_before_the_drive(tmp_path):
     for name in ("drive.xyz", "drive"):
         with pytest.raises(UsageError, match=r"drive.*: expected \.bin for bytes, or \.npz"):
