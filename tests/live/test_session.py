@@ -497,6 +497,19 @@ def test_files_are_looked_at_before_the_link_is_opened(what, tmp_path):
             LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, **{what: tmp_path / name})
 
 
+def test_a_map_of_a_larger_sensor_than_the_streams_is_a_warning(route, tmp_path):
+    """Without `sensor=`, the stream is taken to be of the map's sensor."""
+    encoder, said = open_encoder("evpr", Sensor(32, 24)), []
+    events = random_events(np.random.default_rng(0), 9_000, Sensor(32, 24), 1_000_000)
+    (tmp_path / "sent.bin").write_bytes(encoder.start() + encoder.encode(events))
+    link = tmp_path / "sent.bin"
+    with LiveSession(link, protocol="evpr", reference=route, on_message=said.append) as session:
+        for _ in session:
+            pass
+    (text,) = (message.text for message in said if message.kind == "device")
+    assert "sensor is smaller than 64x48" in text and "use the map of this camera" in text
+
+
 def test_a_map_to_learn_has_the_suffix_of_a_map(tmp_path, capsys):
     """As the map that `edge-vpr map` makes; said before a link is opened."""
     with pytest.raises(UsageError, match=r"x.txt does not end in .npz: name the map"):
