@@ -159,6 +159,12 @@ def check_output(output: str | Path, inputs: Iterable[str | Path | None]) -> Non
             raise UsageError(f"output {output} lies in the input {given}: name an output outside")
 
 
+def check_absent(output: str | Path, overwrite: bool) -> None:
+    """Raise UsageError if an output exists and may not be replaced."""
+    if not overwrite and Path(output).exists():
+        raise UsageError(f"output {output} exists: name another, or replace it with --overwrite")
+
+
 def clear_dead_runs(folder: str | Path) -> None:
     """Remove what killed runs of this user left in a folder; follow no links.
 

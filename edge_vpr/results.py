@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from edge_vpr.errors import EdgeVprError, UsageError
-from edge_vpr.files import check_output, replacing, replacing_folder
+from edge_vpr.files import check_absent, check_output, replacing, replacing_folder
 from edge_vpr.run_log import command_line, warnings_so_far
 
 # Folders of results, which are written whole or not at all.
@@ -53,10 +53,9 @@ def check_output_folder(
     """
     check_output(path, inputs)
     check_parent(path)
+    check_absent(path, overwrite)
     if not path.exists():
         return
-    if not overwrite:
-        raise UsageError(f"output {path} exists: name another one, or replace it with --overwrite")
     ours = path.is_dir() and (not any(path.iterdir()) or (path / RUN).is_file())
     if not ours:
         raise UsageError(
@@ -105,8 +104,14 @@ def check_new_file(path: Path, inputs: Iterable[str | Path | None], overwrite: b
     """
     check_output(path, inputs)
     check_parent(path)
-    if path.exists() and not overwrite:
-        raise UsageError(f"{path} exists: name another file, or replace it with --overwrite")
+    check_absent(path, overwrite)
+
+
+def check_new_map(path: Path, inputs: Iterable[str | Path | None], overwrite: bool) -> None:
+    """Check that a map can be written, before any work is done; see `check_new_file`."""
+    check_new_file(path, inputs, overwrite)
+    if path.suffix != ".npz":
+        raise UsageError(f"output {path} does not end in .npz: name the map for example map.npz")
 
 
 def _can_create(folder: Path) -> bool:

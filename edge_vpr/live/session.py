@@ -47,7 +47,7 @@ from edge_vpr.online.localiser import (
 )
 from edge_vpr.recordings import FORMATS, WRITTEN, writable_format, write_recording
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.results import check_parent
+from edge_vpr.results import check_new_file, check_new_map
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings, duration_us, resolve_settings
 from edge_vpr.warm_up import WarmUpStep, localising_steps, synthetic_events, warm_up
@@ -592,13 +592,11 @@ class LiveSession:
         source = Path(link) if isinstance(link, str | os.PathLike) else None
         seen: set[Path] = set()
         for path in filter(None, (*self._record, self._learn)):
-            check_output(path, [source])
             if path.resolve() in seen:
                 raise UsageError(f"{path} is named twice: give each file another name")
             seen.add(path.resolve())
-            check_parent(path)
-            if path.exists() and not overwrite:
-                raise UsageError(f"{path} exists: name another file, or pass overwrite=True")
+            check = check_new_map if path is self._learn else check_new_file
+            check(path, [source], overwrite)
         if not isinstance(settings, Settings):
             settings = resolve_settings("default" if settings is None else settings)
         self._settings = settings

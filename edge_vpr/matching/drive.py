@@ -724,11 +724,11 @@ def filter_of(
         Of the map, see `match_descriptors`.
     """
     events, number = places.activity, settings.window_parts
-    return PlaceFilter(
-        len(places), TransitionCosts.of(settings), settings.exclusion_places,
-        activity_of_drive(events[::number]), place_activity=place_activity(events, number),
-        jumps=jumps, along_mm=along_mm, typical=typical_distances(places.counts),
+    transitions = Transitions(
+        len(places), TransitionCosts.of(settings), place_activity(events, number), jumps, along_mm,
+        typical_distances(places.counts), settings.exclusion_places,
     )  # fmt: skip
+    return PlaceFilter(transitions, activity_of_drive(events[::number]))
 
 
 def check_no_transitions(jumps: npt.NDArray[np.int32] | None, odometry: bool) -> None:

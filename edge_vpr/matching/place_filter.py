@@ -1221,15 +1221,11 @@ class PlaceFilter:
 
     Parameters
     ----------
-    places : int
-        K.
-    exclusion : int
-        The second best is searched more than this many places from the best.
+    transitions : Transitions
+        Of the map.
     mean_activity : int
         Events that a window of the reference has at the selected pixels on average, in units of
         1/256 event; 0 if only windows without events are pauses.
-    place_activity, jumps, along_mm, typical : ndarray, optional
-        Of the map, see `Transitions`.
 
     Attributes
     ----------
@@ -1242,21 +1238,8 @@ class PlaceFilter:
         `lasting_misfit_after`.
     """
 
-    def __init__(
-        self,
-        places: int,
-        costs: TransitionCosts,
-        exclusion: int = 3,
-        mean_activity: int = 0,
-        *,
-        place_activity: npt.NDArray[np.int32] | None = None,
-        jumps: npt.NDArray[np.int32] | None = None,
-        along_mm: npt.NDArray[np.int64] | None = None,
-        typical: npt.NDArray[np.int64] | None = None,
-    ) -> None:
-        self.transitions = Transitions(
-            places, costs, place_activity, jumps, along_mm, typical, exclusion
-        )
+    def __init__(self, transitions: Transitions, mean_activity: int = 0) -> None:
+        self.transitions, places = transitions, transitions.places
         begin = (0, mean_activity, -1, 0, 0, 0, MISFIT_ZERO << LASTING_BITS, NOT_PREDICTED)
         numbers = np.array([begin], dtype=NUMBERS)
         metric, prediction = np.zeros(places, dtype=np.int32), np.zeros(places, dtype=np.int16)

@@ -26,7 +26,7 @@ import numpy as np
 
 from edge_vpr.errors import EdgeVprError, RecordingError, UsageError, as_path, expect
 from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, check_events
-from edge_vpr.files import replacing
+from edge_vpr.files import check_absent, replacing
 from edge_vpr.plugins import Registry
 from edge_vpr.recordings.frames import CountFrames, parse_period, read_count_frames
 from edge_vpr.recordings.numpy_files import Archive
@@ -731,8 +731,7 @@ def write_recording(
     if sensor is None:
         raise UsageError(f"{path} needs the size of the sensor: pass sensor=")
     sensor = Sensor.of(sensor)
-    if path.exists() and (path.is_dir() or not overwrite):
-        raise UsageError(f"{path} exists: choose another name, or pass --overwrite")
+    check_absent(path, overwrite)
     chunks = [events] if isinstance(events, np.ndarray) else events
     expect(chunks, Iterable, "events", "an event array, or a recording that yields them")
     try:

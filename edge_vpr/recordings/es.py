@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import os
 import re
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,10 @@ from edge_vpr.errors import MissingExtraError, RecordingError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
 
+#: bytes between events, by their type: a pause, or a reset of the decoder
+_PAUSES = {"dvs": b"\xfe\xff", "atis": b"\xfc\xfd\xfe\xff"}
+#: longest end of a file in which its last event is looked for; 8 s of pauses
+_END_BYTES = 1 << 16
 _FAERY = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), ("on", "?")])
 
 
@@ -54,6 +59,7 @@ class EsSource(Source):
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
+        last = None
         with self._decoder(self.path) as decoder:
             atis = decoder.event_type == "atis"
             while True:
@@ -65,7 +71,9 @@ class EsSource(Source):
                         "copy it again"
                     ) from error
                 if packet is None:
-                    return
+                    break
+                if packet.size:  # none in a long pause
+                    last = struct.pack("<HH", packet["x"][-1], packet["y"][-1])
                 if atis:  # an exposure measurement is not a change of intensity
                     packet = packet[~packet["exposure"]]
                 on = packet["polarity"] if atis else packet["on"]
@@ -74,6 +82,25 @@ class EsSource(Source):
                     t = packet["t"][part].astype(np.int64)
                     y = self._top - packet["y"][part].astype(np.int64)
                     yield Columns(t, packet["x"][part], y, on[part])
+        if last is not None:
+            self._check_end(last, _PAUSES["atis" if atis else "dvs"], log)
+
+    def _check_end(self, last: bytes, pauses: bytes, log: FaultLog) -> None:
+        """Report an event that is cut off, which the decoder leaves out in silence.
+
+        An event is one byte for time and polarity, and four for x and y.
+
+        Parameters
+        ----------
+        last : bytes
+            x and y of the last whole event, with which a whole file ends, or with pauses after it.
+        """
+        with self.path.open("rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(0, size - _END_BYTES))
+            _, found, rest = file.read().rpartition(last)
+        if found and 0 < len(rest.lstrip(pauses)) < 5:
+            log.truncated(len(rest), f"byte {size - len(rest):,}, within an event")
 
 
 @contextmanager

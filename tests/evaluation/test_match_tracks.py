@@ -103,7 +103,7 @@ def test_lost_matches_are_left_out_of_a_track_and_marked_on_a_map(drive, tmp_pat
         ("flat", "track.gpx", "needs latitudes and longitudes, and the map has metres"),
         ("wheel", "track.geojson", "make it with edge-vpr map --track"),
         ("gps", "drive.npz.tum/track.tum", "is not a folder: make it first"),
-        ("gps", "there.tum", "exists: name another file, or replace it with --overwrite"),
+        ("gps", "there.tum", "exists: name another, or replace it with --overwrite"),
     ],
 )
 def test_what_cannot_be_written_is_refused_before_any_work(

@@ -19,7 +19,7 @@ from edge_vpr.descriptors.windows import FixedCount, FixedTime, mean_activity_af
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.matching.distances import best_matches, distance_matrix
 from edge_vpr.matching.drive import sequence_sums
-from edge_vpr.matching.place_filter import PlaceFilter, TransitionCosts
+from edge_vpr.matching.place_filter import PlaceFilter, TransitionCosts, Transitions
 from firmware_model import (
     Design,
     DesignError,
@@ -101,9 +101,8 @@ def by_filter(memories: Memories, codes, events):
         design.steps or None, design.back, design.restart, int(design.activity_costs) or 1
     )
     own = np.array(memories.place_activity, dtype=np.int32) if design.activity_costs else None
-    found = PlaceFilter(
-        design.places, costs, design.exclusion, memories.activity, place_activity=own
-    )
+    transitions = Transitions(design.places, costs, own, exclusion=design.exclusion)
+    found = PlaceFilter(transitions, memories.activity)
     distances, matches = distance_matrix(np.array(memories.places), codes), []
     for j, window in enumerate(events.tolist()):
         m = found.update(distances[:, j], window)

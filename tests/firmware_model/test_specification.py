@@ -11,7 +11,7 @@ import pytest
 from specification_device import HALF_ROWS, ROWS, Device, Drive, table
 
 from edge_vpr.matching.drive import BackwardPass, FixedLag, smoothed_trust
-from edge_vpr.matching.place_filter import PlaceFilter, TransitionCosts, WindowRows
+from edge_vpr.matching.place_filter import PlaceFilter, TransitionCosts, Transitions, WindowRows
 from firmware_model import Design
 from firmware_model.vectors import load_manifest, standard_suites, write_suites
 from firmware_model.vectors.random_cases import random_adaptive_design
@@ -87,13 +87,13 @@ def test_smoothing_delay_odometry_and_jumps_are_those_of_the_page(delay):
             design["steps"] or None, design["back"], design["restart"],
             design["activity_costs"] or 1,
         )  # fmt: skip
-        place_filter = PlaceFilter(
-            distances.shape[1], costs, design["exclusion"], usual,
-            place_activity=own if design["activity_costs"] else None,
-            jumps=np.array(jumps, dtype=np.int32).reshape(-1, 2), along_mm=along,
+        transitions = Transitions(
+            distances.shape[1], costs, own if design["activity_costs"] else None,
+            np.array(jumps, dtype=np.int32).reshape(-1, 2), along, exclusion=design["exclusion"],
         )  # fmt: skip
+        place_filter = PlaceFilter(transitions, usual)
         rows, late = [], []
-        lag = FixedLag(place_filter.transitions, delay or 0)
+        lag = FixedLag(transitions, delay or 0)
         for row, count, distance in zip(distances, events, driven, strict=True):
             if distance is not None:
                 place_filter.predict_travelled(distance)
@@ -112,11 +112,9 @@ def test_smoothing_delay_odometry_and_jumps_are_those_of_the_page(delay):
         else:
             parts = [np.concatenate(column) for column in zip(*rows, strict=True)]
             every = WindowRows(*parts)
-            BackwardPass(place_filter.transitions).add_to(every, driven)
+            BackwardPass(transitions).add_to(every, driven)
             against = every.evidence[np.arange(len(driven)), every.columns[:, 0]].astype(np.int64)
             place, metric = every.columns[:, 0], every.columns[:, 1]
-            trust = smoothed_trust(
-                place, every.columns[:, 5], against, driven, place_filter.transitions
-            )
+            trust = smoothed_trust(place, every.columns[:, 5], against, driven, transitions)
             found = zip(place, metric, trust, strict=True)
             assert page.smoothed() == [tuple(map(int, one)) for one in found]

@@ -489,9 +489,34 @@ def test_a_map_in_place_of_a_port_is_called_a_map(route, tmp_path):
 def test_files_are_looked_at_before_the_link_is_opened(what, tmp_path):
     """Also the map to learn, which would replace that of another drive."""
     (tmp_path / "here.npz").touch()
-    for name, says in (("here.npz", "exists: name another"), ("no/new.npz", "is not a folder")):
+    for name, says in (
+        ("here.npz", "exists: name another, or replace it with --overwrite"),
+        ("no/new.npz", "is not a folder"),
+    ):
         with pytest.raises(UsageError, match=says):
             LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, **{what: tmp_path / name})
+
+
+def test_a_map_of_a_larger_sensor_than_the_streams_is_a_warning(route, tmp_path):
+    """Without `sensor=`, the stream is taken to be of the map's sensor."""
+    encoder, said = open_encoder("evpr", Sensor(32, 24)), []
+    events = random_events(np.random.default_rng(0), 9_000, Sensor(32, 24), 1_000_000)
+    (tmp_path / "sent.bin").write_bytes(encoder.start() + encoder.encode(events))
+    link = tmp_path / "sent.bin"
+    with LiveSession(link, protocol="evpr", reference=route, on_message=said.append) as session:
+        for _ in session:
+            pass
+    (text,) = (message.text for message in said if message.kind == "device")
+    assert "sensor is smaller than 64x48" in text and "use the map of this camera" in text
+
+
+def test_a_map_to_learn_has_the_suffix_of_a_map(tmp_path, capsys):
+    """As the map that `edge-vpr map` makes; said before a link is opened."""
+    with pytest.raises(UsageError, match=r"x.txt does not end in .npz: name the map"):
+        LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, learn=tmp_path / "x.txt")
+    words = ["--port", "/dev/null0", "--protocol", "evpr", "--sensor", "64x48", "--learn"]
+    assert main(["stream", *words, "-o", str(tmp_path / "x.txt")]) == 2
+    assert "x.txt does not end in .npz: name the map" in capsys.readouterr().err
 
 
 def test_a_recording_that_cannot_be_written_is_refused_before_the_drive(tmp_path):

@@ -321,6 +321,18 @@ def test_evpr_counts_what_was_lost_to_the_event_and_what_the_device_dropped():
     assert "events lost on the way, 1,234 dropped by the device" in health.describe_losses()
 
 
+@pytest.mark.parametrize(
+    ("size", "smaller"),
+    [((65, 128), False), ((64, 128), True), ((128, 33), True), ((346, 260), False)],
+)
+def test_evpr_frames_of_a_smaller_sensor_are_noticed(size, smaller):
+    """As far as the bits of x and y say: 65 to 128 pixels have seven."""
+    decoder = open_decoder("evpr", SENSOR)
+    decoder.warm_up()
+    decoder.feed(open_encoder("evpr", Sensor(*size)).start())
+    assert ("sensor is smaller than 128x128" in decoder.remark) == smaller
+
+
 def plain_evpr(frame):
     """One frame without its zero, decoded by hand from the specification."""
     raw, rest = bytearray(), bytearray(frame)

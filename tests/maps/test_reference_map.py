@@ -127,7 +127,7 @@ def test_a_saved_result_is_read_by_the_commands(folder, route, tmp_path, capsys)
     for name, every in (("windows", None), ("events", "20ms")):
         result = route.match(folder / "tuesday.npz", every=every, precision=0.3)
         result.save(tmp_path / name)
-        with pytest.raises(UsageError, match="exists: name another one"):
+        with pytest.raises(UsageError, match="exists: name another, or replace it"):
             result.save(tmp_path / name)
         result.save(tmp_path / name, overwrite=True)
         again = ev.MatchResult.load(tmp_path / name)

@@ -259,7 +259,8 @@ def test_fixed_costs_at_half_windows_follow_as_far_on_a_device():
     fixed = half.matched_with(half.settings.replaced({"filter_steps": (1, 0)}, "test"))
     design, settings = design_of(fixed), fixed.settings
     device = PlaceFilterModel(memories_of(fixed, design))
-    ours = PlaceFilter(40, TransitionCosts.of(settings), settings.exclusion_places)
+    costs, exclusion = TransitionCosts.of(settings), settings.exclusion_places
+    ours = PlaceFilter(Transitions(40, costs, exclusion=exclusion))
     rng, places, followed = np.random.default_rng(4), [], []
     for window, place in enumerate((np.cumsum(rng.integers(0, 7, 60)) % 40).tolist()):
         distances = rng.integers(200, 230, 40).astype(np.int32)

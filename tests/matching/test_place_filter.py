@@ -23,7 +23,7 @@ from edge_vpr.descriptors.windows import (
 from edge_vpr.errors import UsageError
 from edge_vpr.matching import drive as filtered_drive
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.matching.place_filter import METRIC_TOP, PlaceFilter, TransitionCosts
+from edge_vpr.matching.place_filter import METRIC_TOP, PlaceFilter, TransitionCosts, Transitions
 from edge_vpr.route import MOST_MM, Odometry
 from edge_vpr.settings import PRESETS, Settings
 from fixedpoint.activity import COSTS_BY_ACTIVITY, LOG_TOP, activity_costs
@@ -62,10 +62,8 @@ def test_metrics_matches_and_trust_equal_the_oracle(
     along, travelled = random_distances(rng, places, windows, spacing)
     seen = rng.integers(-128, 128, places).astype(np.int32)
     typical = rng.integers(-largest, largest + 1, places)
-    found = PlaceFilter(
-        places, steps, exclusion, mean_activity, place_activity=seen, jumps=pairs, along_mm=along,
-        typical=typical,
-    )  # fmt: skip
+    transitions = Transitions(places, steps, seen, pairs, along, typical, exclusion)
+    found = PlaceFilter(transitions, mean_activity)
     matched, misfits = [], []
     expected = naive.place_filter(
         distances.tolist(), events.tolist(), steps.forward, steps.back, steps.restart,
@@ -94,7 +92,7 @@ def test_metrics_matches_and_trust_equal_the_oracle(
 
 def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
     distances = np.array([[0, 10**6, 0, 0], [9, 5, 40, 7], [9, 5, 40, 7]])
-    found = PlaceFilter(4, TransitionCosts())
+    found = PlaceFilter(Transitions(4, TransitionCosts()))
     expected = naive.place_filter(distances.tolist(), [50] * 3, None, (), 16, 3, 0)
     for row, (metric, best, _, trust) in zip(distances, expected, strict=True):
         match = found.update(row, 50)
@@ -251,13 +249,13 @@ def test_one_wrong_window_does_not_move_the_match():
     distances = drive_through(40, path, np.random.default_rng(0))
     distances[10, 35] = 0  # for one window, another place looks best
     distances[10, 10] = 8
-    found = PlaceFilter(40, STEADY)
+    found = PlaceFilter(Transitions(40, STEADY))
     assert [found.update(row, 1).place for row in distances] == path
 
 
 def test_a_drive_along_the_map_has_no_misfit_and_another_one_has():
     rng = np.random.default_rng(2)
-    along, elsewhere = (PlaceFilter(60, STEADY) for _ in range(2))
+    along, elsewhere = (PlaceFilter(Transitions(60, STEADY)) for _ in range(2))
     for row in drive_through(60, list(range(50)), rng):
         assert along.update(row, 1).misfit == 0
     jumping = drive_through(60, rng.permutation(50).tolist(), rng)
@@ -269,7 +267,7 @@ def test_a_drive_along_the_map_has_no_misfit_and_another_one_has():
 
 def test_after_being_carried_off_it_finds_itself_again():
     path = [*range(15), *range(60, 80)]
-    found = PlaceFilter(100, STEADY)
+    found = PlaceFilter(Transitions(100, STEADY))
     distances = drive_through(100, path, np.random.default_rng(1))
     matches = [found.update(row, 1) for row in distances]
     places = [match.place for match in matches]
@@ -282,7 +280,7 @@ def test_after_being_carried_off_it_finds_itself_again():
 def test_a_view_that_stays_the_same_wins_no_trust():
     """A camera that stands, off the map, may see what it saw at one place of it."""
     distances = drive_through(60, [*range(10), *([30] * 25)], np.random.default_rng(4))
-    found = PlaceFilter(60, STEADY, mean_activity=256)
+    found = PlaceFilter(Transitions(60, STEADY), mean_activity=256)
     moving = [found.update(row, 1) for row in distances[:10]]
     standing = [found.update(row, 1) for row in distances[10:]]
     assert [match.place for match in standing[-19:]] == [30] * 19
@@ -294,7 +292,7 @@ def test_a_path_along_places_that_do_not_fit_is_not_trusted():
     distances = drive_through(60, list(range(10, 30)), np.random.default_rng(5))
     distances[15:] = 20
     distances[15:, 45:50] = 20 - 12 * np.eye(5, dtype=np.int64)
-    found = PlaceFilter(60, replace(STEADY, restart=60))
+    found = PlaceFilter(Transitions(60, replace(STEADY, restart=60)))
     matches = [found.update(row, 1) for row in distances]
     assert [match.place for match in matches[:16]] == list(range(10, 26))
     before, past = matches[14], matches[15]
@@ -309,7 +307,7 @@ def test_a_large_margin_is_not_remembered_for_long():
         distances = np.full((9, 40), contrast)
         distances[np.arange(9), np.arange(9)] = 0
         distances[6:] = contrast  # nothing is seen any more
-        found = PlaceFilter(40, replace(STEADY, restart=250))
+        found = PlaceFilter(Transitions(40, replace(STEADY, restart=250)))
         falls.append([found.update(row, 1).trust for row in distances])
     assert falls[0] == falls[1] and falls[0][5] > 200
 
@@ -317,8 +315,8 @@ def test_a_large_margin_is_not_remembered_for_long():
 def test_steps_back_are_followed_only_where_they_have_a_cost():
     path = [*range(10, 25), *range(24, 5, -1)]
     distances = drive_through(40, path, np.random.default_rng(2), noise=8)
-    forward = PlaceFilter(40, replace(STEADY, restart=60))
-    both = PlaceFilter(40, replace(STEADY, back=(0,), restart=60))
+    forward = PlaceFilter(Transitions(40, replace(STEADY, restart=60)))
+    both = PlaceFilter(Transitions(40, replace(STEADY, back=(0,), restart=60)))
     assert [both.update(row, 1).place for row in distances] == path
     assert [forward.update(row, 1).place for row in distances] != path
 
@@ -327,7 +325,9 @@ def test_while_the_camera_stands_the_match_stays():
     rng = np.random.default_rng(3)
     moving = drive_through(50, list(range(10)), rng)
     standing = rng.integers(0, 3, (6, 50))  # without events all places look alike
-    found = PlaceFilter(50, TransitionCosts(), mean_activity=activity_of_drive(np.full(50, 160)))
+    found = PlaceFilter(
+        Transitions(50, TransitionCosts()), mean_activity=activity_of_drive(np.full(50, 160))
+    )
     places = [found.update(row, 160).place for row in moving]
     assert places == list(range(10))
     assert [found.update(row, 9).place for row in standing] == [9] * 6
@@ -337,7 +337,7 @@ def test_while_the_camera_stands_the_match_stays():
 
 def test_a_stop_of_hours_without_an_event_does_not_move_the_match():
     """The usual number falls to 0, and a window without events must not count as usual then."""
-    found = PlaceFilter(50, TransitionCosts(), mean_activity=256 * 160)
+    found = PlaceFilter(Transitions(50, TransitionCosts()), mean_activity=256 * 160)
     for row in drive_through(50, list(range(10)), np.random.default_rng(3)):
         found.update(row, 160)
     hours = np.zeros((3_000, 50), dtype=np.int64)
@@ -349,7 +349,7 @@ def test_a_slower_drive_is_followed_where_all_places_look_alike():
     """Evidence tells the first place; from there on, only the number of events does."""
     distances = np.full((7, 50), 9)
     distances[0] += 30 * (np.arange(50) != 4)
-    found = PlaceFilter(50, TransitionCosts(), mean_activity=256 * 160)
+    found = PlaceFilter(Transitions(50, TransitionCosts()), mean_activity=256 * 160)
     rows = found.update_windows(distances, np.array([160, 160, 160, 40, 30, 40, 160]))
     assert rows.columns[:, 0].tolist() == [4, 5, 6, 6, 6, 6, 7]
 
@@ -362,9 +362,8 @@ def test_a_place_of_few_events_is_left_as_fast_with_few():
     queries[10:20] = 20
     distances = np.full((30, 50), 9)
     distances[0] += 30 * (np.arange(50) != 0)
-    found = PlaceFilter(
-        50, TransitionCosts(), mean_activity=256 * 160, place_activity=place_activity(seen)
-    )
+    transitions = Transitions(50, TransitionCosts(), place_activity(seen))
+    found = PlaceFilter(transitions, mean_activity=256 * 160)
     assert found.update_windows(distances, queries).columns[:, 0].tolist() == list(range(30))
 
 
@@ -412,13 +411,13 @@ def test_costs_that_do_not_fit_are_refused(costs):
 
 def test_distances_must_be_one_a_place_and_whole():
     with pytest.raises(UsageError, match="3 distances to 4 places"):
-        PlaceFilter(4, TransitionCosts()).update(np.zeros(3, dtype=np.int64), 1)
+        PlaceFilter(Transitions(4, TransitionCosts())).update(np.zeros(3, dtype=np.int64), 1)
     with pytest.raises(UsageError, match="distances are float64: give whole numbers"):
-        PlaceFilter(3, TransitionCosts()).update(np.array([0.1, 0.5, 0.2]), 1)
+        PlaceFilter(Transitions(3, TransitionCosts())).update(np.array([0.1, 0.5, 0.2]), 1)
     with pytest.raises(UsageError, match="map of 0 places"):
-        PlaceFilter(0, TransitionCosts())
+        Transitions(0, TransitionCosts())
     with pytest.raises(UsageError, match="activities of 0 to 128, of shape"):
-        PlaceFilter(2, TransitionCosts(), place_activity=np.array([0, 128], dtype=np.int32))
+        Transitions(2, TransitionCosts(), place_activity=np.array([0, 128], dtype=np.int32))
 
 
 def test_costs_follow_the_kind_of_window_unless_they_are_given():

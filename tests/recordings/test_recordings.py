@@ -277,8 +277,11 @@ def test_nothing_half_written_is_left_and_nothing_is_replaced_unasked(tmp_path):
     path = tmp_path / "a.npz"
     write_recording(path, good, sensor=SENSOR)
     before = path.read_bytes()
-    with pytest.raises(UsageError, match="exists: choose another name"):
+    with pytest.raises(UsageError, match="exists: name another, or replace it with --overwrite"):
         write_recording(path, good, sensor=SENSOR)
+    (tmp_path / "folder.npz").mkdir()
+    with pytest.raises(UsageError, match=r"folder.npz: it is not a file: name another one"):
+        write_recording(tmp_path / "folder.npz", good, sensor=SENSOR, overwrite=True)
     with pytest.raises(EventError):
         write_recording(path, broken(), sensor=SENSOR, overwrite=True)
     assert path.read_bytes() == before

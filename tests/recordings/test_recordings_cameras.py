@@ -268,6 +268,31 @@ def test_what_we_write_other_readers_read(tmp_path):
     assert np.array_equal(make_events(other["t"], other["x"], other["y"], other["on"]), events)
 
 
+@pytest.mark.parametrize("kind", ["dvs", "atis"])
+def test_a_cut_off_es_file_is_noticed(kind, tmp_path):
+    """Unless it is cut between two events, or ends with a pause."""
+    es = pytest.importorskip("faery.extension").es
+    fields = [("t", "<u8"), ("x", "<u2"), ("y", "<u2")]
+    flags = ["on"] if kind == "dvs" else ["exposure", "polarity"]
+    packet = np.zeros(3, fields + [(name, "?") for name in flags])
+    packet["t"], packet["x"], packet["y"] = [0, 200, 1_000], [1, 2, 300], [5, 4, 0]
+    with es.Encoder(tmp_path / "whole.es", kind, False, tuple(SENSOR)) as encoder:
+        encoder.write(packet)
+    whole, path = (tmp_path / "whole.es").read_bytes(), tmp_path / "a.es"
+    path.write_bytes(whole + b"\xff\xff")
+    assert len(*open_recording(path)) == 3
+    for cut in range(1, 5):
+        path.write_bytes(whole[:-cut])
+        with pytest.raises(RecordingError, match=r"cut off: .* within an event"):
+            list(open_recording(path))
+        recording = open_recording(path, on_fault="drop")
+        assert len(*recording) == 2
+        pauses = (1_000 - 200) // (127 if kind == "dvs" else 63 * 3)
+        assert recording.faults.truncated == pauses + 5 - cut
+    path.write_bytes(whole[:-5])
+    assert len(*open_recording(path)) == 2
+
+
 def test_aedat2_of_a_davis_is_what_eventcv_reads_with_its_columns_turned(tmp_path):
     """jAER computes sizeX - 1 - column when it reads its own files; eventcv leaves that out."""
     eventcv = pytest.importorskip("eventcv")

@@ -147,7 +147,7 @@ MAP = "map {d}/reference.npz -o {t}/map.npz"
     [
         (f"{MATCH} {{t}}/results --online --every day", 2, "expected event, a number of"),
         (f"{MATCH} {{t}}/results -L 99", 2, "sequence length 99 is longer than the"),
-        (f"{MATCH} {{d}}/results", 2, "exists: name another one"),
+        (f"{MATCH} {{d}}/results", 2, "exists: name another, or replace it"),
         ("match {d}/query.npz {d}/query.npz -o {t}/results", 1, "reference map"),
         (f"{MATCH} {{t}}/results --every 10ms", 2, "add --online"),
         (f"{MATCH} {{t}}/results --online --anchor middle", 2, "leave --anchor out"),

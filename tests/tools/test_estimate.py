@@ -528,6 +528,18 @@ def test_the_answer_comes_first(capsys):
         assert by in row[1]
 
 
+def test_counts_are_printed_only_if_more_is_wanted(capsys):
+    """Time and load decide, and are always printed."""
+    for flags in ([], ["--target", "cortex-m4"]):
+        for more in ([], ["-v"]):
+            assert main(["estimate", *flags, *more]) == 0
+            shown = capsys.readouterr().out
+            assert ("bytes read" in shown) == bool(more)
+            assert ("-v prints the exact counts" in " ".join(shown.split())) == (not more)
+            assert "a second of the mission" in shown or not (flags and more)
+            assert "busy" in shown and "time of a" in shown
+
+
 def test_targets_of_unknown_power_are_one_line_at_the_end(capsys):
     """They have no row, unless only one target is asked for."""
     assert main(["estimate"]) == 0
@@ -557,7 +569,7 @@ def test_the_energy_of_a_match_is_one_number(capsys, tmp_path):
     """Of the table, the costs, the comparison and JSON: events, window's end and search."""
     out = tmp_path / "estimate.json"
     flags = ["--target", "cortex-m4", "--vs", "all-pixels", "--match-rate", "2"]
-    assert main(["estimate", *flags, "--json", str(out)]) == 0
+    assert main(["estimate", *flags, "--json", str(out), "-v"]) == 0
     shown = words(capsys.readouterr().out)
     of = json.loads(out.read_text())["targets"]["Cortex-M4"]
     rates = {"selected event": 166.7, "other event": 99833.3, "window": 2.0, "search": 2.0}

@@ -52,7 +52,8 @@ PROFILE = (
 #: command lines in an order in which they can run, each with the exit code that is expected of it;
 #: {f} is the folder
 RUNS = [
-    ("simulate -o {f}/pair --sensor tiny --length 20 --seed 2 --speed-range 1.5 --stops 1", 0),
+    ("simulate -o {f}/pair --sensor tiny --length 20 --seed 2 --speed 3 --speed-range 1.5 "
+     "--stops 1", 0),
     ("simulate -o {f}/pair --sensor tiny --length 20 --overwrite", 0),
     ("doctor --compile --json", 0),
     ("info {f}/table.txt --sensor 16x12 --format csv --time-unit us --columns txyp --json "

@@ -108,7 +108,7 @@ def test_convert_stops_at_faults_or_drops_and_counts_them(tmp_path, capsys):
 def test_convert_replaces_only_when_told(tmp_path, capsys):
     write_recording(tmp_path / "a.npz", EVENTS, sensor=SENSOR)
     (tmp_path / "b.raw").write_text("mine")
-    with pytest.raises(UsageError, match="exists: choose another name, or pass --overwrite"):
+    with pytest.raises(UsageError, match="exists: name another, or replace it with --overwrite"):
         run("convert", tmp_path / "a.npz", tmp_path / "b.raw")
     assert (tmp_path / "b.raw").read_text() == "mine"
     run("convert", tmp_path / "a.npz", tmp_path / "b.raw", "--overwrite")

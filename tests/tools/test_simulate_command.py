@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import subprocess
 import sys
@@ -9,12 +10,13 @@ import sys
 import numpy as np
 import pytest
 from edge_vpr_tools import cli
+from edge_vpr_tools.commands import simulate
 from edge_vpr_tools.commands.simulate import SENSORS
 
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import load_track
 from edge_vpr.recordings import open_recording
-from edge_vpr.simulation import CAMERAS, simulate_pair
+from edge_vpr.simulation import CAMERAS, QUERY, REFERENCE, simulate_pair
 
 
 def run(*arguments):
@@ -47,6 +49,14 @@ def test_what_was_simulated_is_noted_beside_it(folder):
     assert settings["query"]["world"] == {"length_m": 10, "seed": 4}
 
 
+def test_a_rover_drives_at_the_speed_it_is_told(tmp_path):
+    run("-o", tmp_path / "slow", "--sensor", "tiny", "--length", 10, "--seed", 4, "--speed", 1.5)
+    pair = simulate_pair(4, "tiny", length_m=10)
+    for name, usual in zip(("reference", "query"), pair, strict=True):
+        seconds = load_track(tmp_path / "slow" / f"{name}_track.csv").time_us[-1] / 1e6
+        assert seconds == pytest.approx(4 * usual.duration_us / 1e6, rel=0.01)
+
+
 def test_a_folder_that_exists_is_left_alone_unless_told(folder):
     before = {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
     with pytest.raises(UsageError, match="exists: name another"):
@@ -59,6 +69,7 @@ def test_a_folder_that_exists_is_left_alone_unless_told(folder):
     [
         ("--seed", -3, "seed is -3"),
         ("--length", 1, "length_m is 1"),
+        ("--speed", 0, "speed of 0.0 m/s"),
         ("--speed-range", 0.5, "factor of 0.5"),
         ("--stops", -1, "stops is -1"),
     ],
@@ -71,6 +82,10 @@ def test_values_that_make_no_sense_leave_nothing_behind(tmp_path, flag, value, m
 
 def test_the_sensors_offered_are_the_cameras_there_are():
     assert set(SENSORS) == set(CAMERAS)
+    (speed,) = {REFERENCE.speed_mps, QUERY.speed_mps}
+    parser = argparse.ArgumentParser()
+    simulate.add_arguments(parser)
+    assert parser.parse_args(["-o", "street"]).speed == speed
 
 
 def test_asking_for_help_loads_no_compiler():

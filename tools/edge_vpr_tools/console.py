@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from edge_vpr.descriptors.counting import Removed
+    from edge_vpr.warm_up import WarmUpStep
 
 # Notes on standard error and summaries on standard output, depending on ``-q`` and ``-v``.
 
@@ -51,6 +52,11 @@ def is_quiet() -> bool:
     return _now[-1] <= Verbosity.QUIET
 
 
+def is_verbose() -> bool:
+    """Return whether a command prints more than it must."""
+    return _now[-1] >= Verbosity.VERBOSE
+
+
 def summary(text: str) -> None:
     """Print a line of a command's result on standard output; not if quiet."""
     if not is_quiet():
@@ -65,7 +71,7 @@ def note(text: str) -> None:
 
 def detail(text: str) -> None:
     """Print a line on standard error if verbose."""
-    if _now[-1] >= Verbosity.VERBOSE:
+    if is_verbose():
         error_line(text)
 
 
@@ -108,6 +114,14 @@ def status(text: str) -> Iterator[Callable[[str], None]]:
     with Console(stderr=True, quiet=is_quiet()).status(text) as shown:
         yield shown.update
     check_interrupted()
+
+
+def warm_up_shown(steps: Sequence[WarmUpStep]) -> None:
+    """Compile the kernels of all steps, and show on a terminal which."""
+    from edge_vpr.warm_up import warm_up
+
+    with status("kernels") as show:
+        warm_up(steps, show)
 
 
 # Orderly end, with files and summary, on Ctrl-C, SIGTERM and a closed terminal.

@@ -162,6 +162,8 @@ _STATE = np.dtype(
         ("next", "<i8"),  # expected sequence number of the next frame
         ("dropped", "<i8"),  # events that the device has reported as dropped
         ("last", "<i8"),  # base time of the last frame
+        ("x_bits", "<i8"),  # that the expected sensor needs
+        ("y_bits", "<i8"),
     ]
 )
 # Results of the frames of one chunk.
@@ -176,6 +178,7 @@ _COUNTS = np.dtype(
         ("lost", "<i8"),
         ("dropped", "<i8"),
         ("resets", "<i8"),
+        ("narrow", "<i8"),  # frames whose x or y have fewer bits than the expected sensor needs
         ("base", "<i8"),  # base time of the first frame
         ("idle_at", "<i8"),  # time that the last frame states without events; -1: it has events
     ]
@@ -239,7 +242,7 @@ def _decode_frames(box, clock, data):  # type: ignore[no-untyped-def]
     delivered = admit_columns(clock, t[:n], x[:n], y[:n], p[:n], out)
     reached = reach(clock, found["idle_at"] if found["frames"] else np.int64(-1))
     same = not (found["damaged"] or found["repeats"] or found["gaps"] or found["resets"])
-    same = same and not found["dropped"] and counts_of(clock) == before
+    same = same and not (found["dropped"] or found["narrow"]) and counts_of(clock) == before
     return out[:delivered], found["frames"], n, same, reached
 
 
@@ -301,6 +304,7 @@ def _take_frame(buffers, end, taken, first):  # type: ignore[no-untyped-def]
         # a new run of the device, even if it did not change its boot number
         found["resets"] += 1
         last["next"], last["dropped"], missing = 0, 0, sequence
+    found["narrow"] += x_bits < last["x_bits"] or y_bits < last["y_bits"]
     found["gaps"] += missing > 0
     found["lost"] += missing
     found["dropped"] += (dropped - last["dropped"]) & 0xFFFFFFFF
@@ -348,6 +352,11 @@ def _take_words(data, form, base, columns, first):  # type: ignore[no-untyped-de
 # Encoder and decoder of a stream.
 
 
+def _bits_of(sensor: Sensor) -> tuple[int, int]:
+    """Return the least numbers of bits of x and of y."""
+    return max(1, (sensor.width - 1).bit_length()), max(1, (sensor.height - 1).bit_length())
+
+
 class EvprEncoder(Encoder):
     """Encodes events as frames of as many events as fit.
 
@@ -372,8 +381,7 @@ class EvprEncoder(Encoder):
         self, sensor: Sensor, width: int = 4, boot: int = 0, frame_bytes: int = 2_048
     ) -> None:
         super().__init__(sensor)
-        self._x_bits = max(1, (sensor.width - 1).bit_length())
-        self._y_bits = max(1, (sensor.height - 1).bit_length())
+        self._x_bits, self._y_bits = _bits_of(sensor)
         self._t_at = self._x_bits + self._y_bits + 1
         if max(self._x_bits, self._y_bits) > 15 or self._t_at + 1 > 8 * width:
             raise UsageError(
@@ -460,7 +468,9 @@ class EvprDecoder(Decoder):
         super().__init__(sensor, Clock(confirm=1), EXACT)
         self._endless = False  # within a frame that is already too long
         self._buffers = KernelState(
-            FrameBuffers.of(3 * CHUNK_EVENTS, np.array([(-1, 0, 0, 0)], dtype=_STATE))
+            FrameBuffers.of(
+                3 * CHUNK_EVENTS, np.array([(-1, 0, 0, 0, *_bits_of(sensor))], dtype=_STATE)
+            )
         )
 
     def _samples(self) -> Iterable[bytes]:
@@ -534,7 +544,12 @@ class EvprDecoder(Decoder):
             return events
         self._timestamps.report(decoded, delivered)
         counts = cast("tuple[int, ...]", self._buffers.value.counts.item())
-        _, damaged, skipped, repeats, gaps, lost, dropped, resets, _, _ = counts
+        _, damaged, skipped, repeats, gaps, lost, dropped, resets, narrow, _, _ = counts
+        if narrow:
+            self.remark = (
+                f"the camera's sensor is smaller than {self.sensor}, since its frames have fewer "
+                "bits for x or y: use the map of this camera, or give its --sensor"
+            )
         health.crc_errors += damaged
         health.resyncs += damaged
         health.skipped_bytes += skipped

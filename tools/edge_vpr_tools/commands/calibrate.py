@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import note, summary
 from edge_vpr_tools.flags import add_output_flags, add_truth_flags
 
@@ -92,18 +91,12 @@ LEAST_MATCHES = 100
 def run(args: argparse.Namespace) -> None:
     """Learn the table of probabilities and write it with the map."""
     from edge_vpr import results
-    from edge_vpr.files import check_output
     from edge_vpr_tools.truth_files import load_evaluated
 
     folder = Path(args.results)
     output = folder / results.MAP if args.output is None else Path(args.output)
     if args.output is not None:
-        check_output(output, [folder, *args.ground_truth])
-        if output.suffix != ".npz":
-            raise UsageError(f"output {output} does not end in .npz: name the map, as map.npz")
-        if output.exists() and not args.overwrite:
-            raise UsageError(f"output {output} exists: name another, or replace with --overwrite")
-        results.check_parent(output)
+        results.check_new_map(output, [folder, *args.ground_truth], args.overwrite)
     result, truth = load_evaluated(
         args.results, args.ground_truth, tolerance=args.tolerance, rows=args.rows,
         frame_period=args.frame_period, offset_s=args.offset,

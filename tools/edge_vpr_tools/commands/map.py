@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import detail_settings, status, summary, warn_of_bursts, warning
+from edge_vpr_tools.console import detail_settings, summary, warm_up_shown, warn_of_bursts, warning
 from edge_vpr_tools.flags import (
     add_map_flags,
     add_output_flags,
@@ -98,10 +98,9 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.archive import archive_kind
     from edge_vpr.descriptors.counting import Removed
     from edge_vpr.evaluation.tracks import load_track
-    from edge_vpr.files import check_output
     from edge_vpr.map_record import KIND
     from edge_vpr.reference_map import ReferenceMap, removed_record
-    from edge_vpr.results import check_parent, run_record, write_json
+    from edge_vpr.results import check_new_file, check_new_map, run_record, write_json
     from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, tracked
 
     output = Path(args.output)
@@ -111,14 +110,9 @@ def run(args: argparse.Namespace) -> None:
     files = (args.odometry, args.jumps, args.pixel_map, args.config, _hot_pixel_file(args))
     named = (*args.more, *tracks, *files)
     inputs = [file for file in (args.recording, *named) if file is not None]
-    check_output(output, inputs[learns:])
-    if output.suffix != ".npz":
-        raise UsageError(f"output {output} does not end in .npz: name the map for example map.npz")
+    check_new_map(output, inputs[learns:], args.overwrite)
     run_file = output.with_suffix(".run.json")
-    for file in (output, run_file):
-        if file.exists() and not args.overwrite:
-            raise UsageError(f"output {file} exists: name another, or replace it with --overwrite")
-    check_parent(output)
+    check_new_file(run_file, inputs, args.overwrite)
     if args.track_offset is not None and not tracks:
         raise UsageError("--track-offset corrects the clock of a track: add --track")
     drives = len(args.more) + (not learns)
@@ -180,13 +174,12 @@ def _mapped(
     """Return the map of the reference drive, and the time that it took in seconds."""
     from edge_vpr.descriptors.counting import WindowSource
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr.warm_up import mapping_steps, warm_up
+    from edge_vpr.warm_up import mapping_steps
     from edge_vpr_tools.inputs import tracked
 
     detail_settings(settings.to_dict())
     if not isinstance(recording, WindowSource):
-        with status("kernels") as show:
-            warm_up(mapping_steps(settings), show)
+        warm_up_shown(mapping_steps(settings))
     start = time.perf_counter()
     reference = ReferenceMap.build(
         tracked(recording, "mapping"), settings, pixel_map=args.pixel_map,

@@ -10,7 +10,7 @@ from shlex import quote
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import detail_settings, status, summary, warn_of_bursts, warning
+from edge_vpr_tools.console import detail_settings, summary, warm_up_shown, warn_of_bursts, warning
 from edge_vpr_tools.flags import (
     add_figures_flag,
     add_match_flags,
@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.map_record import describe_query
     from edge_vpr.matching.drive import query_distances
     from edge_vpr.reference_map import OnlineMetrics, ReferenceMap, write_queries
-    from edge_vpr.warm_up import matching_steps, warm_up
+    from edge_vpr.warm_up import matching_steps
     from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, tracked
 
     output = Path(args.output)
@@ -122,9 +122,8 @@ def run(args: argparse.Namespace) -> None:
         recording, found = _match_online(args, asked, odometry)
     else:
         recording = open_source(args, args.recording, reference.frame_period)
-        steps = matching_steps(asked, odometry=odometry is not None, registered=args.register)
-        with status("kernels") as show:
-            warm_up(steps, show)
+        with_odometry = odometry is not None
+        warm_up_shown(matching_steps(asked, odometry=with_odometry, registered=args.register))
         found = reference.match(
             tracked(recording, "counting"),
             odometry=odometry,
@@ -187,7 +186,7 @@ def _match_online(
 ) -> tuple[Recording, MatchResult]:
     """Feed the recording to a localiser event by event, as a device does."""
     from edge_vpr.descriptors.cleaning import BurstFilter
-    from edge_vpr.warm_up import localising_steps, warm_up
+    from edge_vpr.warm_up import localising_steps
     from edge_vpr_tools.inputs import open_from, tracked
 
     if args.frames_as_windows:
@@ -198,11 +197,11 @@ def _match_online(
     every = args.every or ("window" if causal.settings.match_delay else "event")
     recording = open_from(args, args.recording, default_period=reference.frame_period)
     bursts = BurstFilter(reference.pixel_map.sensor)
-    steps = localising_steps(
-        causal, every, bursts, odometry=odometry is not None, registered=args.register
+    warm_up_shown(
+        localising_steps(
+            causal, every, bursts, odometry=odometry is not None, registered=args.register
+        )
     )
-    with status("kernels") as show:
-        warm_up(steps, show)
     return recording, reference.match(
         tracked(recording, "localising"), every=every, odometry=odometry, registered=args.register
     )

@@ -40,6 +40,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--length", type=float, default=900.0, metavar="M", help="length of the route in metres"
     )
     drives.add_argument(
+        "--speed", type=float, default=6.0, metavar="MPS",
+        help="typical speed of both drives in metres per second",
+    )  # fmt: skip
+    drives.add_argument(
         "--speed-range", type=float, default=2.0, metavar="F",
         help="the speed of the query varies between 1/F and F times that of the reference",
     )  # fmt: skip
@@ -58,7 +62,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.evaluation.tracks import save_odometry
     from edge_vpr.recordings import write_recording
     from edge_vpr.results import RUN, check_output_folder, results_folder, run_record, write_json
-    from edge_vpr.simulation import QUERY, simulate_pair
+    from edge_vpr.simulation import QUERY, REFERENCE, simulate_pair
     from edge_vpr.simulation.drive import wheel_odometry
     from edge_vpr_tools.inputs import tracked
 
@@ -68,7 +72,8 @@ def run(args: argparse.Namespace) -> None:
         args.seed,
         args.sensor,
         length_m=args.length,
-        query=replace(QUERY, speed_range=args.speed_range, stops=args.stops),
+        reference=replace(REFERENCE, speed_mps=args.speed),
+        query=replace(QUERY, speed_mps=args.speed, speed_range=args.speed_range, stops=args.stops),
     )
     lines = []
     with results_folder(output, args.overwrite) as folder:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 
-from edge_vpr_tools.console import say, table
+from edge_vpr_tools.console import is_verbose, say, table
 from edge_vpr_tools.estimate import core_area
 from edge_vpr_tools.estimate.estimation import Answers, Comparison, Costs, Estimation, Question
 from edge_vpr_tools.estimate.model import Cost, EveryPixel, Mission, firmware, per_second, sizes
@@ -310,25 +310,30 @@ _SHOWN = 6
 
 
 def show(found: Estimation, *, with_sources: bool = False) -> None:
-    """Print an estimate: first the answer, then the tables behind it, and what they rest on."""
+    """Print an estimate: first the answer, then what it takes, and what that rests on.
+
+    Exact counts, and the costs of each unit of work on one target, are printed only if verbose.
+    """
     asked = found.question
     _answer(found)
     if found.fit and asked.alone is not None:
         _fits(found.fit, asked, asked.alone)
     if found.answers is not None:
         if asked.alone is None:
-            say("--target shows the designs, counts and costs of one target")
+            say("--target shows the designs and costs of one target")
             return
         _candidates(found.answers.candidates[asked.alone.name], found.on[asked.alone.name])
     _design(found)
-    _work(found)
+    if is_verbose():
+        _work(found)
     _costs(found)
-    if asked.alone is not None:
+    if is_verbose() and asked.alone is not None:
         _units(found.on[asked.alone.name].cost, asked.alone, found.mission)
     if found.comparison is not None and asked.other is not None:
         show_comparison(found.comparison, asked.other.name)
     if not with_sources:
-        say("instructions are emulated, energy is modelled: --sources says from what")
+        counts = "" if is_verbose() else "; -v prints the exact counts"
+        say(f"instructions are emulated, energy is modelled: --sources says from what{counts}")
         return
     for line in sources(found):
         say(line)
