@@ -220,7 +220,7 @@ class Odometry(EqualByValue):
 
     def of_windows(
         self, end_us: npt.NDArray[np.int64], spacing_mm: int = 0
-    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
         """Return the distance driven between the ends of successive windows.
 
         A reading belongs to the window that ends after it. The distance of a window is known if it
@@ -236,12 +236,12 @@ class Odometry(EqualByValue):
 
         Returns
         -------
-        travelled_mm : ndarray of int64, shape (n,)
-            0 where it is not known.
+        travelled_mm, driven_mm : ndarray of int64, shape (n,)
+            What counts of it, and all of it; 0 where it is not known.
         known : ndarray of bool, shape (n,)
         """
         meter = Odometer(spacing_mm)
-        travelled = np.zeros(len(end_us), dtype=np.int64)
+        travelled, driven = np.zeros((2, len(end_us)), dtype=np.int64)
         known = np.zeros(len(end_us), dtype=np.bool_)
         read = np.searchsorted(self.time_us, end_us, side="left").tolist()
         before = 0
@@ -249,11 +249,11 @@ class Odometry(EqualByValue):
             if count > before:
                 meter.read(int(self.distance_mm[count - 1]))
                 before = count
-            driven = meter.travelled_mm
-            if driven is not None:
-                travelled[i], known[i] = driven, True
+            counted = meter.travelled_mm
+            if counted is not None:
+                travelled[i], driven[i], known[i] = counted, meter.driven_mm, True
             meter.end_window()
-        return travelled, known
+        return travelled, driven, known
 
 
 class Odometer:
@@ -290,9 +290,14 @@ class Odometer:
         """Distance that counts in this window; None if not known."""
         if not (self.fresh and self.anchored):
             return None
-        slow = 2 * abs(self.latest - self.before) < self.spacing_mm
-        driven = self.latest - self.anchor
-        return 0 if slow and abs(driven) < self.spacing_mm else driven
+        slow = 2 * abs(self.driven_mm) < self.spacing_mm
+        held = self.latest - self.anchor
+        return 0 if slow and abs(held) < self.spacing_mm else held
+
+    @property
+    def driven_mm(self) -> int:
+        """Distance from the newest reading of the window before to that of this one."""
+        return self.latest - self.before
 
     def end_window(self) -> None:
         """Begin the next window."""

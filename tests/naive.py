@@ -422,12 +422,14 @@ def place_filter(
     travelled: Sequence[int | None] = (),
     places: Sequence[int] = (),
     per_window: int = 1,
+    weights: Sequence[int] = (),
 ) -> list[tuple[list[int], int, int, int]]:
     """Metrics, best, second and trust after each window; ``distances[j]`` are those of window j.
 
-    `places` are the activities of the places; without `forward`, costs depend on them. It goes on
-    from `begin`: metrics, scale (0: none yet), place and support of a window before, and the
-    residuals of it and the one before it.
+    `places` are the activities of the places; without `forward`, costs depend on them. `weights`
+    limit those of the evidence where the distance travelled is known. It goes on from `begin`:
+    metrics, scale (0: none yet), place and support of a window before, and the residuals of it and
+    the one before it.
     """
     k = len(distances[0])
     metric, scale, last, support, residuals = begin or ([0] * k, 0, None, 0, [])
@@ -446,7 +448,7 @@ def place_filter(
         ]
         if j == 0 and begin is None:
             predicted = [0] * k
-        evidence, scale = evidence_of(d, events[j], usual, scale)
+        evidence, scale = evidence_of(d, events[j], usual, scale, weights[j] if weights else 8)
         metric = [min(p + e, 1023) for p, e in zip(predicted, evidence, strict=True)]
         usual = usual_after(usual, events[j])
         best, second, _ = best_and_second(metric, exclusion)
@@ -463,14 +465,17 @@ def place_filter(
 
 
 def evidence_of(
-    distances: Sequence[int], events: int, usual: int, scale: int
+    distances: Sequence[int], events: int, usual: int, scale: int, most: int = 8
 ) -> tuple[list[int], int]:
-    """Evidence against each place, and the scale of the next window; 0 if there is none yet."""
+    """Evidence against each place, and the scale of the next window; 0 if there is none yet.
+
+    `most` limits its weight.
+    """
     if is_pause(events, usual):
         return [0] * len(distances), scale
     mean = sum(distances) // len(distances)
     own = 65536 // max(sum(abs(d - mean) for d in distances) // len(distances), 1)
-    weight = min(max((activity(events, usual) + 48) // 2, 0), 8)
+    weight = min(max((activity(events, usual) + 48) // 2, 0), most)
     least = min(distances)  # scaled by the spread of the window before, up to 2**16
     return [min((d - least) * (scale or own) // 2**14, 255) * weight // 8 for d in distances], own
 
@@ -499,12 +504,14 @@ def misfits_of_windows(
     usual: int,
     matched: Sequence[int],
     typical_of: Sequence[int],
+    weights: Sequence[int] = (),
 ) -> list[int | None]:
     """Evidence against each match, less its advantage over the mean place; None in pauses."""
     scale, misfits = 0, []
-    for d, count, best in zip(distances, events, matched, strict=True):
-        weight = min(max((activity(count, usual) + 48) // 2, 0), 8)
-        before, (evidence, scale) = scale, evidence_of(d, count, usual, scale)
+    most_of = weights or [8] * len(events)
+    for d, count, best, most in zip(distances, events, matched, most_of, strict=True):
+        weight = min(max((activity(count, usual) + 48) // 2, 0), most)
+        before, (evidence, scale) = scale, evidence_of(d, count, usual, scale, most)
         factor = 0 if is_pause(count, usual) else (before or scale) * weight
         usual = usual_after(usual, count)
         nearer = typical_of[best] * factor // 2**17
@@ -549,16 +556,31 @@ def smoothed_filter(
     travelled: Sequence[int | None],
     places: Sequence[int] = (),
     per_window: int = 1,
+    weights: Sequence[int] = (),
 ) -> tuple[list[list[int]], list[set[tuple[int, int]]], list[list[int]]]:
     """Forward metric of each window plus the cost of the best path on from each place.
 
     And the pairs of places that may follow each other up to each window, and its evidence.
     """
     k, scale, evidence, transitions, follow = len(distances[0]), 0, [], [], []
-    given = (forward, back, restart, 0, usual, None, jumps, along, travelled, places, per_window)
+    given = (
+        forward,
+        back,
+        restart,
+        0,
+        usual,
+        None,
+        jumps,
+        along,
+        travelled,
+        places,
+        per_window,
+        weights,
+    )
+    most_of = weights or [8] * len(events)
     metrics = [metric for metric, *_ in place_filter(distances, events, *given)]
-    for d, count, driven in zip(distances, events, travelled, strict=True):
-        some, scale = evidence_of(d, count, usual, scale)
+    for d, count, driven, most in zip(distances, events, travelled, most_of, strict=True):
+        some, scale = evidence_of(d, count, usual, scale, most)
         evidence.append(some)
         steps = costs_to(places or [0] * k, activity(count, usual), forward, back, per_window)
         steps, known = transitions_by_steps(steps, jumps), []
@@ -675,6 +697,14 @@ def counted_distances(along: Sequence[int], driven: Sequence[int | None]) -> lis
             counted.append(held)
             held = 0
     return counted
+
+
+def weights_by_distance(
+    along: Sequence[int], driven: Sequence[int | None], per_window: int
+) -> list[int]:
+    """Largest weights of evidence: shares of a window's distance of the map, in eighths."""
+    window = (along[-1] - along[0]) // (len(along) - 1) * per_window
+    return [8 if d is None else min((8 * abs(d) + window - 1) // window, 8) for d in driven]
 
 
 def transitions_by_odometry(

@@ -273,13 +273,17 @@ def filter_drive(
     """
     n = len(queries)
     travelled: list[Travelled] = [None] * n
+    driven = [0] * n
     if odometry is not None:
         place_filter.transitions.check_odometry()
-        driven, known = odometry.of_windows(queries.end_us, place_filter.transitions.spacing_mm)
+        spacing_mm = place_filter.transitions.spacing_mm
+        counted, every, known = odometry.of_windows(queries.end_us, spacing_mm)
+        driven = every.tolist()
         travelled = [
-            mm if is_known else None for mm, is_known in zip(driven.tolist(), known, strict=True)
+            mm if is_known else None for mm, is_known in zip(counted.tolist(), known, strict=True)
         ]
-    drive, found = _Drive(place_filter, index, queries, travelled), _Found.empty(n, metrics)
+    drive = _Drive(place_filter, index, queries, travelled, driven)
+    found = _Found.empty(n, metrics)
     if smooth:
         _smooth(drive, found)
         return FilteredDrive(found.columns, found.candidates)
@@ -299,14 +303,15 @@ class _Drive(NamedTuple):
 
     Attributes
     ----------
-    travelled : list of int or None
-        Distance driven before each window.
+    travelled, driven : list of int or None, list of int
+        What counts of the distance driven in each window, and all of it; see `Odometer`.
     """
 
     place_filter: PlaceFilter
     reference: ReferenceIndex
     queries: Descriptors
     travelled: list[Travelled]
+    driven: list[int]
 
     @property
     def block(self) -> int:
@@ -320,7 +325,7 @@ class _Drive(NamedTuple):
             first, last = begin + i, begin + j
             distance = self.travelled[first]
             if distance is not None:
-                self.place_filter.predict_travelled(distance)
+                self.place_filter.predict_travelled(distance, self.driven[first])
             distances = self.reference.rows(self.queries.counts[first:last])
             yield first, last, self.place_filter.update_windows(distances, events[first:last])
 

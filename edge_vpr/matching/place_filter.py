@@ -429,6 +429,16 @@ class Transitions:
         )  # fmt: skip
         return np.ascontiguousarray(found[::-1]) if back else found
 
+    def weight_by_distance(self, driven_mm: int) -> int:
+        """Return the largest weight of the evidence of a window, see `weight_of`.
+
+        It is the share of the distance that the reference drove in a window, rounded up to units of
+        1/8: over a shorter one, a robot sees again what it saw in the window before.
+        """
+        per_window = self.spacing_mm * self.costs.places_per_window
+        eighths = -(-abs(_limited(driven_mm) << WEIGHT_BITS) // per_window)
+        return min(eighths, 1 << WEIGHT_BITS)
+
     def following(self, place: int, travelled_mm: int) -> npt.NDArray[np.bool_]:
         """Return which places can be reached over a distance without a restart, shape (K,)."""
         along, travelled = self._checked_along(), _limited(travelled_mm)
@@ -740,7 +750,8 @@ NUMBER_NAMES = (
 )  # fmt: skip
 #: with the activity for which the prediction holds, or one of the two below
 NUMBERS = np.dtype([(name, np.int64) for name in (*NUMBER_NAMES, "predicted_for")])
-#: there is no prediction yet; it is by odometry, and holds for any activity
+#: there is no prediction yet; it is by odometry, and holds for any activity: from `BY_DISTANCE` on,
+#: with the largest weight of the evidence added to it
 NOT_PREDICTED, BY_DISTANCE = -2 * LOG_TOP, 2 * LOG_TOP
 
 
@@ -897,13 +908,15 @@ def match_window(
     now, row = state.numbers[0], rows.columns[i]
     metric, evidence = rows.metrics[i], rows.evidence[i]
     activity = activity_of(events, now.mean_activity)
-    if now.predicted_for != activity and now.predicted_for != BY_DISTANCE:
+    if now.predicted_for != activity and now.predicted_for < BY_DISTANCE:
         if now.place >= 0:
             predict(state.metric, table, activity, state.prediction)
         now.predicted_for = activity
     scale, weight = now.reciprocal, 0
     if not is_pause(events, now.mean_activity):
         weight = weight_of(activity)
+        if now.predicted_for >= BY_DISTANCE:
+            weight = min(weight, now.predicted_for - BY_DISTANCE)
         if scale == 0:
             scale = reciprocal_of_spread(distances)
     evidence_of(distances, scale, weight, evidence)
@@ -912,7 +925,7 @@ def match_window(
     place, second, ties = least_and_second(metric, table.exclusion)
     margin = write_match(metric, place, second, ties, row)
     factor = scale * weight
-    by_distance = now.predicted_for == BY_DISTANCE
+    by_distance = now.predicted_for >= BY_DISTANCE
     kept = write_trust(now, table, by_distance, state.follows, margin, evidence, factor, row)
     rows.activity[i], rows.factor[i] = activity, factor
     return kept
@@ -1324,14 +1337,16 @@ class PlaceFilter:
         self.state.prediction[:] = 0  # as before the first window
         self.state.numbers[0] = (*numbers, NOT_PREDICTED)
 
-    def predict_travelled(self, travelled_mm: int) -> None:
+    def predict_travelled(self, travelled_mm: int, driven_mm: int) -> None:
         """Predict by odometry instead of steps until the window ends.
 
         Parameters
         ----------
         travelled_mm : int
-            Millimetres from the end of the window before to now, or to the end of this one; below
-            0 backwards.
+            What counts, by `Odometer`, of the millimetres from the end of the window before to now,
+            or to the end of this one; below 0 backwards.
+        driven_mm : int
+            All of them.
 
         Raises
         ------
@@ -1342,7 +1357,9 @@ class PlaceFilter:
         if self.place >= 0:
             self.state.prediction[:] = prediction
             self.state.follows[:] = self.transitions.following(self.place, travelled_mm)
-            self.state.numbers[0].predicted_for = BY_DISTANCE
+            self.state.numbers[0].predicted_for = BY_DISTANCE + self.transitions.weight_by_distance(
+                driven_mm
+            )
 
     def _checked(self, distances: npt.NDArray[np.integer]) -> npt.NDArray[np.integer]:
         if distances.shape[1:] != (len(self),):

@@ -955,7 +955,7 @@ class FilterRun(MatchRun):
     def _travel(self) -> None:
         travelled = self.odometer.travelled_mm
         if travelled is not None:
-            self.place_filter.predict_travelled(travelled)
+            self.place_filter.predict_travelled(travelled, self.odometer.driven_mm)
 
     def _set_window_end(self) -> None:
         s = self.state.windows

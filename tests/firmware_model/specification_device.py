@@ -253,13 +253,15 @@ def predict(metrics: Row, transitions: Transitions, restart: int) -> Row:
     return predicted
 
 
-def evidence(distances: Row, reciprocal: int | None, activity: int) -> tuple[Row, int]:
-    """Section 6, step 2: evidence, and the R of the next window."""
+def evidence(
+    distances: Row, reciprocal: int | None, activity: int, most: int = 8
+) -> tuple[Row, int]:
+    """Section 6, step 2: evidence, and the R of the next window; `most` is of section 10."""
     mean = sum(distances) // len(distances)
     spread = max(sum(abs(d - mean) for d in distances) // len(distances), 1)
     own, least = 65_536 // spread, min(distances)
     scale = own if reciprocal is None else reciprocal
-    weight = min(max((activity + 48) >> 1, 0), 8)
+    weight = min(max((activity + 48) >> 1, 0), most)
     return [(min(((d - least) * scale) >> 14, 255) * weight) >> 3 for d in distances], own
 
 
@@ -313,18 +315,30 @@ class Drive:
             self.transitions.append(by_steps if driven is None else self.by_odometry(driven))
             against = [0] * places
             if not pause:
-                against, reciprocal = evidence(row, reciprocal, activity)
+                most = 8 if driven is None else self.most_weight(driven)
+                against, reciprocal = evidence(row, reciprocal, activity, most)
             predicted = [0] * places
             if w:
                 predicted = predict(self.metrics[-1], self.transitions[w], 4 * design["restart"])
             self.metrics.append([min(p + e, 1023) for p, e in zip(predicted, against, strict=True)])
             self.evidence.append(against)
 
+    def spacing(self) -> tuple[int, bool]:
+        """Mean distance between two places, and whether these are at half windows."""
+        last = len(self.along) - 1
+        spacing = (self.along[last] - self.along[0]) // max(last, 1)
+        return spacing, self.design["activity_costs"] == 2
+
+    def most_weight(self, driven: int) -> int:
+        """Return the largest weight of the evidence, by the whole distance driven."""
+        spacing, half_windows = self.spacing()
+        window = spacing * 2 if half_windows else spacing
+        return min((8 * abs(driven) + window - 1) // window, 8)
+
     def by_odometry(self, driven: int) -> Transitions:
         """Return all transitions, with their costs by the distance driven."""
         along, last = self.along, len(self.along) - 1
-        spacing = (along[last] - along[0]) // max(last, 1)
-        half_windows = self.design["activity_costs"] == 2
+        spacing, half_windows = self.spacing()
         rate = (1 << (18 if half_windows else 19)) // spacing
 
         def cost(length: int) -> int:

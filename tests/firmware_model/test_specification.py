@@ -96,7 +96,7 @@ def test_smoothing_delay_odometry_and_jumps_are_those_of_the_page(delay):
         lag = FixedLag(transitions, delay or 0)
         for row, count, distance in zip(distances, events, driven, strict=True):
             if distance is not None:
-                place_filter.predict_travelled(distance)
+                place_filter.predict_travelled(distance, distance)
             rows.append(place_filter.update_windows(row[None], count[None]))
             late.append(lag.add(rows[-1], [distance])[0])
         page = Drive(

@@ -111,7 +111,7 @@ def test_match_writes_the_matrix_and_figures_in_the_formats_that_are_named(
         (f"{command} --overwrite --matrix {matrix}x", "does not end in .npy"),
         (f"{command} --overwrite --online --matrix {matrix}2.npy", "leave one out"),
         (f"{command} --overwrite --figures jpeg", "no format of figures"),
-        (f"{command}2 --matrix {matrix}", "name another file, or replace it"),
+        (f"{command}2 --matrix {matrix}", "name another, or replace it"),
     ):
         assert cli.main(words.split()) == 2
         assert message in capsys.readouterr().err

@@ -21,7 +21,7 @@ from edge_vpr.map_record import coded_map
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.place_filter import PlaceFilter, TransitionCosts, Transitions
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import Odometry, Route
+from edge_vpr.route import MOST_MM, Odometry, Route
 from edge_vpr.settings import Settings
 from edge_vpr.simulation.drive import wheel_odometry
 from firmware_model.errors import DesignError
@@ -79,24 +79,25 @@ def test_a_table_that_is_no_list_of_jumps_is_refused(tmp_path, text, message):
 
 def test_the_way_of_a_window_lies_between_its_last_reading_and_that_of_the_window_before():
     odometry = Odometry(np.array([5, 9, 10, 25, 41, 52]), np.array([1, 2, 4, 8, 16, 32]))
-    travelled, known = odometry.of_windows(np.array([10, 20, 30, 40, 50, 60]))
+    travelled, driven, known = odometry.of_windows(np.array([10, 20, 30, 40, 50, 60]))
     # a reading at 10 is in the window that begins there; the fourth window has none
     assert known.tolist() == [False, True, True, False, False, True]
-    assert travelled[known].tolist() == [2, 4, 16]
+    assert travelled[known].tolist() == driven[known].tolist() == [2, 4, 16]
 
 
 def test_short_distances_count_once_they_add_up_to_a_place():
     odometry = Odometry(np.arange(5, 105, 10), np.array([0, 3, 6, 9, 9, 12, 8, 9, 14, 13]))
-    travelled, known = odometry.of_windows(np.arange(10, 110, 10), 8)
+    travelled, driven, known = odometry.of_windows(np.arange(10, 110, 10), 8)
     # with places 8 apart, half of that in one window counts at once, and what was held with it
     assert travelled.tolist() == [0, 0, 0, 9, 0, 0, -1, 0, 6, 0]
+    assert driven.tolist() == [0, 3, 3, 3, 0, 3, -4, 1, 5, -1]
     assert known.tolist() == [False, *[True] * 9]
     # windows without a reading, or after one without, let go of what was held
     gap = Odometry(np.array([5, 15, 45, 55]), np.array([0, 3, 90, 99]))
-    travelled, known = gap.of_windows(np.arange(10, 70, 10), 8)
+    travelled, _, known = gap.of_windows(np.arange(10, 70, 10), 8)
     assert travelled[known].tolist() == [0, 9]
     gap = Odometry(np.array([5, 15, 45, 55]), np.array([0, 3, 90, 93]))
-    travelled, known = gap.of_windows(np.arange(10, 70, 10), 8)
+    travelled, _, known = gap.of_windows(np.arange(10, 70, 10), 8)
     assert travelled[known].tolist() == [0, 0]
 
 
@@ -105,7 +106,7 @@ def test_what_counts_of_a_drive_is_what_the_oracle_says(seed, spacing):
     rng = np.random.default_rng(seed)
     read = np.flatnonzero(rng.random(30) < 0.9)
     odometry = Odometry(read * 10 + 5, np.cumsum(rng.integers(-6, 13, read.size)))
-    travelled, known = odometry.of_windows(np.arange(10, 310, 10), spacing)
+    travelled, every, known = odometry.of_windows(np.arange(10, 310, 10), spacing)
     shown = dict(zip(read.tolist(), odometry.distance_mm.tolist(), strict=True))
     both = [j in shown and j - 1 in shown for j in range(30)]
     driven = [shown[j] - shown[j - 1] if both[j] else None for j in range(30)]
@@ -113,6 +114,7 @@ def test_what_counts_of_a_drive_is_what_the_oracle_says(seed, spacing):
         mm if is_known else None for mm, is_known in zip(travelled.tolist(), known, strict=True)
     ]
     assert found == naive.counted_distances([0, spacing], driven)
+    assert every.tolist() == [mm or 0 for mm in driven]
 
 
 @pytest.mark.parametrize(
@@ -298,3 +300,24 @@ def test_sequences_take_neither_jumps_nor_odometry(tmp_path, capsys):
     jumps = ["--jumps", str(tmp_path / "jumps.csv"), "-o", str(tmp_path / "map.npz")]
     assert main([*given, *jumps]) == 2
     assert "add --matching filter" in capsys.readouterr().err
+
+
+def test_evidence_counts_by_the_distance_driven():
+    """A robot that stands by its odometer sees again what it saw, and learns nothing from it."""
+    along = np.arange(6, dtype=np.int64) * 1_000
+    for per_window in (1, 2):
+        costs = TransitionCosts(places_per_window=per_window)
+        transitions = Transitions(6, costs, along_mm=along)
+        window = 1_000 * per_window
+        found = [transitions.weight_by_distance(mm) for mm in (0, 1, -window // 4, window, MOST_MM)]
+        assert found == [0, 1, 2, 8, 8]
+    place_filter = PlaceFilter(transitions)
+    rng = np.random.default_rng(0)
+    place_filter.update(rng.integers(0, 99, 6), 50)
+    before = place_filter.state.metric - place_filter.state.metric.min()
+    for _ in range(9):
+        place_filter.predict_travelled(0, 0)
+        place_filter.update(rng.integers(0, 99, 6), 50)
+    # places that are cheap may still be moved from, to others
+    assert (place_filter.state.metric <= before).all()
+    assert place_filter.state.metric.argmin() == before.argmin()

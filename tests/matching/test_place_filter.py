@@ -64,18 +64,24 @@ def test_metrics_matches_and_trust_equal_the_oracle(
     typical = rng.integers(-largest, largest + 1, places)
     transitions = Transitions(places, steps, seen, pairs, along, typical, exclusion)
     found = PlaceFilter(transitions, mean_activity)
+    driven = [mm and int(rng.integers(-spacing, 4 * spacing)) for mm in travelled]
+    weights = []
+    if along is not None:  # before the first window, there is no place to go on from
+        weights = naive.weights_by_distance(
+            along.tolist(), [None, *driven[1:]], steps.places_per_window
+        )
     matched, misfits = [], []
     expected = naive.place_filter(
         distances.tolist(), events.tolist(), steps.forward, steps.back, steps.restart,
         exclusion, mean_activity, jumps=pairs.tolist(),
         along=[] if along is None else along.tolist(), travelled=travelled, places=seen.tolist(),
-        per_window=steps.places_per_window,
+        per_window=steps.places_per_window, weights=weights,
     )  # fmt: skip
-    for row, count, distance, (metric, best, second, trust) in zip(
-        distances, events, travelled, expected, strict=True
+    for row, count, distance, mm, (metric, best, second, trust) in zip(
+        distances, events, travelled, driven, expected, strict=True
     ):
         if distance is not None:
-            found.predict_travelled(distance)
+            found.predict_travelled(distance, mm)
         found.match(row, int(rng.choice(EVENTS)))  # fewer events so far, or more
         before = found.match(row, int(count))
         match = found.update(row, int(count))
@@ -87,7 +93,7 @@ def test_metrics_matches_and_trust_equal_the_oracle(
         matched.append(match.place)
         misfits.append(match.misfit)
     given = distances.tolist(), events.tolist(), mean_activity, matched, typical.tolist()
-    assert misfits == naive.misfit(naive.misfits_of_windows(*given))
+    assert misfits == naive.misfit(naive.misfits_of_windows(*given, weights))
 
 
 def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
@@ -121,10 +127,11 @@ def test_a_smoothed_drive_has_the_cost_of_the_best_path_through_each_place(
     events = rng.choice(EVENTS, windows)
     pairs = random_jumps(rng, places, jumps)
     along, travelled = random_distances(rng, places, windows, spacing)
-    odometry = None if along is None else readings(travelled)
+    odometry, weights = None if along is None else readings(travelled), []
     if odometry is not None:
         driven = [None, *np.diff(odometry.distance_mm).tolist()]
         travelled = naive.counted_distances(along.tolist(), driven)
+        weights = naive.weights_by_distance(along.tolist(), driven, steps.places_per_window)
     chosen = Settings(
         matching="filter", pixels=3, smooth=delay is None, delay=delay or 0,
         filter_steps=steps.forward, filter_back=steps.back, filter_restart=steps.restart,
@@ -145,7 +152,7 @@ def test_a_smoothed_drive_has_the_cost_of_the_best_path_through_each_place(
         return naive.smoothed_filter(
             distances[:known], events[:known].tolist(), steps.forward, steps.back,
             steps.restart, mean_activity, pairs.tolist(), along_of, travelled[:known],
-            of_places, number,
+            of_places, number, weights[:known],
         )  # fmt: skip
 
     expected, follow, evidence = smoothed(windows)
@@ -163,7 +170,7 @@ def test_a_smoothed_drive_has_the_cost_of_the_best_path_through_each_place(
     assert found.trust.tolist() == trust(found.place.tolist(), margins, follow, evidence)
     misfit = naive.smoothed_misfit if delay is None else naive.misfit
     given = distances, events.tolist(), mean_activity, found.place.tolist()
-    of_windows = naive.misfits_of_windows(*given, naive.typical(reference.tolist()))
+    of_windows = naive.misfits_of_windows(*given, naive.typical(reference.tolist()), weights)
     assert found.misfit.tolist() == misfit(of_windows)
 
 

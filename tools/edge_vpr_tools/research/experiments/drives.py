@@ -291,7 +291,8 @@ class Second(NamedTuple):
     contrast: float = 1.0
 
 
-#: as in the demo, in two other lights, with stops, and with a camera that fires sooner or later
+#: as in the demo, in two other lights, with stops, slower than the map, and with a camera that
+#: fires sooner or later
 STREETS: Mapping[str, Second] = {
     "street": Second(QUERY),
     "street, low sun": Second(
@@ -307,6 +308,8 @@ STREETS: Mapping[str, Second] = {
         )
     ),
     "street, 3 stops": Second(replace(QUERY, stops=3, stop_s=10.0)),
+    "street, half speed": Second(replace(QUERY, speed_mps=QUERY.speed_mps / 2)),
+    "street, quarter speed": Second(replace(QUERY, speed_mps=QUERY.speed_mps / 4)),
     "street, thresholds x 1.3": Second(QUERY, 1.3),
     "street, thresholds x 0.75": Second(QUERY, 0.75),
 }

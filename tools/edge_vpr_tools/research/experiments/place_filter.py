@@ -83,6 +83,7 @@ SCORES: tuple[Score, ...] = ("distance", "ratio", "margin", "trust")
 LONGEST = 10
 FIRST_SEED = 10
 PIXELS = (25, 150)
+PRECISION = 0.99
 _HALF = {"matching": "filter", "places_per_window": 2}
 _WHEELS = 9  # random stream of the odometers
 
@@ -151,12 +152,16 @@ def measure(draw: Draw) -> Iterator[Row]:
         for method, pair, changes, along in tried:
             matches = pair.coded(changes).match(along)
             found = evaluate(matches, pair.truth)
+            accepted = matches.probability >= PRECISION
+            correct = pair.truth.correct[matches.place, matches.query]
             yield {
                 DRIVES: name,
                 "method": method,
                 CHOSEN_ON: BY_AUTHORS if method == PAPER else BY_US,
                 "P@100R": found.precision_at_100_recall,
                 "R@99P": found.recall_at_99_precision,
+                "accepted at 0.99": float(accepted.mean()),
+                "correct of accepted": float(correct[accepted].mean()) if accepted.any() else None,
                 **{
                     f"R@99P by {score}": evaluate(
                         matches, pair.truth, score=score
