@@ -150,7 +150,7 @@ def test_published_windows_need_the_pixels_of_the_map(shared_data):
 #: Calibration errors of whole drives with the first draw of pixels, live and smoothed, by what a
 #: probability promises, and 0.003 more. Brisbane and the indoor drive are limited by being correct
 #: more often than promised, on Brisbane in 0.96 of the windows for a mean probability of 0.91: the
-#: tables were learnt from drives that are off the map in 24 % of their windows, and these never are.
+#: tables were learnt from drives that are off the map in 24 % of their windows; these never are.
 ERRORS = {
     "Brisbane, 49 px": (0.056, 0.060),
     "Speck walks, 150 px": (0.015, 0.011),
