@@ -152,8 +152,9 @@ def measure(draw: Draw) -> Iterator[Row]:
         for method, pair, changes, along in tried:
             matches = pair.coded(changes).match(along)
             found = evaluate(matches, pair.truth)
-            accepted = matches.probability >= PRECISION
-            correct = pair.truth.correct[matches.place, matches.query]
+            known = pair.truth.known[matches.query]
+            accepted = matches.probability[known] >= PRECISION
+            correct = pair.truth.correct[matches.place, matches.query][known]
             yield {
                 DRIVES: name,
                 "method": method,
