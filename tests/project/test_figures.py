@@ -133,6 +133,12 @@ def speeds(variant: str) -> list[float]:
     )
 
 
+def slower(method: str, column: str = "P@100R") -> list[float]:
+    """Return what a filter reaches at half and at a quarter of the speed of the map."""
+    drives = "street, half speed, 150 px|street, quarter speed, 150 px"
+    return means("place-filter.csv", column, drives=drives, method=method)
+
+
 def indoors(system: str, matching: str) -> list[float]:
     return means("rivals.csv", "P@100R", drives="Speck indoor", system=system, matching=matching)
 
@@ -395,6 +401,12 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
      lambda: speeds("150 pixels, fixed tau")),
     ("results_robustness", "(`--window count`) {:.3f}, {:.3f} and {:.3f}",
      lambda: speeds("150 pixels, fixed N")),
+    ("results_robustness", "a share of only {:.2f} at half the speed, and {:.2f} at a quarter",
+     lambda: slower("*(robot), odometry", "accepted at 0.99")),
+    ("will_it_work", "live {:.2f} and {:.2f} with odometry",
+     lambda: slower("*(robot), odometry")),
+    ("will_it_work", "few of them confident; {:.2f} and {:.2f} without",
+     lambda: slower("*(robot)")),
     ("results_robustness", "{:.3f} with the exact burst filter, {:.3f} with the causal one,"
      " and {:.3f} without", lambda: flashes("10")),
     ("results_robustness", "with one flash per second, {:.3f} without", lambda: flashes("1")[2]),
@@ -442,6 +454,10 @@ CLAIMS: list[tuple[str, str, Callable[[], bool]]] = [
      lambda: all(abs(ours - theirs) < 0.01 for ours, theirs in zip(
          *(means("pixel-number.csv", "P@100R", matching="*(robot)", pixels="150",
                  pixels_chosen_by=by) for by in ("variance", "random")), strict=True))),
+    ("results_robustness", "all live matches that `--precision 0.99` accepts are correct",
+     lambda: set(slower("*(robot), odometry", "correct of accepted")) == {1}
+     and set(means("place-filter.csv", "correct of accepted", drives="street, 150 px",
+                   method="*(robot), odometry")) == {1}),
     ("results_robustness", "none of them off the map",
      lambda: max(trust("accepted off the map", map=CUT)) == 0),
     ("results_robustness", "Right after the edge, no live match was accepted on recorded drives",
