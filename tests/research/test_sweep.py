@@ -255,6 +255,11 @@ LONG_GRID = f"pixels = {list(range(1, 951))}\nsequence_length = {list(range(1, 1
         ("pixels = [3, 5]", LONG_GRID, "more than 100,000 trials"),
         ("pixels = [3, 5]", "pixels = []\nsigma = [1.0]", "give a list of values"),
         ("[drives.evening]", "[driven.evening]", "did you mean drives"),
+        (
+            "pixels = 5\n",
+            'preset = "default"\nplaces_per_window = 2\nsystem = "all-pixels"\n',
+            "variants.again: setting places_per_window = 2 with system = all-pixels",
+        ),
     ],
 )
 def test_a_wrong_plan_is_one_clear_error(old, new, words, plan_file):

@@ -420,9 +420,15 @@ def _resolved(
     known = {one.key for one in SETTING_FIELDS.values()} | set(SETTING_FIELDS)
     _check_names(values, ("preset", "system", *sorted(known)), where)
     try:
-        return resolve_settings(preset, None, values), _system(system, folder)
+        settings, system = resolve_settings(preset, None, values), _system(system, folder)
+        if system is not None and settings.window_parts > 1:
+            raise UsageError(
+                f"setting places_per_window = {settings.places_per_window} with system = "
+                f"{system}: systems compare one place per window; leave places_per_window out"
+            )
     except UsageError as error:
         raise UsageError(f"{where}: {error}") from None
+    return settings, system
 
 
 def _system(given: object, folder: Path) -> str | None:
