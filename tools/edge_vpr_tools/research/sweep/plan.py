@@ -421,13 +421,13 @@ def _resolved(
     _check_names(values, ("preset", "system", *sorted(known)), where)
     try:
         settings, system = resolve_settings(preset, None, values), _system(system, folder)
-        if system is not None and settings.window_parts > 1:
-            raise UsageError(
-                f"setting places_per_window = {settings.places_per_window} with system = "
-                f"{system}: systems compare one place per window; leave places_per_window out"
-            )
     except UsageError as error:
         raise UsageError(f"{where}: {error}") from None
+    if system is not None and settings.window_parts > 1:
+        raise UsageError(
+            f"{where}: setting places_per_window = {settings.places_per_window} with system = "
+            f"{system}: systems compare one place per window; leave places_per_window out"
+        )
     return settings, system
 
 
