@@ -228,7 +228,7 @@ class Recording:
     remark : str
         Reason why the unit of the times is implausible, if the file does not state it; else "".
     frame_period : Fraction or None
-        Seconds a frame of counts, as given; None if it was not, or the file holds events.
+        Seconds per frame of counts, as the file states or as given; None if the file holds events.
     """
 
     def __init__(self, source: Source, on_fault: str) -> None:
@@ -244,9 +244,7 @@ class Recording:
         self._source = source
         self._on_fault = on_fault
         self.remark = ""
-        options, is_frames = source.options, source.options.format == "frames"
-        given = options.frame_period or options.default_frame_period
-        self.frame_period: Fraction | None = given if is_frames else None
+        self.frame_period: Fraction | None = getattr(source, "frame_period", None)
         self._span: tuple[int, int | None] = (0, None)
         self._origin_us, self.start_us = self._find_start()
 

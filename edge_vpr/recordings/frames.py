@@ -562,7 +562,7 @@ class FrameSource(Source):
                 f"{path} has counts without pixel_x and pixel_y, so that they cannot become "
                 "events: add the pixels, or use the counts as windows (read_count_frames)"
             )
-        self.period_us = period * 1_000_000
+        self.frame_period, self.period_us = period, period * 1_000_000
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events of one frame after another; see :class:`Source`."""

@@ -406,7 +406,7 @@ def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, caps
     rng = np.random.default_rng(0)
     drive = random_events(rng, 6_000, SENSOR, 6_000_000)
     write_recording(tmp_path / "drive.npz", [drive], sensor=SENSOR)
-    small = ["--pixels", "5", "--sigma", "1", "--tau", "100ms"]
+    small = ["--pixels", "5", "--sigma", "1", "--tau", "100ms", "--places-per-window", "1"]
     recording, first = str(tmp_path / "drive.npz"), str(tmp_path / "map.npz")
     assert main(["map", recording, "-o", first, *small]) == 0
     # as a robot matches, whose table it is to be

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -309,6 +310,19 @@ def test_the_period_of_frames_is_kept_in_the_map(tmp_path, capsys):
         ev.open_recording(first, frame_period="1/10").frame_period
         == ev.ReferenceMap.load(mapped).frame_period
     )
+
+
+@pytest.mark.parametrize(("stated", "places"), [("1", 7), ("1/30", 14)])
+def test_frames_as_long_as_a_window_have_places_at_whole_windows(stated, places, tmp_path):
+    """The halves of such a frame were not measured; whether the file states its length or not."""
+    period = float(Fraction(stated))
+    frames = np.random.default_rng(1).integers(0, 4, (round(8 / period), 12, 16)).astype(np.uint8)
+    np.savez(tmp_path / "given.npz", frames=frames)
+    np.savez(tmp_path / "stated.npz", frames=frames, window_s=period)
+    for name, given in (("given", stated), ("stated", None)):
+        drive = ev.open_recording(tmp_path / f"{name}.npz", frame_period=given)
+        assert drive.frame_period == Fraction(stated)
+        assert len(ev.ReferenceMap.build(drive, pixels=5, sigma=1)) == places
 
 
 def wrong_uses():
