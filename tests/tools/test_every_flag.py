@@ -66,7 +66,7 @@ RUNS = [
     (f"map {{f}}/reference.npz -o {{f}}/map.npz {SMALL}", 0),
     (f"map {{f}}/reference.npz -o {{f}}/map.npz {SETTINGS} --overwrite", 0),
     (f"map {{f}}/reference.npz -o {{f}}/map.npz {SMALL} --no-polarity --no-keep-incomplete "
-     "--clip 200 --overwrite", 0),
+     "--clip 200 --places-per-window 1 --overwrite", 0),
     (f"map {{f}}/reference.npz -o {{f}}/filter_map.npz {FILTER} --pixels 5 --tau 100ms --sigma 1 "
      "--track {f}/track.csv --track-offset 0.1 --odometry {f}/odometry.csv "
      "--jumps {f}/jumps.csv --places-per-window 2", 0),
