@@ -400,7 +400,8 @@ def test_by_default_the_place_filter_matches_offline_and_online_alike(drive, cap
     assert online.trust.tolist()[: len(batch)] == batch.trust.tolist()
     record = json.loads((live / "run.json").read_text())
     assert record["settings"]["query_mean"] == "running"
-    np.save(tmp_path / "truth.npy", np.eye(len(batch), dtype=np.uint8))
+    truth = np.eye(batch.places_in_map, len(batch), dtype=np.uint8)
+    np.save(tmp_path / "truth.npy", truth)
     arguments = ["evaluate", str(whole), "--ground-truth", str(tmp_path / "truth.npy")]
     assert main([*arguments, "--rows", "reference"]) == 0
     metrics = json.loads((whole / "metrics.json").read_text())
