@@ -96,8 +96,8 @@ def _reordered(pair: MappedPair, windows: npt.NDArray[np.int64]) -> MappedPair:
 
 #: these streets are not used by any other experiment
 FIRST_SEED = 1_000
-#: Trust compares the best place with those outside the exclusion zone of 3 places, so that it can
-#: only indicate larger errors: a little over 3 places at 6 m/s and with windows of a second.
+#: Trust compares the best place with those outside the exclusion zone of 3 windows, so that it
+#: can only indicate larger errors: a little over 3 windows of a second at 6 m/s.
 TOLERANCE_M = 20.0
 PIXELS = (25, 150)
 WINDOWS = ("time", "count")

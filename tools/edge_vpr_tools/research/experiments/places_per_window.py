@@ -1,8 +1,8 @@
 """Places at half windows against places at whole ones: what twice the memory is worth, or the same.
 
 The costs of half steps were chosen on simulated streets of the seeds 20 to 26 (with the small
-sensor). Nothing was chosen on the streets and the walks here. Maps of published windows, as of the
-other recorded drives, cannot have places at half windows.
+sensor). The streets and the walks here chose only that places are at half windows by default. Maps
+of published windows, as of the other recorded drives, cannot have such places.
 """
 
 from __future__ import annotations
