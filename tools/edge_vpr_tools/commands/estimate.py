@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 #: rough number of events per second of a DAVIS346 on a street; printed with every estimate
 EVENTS_PER_S = 1e5
 PLACES = 1_000
+#: a window of 1 s at 10 m/s
+PLACES_PER_METRE = 0.1
 #: defaults of the flags that make a design; not used with --map or --design
 DESIGN_FLAGS = {
     "sensor": "346x260",
@@ -36,6 +38,7 @@ DESIGN_FLAGS = {
     "polarity": False,
     "tau": "1s",
     "window_events": None,
+    "places_per_window": None,
 }
 EXAMPLES = """\
   edge-vpr estimate --pixels 83 --places 2000 --target cortex-m4
@@ -81,6 +84,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     design.add_argument("--tau", metavar="TIME", help=f"length of a window {_default('tau')}")
     design.add_argument(
+        "--places-per-window", type=int, choices=(1, 2), metavar="N",
+        help="1 or 2 places per window length (default: 2 where a map has them by default: with "
+        "the filter and windows of a fixed time)",
+    )  # fmt: skip
+    design.add_argument(
         "--window-events", type=int, metavar="N",
         help="number of events at the selected pixels in a window, instead of a fixed time "
         "(default: none)",
@@ -112,8 +120,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="length of the route in kilometres, instead of --places",
     )  # fmt: skip
     mission.add_argument(
-        "--places-per-metre", type=float, metavar="N", default=0.1,
-        help="number of places per metre of the route",
+        "--places-per-metre", type=float, metavar="N",
+        help="places at whole windows per metre of the route; at half windows there are twice as "
+        f"many (default: those of the map, if it has positions, or {PLACES_PER_METRE})",
     )  # fmt: skip
     asked = parser.add_argument_group("answers")
     asked.add_argument(
@@ -240,46 +249,47 @@ def question_of(args: argparse.Namespace) -> Question:
     if measured is not None and (not alone or targets[0].kind != "processor"):
         raise UsageError("--calibrate is for one board: name its processor with --target")
     try:
-        design, mission = design_and_mission(args)
+        design, mission, density = design_and_mission(args)
         other = None
         if args.vs is not None:
             other = Other(args.vs, None if args.vs == "all-pixels" else Design.load(args.vs))
     except DesignError as error:
         raise UsageError(str(error)) from error
     beside = sequences_beside(args, design)
-    tried = [each for each in (design, half_places_beside(args, design), beside) if each]
+    tried = [each for each in (whole_places_beside(args, design), design, beside) if each]
     return Question(
         design=design,
         beside=beside,
         choose_distances=args.design is None,
         mission=mission,
-        places_per_metre=args.places_per_metre,
+        places_per_metre=density,
         targets=targets,
         budgets=tuple(Budget.parse(text) for text in args.fit),
         measured=measured,
         other=other,
         tried=tried_designs(args, tried),
-        route_places=None if args.route_km is None and args.places is None else design.places,
+        route_places=_at_whole_windows(args, design),
         events_per_s=args.event_rate,
         matches_per_s=args.match_rate,
     )
 
 
-def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
-    """Build the design and the mission from the flags, a file or a map.
+def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission, float]:
+    """Build the design, the mission and the density of its route from the flags, a file or a map.
 
-    The number of places of ``--places`` or ``--route-km`` overrides that of the map or the file.
+    The density is in places at whole windows per metre. The number of places of ``--places`` or
+    ``--route-km`` overrides that of the map or the file.
     """
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.estimate.model import Mission
-    from edge_vpr_tools.estimate.of_map import design_of, event_rates
+    from edge_vpr_tools.estimate.of_map import design_of, event_rates, places_per_metre
     from firmware_model.model.design import Design
 
     if args.map is not None and args.design is not None:
         raise UsageError("--map and --design both give a design: give only one")
-    rate, share, places = EVENTS_PER_S, None, _places(args)
+    rate, share, density = EVENTS_PER_S, None, args.places_per_metre
     if args.map is None and args.design is None:
-        design = _of_flags(args, PLACES if places is None else places)
+        design = _of_flags(args)
     else:
         for name in DESIGN_FLAGS:
             if getattr(args, name) is not None:
@@ -291,10 +301,13 @@ def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
             reference = ReferenceMap.load(args.map)
             design = design_of(reference, args.lanes)
             rate, share = event_rates(reference)
+            density = places_per_metre(reference) if density is None else density
         else:
             design = Design.load(args.design)
-        if places is not None:
-            design = replace(design, places=places)
+    density = PLACES_PER_METRE if density is None else density
+    places = _places(args, density, design)
+    if places is not None:
+        design = replace(design, places=places)
     rate = rate if args.event_rate is None else args.event_rate
     share = share if args.selected_share is None else args.selected_share
     if share is None:
@@ -304,12 +317,12 @@ def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission]:
         matches = _matches_per_s(args.every, design, rate * share)
     elif args.every != "window":
         raise UsageError("--match-rate and --every both say how often to match: give only one")
-    return design, Mission(rate, share, matches)
+    return design, Mission(rate, share, matches), density
 
 
-def _places(args: argparse.Namespace) -> int | None:
+def _places(args: argparse.Namespace, density: float, design: Design) -> int | None:
     """Return the number of places that the flags give; None if they give none."""
-    km, density = args.route_km, args.places_per_metre
+    km = args.route_km
     if not density > 0 or not (km is None or km > 0):
         raise UsageError(
             f"--places-per-metre {density}, --route-km {km}: expected positive numbers"
@@ -319,10 +332,16 @@ def _places(args: argparse.Namespace) -> int | None:
         return places
     if args.places is not None:
         raise UsageError("--route-km and --places both give the number of places: give only one")
-    return math.ceil(km * 1_000 * density)
+    return math.ceil(km * 1_000 * density) * design.places_per_window
 
 
-def _of_flags(args: argparse.Namespace, places: int) -> Design:
+def _at_whole_windows(args: argparse.Namespace, design: Design) -> int | None:
+    """Return the places at whole windows of the route that the flags give; None without one."""
+    given = args.route_km is not None or args.places is not None
+    return math.ceil(design.places / design.places_per_window) if given else None
+
+
+def _of_flags(args: argparse.Namespace) -> Design:
     from edge_vpr.events import Sensor
     from edge_vpr.matching.place_filter import TransitionCosts
     from edge_vpr.settings import PRESETS
@@ -339,23 +358,33 @@ def _of_flags(args: argparse.Namespace, places: int) -> Design:
         flags["counter_code"] = "log"
     sensor = Sensor.parse(flags["sensor"])
     # as the default settings have for each kind of window
-    of_window: dict[str, Any] = {"activity_costs": flags["matching"] == "filter"}
+    tau_us, number = duration_us(flags["tau"]), flags["places_per_window"]
+    by_time = flags["matching"] == "filter" and flags["window_events"] is None
+    if number == 2 and not (by_time and tau_us % 2 == 0):
+        raise UsageError(
+            "--places-per-window 2: expected the filter and windows of an even number of "
+            "microseconds"
+        )
+    if number is None:
+        number = 2 if by_time and tau_us % 2 == 0 else 1
+    exclusion = PRESETS["default"].exclusion * number
+    of_window: dict[str, Any] = {"activity_costs": by_time and number, "exclusion": exclusion}
     if flags["window_events"] is not None:
         by_count = replace(PRESETS["default"], window="count")
         count = {"window": "count", "window_events": flags["window_events"]}
-        of_window = count | {"steps": TransitionCosts.of(by_count).forward}
+        of_window |= count | {"steps": TransitionCosts.of(by_count).forward}
     return Design.from_dict(
         {
             "width": sensor.width,
             "height": sensor.height,
             "pixels": flags["pixels"],
-            "places": places,
+            "places": PLACES,
             "matching": flags["matching"],
             "length": flags["sequence_length"],
             "code": flags["counter_code"],
             "code_bits": flags["counter_bits"],
             "polarity": flags["polarity"],
-            "tau_us": duration_us(flags["tau"]),
+            "tau_us": tau_us,
             "lanes": args.lanes,
             # as a map of this design has, see `of_map.design_of`
             "accept": "ratio" if by_sequences else "margin",
@@ -380,17 +409,28 @@ def sequences_beside(args: argparse.Namespace, design: Design) -> Design | None:
     if matching_is_chosen(args):
         return None
     windows = "count" if args.accuracy_on is not None else design.window
+    whole = _with_whole_places(design)
     return replace(
-        design, matching="sequence", length=0, code="log", full_scales=(0,), accept="ratio",
+        whole, matching="sequence", length=0, code="log", full_scales=(0,), accept="ratio",
         window=windows, activity_costs=False,
     )  # fmt: skip
 
 
-def half_places_beside(args: argparse.Namespace, design: Design) -> Design | None:
-    """Return a design with two places per window, where the user did not choose the matching."""
-    if matching_is_chosen(args) or design.activity_costs != 1 or design.tau_us % 2:
-        return None
-    return replace(design, activity_costs=2, exclusion=2 * design.exclusion)
+def whole_places_beside(args: argparse.Namespace, design: Design) -> Design | None:
+    """Return a design with one place per window, where the user did not choose the matching."""
+    chosen = matching_is_chosen(args) or args.places_per_window is not None
+    return None if chosen or design.places_per_window == 1 else _with_whole_places(design)
+
+
+def _with_whole_places(design: Design) -> Design:
+    """Return the design for the same route with one place per window."""
+    number = design.places_per_window
+    if number == 1:
+        return design
+    return replace(
+        design, activity_costs=1, exclusion=design.exclusion // number,
+        places=math.ceil(design.places / number),
+    )  # fmt: skip
 
 
 def _matches_per_s(every: str, design: Design, selected_per_s: float) -> float:

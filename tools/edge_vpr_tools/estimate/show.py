@@ -347,8 +347,8 @@ def _design(found: Estimation) -> None:
     say(f"{design_text(of)}: {of.slots} counters, of {of.width} x {of.height} pixels")
     say(
         f"{size.place_bytes} bytes per place, {size_text(1e3 * density * size.place_bytes)} "
-        f"per km at {density:g} places per metre ({of.places / density / 1000:g} km); all memories "
-        f"{size_text(size.packed_bytes)} packed; firmware in C, a byte per code: flash "
+        f"per km at {density:.4g} places per metre ({of.places / density / 1000:.4g} km); all "
+        f"memories {size_text(size.packed_bytes)} packed; firmware in C, a byte per code: flash "
         f"{size_text(size.flash_bytes)} of tables, RAM {size_text(size.ram_bytes)}"
     )
     if of.filters:
