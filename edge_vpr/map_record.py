@@ -288,6 +288,7 @@ class MapRecord(EqualByValue):
         Its own table of probabilities is removed if the scale of the trust changes.
         """
         expect(settings, Settings, "settings", "Settings, as of map.settings.replaced")
+        settings = settings.at_places_of(self.settings)
         kept = settings.of_trust == self.settings.of_trust
         return replace(self, settings=settings, confidence=self.confidence if kept else None)
 

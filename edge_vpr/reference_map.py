@@ -372,7 +372,7 @@ class ReferenceMap(MapRecord):
         """
         if settings is not None:
             expect(settings, Settings, "settings", "Settings, or keywords such as precision=0.99")
-        chosen = (settings or self.settings).replaced(changes, by)
+        chosen = (settings or self.settings).at_places_of(self.settings).replaced(changes, by)
         asked = {
             name: getattr(chosen, name)
             for name in SETTING_FIELDS

@@ -644,6 +644,12 @@ class Settings:
         """Parts of a window at which places start, 1 or 2; of a map, its `places_per_window`."""
         return self.places_per_window or 1
 
+    def at_places_of(self, reference: Settings) -> Settings:
+        """Return these settings for a map that is made, whose places decide what "auto" is."""
+        if self.places_per_window is not None:
+            return self
+        return replace(self, places_per_window=reference.places_per_window)
+
     @property
     def match_delay(self) -> int:
         """Number of windows that a match waits for; 0 for a drive that is smoothed whole."""

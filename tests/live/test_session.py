@@ -438,6 +438,13 @@ def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, 
     expected = known.update(folder / "query.npz")
     assert ReferenceMap.load(target) == expected.reference != known
     assert f"{target}: {len(known)} places at 150 pixels; {expected}" in capsys.readouterr().out
+    # of a preset, the number of places per window is auto: the map's
+    settings = replace(known.settings, places_per_window=None)
+    with LiveSession(
+        sent, protocol="evpr", reference=known, learn=target, settings=settings, overwrite=True
+    ) as session:
+        assert len(list(session)) > 0
+    assert session.learnt == expected.reference
 
 
 def test_a_precision_marks_the_matches_below_it_as_lost(street, tmp_path):

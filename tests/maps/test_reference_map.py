@@ -152,6 +152,18 @@ def test_matching_settings_are_keywords_and_others_are_refused(folder, route):
         route.match(folder / "tuesday.npz", pixels=6)
 
 
+def test_settings_that_leave_the_places_open_take_those_of_the_map(folder, route):
+    """Of a preset, `places_per_window` is auto: the map knows what that was."""
+    auto = ev.resolve_settings("default", flags=SMALL)
+    assert (auto.places_per_window, route.settings.places_per_window) == (None, 2)
+    whole = ev.ReferenceMap.build(folder / "monday.npz", places_per_window=1, **SMALL)
+    for made in (route, whole):
+        drive = folder / "tuesday.npz"
+        assert made.match(drive, settings=auto).matches == made.match(drive).matches
+        assert made.localiser(settings=auto).settings.window_parts == made.settings.window_parts
+        assert made.matched_with(auto) == made
+
+
 def test_a_localiser_of_a_map_gives_what_online_matching_gives(folder, route):
     localiser = route.localiser("20ms", delay=0)
     recording = Drive(events_of(1), SENSOR)
