@@ -365,6 +365,11 @@ class MapRecord(EqualByValue):
         return 8 * self.places.counts.itemsize if code is None else code.bits
 
     @property
+    def places_text(self) -> str:
+        """Number of places for messages, and where they are if not at whole windows."""
+        return f"{len(self):,} places" + " (at half windows)" * (self.settings.window_parts == 2)
+
+    @property
     def bytes_text(self) -> str:
         """Size of a descriptor for messages: packed as on a device, and in memory if it differs."""
         packed, stored = self.packed_bytes_per_place, self.bytes_per_place

@@ -437,7 +437,10 @@ def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, 
     assert main([str(word) for word in ("stream", *words, "-o", target)]) == 0
     expected = known.update(folder / "query.npz")
     assert ReferenceMap.load(target) == expected.reference != known
-    assert f"{target}: {len(known)} places at 150 pixels; {expected}" in capsys.readouterr().out
+    assert (
+        f"{target}: {len(known)} places (at half windows) at 150 pixels; {expected}"
+        in capsys.readouterr().out
+    )
     # of a preset, the number of places per window is auto: the map's
     settings = replace(known.settings, places_per_window=None)
     with LiveSession(

@@ -278,7 +278,10 @@ def test_map_prints_the_packed_size_and_records_every_input(folder, tmp_path, ca
     made = ev.ReferenceMap.load(tmp_path / "map.npz")
     assert made.packed_bytes_per_place == 2 and made.bytes_per_place == 5
     size = "2 bytes per place packed at 3 bits (5 in memory)"
-    assert f"{len(made)} places at 5 pixels of 16x12, {size}" in said
+    assert f"{len(made)} places (at half windows) at 5 pixels of 16x12, {size}" in said
+    # half windows overlap: their events are not counted twice, and the last one is not counted
+    counted = made.places.events[::2].sum()
+    assert len(made) % 2 == 0 and f"counted {counted:,} events over 1.9 s" in said
     record = json.loads((tmp_path / "map.run.json").read_text())
     assert {each["path"] for each in record["inputs"]} == set(map(str, inputs))
     assert all(len(each["sha256"]) == 64 for each in record["inputs"])

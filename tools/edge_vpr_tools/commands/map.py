@@ -143,14 +143,15 @@ def run(args: argparse.Namespace) -> None:
 
     places = reference.places
     summary(
-        f"{output}: {len(reference)} places at {len(reference.pixel_map)} pixels of "
+        f"{output}: {reference.places_text} at {len(reference.pixel_map)} pixels of "
         f"{reference.pixel_map.sensor}, {reference.bytes_text}, "
         f"{reference.packed_bytes_per_place * len(places) / 1e3:.1f} kB in all"
     )
     if seconds is not None:
-        events = int(reference.windows.events.sum())
+        windows = reference.windows
         summary(
-            f"counted {events:,} events over {places.end_us[-1] / 1e6:.1f} s in {seconds:.2f} s; "
+            f"counted {windows.events.sum():,} events over {windows.end_us[-1] / 1e6:.1f} s in "
+            f"{seconds:.2f} s; "
             f"{hot_pixels} hot pixels left out"
             f"{describe_removed(removed, reference.settings)}"
             f"{describe_faults(recording)}"

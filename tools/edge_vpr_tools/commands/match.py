@@ -166,7 +166,7 @@ def run(args: argparse.Namespace) -> None:
         return
     assert queries is not None and metrics is not None
     summary(
-        f"{output}: {len(matches)} queries matched against {len(reference)} places, "
+        f"{output}: {len(matches)} queries matched against {reference.places_text}, "
         f"{reference.bytes_text}{removed}{faults}"
     )
     _export_tracks(args.export, found.reference, matches)

@@ -222,6 +222,7 @@ def run(args: argparse.Namespace) -> None:
         for concern in () if update is None else update.warnings:
             warning(concern)
         if not args.json:
-            places, pixels = len(session.learnt), len(session.learnt.pixel_map)
-            text = f"{printable(args.output)}: {places} places at {pixels} pixels"
+            learnt = session.learnt
+            pixels = len(learnt.pixel_map)
+            text = f"{printable(args.output)}: {learnt.places_text} at {pixels} pixels"
             summary(text if update is None else f"{text}; {update}")

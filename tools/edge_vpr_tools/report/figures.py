@@ -339,7 +339,8 @@ def distance_matrix(
         unit = "events" if matches.settings.counter_code == "none" else "codes"
         of = "of one window" if length == 1 else f"mean over sequences of {length} windows"
         bar.set_label(f"distance, {of} ({unit})")
-        axes.set(xlabel="query window", ylabel="reference place")
+        half = ", at half windows" * (matches.settings.window_parts == 2)
+        axes.set(xlabel="query window", ylabel=f"reference place{half}")
         axes.grid(visible=False)
         if query_scale is not None:
             add_scale(axes, "top", query_scale)

@@ -117,7 +117,7 @@ def _described(reference: ReferenceMap, matches: Matches) -> str:
     if matches.settings.matching != "filter":
         by = f"by sequences of {matches.settings.sequence_length} windows"
     return (
-        f"{len(matches):,} matches with {len(reference):,} places {by}, at "
+        f"{len(matches):,} matches with {reference.places_text} {by}, at "
         f"{len(reference.pixel_map)} of {reference.pixel_map.sensor.pixels:,} pixels; "
         f"{reference.bytes_per_place} bytes per place ({reference.packed_bytes_per_place} packed)."
     )
