@@ -401,8 +401,9 @@ _WINDOWS = _group(
         least=1,
         most=2,
         more="2 takes twice the memory and work, and needs the place filter and a reference of "
-        "events. auto is 1 for windows of a number of events, and with `filter_steps` or "
-        "`filter_back`, which count places.",
+        "events. auto is 1 for windows of a number of events or of an odd number of microseconds, "
+        "for fewer than 20 count frames per window, and with `filter_steps` or `filter_back`, "
+        "which count places.",
         needs=_FILTER,
     ),
     keep_incomplete=SettingField(help="keep an incomplete last window"),
