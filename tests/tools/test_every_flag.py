@@ -141,7 +141,8 @@ RUNS = [
     ("estimate --window-events 100 --every 100ms --route-km 1 --places-per-metre 0.2 "
      "--target cortex-m0plus", 0),
     ("estimate --design {f}/design.toml --target cortex-m4 --sources", 0),
-    ("estimate --pixels 25 --places 100 --matching filter --target cortex-m4", 0),
+    ("estimate --pixels 25 --places 100 --matching filter --places-per-window 1 "
+     "--target cortex-m4", 0),
     ("estimate --map {f}/map.npz --target cortex-m4 --pareto {f}/results "
      "--figure {f}/pareto.png", 0),
     ("estimate --accuracy-on {f}/reference.npz {f}/query.npz --ground-truth {f}/truth.csv "
@@ -262,7 +263,8 @@ def folder(tmp_path_factory):
     (folder / "jumps.csv").write_text("from,to\n3,0\n")
     (folder / "track.csv").write_text("time_s,position_m\n-1,-10\n3,30\n")
     (folder / "frames.csv").write_text("query_frame,reference_frame\n0,0\n1000,1000\n")
-    np.save(folder / "truth.npy", np.eye(19, 19, dtype=np.uint8))
+    # a row for each half window of the map
+    np.save(folder / "truth.npy", np.eye(38, dtype=np.uint8)[:, ::2])
     encoder = open_encoder("evpr", SENSOR)
     (folder / "sent.bin").write_bytes(encoder.start() + encoder.encode(events))
     Design(width=16, height=12, pixels=3, places=4, length=2).save(folder / "design.toml")

@@ -121,7 +121,9 @@ def test_a_command_compiles_before_its_work(drive, tmp_path):  # noqa: F811
         f"match {tmp_path}/map.npz {query} -o {tmp_path}/live --online --no-figures",
         f"map {reference} -o {tmp_path}/driven.npz {small} --window count --odometry {driven}",
         f"match {tmp_path}/driven.npz {query} -o {tmp_path}/odometry --odometry {driven}",
-        f"match {tmp_path}/map.npz {query} -o {tmp_path}/L3 --matching sequence -L 3 --no-figures",
+        f"map {reference} -o {tmp_path}/whole.npz {small} --places-per-window 1",
+        f"match {tmp_path}/whole.npz {query} -o {tmp_path}/L3 --matching sequence -L 3 "
+        "--no-figures",
     ]
     done = subprocess.run(
         [sys.executable, str(ROOT / "tests/tools/left_by_commands.py"), *commands],
