@@ -441,7 +441,7 @@ def test_a_delay_gives_the_same_matches_offline_online_and_live(drive, capsys, t
 
 
 def test_a_map_says_that_its_places_are_at_half_windows(drive, tmp_path, capsys):
-    """Where it is made, matched and reported, and where costs of steps are given for it."""
+    """Where it is made, matched and reported."""
     mapped, query, half = str(tmp_path / "map.npz"), str(drive / "query.npz"), "(at half windows)"
     small = ["--tau", "100ms", "--pixels", "5"]
     for words, shown in (([], True), (["--places-per-window", "1"], False)):
@@ -454,11 +454,6 @@ def test_a_map_says_that_its_places_are_at_half_windows(drive, tmp_path, capsys)
         assert (half in (out / "report.html").read_text()) == shown
         label = "reference place, at half windows"
         assert (label in (out / "distance_matrix.svg").read_text()) == shown
-        for steps, slow in (("1,0,1", True), ("2,1,0,1,2", False), ("auto", False)):
-            asked = ["--no-figures", "--overwrite", "--filter-steps", steps]
-            assert main(["match", mapped, query, "-o", str(tmp_path / "steps"), *asked]) == 0
-            said = "this map has two per window" in capsys.readouterr().err
-            assert said == (shown and slow)
 
 
 @pytest.mark.parametrize("link", ["itself", "symbolic", "hard"])
