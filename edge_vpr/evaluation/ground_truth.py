@@ -643,10 +643,9 @@ def from_matrix(
     expected = (places, queries) if rows == "reference" else (queries, places)
     if array.shape != expected:
         other = "query" if rows == "reference" else "reference"
-        of_map = array.shape[expected.index(places)] if array.ndim == 2 else 0
         if array.shape == expected[::-1]:
             remedy = f"pass rows={other}"
-        elif places in (2 * of_map - 1, 2 * of_map):
+        elif sorted(array.shape) == sorted([(places + 1) // 2, queries]):
             remedy = "the map has places at half windows; map with places_per_window = 1"
         else:
             remedy = "use the windows that it was made for"

@@ -525,6 +525,7 @@ def test_a_matrix_that_fits_the_other_way_round_says_so():
         (np.full((2, 3), 0.5), "holds 0.5 at row 0, column 0"),
         (np.full((2, 3), math.nan), "holds nan"),
         (np.ones((2, 4)), r"has shape \(2, 4\), expected \(2, 3\) .* windows that it was made for"),
+        (np.ones((1, 3)), "places at half windows; map with places_per_window = 1"),
         (np.ones(6), r"has shape \(6,\)"),
     ],
 )
