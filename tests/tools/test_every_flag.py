@@ -263,8 +263,7 @@ def folder(tmp_path_factory):
     (folder / "jumps.csv").write_text("from,to\n3,0\n")
     (folder / "track.csv").write_text("time_s,position_m\n-1,-10\n3,30\n")
     (folder / "frames.csv").write_text("query_frame,reference_frame\n0,0\n1000,1000\n")
-    # a row for each half window of the map
-    np.save(folder / "truth.npy", np.eye(38, dtype=np.uint8)[:, ::2])
+    np.save(folder / "truth.npy", np.eye(19, 19, dtype=np.uint8))
     encoder = open_encoder("evpr", SENSOR)
     (folder / "sent.bin").write_bytes(encoder.start() + encoder.encode(events))
     Design(width=16, height=12, pixels=3, places=4, length=2).save(folder / "design.toml")
