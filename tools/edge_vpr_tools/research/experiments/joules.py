@@ -51,7 +51,7 @@ def measure(draw: Draw) -> Iterator[Row]:
     for pixels in PIXELS:
         design = Design(
             width=346, height=260, pixels=pixels, places=PLACES, matching="filter",
-            code="contrast", activity_costs=True, accept="margin",
+            code="contrast", activity_costs=2, accept="margin",
         )  # fmt: skip
         mission = Mission(EVENTS_PER_S, pixels / (346 * 260), 1.0)
         for name in names():
