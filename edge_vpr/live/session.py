@@ -975,12 +975,11 @@ class LiveSession:
             return
         try:
             reference = self.reference
-            settings = self._settings
-            if reference is not None:
-                settings = settings.at_places_of(reference.settings)
-            if reference is not None and reference.settings.of_map == settings.of_map:
+            if reference is not None and (
+                self._settings.at_places_of(reference.settings).of_map == reference.settings.of_map
+            ):
                 # aligned by whole drives, whatever the settings that it was matched with
-                known = reference.matched_with(settings)
+                known = reference.matched_with(self._settings)
                 self.update = known.update(drive, odometry=odometry, removed=self.removed)
                 self.learnt = self.update.reference
             else:

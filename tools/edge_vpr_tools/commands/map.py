@@ -151,8 +151,7 @@ def run(args: argparse.Namespace) -> None:
         windows = reference.windows
         summary(
             f"counted {windows.events.sum():,} events over {windows.end_us[-1] / 1e6:.1f} s in "
-            f"{seconds:.2f} s; "
-            f"{hot_pixels} hot pixels left out"
+            f"{seconds:.2f} s; {hot_pixels} hot pixels left out"
             f"{describe_removed(removed, reference.settings)}"
             f"{describe_faults(recording)}"
         )
