@@ -510,14 +510,16 @@ def misfits_of_windows(
     scale, misfits = 0, []
     most_of = weights or [8] * len(events)
     for d, count, best, most in zip(distances, events, matched, most_of, strict=True):
-        weight = min(max((activity(count, usual) + 48) // 2, 0), most)
+        whole = min(max((activity(count, usual) + 48) // 2, 0), 8)
+        weight = min(whole, most)
         before, (evidence, scale) = scale, evidence_of(d, count, usual, scale, most)
         factor = 0 if is_pause(count, usual) else (before or scale) * weight
         usual = usual_after(usual, count)
         nearer = typical_of[best] * factor // 2**17
         advantage = sum(evidence) // len(evidence) - evidence[best] + nearer
         misfit = min(evidence[best], 23) - min(max(advantage, -23), 23)
-        misfits.append(misfit if factor else None)
+        # a short distance makes evidence count less, but no view fit any worse
+        misfits.append(misfit * 8 // (8 * weight // whole) if factor else None)
     return misfits
 
 

@@ -594,7 +594,11 @@ LASTING_NEIGHBOURS = 16
 
 @kernel
 def window_misfit(
-    evidence: npt.NDArray[np.uint8], place: int, typical: npt.NDArray[np.int64], factor: int
+    evidence: npt.NDArray[np.uint8],
+    place: int,
+    typical: npt.NDArray[np.int64],
+    factor: int,
+    share: int,
 ) -> int:
     """Return how badly a window fits the matched place, compared with all places.
 
@@ -607,21 +611,23 @@ def window_misfit(
         Of the window.
     typical : ndarray of int64, shape (K,)
         Places without contrast are nearer to any view; this is subtracted.
-    factor : int
-        Of the evidence, see `WindowRows`; 0 of a pause.
+    factor, share : int
+        Of the evidence, see `WindowRows`. A short distance makes evidence count less, but does not
+        make the view fit any worse or better.
 
     Returns
     -------
     int
         Evidence against the place, less the advantage of the place over the mean of all, each up
-        to 23: -23 to 46.
+        to 23: -23 to 46, divided by the share; 0 if that is 0.
     """
     total = np.int64(0)
     for k in range(evidence.size):
         total += np.int64(evidence[k])
     nearer = (np.int64(typical[place]) * factor) >> FACTOR_SHIFT
     advantage = int(total // evidence.size - np.int64(evidence[place]) + nearer)
-    return residual_of(evidence[place]) - min(max(advantage, -RESIDUAL_TOP), RESIDUAL_TOP)
+    misfit = residual_of(evidence[place]) - min(max(advantage, -RESIDUAL_TOP), RESIDUAL_TOP)
+    return (misfit << WEIGHT_BITS) // max(share, 1)
 
 
 @kernel(inline="always")
@@ -791,6 +797,9 @@ class WindowRows(NamedTuple):
         Of each window, see `activity_of`.
     factor : ndarray of int64, shape (n,)
         Evidence for a difference of distances, in units of 2**-17; 0 of a pause.
+    share : ndarray of int32, shape (n,)
+        Of the evidence, how much counts by the distance driven, in units of 1/8: 8 where that is
+        not known.
     """
 
     columns: npt.NDArray[np.int64]
@@ -798,6 +807,7 @@ class WindowRows(NamedTuple):
     evidence: npt.NDArray[np.uint8]
     activity: npt.NDArray[np.int32]
     factor: npt.NDArray[np.int64]
+    share: npt.NDArray[np.int32]
 
     @classmethod
     def empty(cls, windows: int, places: int) -> WindowRows:
@@ -808,20 +818,21 @@ class WindowRows(NamedTuple):
             np.empty((windows, places), dtype=np.uint8),
             np.empty(windows, dtype=np.int32),
             np.empty(windows, dtype=np.int64),
+            np.empty(windows, dtype=np.int32),
         )
 
     def part(self, first: int, last: int) -> WindowRows:
         """Return the rows of the windows from `first` to before `last`, in the same memory."""
         return WindowRows(
             self.columns[first:last], self.metrics[first:last], self.evidence[first:last],
-            self.activity[first:last], self.factor[first:last],
+            self.activity[first:last], self.factor[first:last], self.share[first:last],
         )  # fmt: skip
 
     def take(self, others: WindowRows) -> None:
         """Copy the rows of as many other windows."""
         self.columns[:], self.metrics[:] = others.columns, others.metrics
         self.evidence[:], self.activity[:] = others.evidence, others.activity
-        self.factor[:] = others.factor
+        self.factor[:], self.share[:] = others.factor, others.share
 
 
 @kernel
@@ -912,11 +923,13 @@ def match_window(
         if now.place >= 0:
             predict(state.metric, table, activity, state.prediction)
         now.predicted_for = activity
-    scale, weight = now.reciprocal, 0
+    scale, weight, share = now.reciprocal, 0, 1 << WEIGHT_BITS
     if not is_pause(events, now.mean_activity):
         weight = weight_of(activity)
         if now.predicted_for >= BY_DISTANCE:
-            weight = min(weight, now.predicted_for - BY_DISTANCE)
+            whole = weight
+            weight = min(whole, now.predicted_for - BY_DISTANCE)
+            share = (weight << WEIGHT_BITS) // max(whole, 1)
         if scale == 0:
             scale = reciprocal_of_spread(distances)
     evidence_of(distances, scale, weight, evidence)
@@ -926,8 +939,8 @@ def match_window(
     margin = write_match(metric, place, second, ties, row)
     factor = scale * weight
     by_distance = now.predicted_for >= BY_DISTANCE
-    kept = write_trust(now, table, by_distance, state.follows, margin, evidence, factor, row)
-    rows.activity[i], rows.factor[i] = activity, factor
+    kept = write_trust(now, table, by_distance, state.follows, margin, evidence, factor, share, row)
+    rows.activity[i], rows.factor[i], rows.share[i] = activity, factor, share
     return kept
 
 
@@ -940,6 +953,7 @@ def write_trust(
     margin: int,
     evidence: npt.NDArray[np.uint8],
     factor: int,
+    share: int,
     row: npt.NDArray[np.int64],
 ) -> tuple[int, int, int, int]:
     """Write the trust in a match and its misfit.
@@ -954,7 +968,7 @@ def write_trust(
         Of `write_match`.
     evidence : ndarray of uint8, shape (K,)
         Of the window.
-    factor : int
+    factor, share : int
         See `WindowRows`.
     row : ndarray of int64, shape (7,)
         Of `FilterMatch`; its place is read, its trust and misfit are written.
@@ -972,7 +986,7 @@ def write_trust(
     support = support_after(now.support if led_to else 0, place == before, margin)
     residual = residual_of(evidence[place])
     row[5] = trust_of(support, max(residual, now.residual, now.residual_before))
-    of_window = window_misfit(evidence, place, table.typical, factor)
+    of_window = window_misfit(evidence, place, table.typical, factor, share)
     lasting = lasting_misfit_after(now.lasting_misfit, of_window, factor)
     row[6] = shown_misfit(lasting)
     return place, support, residual, lasting
@@ -1024,7 +1038,7 @@ def smooth_windows(
     for i in range(len(rows.metrics) - 1, -1, -1):
         row, evidence = rows.columns[i], rows.evidence[i]
         row[5] = match_summed(rows.metrics[i], onward, table.exclusion, row) << TRUST_BITS
-        row[6] = window_misfit(evidence, row[0], table.typical, rows.factor[i])
+        row[6] = window_misfit(evidence, row[0], table.typical, rows.factor[i], rows.share[i])
         write_costs(table, np.int64(rows.activity[i]), costs)
         go_back(onward, ahead, table, costs, evidence)
 
@@ -1093,7 +1107,7 @@ class HeldWindows(NamedTuple):
     ----------
     numbers : ndarray of HELD, shape (1,)
         Window i is at ``i % (N + 1)`` of each ring.
-    metrics, evidence, factor : ndarray
+    metrics, evidence, factor, share : ndarray
         N + 1 rows of each, see `WindowRows`.
     costs : ndarray of int16, shape (N + 1, steps, K)
         Of `write_costs`, which all backward passes over a window use.
@@ -1107,6 +1121,7 @@ class HeldWindows(NamedTuple):
     metrics: Metrics
     evidence: npt.NDArray[np.uint8]
     factor: npt.NDArray[np.int64]
+    share: npt.NDArray[np.int32]
     costs: Narrow
     onward: Narrow
     ahead: Narrow
@@ -1123,6 +1138,7 @@ class HeldWindows(NamedTuple):
             np.empty((room, places), dtype=np.int32),
             np.empty((room, places), dtype=np.uint8),
             np.empty(room, dtype=np.int64),
+            np.empty(room, dtype=np.int32),
             np.empty((room, steps, places), dtype=np.int16),
             np.empty(places, dtype=np.int16),
             np.empty(places, dtype=np.int16),
@@ -1171,7 +1187,7 @@ def match_late(
             for k in range(places):
                 held.metrics[at, k] = rows.metrics[added, k]
                 held.evidence[at, k] = rows.evidence[added, k]
-            held.factor[at] = rows.factor[added]
+            held.factor[at], held.share[at] = rows.factor[added], rows.share[added]
             write_costs(table, np.int64(rows.activity[added]), held.costs[at])
             now.windows += 1
             added += 1
@@ -1189,8 +1205,9 @@ def match_late(
             metric[k] = held.metrics[at, k]
         margin = match_summed(metric, onward, table.exclusion, row)
         kept = write_trust(
-            now, table, by_distance, held.follows, margin, held.evidence[at], held.factor[at], row
-        )
+            now, table, by_distance, held.follows, margin,
+            held.evidence[at], held.factor[at], held.share[at], row,
+        )  # fmt: skip
         now.residual_before = now.residual
         now.place, now.support, now.residual, now.lasting_misfit = kept
         now.first += 1

@@ -152,7 +152,7 @@ def match_with(
         if moves and not pause:
             whole, place = weight_of(activity), int(rows.columns[i, 0])
             against = ((unweighted.astype(np.int64) * whole) >> WEIGHT_BITS).astype(np.uint8)
-            of_window = window_misfit(against, place, typical, scale * whole)
+            of_window = window_misfit(against, place, typical, scale * whole, 1 << WEIGHT_BITS)
             misfit = lasting_misfit_after(misfit, of_window, scale * whole)
         if not pause:
             scale = reciprocal_of_spread(distances[i])
