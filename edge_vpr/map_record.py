@@ -382,6 +382,11 @@ class MapRecord(EqualByValue):
         """Size of a descriptor with codes packed without gaps, in bytes."""
         return packed_bytes(self.places.counts.shape[1], self.counter_bits)
 
+    @property
+    def packed_bytes_per_window(self) -> int:
+        """Size of the packed descriptors of all places that begin in a window, in bytes."""
+        return self.packed_bytes_per_place * self.settings.window_parts
+
     def save(self, path: str | Path) -> None:
         """Write as ``.npz``, atomically; `load` gives an equal map back."""
         arrays = {

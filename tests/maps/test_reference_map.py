@@ -277,6 +277,7 @@ def test_map_prints_the_packed_size_and_records_every_input(folder, tmp_path, ca
     said = capsys.readouterr().out
     made = ev.ReferenceMap.load(tmp_path / "map.npz")
     assert made.packed_bytes_per_place == 2 and made.bytes_per_place == 5
+    assert made.packed_bytes_per_window == 4
     size = "2 bytes per place packed at 3 bits (5 in memory)"
     assert f"{len(made)} places (at half windows) at 5 pixels of 16x12, {size}" in said
     # half windows overlap: their events are not counted twice, and the last one is not counted

@@ -106,7 +106,7 @@ def test_variants_on_simulated_streets_are_drawn_as_the_table_says(monkeypatch):
         means = [mean_of(rows, measure, variant=name) for name in ("few", "every")]
         drawn = dots(panel)[0]
         assert [drawn[0], drawn[-1]] == means
-    assert rows[0]["bytes per place"] == 10 and rows[0]["operations per query"] % 10 == 0
+    assert rows[0]["bytes per window"] == 10 and rows[0]["operations per query"] % 10 == 0
     assert {row["parameters chosen on"] for row in rows} == {
         "its authors", "streets and the real drives", "none",
     }  # fmt: skip

@@ -20,7 +20,7 @@ MEASURES = (
     "recall_at_99_precision",
     "average_precision",
     "recall_at_1",
-    "packed_bytes_per_place",
+    "packed_bytes_per_window",
     "operations_per_match",
     "microseconds_per_match",
 )

@@ -27,7 +27,7 @@ def rows(trials: dict[str, VariantResult]) -> list[tuple[str, ...]]:
             name,
             f"{trial.evaluation.precision_at_100_recall:.3f}",
             f"{trial.evaluation.recall_at_99_precision:.3f}",
-            f"{trial.reference.packed_bytes_per_place:,}",
+            f"{trial.reference.packed_bytes_per_window:,}",
             f"{trial.operations:,}",
             f"{trial.microseconds_per_match:,.1f} µs",
         )
@@ -36,7 +36,7 @@ def rows(trials: dict[str, VariantResult]) -> list[tuple[str, ...]]:
 
 
 HEADER = (
-    "variant", "P@100R", "R@99P", "bytes per place", "operations per match", "time per query",
+    "variant", "P@100R", "R@99P", "bytes per window", "operations per match", "time per query",
 )  # fmt: skip
 
 

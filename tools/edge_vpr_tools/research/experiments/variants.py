@@ -112,7 +112,7 @@ class VariantResult:
             "P@100R": found.precision_at_100_recall,
             "R@99P": found.recall_at_99_precision,
             "Recall@5": found.recall_at[5],
-            "bytes per place": self.reference.packed_bytes_per_place,
+            "bytes per window": self.reference.packed_bytes_per_window,
             "operations per query": self.operations,
             "time per query (us)": self.microseconds_per_match,
         }
@@ -121,7 +121,7 @@ class VariantResult:
         """Return the figures as values that JSON can hold."""
         return {
             **self.evaluation.to_dict(),
-            "bytes_per_place": self.reference.packed_bytes_per_place,
+            "bytes_per_window": self.reference.packed_bytes_per_window,
             "microseconds_per_match": self.microseconds_per_match,
             "places": len(self.reference),
         }

@@ -31,7 +31,7 @@ MEASURES = {
     "recall_at_99_precision": "R@99P",
     "average_precision": "AP",
     "recall_at_1": "Recall@1",
-    "packed_bytes_per_place": "bytes per place",
+    "packed_bytes_per_window": "bytes per window",
     "operations_per_match": "operations per match",
     "microseconds_per_match": "µs per match",
 }
@@ -165,10 +165,13 @@ def _of_sweep(run: Path, name: str) -> list[Row]:
         ]
         measured = []
         for _, trial, found in known:
-            operations = found.operations
+            operations, size = found.operations, found.packed_bytes_per_window
             if operations is None:  # of an earlier version
                 operations = _operations(found.pixels, found.places, trial.settings)
-            measured.append({**asdict(found), "operations_per_match": operations})
+            if size is None:
+                size = found.packed_bytes_per_place * _parts(trial.settings)
+            costs = {"operations_per_match": operations, "packed_bytes_per_window": size}
+            measured.append({**asdict(found), **costs})
         last = known[-1][1] if known else None
         rows.append(
             Row(
@@ -199,7 +202,8 @@ def _of_match(run: Path, name: str) -> Row:
         values = {name: evaluation[name] for name in list(MEASURES)[:3]}
         values["recall_at_1"] = evaluation["recall_at"]["1"]
         if "packed_bytes_per_place" in metrics:  # absent for matches event by event
-            values["packed_bytes_per_place"] = metrics["packed_bytes_per_place"]
+            size = metrics["packed_bytes_per_place"] * _parts(settings)
+            values["packed_bytes_per_window"] = size
             values["microseconds_per_match"] = 1e6 * metrics["matching_s"] / metrics["queries"]
             values["operations_per_match"] = _operations(
                 metrics["pixels"], metrics["places"], settings
@@ -207,6 +211,11 @@ def _of_match(run: Path, name: str) -> Row:
         numbers = {name: (float(values[name]),) if name in values else () for name in MEASURES}
     seeds = (int(settings.get("seed", 0)),)
     return Row(run=name, variant="", drives="", values=numbers, seeds=seeds, settings=settings)
+
+
+def _parts(settings: Mapping[str, Any]) -> int:
+    """Return the number of places per window by settings that say it; those of old maps do not."""
+    return settings.get("places_per_window") or 1
 
 
 def _operations(pixels: int, places: int, settings: Mapping[str, Any]) -> int:

@@ -166,9 +166,10 @@ class TrialResult:
         Times on this machine, under its load during the trial.
     elapsed_s : float
         Time of the whole trial on its worker.
-    operations : int or None
-        Number of differences or products to compare one query window with the whole map; None in
-        results of earlier versions.
+    operations, packed_bytes_per_window : int or None
+        Number of differences or products to compare one query window with the whole map, and size
+        of the descriptors of the places that begin in a window; None in results of earlier
+        versions.
     """
 
     precision_at_100_recall: float
@@ -186,6 +187,7 @@ class TrialResult:
     microseconds_per_match: float
     elapsed_s: float
     operations: int | None = None
+    packed_bytes_per_window: int | None = None
 
 
 def run_trial(trial: Trial) -> TrialResult:
@@ -246,6 +248,7 @@ def _run_method(drives: PairOfDrives, settings: Settings) -> tuple[Evaluation, d
         "counting_s": metrics.counting_s,
         "microseconds_per_match": 1e6 * metrics.matching_s / len(matches),
         "operations": reference.places.counts.size,
+        "packed_bytes_per_window": reference.packed_bytes_per_window,
     }
 
 
@@ -272,6 +275,7 @@ def _run_system(
         "counting_s": counting_s / 2,
         "microseconds_per_match": compared.query_us + 1e6 * matching_s / len(matches),
         "operations": compared.operations,
+        "packed_bytes_per_window": compared.bytes_per_place,
     }
 
 
