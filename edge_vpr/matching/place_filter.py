@@ -937,10 +937,12 @@ def match_window(
         metric[k] = min(state.prediction[k] + np.int32(evidence[k]), METRIC_TOP)
     place, second, ties = least_and_second(metric, table.exclusion)
     margin = write_match(metric, place, second, ties, row)
-    factor = scale * weight
+    factor_and_share = (scale * weight, share)
     by_distance = now.predicted_for >= BY_DISTANCE
-    kept = write_trust(now, table, by_distance, state.follows, margin, evidence, factor, share, row)
-    rows.activity[i], rows.factor[i], rows.share[i] = activity, factor, share
+    kept = write_trust(
+        now, table, by_distance, state.follows, margin, evidence, factor_and_share, row
+    )
+    rows.activity[i], (rows.factor[i], rows.share[i]) = activity, factor_and_share
     return kept
 
 
@@ -952,8 +954,7 @@ def write_trust(
     follows: npt.NDArray[np.bool_],
     margin: int,
     evidence: npt.NDArray[np.uint8],
-    factor: int,
-    share: int,
+    factor_and_share: tuple[int, int],
     row: npt.NDArray[np.int64],
 ) -> tuple[int, int, int, int]:
     """Write the trust in a match and its misfit.
@@ -968,8 +969,8 @@ def write_trust(
         Of `write_match`.
     evidence : ndarray of uint8, shape (K,)
         Of the window.
-    factor, share : int
-        See `WindowRows`.
+    factor_and_share : tuple of int
+        Of the window, see `WindowRows`.
     row : ndarray of int64, shape (7,)
         Of `FilterMatch`; its place is read, its trust and misfit are written.
 
@@ -979,6 +980,7 @@ def write_trust(
         What the next match needs, see `residual_of` and `lasting_misfit_after`.
     """
     place, before = row[0], now.place
+    factor, share = factor_and_share
     if by_distance:
         led_to = follows[place]
     else:
@@ -1206,7 +1208,7 @@ def match_late(
         margin = match_summed(metric, onward, table.exclusion, row)
         kept = write_trust(
             now, table, by_distance, held.follows, margin,
-            held.evidence[at], held.factor[at], held.share[at], row,
+            held.evidence[at], (held.factor[at], held.share[at]), row,
         )  # fmt: skip
         now.residual_before = now.residual
         now.place, now.support, now.residual, now.lasting_misfit = kept
