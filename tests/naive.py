@@ -516,10 +516,12 @@ def misfits_of_windows(
         factor = 0 if is_pause(count, usual) else (before or scale) * weight
         usual = usual_after(usual, count)
         nearer = typical_of[best] * factor // 2**17
-        advantage = sum(evidence) // len(evidence) - evidence[best] + nearer
-        misfit = min(evidence[best], 23) - min(max(advantage, -23), 23)
         # a short distance makes evidence count less, but no view fit any worse
-        misfits.append(misfit * 8 // (8 * weight // whole) if factor else None)
+        share = 8 * weight // whole if factor else 8
+        against = evidence[best] * 8 // share
+        advantage = (sum(evidence) // len(evidence) - evidence[best] + nearer) * 8 // share
+        misfit = min(against, 23) - min(max(advantage, -23), 23)
+        misfits.append(misfit if factor else None)
     return misfits
 
 

@@ -618,16 +618,17 @@ def window_misfit(
     Returns
     -------
     int
-        Evidence against the place, less the advantage of the place over the mean of all, each up
-        to 23: -23 to 46, divided by the share; 0 if that is 0.
+        Evidence against the place, less the advantage of the place over the mean of all, each
+        divided by the share and then up to 23: -23 to 46.
     """
     total = np.int64(0)
     for k in range(evidence.size):
         total += np.int64(evidence[k])
     nearer = (np.int64(typical[place]) * factor) >> FACTOR_SHIFT
-    advantage = int(total // evidence.size - np.int64(evidence[place]) + nearer)
-    misfit = residual_of(evidence[place]) - min(max(advantage, -RESIDUAL_TOP), RESIDUAL_TOP)
-    return (misfit << WEIGHT_BITS) // max(share, 1)
+    against, whole = np.int64(evidence[place]), max(share, 1)
+    advantage = int((total // evidence.size - against + nearer) << WEIGHT_BITS) // whole
+    residual = residual_of((against << WEIGHT_BITS) // whole)
+    return residual - min(max(advantage, -RESIDUAL_TOP), RESIDUAL_TOP)
 
 
 @kernel(inline="always")
