@@ -117,7 +117,7 @@ def write_project(
     (folder / registers.HEADER).write_text(registers.header(design), encoding="ascii")
     for board in BOARDS.values():
         shutil.copyfile(sources.FOLDER / board.pins, folder / board.pins)
-    for name, (_, words) in memory_words(memories).items():
+    for name, words in memory_words(memories).items():
         (folder / f"{name}.mem").write_text(formats.readmemh(words), encoding="ascii")
     design.save(folder / "design.toml")
     makefile = _MAKEFILE.format(

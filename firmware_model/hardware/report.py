@@ -168,7 +168,7 @@ def write_tables(design: Design, folder: Path) -> None:
     words = memory_words(Memories(design, choose_pixels(design), blank, chosen))
     (folder / f"{PACKAGE}.sv").write_text(package(design), encoding="ascii")
     for name in tables(design):
-        (folder / f"{name}.mem").write_text(formats.readmemh(words[name][1]), encoding="ascii")
+        (folder / f"{name}.mem").write_text(formats.readmemh(words[name]), encoding="ascii")
 
 
 def synthesize(folder: Path, board: Board) -> None:

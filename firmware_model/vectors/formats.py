@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import accumulate
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,61 +13,48 @@ import numpy.typing as npt
 
 from firmware_model.vectors.manifest import FieldPlace
 
-
-class Packing(NamedTuple):
-    """Layout of a word of several fields, the first in the least significant bits."""
-
-    fields: tuple[tuple[str, int], ...]
-
-    @property
-    def bits(self) -> int:
-        """Width of the word in bits."""
-        return sum(bits for _, bits in self.fields)
-
-    def word(self, values: Sequence[int]) -> int:
-        """Pack one value for each field.
-
-        Raises
-        ------
-        ValueError
-            If there are too many or too few values, or one does not fit.
-        """
-        packed, at = 0, 0
-        for value, (name, bits) in zip(values, self.fields, strict=True):
-            if not 0 <= value < 1 << bits:
-                raise ValueError(f"{name} = {value} does not fit {bits} bits")
-            packed |= value << at
-            at += bits
-        return packed
-
-    def places(self) -> tuple[FieldPlace, ...]:
-        """Return the name and place of each field."""
-        found, at = [], 0
-        for name, bits in self.fields:
-            found.append(FieldPlace(name, at, bits))
-            at += bits
-        return tuple(found)
+#: name and bits of each field of a word, the first in the least significant bits
+Fields = tuple[tuple[str, int], ...]
 
 
 class Table(NamedTuple):
-    """Words of a memory, all of one width."""
+    """Words of a memory, all of the same fields."""
 
-    bits: int
+    fields: Fields
     words: tuple[int, ...]
 
+    @property
+    def bits(self) -> int:
+        """Width of a word in bits."""
+        return sum(bits for _, bits in self.fields)
 
-def pack(packing: Packing, rows: Iterable[Sequence[int]]) -> Table:
-    """Pack each row into a word."""
-    return Table(packing.bits, tuple(packing.word(row) for row in rows))
+    def places(self) -> tuple[FieldPlace, ...]:
+        """Return the name and place of each field."""
+        lowest = accumulate((bits for _, bits in self.fields), initial=0)
+        return tuple(
+            FieldPlace(name, at, bits)
+            for (name, bits), at in zip(self.fields, lowest, strict=False)
+        )
 
 
-def lanes(codes: Sequence[int], per_word: int, bits: int) -> list[int]:
-    """Pack a row of codes, lane 0 least significant; zeros fill up the last word."""
+def pack(fields: Fields, rows: Iterable[Sequence[int]]) -> Table:
+    """Pack each row, of a value for each field, into a word.
+
+    Raises
+    ------
+    ValueError
+        If there are too many or too few values, or one does not fit.
+    """
     words = []
-    for first in range(0, len(codes), per_word):
-        chunk = codes[first : first + per_word]
-        words.append(sum(code << (lane * bits) for lane, code in enumerate(chunk)))
-    return words
+    for row in rows:
+        packed, at = 0, 0
+        for value, (name, bits) in zip(row, fields, strict=True):
+            if not 0 <= value < 1 << bits:
+                raise ValueError(f"{name} = {value} does not fit {bits} bits")
+            packed |= int(value) << at
+            at += bits
+        words.append(packed)
+    return Table(fields, tuple(words))
 
 
 def readmemh(table: Table) -> str:

@@ -21,13 +21,13 @@ from firmware_model.image import image, kept_bytes, ram_bytes
 from firmware_model.model.comparator import MatchResult
 from firmware_model.model.design import Design, widths_of
 from firmware_model.model.machine import Trace, WindowState
-from firmware_model.model.memories import Memories
+from firmware_model.model.memories import Codes, Memories
 from firmware_model.vectors import formats
 from firmware_model.vectors.case import NONE, Case, in_order, records, to_binary
 from firmware_model.vectors.corners import corner_cases
 from firmware_model.vectors.coverage import CORNERS, FILTER_CORNERS, watched_trace
 from firmware_model.vectors.filter_corners import filter_cases
-from firmware_model.vectors.formats import Packing, Table
+from firmware_model.vectors.formats import Table
 from firmware_model.vectors.manifest import (
     MANIFEST,
     README,
@@ -43,70 +43,54 @@ from firmware_model.vectors.random_cases import random_cases, window_cases
 MEMORIES = ("displacement", "lookup", "codes", "code_tables", "places")
 
 
-def memory_words(memories: Memories) -> dict[str, tuple[Packing, Table]]:
-    """Pack the contents of every memory.
-
-    Returns
-    -------
-    dict of str to (Packing, Table)
-        By the names of `MEMORIES`, in that order.
-    """
+def memory_words(memories: Memories) -> dict[str, Table]:
+    """Pack the contents of every memory, by the names of `MEMORIES`, in that order."""
     design, lookup = memories.design, memories.lookup()
     bits = widths_of(design)
-    entry = Packing((("slot", bits["slot"]), ("owner", bits["owner"])))
     entries = zip(lookup.slot, lookup.owner, strict=True)
     words = {
         "displacement": _single("address", bits["address"], lookup.displacement),
-        "lookup": (entry, formats.pack(entry, entries)),
-        "codes": _single("code", bits["entry"], tuple(chain(*memories.codes))),
+        "lookup": formats.pack((("slot", bits["slot"]), ("owner", bits["owner"])), entries),
+        "codes": _single("code", bits["entry"], chain(*memories.codes)),
         "code_tables": _single("table", bits["table"], memories.tables),
-        "places": descriptor_words(memories, memories.places),
+        "places": _descriptors(memories, memories.places),
     }
     if design.own_mean:
         words["means"] = _single("mean", bits["entry"], memories.mean)
     if design.activity_costs:
         width = bits["place_activity"]
-        unsigned = tuple(activity % (1 << width) for activity in memories.place_activity)
+        unsigned = (activity % (1 << width) for activity in memories.place_activity)
         words["place_activity"] = _single("place_activity", width, unsigned)
     return words
 
 
-def descriptor_words(
-    memories: Memories, descriptors: tuple[tuple[int, ...], ...]
-) -> tuple[Packing, Table]:
+def _descriptors(memories: Memories, descriptors: Iterable[Codes]) -> Table:
     """Pack descriptors, as many codes a word as the design has lanes.
 
-    Parameters
-    ----------
-    descriptors : tuple of tuple of int, shape (n, slots)
-        Code of each slot, for n windows.
-
-    Returns
-    -------
-    Packing, Table
-        Lane 0 is in the least significant bits; zeros fill up the last word of each descriptor.
+    Lane 0 is in the least significant bits; zeros fill up the last word of each descriptor.
     """
-    lanes, bits = memories.design.lanes, memories.design.code_bits
-    rows = (formats.lanes(codes, lanes, bits) for codes in descriptors)
-    packing = Packing(tuple((f"lane_{lane}", bits) for lane in range(lanes)))
-    return packing, Table(lanes * bits, tuple(chain.from_iterable(rows)))
+    design = memories.design
+    fields = tuple((f"lane_{lane}", design.code_bits) for lane in range(design.lanes))
+    padding = (0,) * (design.words * design.lanes - design.slots)
+    padded = ((*codes, *padding) for codes in descriptors)
+    firsts = range(0, design.slots, design.lanes)
+    words = (codes[first : first + design.lanes] for codes in padded for first in firsts)
+    return formats.pack(fields, words)
 
 
-def _single(name: str, bits: int, values: tuple[int, ...]) -> tuple[Packing, Table]:
-    packing = Packing(((name, bits),))
-    return packing, formats.pack(packing, ((value,) for value in values))
+def _single(name: str, bits: int, values: Iterable[int]) -> Table:
+    return formats.pack(((name, bits),), ((value,) for value in values))
 
 
 # The contents of a case's files: words of memories, CSV and arrays.
 
 
-def word_tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
-    """Return everything that is written as words, and the fields of these words."""
+def word_tables(case: Case, done: Trace) -> dict[str, Table]:
+    """Return everything that is written as words."""
     design = case.design
     bits = widths_of(design)
     time_bits = 32 if design.timestamp_bits <= 32 else 64
-    event = (("t", time_bits), ("x", 16), ("y", 15), ("on", 1))
-    seen = (("selected", 1), ("slot", bits["slot"]), ("count", bits["count"]))
+    start = case.start % (1 << design.timestamp_bits)
     match = (
         ("window", 32),
         ("place", bits["place"]),
@@ -118,34 +102,29 @@ def word_tables(case: Case, done: Trace) -> dict[str, tuple[Packing, Table]]:
         ("accepted", 1),
         *([("trust", bits["trust"])] if design.filters else []),
     )
-    rows: dict[str, tuple[tuple[tuple[str, int], ...], Iterable[Sequence[int]]]] = {
-        "start": ((("t", time_bits),), [(case.start % (1 << design.timestamp_bits),)]),
-        "events": (event, case.events),
-        "expected_events": (
-            seen,
-            [(r.slot is not None, r.slot or 0, r.counted) for r in done.events],
+    packed = memory_words(case.memories) | {
+        "start": _single("t", time_bits, [start]),
+        "events": formats.pack((("t", time_bits), ("x", 16), ("y", 15), ("on", 1)), case.events),
+        "expected_events": formats.pack(
+            (("selected", 1), ("slot", bits["slot"]), ("count", bits["count"])),
+            ((r.slot is not None, r.slot or 0, r.counted) for r in done.events),
         ),
-        "expected_matches": (
+        "expected_matches": formats.pack(
             match,
-            [
+            (
                 (
                     *(m.window, m.place, m.sum, m.second is not None),
                     *(m.second or 0, m.second_sum or 0, m.ties, m.accepted),
                     *(() if m.trust is None else (m.trust,)),
                 )
                 for m in done.matches
-            ],
+            ),
         ),
     }
     if design.filters or design.own_mean:
-        rows["activity"] = ((("activity", bits["activity"]),), [(case.memories.activity,)])
-    packed = memory_words(case.memories)
-    for name, (fields, values) in rows.items():
-        packing = Packing(fields)
-        integers = (tuple(map(int, row)) for row in values)
-        packed[name] = packing, formats.pack(packing, integers)
-    windows = tuple(window.codes for window in done.windows)
-    packed["expected_windows"] = descriptor_words(case.memories, windows)
+        packed["activity"] = _single("activity", bits["activity"], [case.memories.activity])
+    windows = (window.codes for window in done.windows)
+    packed["expected_windows"] = _descriptors(case.memories, windows)
     return packed
 
 
@@ -354,11 +333,11 @@ def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) ->
     done, reached = watched_trace(case)
     packed = word_tables(case, done)
     files: dict[str, str | bytes] = {"design.toml": case.design.to_toml()}
-    for name, (_, table) in packed.items():
+    for name, table in packed.items():
         files[f"{name}.mem"] = formats.readmemh(table)
     for name in MEMORIES:
-        files[f"{name}.coe"] = formats.coe(packed[name][1])
-        files[f"{name}.mif"] = formats.mif(packed[name][1])
+        files[f"{name}.coe"] = formats.coe(packed[name])
+        files[f"{name}.mif"] = formats.mif(packed[name])
     files |= csv_files(case, done)
     if rtl:
         files[f"{PACKAGE}.sv"] = package(case.design)
@@ -386,8 +365,7 @@ def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) ->
         entry = FileEntry(len(data), hashlib.sha256(data).hexdigest())
         stem, _, suffix = name.rpartition(".")
         if stem in packed and suffix in ("mem", "coe", "mif"):
-            table = packed[stem][1]
-            entry = replace(entry, words=len(table.words), bits=table.bits)
+            entry = replace(entry, words=len(packed[stem].words), bits=packed[stem].bits)
         entries[name] = entry
     return CaseEntry(
         name=case.name,
@@ -400,7 +378,7 @@ def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) ->
         design=case.design,
         widths=widths_of(case.design),
         reference_firmware=firmware,
-        words={name: packing.places() for name, (packing, _) in packed.items()},
+        words={name: table.places() for name, table in packed.items()},
         coverage=reached,
         files=entries,
     )
