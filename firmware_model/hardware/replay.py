@@ -11,10 +11,9 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from firmware_model.hardware.simulation import Conditions, replay_vectors
 from firmware_model.model.design import Design
 from firmware_model.vectors.random_cases import random_adaptive_design, random_cases, random_design
 from firmware_model.vectors.suite import Suites, standard_suites, write_suites
-from firmware_model.vectors.verify import verify
+from firmware_model.vectors.verify import COMPARED, Verdict, verify
 
 #: design of the long case
 LONG = Design(
@@ -32,38 +31,17 @@ LONG = Design(
 )  # fmt: skip
 
 
-class Outcome(NamedTuple):
-    """Number of equal records by kind, and the first difference of each case that has one."""
-
-    equal: Counter[str]
-    differences: list[str]
-    cases: int
-
-    def with_more(self, other: Outcome) -> Outcome:
-        """Return the sum of this and another outcome."""
-        return Outcome(
-            self.equal + other.equal,
-            self.differences + other.differences,
-            self.cases + other.cases,
-        )
-
-
-def hold(vectors: Path, conditions: Conditions) -> Outcome:
+def hold(vectors: Path, conditions: Conditions) -> Verdict:
     """Replay all cases of a folder of vectors, and compare the results."""
-    outcome = Outcome(Counter(), [], 0)
     with tempfile.TemporaryDirectory() as work:
-        for _, replay in replay_vectors(vectors, Path(work), conditions):
-            verdict = verify(vectors, replay.records)
-            outcome.equal.update(verdict.compared)
-            outcome.differences.extend(verdict.differences)
-            outcome = outcome._replace(cases=outcome.cases + 1)
-    return outcome
+        replays = replay_vectors(vectors, Path(work), conditions)
+        return verify(vectors, (record for _, done in replays for record in done.records))
 
 
 def hold_random_designs(
     number: int, conditions: Conditions, *, only: str | None = None, skip: int = 0
-) -> Iterator[Outcome]:
-    """Replay the cases of random designs, and yield the outcome of each design.
+) -> Iterator[Verdict]:
+    """Replay the cases of random designs, and yield the verdict on each design.
 
     Parameters
     ----------
@@ -82,22 +60,16 @@ def hold_random_designs(
         if at < skip:
             continue
         its_own = conditions._replace(seed=conditions.seed + at)
-        outcome = hold_suites(design, standard_suites(design, its_own.seed, only), its_own)
-        yield outcome._replace(differences=[f"{it} ({design})" for it in outcome.differences])
+        verdict = hold_suites(design, standard_suites(design, its_own.seed, only), its_own)
+        yield replace(verdict, differences=[f"{it} ({design})" for it in verdict.differences])
 
 
-def hold_suites(design: Design, suites: Suites, conditions: Conditions) -> Outcome:
+def hold_suites(design: Design, suites: Suites, conditions: Conditions) -> Verdict:
     """Write suites of cases, replay them, and compare."""
     with tempfile.TemporaryDirectory() as folder:
         vectors = Path(folder) / "vectors"
         write_suites(vectors, design, suites, conditions.seed, rtl=True)
         return hold(vectors, conditions)
-
-
-def hold_many_events(number: int, conditions: Conditions) -> Outcome:
-    """Replay one case of `number` random events."""
-    cases = random_cases(LONG, np.random.default_rng(conditions.seed), 1, number)
-    return hold_suites(LONG, {"random": cases}, conditions)
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -116,27 +88,33 @@ def main(words: Sequence[str] | None = None) -> int:
     if [args.vectors is not None, args.designs > 0, args.events > 0].count(True) != 1:
         parser.error("name a folder of vectors, a number of --designs, or one of --events")
     conditions = Conditions(args.seed, args.stall, args.resets, slow_blocks=args.slow_blocks)
+    verdicts = []
     try:
         if args.vectors is not None:
-            outcome = hold(args.vectors, conditions)
-        elif args.designs:
-            outcome = Outcome(Counter(), [], 0)
-            found = hold_random_designs(args.designs, conditions, only=args.suite, skip=args.skip)
-            for at, one in enumerate(found, args.skip + 1):
-                outcome = outcome.with_more(one)
-                print(
-                    f"design {at}: {len(one.differences)} of {one.cases} cases differ", flush=True
-                )
-        else:
-            outcome = hold_many_events(args.events, conditions)
+            verdicts.append(hold(args.vectors, conditions))
+        elif args.events:
+            suite = random_cases(LONG, np.random.default_rng(args.seed), 1, args.events)
+            verdicts.append(hold_suites(LONG, {"random": suite}, conditions))
+        for verdict in hold_random_designs(
+            args.designs, conditions, only=args.suite, skip=args.skip
+        ):
+            verdicts.append(verdict)
+            print(
+                f"design {args.skip + len(verdicts)}: {len(verdict.differences)} of "
+                f"{verdict.cases} cases differ",
+                flush=True,
+            )
     except (ToolError, VectorError) as error:
         print(error, file=sys.stderr)
         return 1
-    for line in outcome.differences:
+    differences = [line for verdict in verdicts for line in verdict.differences]
+    for line in differences:
         print(line)
-    equal = ", ".join(f"{number:,} {kind} records" for kind, number in outcome.equal.items())
-    print(f"{outcome.cases} cases, {len(outcome.differences)} differ; equal: {equal}")
-    return int(bool(outcome.differences))
+    compared = {kind: sum(verdict.compared[kind] for verdict in verdicts) for kind in COMPARED}
+    equal = ", ".join(f"{number:,} {kind} records" for kind, number in compared.items())
+    cases = sum(verdict.cases for verdict in verdicts)
+    print(f"{cases} cases, {len(differences)} differ; equal: {equal}")
+    return int(bool(differences))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ import subprocess
 import sys
 import tomllib
 from bisect import bisect_left
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -106,7 +105,7 @@ def test_the_core_returns_every_corner_under_stalls_and_a_reset(vectors):
     outcome = replay.hold(vectors, Conditions(seed=5, stall=40, resets=1))
     assert outcome.differences == []
     assert outcome.cases == len(load_manifest(vectors).suites[0].cases) > 30
-    assert min(outcome.equal.values()) > 200
+    assert min(outcome.compared.values()) > 200
 
 
 @needs_iverilog
@@ -127,7 +126,7 @@ def test_the_core_returns_random_cases_of_random_designs(tmp_path, seed):
     folder = write_vectors(tmp_path / "v", design, seed, "random", slice(1))
     outcome = replay.hold(folder, Conditions(seed=seed, stall=30, resets=2))
     assert outcome.differences == []
-    assert outcome.equal["event"] == 2000
+    assert outcome.compared["event"] == 2000
 
 
 @needs_iverilog
@@ -142,7 +141,7 @@ def test_registers_behind_slow_memories_change_no_record(tmp_path, length, lanes
             tmp_path / "v", Conditions(seed=5, stall=stall, resets=2, slow_blocks=True)
         )
         assert outcome.differences == []
-        assert outcome.equal["match"] > 10
+        assert outcome.compared["match"] > 10
 
 
 #: cases of the suite `filter` that reach most of its states in a short simulation
@@ -171,7 +170,7 @@ def test_the_core_returns_the_place_filters_corners_under_stalls_and_a_reset(tmp
     outcome = replay.hold(tmp_path / "v", Conditions(seed=5, stall=40, resets=1))
     assert outcome.differences == []
     assert outcome.cases == len(cases)
-    assert min(outcome.equal.values()) > 100
+    assert min(outcome.compared.values()) > 100
 
 
 @pytest.mark.slow
@@ -194,7 +193,7 @@ def test_registers_behind_slow_memories_change_no_corner(tmp_path, suite, names)
     write_suites(tmp_path / "v", design, {suite: cases}, 3, rtl=True)
     outcome = replay.hold(tmp_path / "v", Conditions(seed=5, stall=40, resets=2, slow_blocks=True))
     assert outcome.differences == []
-    assert min(outcome.equal[kind] for kind in ("event", "window", "match")) > 5
+    assert min(outcome.compared[kind] for kind in ("event", "window", "match")) > 5
 
 
 @needs_iverilog
@@ -205,7 +204,7 @@ def test_the_core_returns_random_cases_of_random_adaptive_designs(tmp_path, seed
     folder = write_vectors(tmp_path / "v", design, seed, "random", slice(1))
     outcome = replay.hold(folder, Conditions(seed=seed, stall=30, resets=2))
     assert outcome.differences == []
-    assert outcome.equal["event"] == 2000
+    assert outcome.compared["event"] == 2000
 
 
 #: clocks from a window's end until its activity stands, in which no event is counted
@@ -1188,7 +1187,7 @@ def test_the_replay_command_goes_on_behind_the_first_designs(capsys, monkeypatch
 
     def hold_suites(design, suites, conditions):
         held.append((design, conditions.seed))
-        return replay.Outcome(Counter(event=5), [], len(suites))
+        return replay.Verdict([], {"event": 5, "window": 0, "match": 0}, len(suites), len(suites))
 
     monkeypatch.setattr(replay, "hold_suites", hold_suites)
     assert replay.main(["--designs", "3", "--suite", "random"]) == 0
