@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any, NamedTuple, TypeVar
 
 from edge_vpr.errors import MissingExtraError, RecordingError
 from edge_vpr.events import Events, Sensor
@@ -29,9 +29,8 @@ _UNCOMPRESSED, _COMPRESSED = 2, 3  # fields of PageHeader
 # fields of FileMetaData, RowGroup, ColumnChunk and ColumnMetaData
 _ROW_GROUPS, _COLUMNS, _METADATA = 4, 1, 3
 _PATH, _SIZE, _DATA_PAGE, _DICTIONARY_PAGE = 3, 7, 9, 11
-_BINARY, _LIST, _STRUCTURE = 8, 9, 12  # types of values
 _MAGIC = b"PAR1"
-Wanted = Mapping[int, Callable[[int], Any]]
+T = TypeVar("T")
 
 
 class Page(NamedTuple):
@@ -64,31 +63,21 @@ def read_column_chunks(file: IO[bytes]) -> list[ColumnChunk]:
     if tail[4:] != _MAGIC or length > size - 8:
         raise ValueError("there is no footer")
     file.seek(size - 8 - length)
-    footer = _Thrift(file.read(length))
-
-    def column(kind: int, depth: int) -> dict[int, Any]:
-        wanted = {_PATH: lambda k: footer.elements(k, footer.text)}
-        return footer.nested(
-            kind, depth, {_METADATA: lambda k: footer.nested(k, depth + 1, wanted)}
-        )
-
-    def row_group(kind: int) -> dict[int, Any]:
-        return footer.nested(
-            kind, 1, {_COLUMNS: lambda k: footer.elements(k, lambda each: column(each, 2))}
-        )
-
-    found = footer.structure(wanted={_ROW_GROUPS: lambda k: footer.elements(k, row_group)})
+    footer = _Thrift(file.read(length)).structure()
     chunks = []
-    for group in found.get(_ROW_GROUPS, ()):
-        for each in group.get(_COLUMNS, ()):
-            facts = each.get(_METADATA, {})
-            if not {_PATH, _SIZE, _DATA_PAGE} <= facts.keys():
+    for group in _field(footer, _ROW_GROUPS, list) or ():
+        for column in _field(group, _COLUMNS, list) or ():
+            facts = _field(column, _METADATA, dict) or {}
+            path, data_page = _field(facts, _PATH, list), _field(facts, _DATA_PAGE, int)
+            taken = _field(facts, _SIZE, int)
+            if path is None or data_page is None or taken is None:
                 raise ValueError("a column chunk does not say where it lies")
             # 0 and None both mean that there is no dictionary
-            start = min(facts.get(_DICTIONARY_PAGE) or facts[_DATA_PAGE], facts[_DATA_PAGE])
-            if start < 0 or facts[_SIZE] < 0:
+            start = min(_field(facts, _DICTIONARY_PAGE, int) or data_page, data_page)
+            if start < 0 or taken < 0:
                 raise ValueError(f"a column chunk lies at byte {start:,}")
-            chunks.append(ColumnChunk(".".join(facts[_PATH]), start, start + facts[_SIZE]))
+            name = b".".join(path).decode("utf-8", "replace")
+            chunks.append(ColumnChunk(name, start, start + taken))
     return chunks
 
 
@@ -112,23 +101,33 @@ def read_pages(file: IO[bytes], start: int, end: int) -> list[Page]:
         file.seek(at)
         header = _Thrift(file.read(min(_LONGEST_HEADER, end - at)))
         fields = header.structure()
-        compressed, uncompressed = fields.get(_COMPRESSED, -1), fields.get(_UNCOMPRESSED, -1)
-        if compressed < 0 or uncompressed < 0:
+        compressed, uncompressed = (
+            _field(fields, number, int) for number in (_COMPRESSED, _UNCOMPRESSED)
+        )
+        if compressed is None or uncompressed is None or min(compressed, uncompressed) < 0:
             raise ValueError(f"the page at byte {at:,} states no size")
         pages.append(Page(at, compressed, uncompressed))
         at += header.at + compressed
     return pages
 
 
+def _field(fields: dict[int, Any], number: int, kind: type[T]) -> T | None:
+    """Return a field of a structure; None if it is absent."""
+    value = fields.get(number)
+    if value is not None and type(value) is not kind:
+        raise ValueError(f"field {number} is a {type(value).__name__}, and not a {kind.__name__}")
+    return value
+
+
 class _Thrift:
-    """Reads the integers and the wanted fields of a structure, and skips all others."""
+    """Reads a structure."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
         self.at = 0
 
-    def structure(self, depth: int = 0, wanted: Wanted | None = None) -> dict[int, Any]:
-        """Read one structure; return its integers and the fields in `wanted`, by field number."""
+    def structure(self, depth: int = 0) -> dict[int, Any]:
+        """Read the fields of one structure, by their numbers."""
         if depth > _DEEPEST:
             raise ValueError("a structure is nested too deeply")
         fields: dict[int, Any] = {}
@@ -136,52 +135,30 @@ class _Thrift:
         while head := self._byte():
             step, kind = head >> 4, head & 15
             number = number + step if step else self._integer()
-            if wanted and number in wanted:
-                fields[number] = wanted[number](kind)
-            elif kind in (4, 5, 6):
-                fields[number] = self._integer()
-            else:
-                self._skip(kind, depth)
+            # the type of a boolean field is also its value
+            fields[number] = kind == 1 if kind in (1, 2) else self._value(kind, depth)
         return fields
 
-    def nested(self, kind: int, depth: int, wanted: Wanted) -> dict[int, Any]:
-        """Read a structure within another."""
-        _expect(kind, _STRUCTURE)
-        return self.structure(depth, wanted)
-
-    def elements(self, kind: int, read: Callable[[int], Any]) -> list[Any]:
-        """Read a list by calling `read` with the elements' type once for each element."""
-        _expect(kind, _LIST)
-        head = self._byte()
-        return [read(head & 15) for _ in range(self._count(head >> 4))]
-
-    def text(self, kind: int) -> str:
-        """Read a string."""
-        _expect(kind, _BINARY)
-        length = self._varint()
-        self.at += length
-        return self._data[self.at - length : self.at].decode("utf-8", "replace")
-
-    def _skip(self, kind: int, depth: int, *, element: bool = False) -> None:
-        if kind in (1, 2):
-            self.at += element  # the type byte of a boolean field is also its value
-        elif kind == 3:
-            self.at += 1
-        elif kind in (4, 5, 6):
-            self._varint()
-        elif kind == 7:
-            self.at += 8
-        elif kind == 8:
-            length = self._varint()  # also advances `at`
-            self.at += length
-        elif kind in (9, 10):
+    def _value(self, kind: int, depth: int) -> Any:
+        """Read a value; bytes and numbers of eight bytes as they are."""
+        if kind in (1, 2, 3):
+            return self._bytes(1)
+        if kind in (4, 5, 6):
+            return self._integer()
+        if kind == 7:
+            return self._bytes(8)
+        if kind == 8:
+            return self._bytes(self._varint())
+        if kind in (9, 10):
             head = self._byte()
-            for _ in range(self._count(head >> 4)):
-                self._skip(head & 15, depth + 1, element=True)
-        elif kind == 12:
-            self.structure(depth + 1)
-        else:
-            raise ValueError(f"a structure has a field of type {kind}")
+            return [self._value(head & 15, depth) for _ in range(self._count(head >> 4))]
+        if kind == 12:
+            return self.structure(depth + 1)
+        raise ValueError(f"a structure has a field of type {kind}")
+
+    def _bytes(self, length: int) -> bytes:
+        self.at += length
+        return self._data[self.at - length : self.at]
 
     def _count(self, short: int) -> int:
         count = self._varint() if short == 15 else short
@@ -209,11 +186,6 @@ class _Thrift:
     def _integer(self) -> int:
         zigzag = self._varint()
         return zigzag >> 1 ^ -(zigzag & 1)
-
-
-def _expect(kind: int, expected: int) -> None:
-    if kind != expected:
-        raise ValueError(f"a field has type {kind}, and not {expected}")
 
 
 _SENSOR, _START = b"edge_vpr.sensor", b"edge_vpr.start_us"
