@@ -140,6 +140,11 @@ class Mutant(NamedTuple):
     line: int
     text: str
 
+    @property
+    def places(self) -> set[str]:
+        """Names of where it is: its file, and its line, counted from 1."""
+        return {self.file, f"{self.file}:{self.line + 1}"}
+
 
 Kind = Literal["found", "found elsewhere", "equal", "not found"]
 
@@ -206,12 +211,8 @@ def _keys(every: Sequence[Mutant]) -> dict[Mutant, tuple[str, str, str]]:
 
 
 def chosen(every: Sequence[Mutant], places: Sequence[str]) -> list[Mutant]:
-    """Select mutants by ``FILE`` or ``FILE:LINE``, with lines counted from 1, see `mutants_at`."""
-    return mutants_at(every, places, _places, "FILE or FILE:LINE of the core")
-
-
-def _places(mutant: Mutant) -> set[str]:
-    return {mutant.file, f"{mutant.file}:{mutant.line + 1}"}
+    """Select mutants by ``FILE`` or ``FILE:LINE``, see `mutants_at`."""
+    return mutants_at(every, places, "FILE or FILE:LINE of the core")
 
 
 # All mutants in one program: the changed statement is chosen when it runs.

@@ -12,12 +12,13 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 from firmware_model.emulation.build import SOURCES
 from firmware_model.errors import ToolError
@@ -97,6 +98,11 @@ class Mutant:
     def key(self) -> tuple[str, str, str]:
         """Function, line, and the changed line."""
         return self.function, self.line, self.becomes
+
+    @property
+    def places(self) -> set[str]:
+        """Names of where it is: its line, and its function."""
+        return {f"{self.file}:{self.number}", self.function}
 
 
 def mutants(file: str, text: str) -> Iterator[Mutant]:
@@ -295,27 +301,6 @@ Outcome = Literal["found", "survives", "does not compile"]
 Key = tuple[str, str, str]
 
 
-@dataclass
-class Survey:
-    """Outcome of the mutants.
-
-    Attributes
-    ----------
-    found, invalid : int
-        That some vector finds, and that do not compile.
-    equal, unproved : list of Mutant
-        That no vector finds, with and without a proof.
-    stale : list of tuple of str
-        Proofs of what is no mutant, or one that is found.
-    """
-
-    found: int = 0
-    invalid: int = 0
-    equal: list[Mutant] = field(default_factory=list)
-    unproved: list[Mutant] = field(default_factory=list)
-    stale: list[Key] = field(default_factory=list)
-
-
 class Bench:
     """A folder in which mutants are compiled and run.
 
@@ -431,46 +416,30 @@ def proofs() -> dict[Key, str]:
 
 
 def survey(
-    bench: Bench, chosen: Iterable[Mutant], proved: Iterable[Key], outcomes: Path | None = None
-) -> Survey:
-    """Run mutants, and look up the proofs of those that survive.
+    bench: Bench, every: Sequence[Mutant], outcomes: Path | None = None
+) -> dict[Mutant, Outcome]:
+    """Run mutants, and print how many have been run, because all of them take an hour.
 
     Parameters
     ----------
-    proved : iterable of tuple of str
-        Keys of those that are proved to be equal.
     outcomes : path, optional
         File of `Outcomes`.
     """
-    result, left = Survey(), set(proved)
-    equal = frozenset(left)
+    found: dict[Mutant, Outcome] = {}
     known = Outcomes(outcomes)
-    for mutant in chosen:
+    for i, mutant in enumerate(every):
+        if i and i % 50 == 0:
+            sys.stderr.write(f"{i:,} of {len(every):,} mutants\n")
         key = bench.fingerprint(mutant)
-        outcome = known.get(key)
-        if outcome not in get_args(Outcome):
-            outcome = bench.run(mutant)
-            known.keep(key, outcome)
-        if outcome == "found":
-            result.found += 1
-        elif outcome == "does not compile":
-            result.invalid += 1
-        elif mutant.key in equal:
-            result.equal.append(mutant)
-            left.discard(mutant.key)
-        else:
-            result.unproved.append(mutant)
-    result.stale = sorted(left)
-    return result
+        if known.get(key) not in get_args(Outcome):
+            known.keep(key, bench.run(mutant))
+        found[mutant] = cast("Outcome", known[key])
+    return found
 
 
-def chosen(every: Iterable[Mutant], places: Sequence[str]) -> list[Mutant]:
+def chosen(every: Sequence[Mutant], places: Sequence[str]) -> list[Mutant]:
     """Select mutants by ``FILE:LINE`` or function, see `mutants_at`."""
-    return mutants_at(every, places, _places, "FILE:LINE or a function of the firmware")
-
-
-def _places(mutant: Mutant) -> set[str]:
-    return {f"{mutant.file}:{mutant.number}", mutant.function}
+    return mutants_at(every, places, "FILE:LINE or a function of the firmware")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -494,27 +463,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # if only a part is run, only its own proofs can be stale
     proved = {k: why for k, why in known.items() if not options.only or k in keys}
     with tempfile.TemporaryDirectory() as folder:
-        result = survey(Bench(folder), _counted(every), proved, options.outcomes)
-    for mutant in result.equal:
+        outcomes = survey(Bench(folder), every, options.outcomes)
+    survivors = [mutant for mutant in every if outcomes[mutant] == "survives"]
+    equal = [mutant for mutant in survivors if mutant.key in proved]
+    unproved = [mutant for mutant in survivors if mutant.key not in proved]
+    stale = sorted(proved.keys() - {mutant.key for mutant in equal})
+    for mutant in equal:
         _show("equal", mutant)
         sys.stdout.write(f"    {proved[mutant.key]}\n")
-    for mutant in result.unproved:
+    for mutant in unproved:
         _show("SURVIVES WITHOUT A PROOF", mutant)
-    for function, line, becomes in result.stale:
+    for function, line, becomes in stale:
         sys.stdout.write(f"PROOF OF NO SURVIVOR: {function}: {line} -> {becomes}\n")
+    number = Counter(outcomes.values())
     sys.stdout.write(
-        f"{len(every)} mutants, {result.invalid} of which do not compile; {result.found} found, "
-        f"{len(result.equal)} proved to be equal, {len(result.unproved)} neither\n"
+        f"{len(every)} mutants, {number['does not compile']} of which do not compile; "
+        f"{number['found']} found, {len(equal)} proved to be equal, {len(unproved)} neither\n"
     )
-    return 1 if result.unproved or result.stale else 0
-
-
-def _counted(every: Sequence[Mutant]) -> Iterator[Mutant]:
-    """Yield the mutants, and print how many have been run, because all of them take an hour."""
-    for i, mutant in enumerate(every):
-        if i and i % 50 == 0:
-            sys.stderr.write(f"{i:,} of {len(every):,} mutants\n")
-        yield mutant
+    return 1 if unproved or stale else 0
 
 
 def _show(what: str, mutant: Mutant) -> None:

@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 from firmware_model.errors import ToolError
 
-AnyMutant = TypeVar("AnyMutant")
+
+class _Placed(Protocol):
+    @property
+    def places(self) -> set[str]: ...
 
 
-def mutants_at(
-    every: Iterable[AnyMutant],
-    places: Sequence[str],
-    places_of: Callable[[AnyMutant], Collection[str]],
-    expected: str,
-) -> list[AnyMutant]:
+AnyMutant = TypeVar("AnyMutant", bound=_Placed)
+
+
+def mutants_at(every: Sequence[AnyMutant], places: Sequence[str], expected: str) -> list[AnyMutant]:
     """Select mutants, in their order; all if there are no places.
 
     Parameters
     ----------
-    places_of : callable
-        Returns the names of the places where a mutant is.
     expected : str
         What names a place, for the error.
 
@@ -31,11 +30,10 @@ def mutants_at(
     ToolError
         If a place has no mutant.
     """
-    named = [(mutant, set(places_of(mutant))) for mutant in every]
     for place in places:
-        if not any(place in names for _, names in named):
+        if not any(place in mutant.places for mutant in every):
             raise ToolError(f"no mutant is at {place!r}: give {expected}")
-    return [mutant for mutant, names in named if not places or not names.isdisjoint(places)]
+    return [mutant for mutant in every if not places or not mutant.places.isdisjoint(places)]
 
 
 class Outcomes(dict[str, str]):
