@@ -21,6 +21,7 @@ from firmware_model.image import image, ram_bytes, stride
 from firmware_model.model.design import Design
 from firmware_model.model.memories import Memories
 from firmware_model.vectors.case import choose_pixels
+from firmware_model.vectors.formats import csv_text
 
 TABLE = SOURCES / "instructions.csv"
 
@@ -240,8 +241,7 @@ def compiler() -> str:
 
 def table(rows: Sequence[Any]) -> str:
     """Write measurements, dataclasses of one kind and at least one, as CSV."""
-    lines = [list(asdict(rows[0])), *(list(asdict(row).values()) for row in rows)]
-    return "".join(",".join(map(str, line)) + "\n" for line in lines)
+    return csv_text(asdict(rows[0]), [list(asdict(row).values()) for row in rows])
 
 
 def write_table(measured: Callable[[Target, str], Any]) -> None:

@@ -9,9 +9,7 @@ there; ``--kind`` measures one of the documented designs alone.
 from __future__ import annotations
 
 import argparse
-import csv
 import hashlib
-import io
 import json
 import re
 import subprocess
@@ -243,9 +241,7 @@ def to_csv(reports: Mapping[str, Mapping[str, Report]]) -> str:
         Reports by the name of a board in `BOARDS`, and by the kind of design.
     """
     kinds_of_cells = list(ICEBREAKER.resources)
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(["design", "FPGA", *kinds_of_cells, "MHz (worst to best)"])
+    rows = []
     for name, kinds in reports.items():
         for kind, report in kinds.items():
             taken = (
@@ -257,8 +253,8 @@ def to_csv(reports: Mapping[str, Mapping[str, Report]]) -> str:
             worst, best = min(report.megahertz.values()), max(report.megahertz.values())
             number = len(report.megahertz)
             clock = f"{worst:.1f} to {best:.1f}, {number} seed{'s' if number > 1 else ''}"
-            rows.writerow([kind, BOARDS[name].fpga, *taken, clock])
-    return text.getvalue()
+            rows.append([kind, BOARDS[name].fpga, *taken, clock])
+    return formats.csv_text(["design", "FPGA", *kinds_of_cells, "MHz (worst to best)"], rows)
 
 
 def main(words: Sequence[str] | None = None) -> int:

@@ -9,8 +9,6 @@ unit.
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import json
 import re
 import sys
@@ -23,6 +21,7 @@ from firmware_model.errors import ToolError
 from firmware_model.hardware.parameters import ICEBREAKER
 from firmware_model.hardware.report import KINDS, packed_cells
 from firmware_model.model.design import Design
+from firmware_model.vectors.formats import csv_text
 
 #: names for cells of the top itself, and for cells of carry chains without a unit
 TOP, CARRIES = "window's number, busy, board", "ends of carries"
@@ -66,13 +65,11 @@ def to_csv(found: Mapping[str, Counter[str]]) -> str:
     total: Counter[str] = Counter()
     for cells in found.values():
         total += cells
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(["unit", *found])
-    for unit, _ in total.most_common():
-        rows.writerow([unit, *(cells[unit] or "" for cells in found.values())])
-    rows.writerow(["all", *(f"{sum(cells.values()):,}" for cells in found.values())])
-    return text.getvalue()
+    rows = [
+        [unit, *(cells[unit] or "" for cells in found.values())] for unit, _ in total.most_common()
+    ]
+    sums = [f"{sum(cells.values()):,}" for cells in found.values()]
+    return csv_text(["unit", *found], [*rows, ["all", *sums]])
 
 
 def main(words: Sequence[str] | None = None) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
@@ -98,10 +99,11 @@ def _hex_line(address: int, kind: int, data: bytes) -> str:
     return f":{(body + bytes([-sum(body) & 0xFF])).hex().upper()}"
 
 
-def csv(names: Sequence[str], rows: Iterable[Sequence[int]]) -> str:
-    """Format rows of integers as comma-separated values under a line of names."""
-    lines = [",".join(names), *(",".join(map(str, row)) for row in rows)]
-    return "\n".join(lines) + "\n"
+def csv_text(names: Iterable[str], rows: Iterable[Sequence[object]]) -> str:
+    """Format rows as comma-separated values under a line of names."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([names, *rows])
+    return text.getvalue()
 
 
 def npz(arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:

@@ -142,14 +142,16 @@ def csv_files(case: Case, done: Trace) -> dict[str, str]:
     files = {}
     if done.states:
         states = [tuple(-1 if v is None else int(v) for v in state) for state in done.states]
-        files["expected_states.csv"] = formats.csv(WindowState._fields, states)
+        files["expected_states.csv"] = formats.csv_text(WindowState._fields, states)
     return files | {
-        "events.csv": formats.csv(("t", "x", "y", "on"), [tuple(map(int, e)) for e in case.events]),
-        "pixels.csv": formats.csv(("x", "y"), case.memories.pixels),
-        "places.csv": formats.csv([f"slot_{slot}" for slot in slots], case.memories.places),
-        "expected_events.csv": formats.csv(("event", "slot", "count"), numbered["event"]),
-        "expected_windows.csv": formats.csv(window, numbered["window"]),
-        "expected_matches.csv": formats.csv(_match_columns(case.design), numbered["match"]),
+        "events.csv": formats.csv_text(
+            ("t", "x", "y", "on"), [tuple(map(int, e)) for e in case.events]
+        ),
+        "pixels.csv": formats.csv_text(("x", "y"), case.memories.pixels),
+        "places.csv": formats.csv_text([f"slot_{slot}" for slot in slots], case.memories.places),
+        "expected_events.csv": formats.csv_text(("event", "slot", "count"), numbered["event"]),
+        "expected_windows.csv": formats.csv_text(window, numbered["window"]),
+        "expected_matches.csv": formats.csv_text(_match_columns(case.design), numbered["match"]),
     }
 
 

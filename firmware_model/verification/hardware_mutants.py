@@ -16,9 +16,7 @@ by Icarus Verilog, one by one.
 from __future__ import annotations
 
 import argparse
-import csv
 import hashlib
-import io
 import re
 import shutil
 import sys
@@ -40,6 +38,7 @@ from firmware_model.hardware import simulation, sources
 from firmware_model.hardware.parameters import PACKAGE
 from firmware_model.hardware.simulation import Conditions
 from firmware_model.model.design import Design
+from firmware_model.vectors.formats import csv_text
 from firmware_model.vectors.manifest import MANIFEST
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import standard_suites, write_suites
@@ -644,16 +643,11 @@ def main(words: Sequence[str] | None = None) -> int:
 def _table(counts: Counter[tuple[str, str]]) -> str:
     """Return the numbers of mutants by unit and outcome as CSV."""
     kinds = get_args(Kind)
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(["unit", "mutants", *kinds])
     files = [file for file in sources.UNITS if any((file, kind) in counts for kind in kinds)]
-    for file in files:
-        numbers = [counts[file, kind] for kind in kinds]
-        rows.writerow([Path(file).stem, sum(numbers), *numbers])
-    sums = [sum(counts[file, kind] for file in files) for kind in kinds]
-    rows.writerow(["all", sum(sums), *sums])
-    return text.getvalue()
+    numbers = {Path(file).stem: [counts[file, kind] for kind in kinds] for file in files}
+    numbers["all"] = [sum(counts[file, kind] for file in files) for kind in kinds]
+    rows = ([name, sum(each), *each] for name, each in numbers.items())
+    return csv_text(["unit", "mutants", *kinds], rows)
 
 
 if __name__ == "__main__":

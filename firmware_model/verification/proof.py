@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from firmware_model.errors import ToolError
+from firmware_model.vectors.formats import csv_text
 from firmware_model.verification import claims
 from firmware_model.verification.formal import holds
 
@@ -99,13 +100,12 @@ def _put(table: Path, name: str, seconds: float | None) -> None:
             if stated.name == name:
                 first = f"first {stated.bound} clocks: " if stated.bound else ""
                 cells[claim, kind] = "" if seconds is None else f"{first}{seconds:.0f}"
-    with table.open("w", newline="", encoding="utf-8") as file:
-        rows_now = (
-            [claim, *(cells.get((claim, kind), "") for kind in kinds)]
-            for claim in claims.CORE_CLAIMS.values()
-            if any(cells.get((claim, kind)) for kind in kinds)
-        )
-        csv.writer(file, lineterminator="\n").writerows([["claim", *kinds], *rows_now])
+    rows_now = (
+        [claim, *(cells.get((claim, kind), "") for kind in kinds)]
+        for claim in claims.CORE_CLAIMS.values()
+        if any(cells.get((claim, kind)) for kind in kinds)
+    )
+    table.write_text(csv_text(["claim", *kinds], rows_now), encoding="utf-8")
 
 
 if __name__ == "__main__":
