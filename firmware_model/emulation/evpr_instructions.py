@@ -28,51 +28,24 @@ EVENTS = 175
 
 @dataclass(frozen=True)
 class EvprInstructions:
-    """Cost of the encoder on one processor.
-
-    Attributes
-    ----------
-    target, compiler : str
-        Processor, and what compiled for it; with another version, the figures are others.
-    event_3, event_4 : float
-        Instructions of `evpr_push` for an event of 3 or 4 bytes, without a pause, within a frame:
-        the mean.
-    event_most : int
-        The most of these.
-    pause : int
-        What a pause adds to an event, at most.
-    frame : int
-        What a frame's beginning and end add to its first and its last event, at most.
-    empty_frame : int
-        Of `evpr_poll` when it makes one.
-    poll : int
-        Of `evpr_poll` when there is nothing to do.
-    dropped : int
-        Of `evpr_push` without room.
-    send : int
-        Of `evpr_out` and `evpr_sent`, however many bytes.
-    code_bytes : int
-        Functions and constants of ``evpr.c``.
-    ram_bytes : int
-        Of `evpr_t`, beside the ring.
-    stack_bytes : int
-        The most of all functions.
-    """
+    """Cost of the encoder on one processor."""
 
     target: str
-    compiler: str
+    compiler: str  #: With another version of it, the figures are others.
+    #: Instructions of `evpr_push` for an event of 3 or 4 bytes, without a pause, within a frame:
+    #: the mean, and the most.
     event_3: float
     event_4: float
     event_most: int
-    pause: int
-    frame: int
-    empty_frame: int
-    poll: int
-    dropped: int
-    send: int
-    code_bytes: int
-    ram_bytes: int
-    stack_bytes: int
+    pause: int  #: What a pause adds to an event, at most.
+    frame: int  #: What a frame's beginning and end add to its first and its last event, at most.
+    empty_frame: int  #: Of `evpr_poll` when it makes one.
+    poll: int  #: Of `evpr_poll` when there is nothing to do.
+    dropped: int  #: Of `evpr_push` without room.
+    send: int  #: Of `evpr_out` and `evpr_sent`, however many bytes.
+    code_bytes: int  #: Functions and constants of ``evpr.c``.
+    ram_bytes: int  #: Of `evpr_t`, beside the ring.
+    stack_bytes: int  #: The most of all functions.
 
 
 class _Run:

@@ -44,62 +44,32 @@ _Event = tuple[int, int, int, bool]
 
 @dataclass(frozen=True)
 class Instructions:
-    """Cost of the firmware on one processor, for `DESIGN`.
-
-    Attributes
-    ----------
-    target, sad : str
-        Processor, and how distances are computed on it.
-    compiler : str
-        With another version of it, the figures are others.
-    event_selected : int
-        Instructions that an event at a selected pixel adds to a batch: the most of all of them,
-        with full counters too.
-    event_unselected : int
-        What one elsewhere adds: the most of those whose look-up entry is empty, or another's, and
-        of those off the sensor.
-    events_call : int
-        What a call of `vpr_events` adds to its events.
-    window_end, match : int
-        Of `vpr_window_end`, and of `vpr_match_places` with L windows seen.
-    match_per_place : int
-        What a further place adds to a match.
-    contrast_window_end : int
-        Of `vpr_window_end` with contrast codes.
-    filter_match, filter_per_place : int
-        Of a match by the place filter, for `FILTER`.
-    kept_match, kept_per_place : int
-        The same with distances kept.
-    sad_per_byte : float
-        Of a distance with call and return, over the slots (not their padding).
-    code_bytes : int
-        Functions and constants of ``vpr.c``.
-    ram_bytes, filter_ram_bytes, kept_ram_bytes : int
-        Arrays and structures, beside the stack.
-    stack_bytes : int
-        The most of all functions.
-    """
+    """Cost of the firmware on one processor, for `DESIGN`."""
 
     target: str
-    sad: str
-    compiler: str
+    sad: str  #: How distances are computed on this processor.
+    compiler: str  #: With another version of it, the figures are others.
+    #: Instructions that an event at a selected pixel adds to a batch: the most of all of them, with
+    #: full counters too.
     event_selected: int
+    #: What one elsewhere adds: the most of those whose look-up entry is empty, or another's, and of
+    #: those off the sensor.
     event_unselected: int
-    events_call: int
-    window_end: int
-    match: int
-    match_per_place: int
-    contrast_window_end: int
-    filter_match: int
+    events_call: int  #: What a call of `vpr_events` adds to its events.
+    window_end: int  #: Of `vpr_window_end`.
+    match: int  #: Of `vpr_match_places` with L windows seen.
+    match_per_place: int  #: What a further place adds to a match.
+    contrast_window_end: int  #: Of `vpr_window_end` with contrast codes.
+    filter_match: int  #: Of a match by the place filter, for `FILTER`.
     filter_per_place: int
-    kept_match: int
+    kept_match: int  #: The same with distances kept.
     kept_per_place: int
-    sad_per_byte: float
-    code_bytes: int
-    ram_bytes: int
+    sad_per_byte: float  #: Of a distance with call and return, over the slots (not their padding).
+    code_bytes: int  #: Functions and constants of ``vpr.c``.
+    ram_bytes: int  #: Arrays and structures, beside the stack.
     filter_ram_bytes: int
     kept_ram_bytes: int
-    stack_bytes: int
+    stack_bytes: int  #: The most of all functions.
 
 
 class FirmwareRun:

@@ -103,43 +103,20 @@ def _costs(costs: tuple[int, ...]) -> int:
 
 @dataclass(frozen=True)
 class Board:
-    """Board, and the tools for it.
-
-    Attributes
-    ----------
-    name, fpga : str
-        Common names of the board and its FPGA.
-    top : str
-        Top module, in the file of the same name.
-    pins : str
-        Name of the file with its pins.
-    synthesis : str
-        Command of yosys, without its output.
-    place : tuple of str
-        Words of the place-and-route command, without design and output.
-    placed : str
-        Suffix of the place-and-route output.
-    pack : str
-        Program that makes the bitstream from this output.
-    bitstream : str
-        Suffix of the bitstream.
-    resources : dict of str to str
-        Kinds of cells: the name in tables, and the name in the log of place and route.
-    megahertz : int
-        Clock of the top module.
-    """
+    """Board, and the tools for it."""
 
     name: str
     fpga: str
-    top: str
-    pins: str
-    synthesis: str
-    place: tuple[str, ...]
-    placed: str
-    pack: str
-    bitstream: str
+    top: str  #: Top module, in the file of the same name.
+    pins: str  #: Name of the file with its pins.
+    synthesis: str  #: Command of yosys, without its output.
+    place: tuple[str, ...]  #: Words of the place-and-route command, without design and output.
+    placed: str  #: Suffix of the place-and-route output.
+    pack: str  #: Program that makes the bitstream from this output.
+    bitstream: str  #: Suffix of the bitstream.
+    #: Kinds of cells: the name in tables, and the name in the log of place and route.
     resources: dict[str, str]
-    megahertz: int
+    megahertz: int  #: Clock of the top module.
 
     @property
     def sources(self) -> tuple[str, ...]:

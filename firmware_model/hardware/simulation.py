@@ -28,46 +28,25 @@ INTERPRETED = ".vvp"
 
 
 class Replay(NamedTuple):
-    """Results of a simulated core for one case.
-
-    Attributes
-    ----------
-    records : list of (kind, values)
-        In the form that `firmware_model.vectors.verify.verify` takes.
-    least_cycles, most_cycles : int
-        Clocks from the end of a window to its match; 0 if there was none.
-    events_in_a_row : int
-        Largest number of events that were taken in successive clocks.
-    """
+    """Results of a simulated core for one case."""
 
     records: list[Record]
+    #: least_cycles, most_cycles: clocks from the end of a window to its match; 0 if there was none.
     least_cycles: int
     most_cycles: int
-    events_in_a_row: int
+    events_in_a_row: int  #: Largest number of events that were taken in successive clocks.
 
 
 class Conditions(NamedTuple):
-    """Conditions of a replay.
+    """Conditions of a replay."""
 
-    Attributes
-    ----------
-    seed : int
-        Seed of stalls and resets.
-    stall : int
-        Percentage of clocks in which each side waits.
-    resets : int
-        Number of resets, after each of which the case begins again.
-    reset_at : int
-        If not 0, there is one reset instead, of one clock, so many clocks after the first; the
-        places stay.
-    slow_blocks : bool
-        Whether the core has registers for slow block memories, as on an ECP5.
-    """
-
-    seed: int = 1
-    stall: int = 0
-    resets: int = 0
+    seed: int = 1  #: Seed of stalls and resets.
+    stall: int = 0  #: Percentage of clocks in which each side waits.
+    resets: int = 0  #: Number of resets, after each of which the case begins again.
+    #: If not 0, there is one reset instead, of one clock, so many clocks after the first; the
+    #: places stay.
     reset_at: int = 0
+    #: Whether the core has registers for slow block memories, as on an ECP5.
     slow_blocks: bool = False
 
 

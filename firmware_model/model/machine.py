@@ -25,49 +25,29 @@ Phase = Literal["encode", "compare", "drain", "divide", "filter", "accept"]
 
 
 class WindowState(NamedTuple):
-    """What a design with pauses has computed of a window, beside its codes and its match.
-
-    Attributes
-    ----------
-    counted : int
-        Events at selected pixels.
-    usual : int
-        Usual number of events with which the window is compared, in units of 1/256 event.
-    activity : int
-        Logarithm of `counted` less that of `usual`, in units of 1/16 octave; -368 without events.
-    mean_shift : int or None
-        Of own-mean codes: the means move by 1 / 2 to this power, if the window does not pause.
-    window_mean : int
-        Of contrast codes: what is subtracted from all logarithms, in units of 1/256 octave; of
-        others 0.
-    weight : int or None
-        Of the filter: how many eighths of the evidence count; 0 in a pause.
-    reciprocal : int or None
-        Of the filter: with which the evidence is scaled; None in a pause.
-    spread : int or None
-        Of the distances of this window; None in a pause.
-    least : int or None
-        Least metric.
-    margin, kept, support, worst_residual : int or None
-        Margin of the match; the support that it began with, 0 behind a jump; its support; and the
-        largest evidence against a match of this window and the two before. Its trust is
-        ``max(support - 16 * worst_residual, 0)``.
-    """
+    """What a design with pauses has computed of a window, beside its codes and its match."""
 
     window: int
-    counted: int
+    counted: int  #: Events at selected pixels.
+    #: Usual number of events with which the window is compared, in units of 1/256 event.
     usual: int
+    #: Logarithm of `counted` less that of `usual`, in units of 1/16 octave; -368 without events.
     activity: int
     paused: bool
+    #: Of own-mean codes: the means move by 1 / 2 to this power, if the window does not pause.
     mean_shift: int | None
+    #: Of contrast codes: what is subtracted from all logarithms, in units of 1/256 octave; else 0.
     window_mean: int
-    weight: int | None = None
-    reciprocal: int | None = None
-    spread: int | None = None
-    least: int | None = None
-    margin: int | None = None
-    kept: int | None = None
+    # of the filter
+    weight: int | None = None  #: How many eighths of the evidence count; 0 in a pause.
+    reciprocal: int | None = None  #: With which the evidence is scaled; None in a pause.
+    spread: int | None = None  #: Of the distances of this window; None in a pause.
+    least: int | None = None  #: Least metric.
+    margin: int | None = None  #: Of the match.
+    kept: int | None = None  #: Support that the match began with, 0 behind a jump.
+    #: The match's; its trust is ``max(support - 16 * worst_residual, 0)``.
     support: int | None = None
+    #: Largest evidence against a match of this window and the two before.
     worst_residual: int | None = None
 
 
@@ -91,34 +71,20 @@ class Trace:
 
 
 class Cycle(NamedTuple):
-    """State of the comparing units after one clock cycle of a match.
+    """State of the comparing units after one clock cycle of a match."""
 
-    Attributes
-    ----------
-    number : int
-        From 0, within this match.
-    slot : int or None
-        Whose count was encoded and cleared.
-    place, word, accumulator : int or None
-        Of the distance unit: None while it stands.
-    sequence_place, sequence_sum : int or None
-        Of the sequence unit.
-    searched : int or None
-        The place that the search took in this cycle.
-    metric : int or None
-        Of the place that the search took, by the filter.
-    """
-
-    number: int
+    number: int  #: From 0, within this match.
     phase: Phase
-    slot: int | None = None
+    slot: int | None = None  #: Whose count was encoded and cleared.
+    # of the distance unit: None while it stands
     place: int | None = None
     word: int | None = None
     accumulator: int | None = None
+    # of the sequence unit
     sequence_place: int | None = None
     sequence_sum: int | None = None
-    searched: int | None = None
-    metric: int | None = None
+    searched: int | None = None  #: The place that the search took in this cycle.
+    metric: int | None = None  #: Of that place, by the filter.
 
 
 class Machine:

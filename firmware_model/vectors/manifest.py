@@ -63,16 +63,11 @@ class FieldPlace(NamedTuple):
 
 @dataclass(frozen=True)
 class FileEntry:
-    """A file of a case.
-
-    Attributes
-    ----------
-    words, bits : int or None
-        Number of words of a memory's image, and bits of each.
-    """
+    """A file of a case."""
 
     bytes: int
     sha256: str
+    # of a memory's image: number of words, and bits of each
     words: int | None = None
     bits: int | None = None
 
@@ -83,38 +78,20 @@ class FileEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class CaseEntry:
-    """A case: its design, its contents, and its files.
-
-    Attributes
-    ----------
-    number : int
-        Number that stands for the case in binary results.
-    start : int
-        Time at which the first window starts.
-    activity : int
-        Usual activity at which the device starts.
-    widths : dict of str to int
-        Bits of the device's values.
-    reference_firmware : str
-        Whether the firmware in C takes the case.
-    words : dict of str to tuple of FieldPlace
-        Fields of a word of each memory's image.
-    coverage : dict of str to int
-        How often each corner is reached.
-    """
+    """A case: its design, its contents, and its files."""
 
     name: str
-    number: int
-    start: int
-    activity: int
+    number: int  #: Number that stands for the case in binary results.
+    start: int  #: Time at which the first window starts.
+    activity: int  #: Usual activity at which the device starts.
     events: int
     windows: int
     matches: int
     design: Design
-    widths: dict[str, int]
-    reference_firmware: str
-    words: dict[str, tuple[FieldPlace, ...]]
-    coverage: dict[str, int]
+    widths: dict[str, int]  #: Bits of the device's values.
+    reference_firmware: str  #: Whether the firmware in C takes the case.
+    words: dict[str, tuple[FieldPlace, ...]]  #: Fields of a word of each memory's image.
+    coverage: dict[str, int]  #: How often each corner is reached.
     files: dict[str, FileEntry]
 
     def to_json(self) -> dict[str, Any]:
@@ -167,23 +144,13 @@ class SuiteEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
-    """Contents of a folder of vectors.
+    """Contents of a folder of vectors."""
 
-    Attributes
-    ----------
-    versions : dict of str to str
-        Versions of the software that made them.
-    corners : dict of str to str
-        Description of each corner.
-    rtl : tuple of str
-        Source files of the hardware core.
-    """
-
-    versions: dict[str, str]
+    versions: dict[str, str]  #: Versions of the software that made them.
     seed: int
-    corners: dict[str, str]
+    corners: dict[str, str]  #: Description of each corner.
     design: Design
-    rtl: tuple[str, ...]
+    rtl: tuple[str, ...]  #: Source files of the hardware core.
     suites: tuple[SuiteEntry, ...]
 
     def cases(self) -> Iterator[tuple[str, CaseEntry]]:

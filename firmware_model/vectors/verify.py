@@ -21,22 +21,12 @@ _FIELDS = {
 
 @dataclass(frozen=True)
 class Verdict:
-    """Result of a comparison.
+    """Result of a comparison."""
 
-    Attributes
-    ----------
-    differences : list of str
-        The first difference of each case that has one.
-    compared : dict of str to int
-        Number of equal records, by kind.
-    cases, known : int
-        Number of cases that were returned, and number of cases of the vectors.
-    """
-
-    differences: list[str]
-    compared: dict[str, int]
-    cases: int
-    known: int
+    differences: list[str]  #: The first difference of each case that has one.
+    compared: dict[str, int]  #: Number of equal records, by kind.
+    cases: int  #: Number of cases that were returned.
+    known: int  #: Number of cases of the vectors.
 
 
 def read_results(path: str | Path) -> list[Record]:

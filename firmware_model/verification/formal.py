@@ -21,38 +21,20 @@ _YOSYS_SECONDS, _SECONDS = 120, 3600
 
 @dataclass(frozen=True)
 class Claim:
-    """Assertions of a file of properties in ``rtl/formal``, about units with some parameters.
+    """Assertions of a file of properties in ``rtl/formal``, about units with some parameters."""
 
-    Attributes
-    ----------
-    name : str
-        The claim as a sentence.
-    top : str
-        Module of the properties.
-    files : tuple of str
-        Source files of the units, in the folder ``rtl``.
-    define : str
-        Define of the assertions that are proved.
-    constants : dict of str to int
-        Of the package of sizes and widths.
-    parameters : dict of str to int
-        Parameters of `top`.
-    exposed : tuple of str
-        Registers of the unit in the last file that `top` sees through ports.
-    method : str
-        `UNBOUNDED` or `SIMPLIFIED`.
-    bound : int or None
-        Number of the first clocks that it is about; None if it is about all.
-    """
-
-    name: str
-    top: str
-    files: tuple[str, ...]
-    define: str = "PROVE_UNIT"
+    name: str  #: The claim as a sentence.
+    top: str  #: Module of the properties.
+    files: tuple[str, ...]  #: Source files of the units, in the folder ``rtl``.
+    define: str = "PROVE_UNIT"  #: Define of the assertions that are proved.
+    #: Of the package of sizes and widths.
     constants: Mapping[str, int] = field(default_factory=dict)
+    #: Parameters of `top`.
     parameters: Mapping[str, int] = field(default_factory=dict)
+    #: Registers of the unit in the last file that `top` sees through ports.
     exposed: tuple[str, ...] = ()
-    method: str = UNBOUNDED
+    method: str = UNBOUNDED  #: `UNBOUNDED` or `SIMPLIFIED`.
+    #: Number of the first clocks that it is about; None if it is about all.
     bound: int | None = None
 
 

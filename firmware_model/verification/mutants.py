@@ -68,30 +68,18 @@ _STATEMENT = re.compile(
 
 @dataclass(frozen=True)
 class Mutant:
-    """A source with one change.
-
-    Attributes
-    ----------
-    function : str
-        In which the change is; empty outside of functions.
-    number : int
-        Line, from 1.
-    line, becomes : str
-        The line before and after, without what is left and right of it: these and the function
-        identify a mutant, whatever stands in the lines around.
-    text : str
-        The whole source.
-    narrowed : str
-        Variable or function that has 16 bits in place of 32, as ``function.variable``; empty if
-        something else is changed.
-    """
+    """A source with one change."""
 
     file: str
-    function: str
-    number: int
+    function: str  #: In which the change is; empty outside of functions.
+    number: int  #: Line, from 1.
+    #: line, becomes: the line before and after, without what is left and right of it: these and the
+    #: function identify a mutant, whatever stands in the lines around.
     line: str
     becomes: str
-    text: str
+    text: str  #: The whole source.
+    #: Variable or function that has 16 bits in place of 32, as ``function.variable``; empty if
+    #: something else is changed.
     narrowed: str = ""
 
     @property
