@@ -23,6 +23,7 @@ from edge_vpr.recordings.reading import (
     Unwrapper,
     Wording,
     choose_stream,
+    in_chunks,
     lz4,
     read_records,
     zstd,
@@ -319,15 +320,9 @@ class Aedat3Source(Source):
                 raise self._file.damaged(packet.at, f"events of {packet.event_bytes} bytes")
             events = np.frombuffer(packet.data, _AEDAT3_EVENT)
             events = events[events["data"] & 1 == 1]
-            for i in range(0, len(events), self.options.chunk_events):
-                part = events[i : i + self.options.chunk_events]
-                data = part["data"]
-                yield Columns(
-                    part["t"].astype(np.int64) + packet.origin_us,
-                    data >> 17,
-                    data >> 2 & 0x7FFF,
-                    data & 2 == 2,
-                )
+            t, data = events["t"].astype(np.int64) + packet.origin_us, events["data"]
+            columns = Columns(t, data >> 17, data >> 2 & 0x7FFF, data & 2 == 2)
+            yield from in_chunks(columns, self.options.chunk_events)
             self.position = self._file.position
 
 
@@ -518,9 +513,8 @@ class Aedat4Source(Source):
                 events = _events(data)
             except (ValueError, struct.error, IndexError) as error:
                 raise self._file.damaged(at, error) from error
-            for i in range(0, len(events), self.options.chunk_events):
-                part = events[i : i + self.options.chunk_events]
-                yield Columns(part["t"], part["x"], part["y"], part["p"] != 0)
+            columns = Columns(events["t"], events["x"], events["y"], events["p"] != 0)
+            yield from in_chunks(columns, self.options.chunk_events)
             self.position = self._file.position
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from edge_vpr.errors import MissingExtraError, RecordingError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
+from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, in_chunks
 
 #: bytes between events, by their type: a pause, or a reset of the decoder
 _PAUSES = {"dvs": b"\xfe\xff", "atis": b"\xfc\xfd\xfe\xff"}
@@ -77,11 +77,9 @@ class EsSource(Source):
                 if atis:  # an exposure measurement is not a change of intensity
                     packet = packet[~packet["exposure"]]
                 on = packet["polarity"] if atis else packet["on"]
-                for i in range(0, packet.size, self.options.chunk_events):
-                    part = slice(i, i + self.options.chunk_events)
-                    t = packet["t"][part].astype(np.int64)
-                    y = self._top - packet["y"][part].astype(np.int64)
-                    yield Columns(t, packet["x"][part], y, on[part])
+                t, y = packet["t"].astype(np.int64), self._top - packet["y"].astype(np.int64)
+                columns = Columns(t, packet["x"], y, on)
+                yield from in_chunks(columns, self.options.chunk_events)
         if last is not None:
             self._check_end(last, _PAUSES["atis" if atis else "dvs"], log)
 

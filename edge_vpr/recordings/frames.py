@@ -387,16 +387,11 @@ class CountFrames:
             return
         with foreign_errors(self.path, lambda: f" after frame {frame:,}"), self._stream() as stream:
             rows = max(1, _BLOCK_BYTES // max(1, stream.row_bytes))
-            while frame < self.n_frames:
-                block, leftover = stream.read(rows)
+            log = log or FaultLog(self.path, Sensor(1, 1))
+            for block in stream.blocks(rows, log, "frame {} of {}"):
                 counts = both_polarities(block, len(stream.shape) - self._polarities)
                 yield _whole_counts(counts.reshape(len(block), -1), frame, self.path)
                 frame += len(block)
-                if leftover or not len(block):
-                    lost = (self.n_frames - frame) * stream.row_bytes - leftover
-                    where = f"frame {frame} of {self.n_frames}"
-                    (log or FaultLog(self.path, Sensor(1, 1))).truncated(lost, where)
-                    return
 
     def load(self) -> Counts:
         """Return all frames as windows, shape ``(F, J)``."""

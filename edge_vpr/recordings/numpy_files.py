@@ -51,21 +51,13 @@ class NpySource(Source):
 def _array_chunks(source: Source, stream: ArrayStream, log: FaultLog) -> Iterator[Columns]:
     """Yield the events of one array of events, and set the position of `source`."""
     names = _column_names(stream, source.options.columns)
-    total, entry = stream.shape[0], 0
-    while entry < total:
-        rows, leftover = stream.read(source.options.chunk_events)
-        source.position = min(1.0, (entry + len(rows)) / total)
-        if len(rows):
-            columns = {
-                name: rows[field] if isinstance(field, str) else rows[:, field]
-                for name, field in names.items()
-            }
-            yield tidy(columns, source.options.time_unit, log, entry)
-        entry += len(rows)
-        if leftover or not len(rows):
-            missing = (total - entry) * stream.row_bytes - leftover
-            log.truncated(missing, f"event {entry:,} of {total:,}")
-            return
+    for rows in stream.blocks(source.options.chunk_events, log, "event {:,} of {:,}"):
+        source.position = stream.rows_read / stream.shape[0]
+        columns = {
+            name: rows[field] if isinstance(field, str) else rows[:, field]
+            for name, field in names.items()
+        }
+        yield tidy(columns, source.options.time_unit, log, stream.rows_read - len(rows))
 
 
 def _column_names(stream: ArrayStream, order: str | None) -> dict[str, str | int]:

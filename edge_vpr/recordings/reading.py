@@ -44,6 +44,12 @@ def empty_columns(n: int) -> Columns:
     )
 
 
+def in_chunks(columns: Columns, number: int) -> Iterator[Columns]:
+    """Yield the events up to `number` at a time."""
+    for i in range(0, columns.t.size, number):
+        yield Columns(*(column[i : i + number] for column in columns))
+
+
 # Handling of faulty events: checks, counts and messages.
 
 
@@ -522,6 +528,21 @@ class ArrayStream:
         self.rows_read += whole
         array = np.frombuffer(data, self.dtype, whole * math.prod(self.shape[1:]))
         return array.reshape(whole, *self.shape[1:]), len(data) - whole * self.row_bytes
+
+    def blocks(self, rows: int, log: FaultLog, where: str) -> Iterator[npt.NDArray[Any]]:
+        """Yield all rows, up to `rows` at a time.
+
+        A cut-off end is reported to `log`; `where` formats how many rows were read of how many.
+        """
+        total = self.shape[0]
+        while self.rows_read < total:
+            block, leftover = self.read(rows)
+            if len(block):
+                yield block
+            if leftover or not len(block):
+                lost = (total - self.rows_read) * self.row_bytes - leftover
+                log.truncated(lost, where.format(self.rows_read, total))
+                return
 
     def load(self, most_bytes: int) -> npt.NDArray[Any]:
         """Read a small array whole.

@@ -31,6 +31,7 @@ from edge_vpr.recordings.reading import (
     bzip2,
     empty_columns,
     expand_file,
+    in_chunks,
     lz4,
     zstd,
     zstd_decompressor,
@@ -552,9 +553,7 @@ class BagSource(Source):
                         f"({error}): record or copy the bag again"
                     ) from error
                 self.position = message / max(1, self._total)
-                step = self.options.chunk_events
-                for i in range(0, columns.t.size, step):
-                    yield Columns(*(column[i : i + step] for column in columns))
+                yield from in_chunks(columns, self.options.chunk_events)
                 log.undated(packets.take_undated())
 
 
