@@ -16,9 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from edge_vpr.errors import MissingExtraError, RecordingError
+from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, in_chunks
+from edge_vpr.recordings.reading import (
+    Columns,
+    FaultLog,
+    ReadOptions,
+    Source,
+    import_extra,
+    in_chunks,
+)
 
 #: bytes between events, by their type: a pause, or a reset of the decoder
 _PAUSES = {"dvs": b"\xfe\xff", "atis": b"\xfc\xfd\xfe\xff"}
@@ -28,11 +35,7 @@ _FAERY = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), ("on", "?")])
 
 
 def _es() -> Any:
-    try:
-        from faery.extension import es
-    except ImportError as error:
-        raise MissingExtraError("an .es file", "faery", "es") from error
-    return es
+    return import_extra("faery.extension", "an .es file", "faery", "es").es
 
 
 class EsSource(Source):

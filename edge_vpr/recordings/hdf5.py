@@ -21,7 +21,7 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
 from edge_vpr.events import TIME_LIMIT_US, Events, Sensor
-from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
+from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, import_extra
 from edge_vpr.recordings.table import match_columns, tidy
 
 # Open HDF5 files, and the filters that their data sets are stored through.
@@ -49,11 +49,7 @@ _IN_HDF5PLUGIN = {307, 32_001, 32_004, 32_008, 32_013, 32_015, 32_026}
 
 def load_h5py() -> Any:
     """Import h5py, or raise an error that names the extra with it."""
-    try:
-        import h5py
-    except ImportError as error:
-        raise MissingExtraError("an HDF5 file", "h5py", "hdf5") from error
-    return h5py
+    return import_extra("h5py", "an HDF5 file", "h5py", "hdf5")
 
 
 def _check_filters(name: str, filters: list[int]) -> None:

@@ -337,6 +337,14 @@ class Source(ABC):
         """
 
 
+def import_extra(module: str, what: str, library: str, extra: str) -> Any:
+    """Import a module of an optional library, or raise an error that names the extra with it."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise MissingExtraError(what, library, extra) from error
+
+
 # Conversion of all exceptions of parsing libraries to `EdgeVprError`.
 #
 # The parsers behind the readers (zip, NumPy's headers, HDF5, Arrow, rosbags, Pillow, Rust) raise
@@ -641,10 +649,7 @@ class DecompressionError(ValueError):
 
 def lz4(what: str, extra: str) -> Callable[[bytes], bytes]:
     """Return a function that decompresses LZ4 frames; errors name `what`."""
-    try:
-        frame = import_module("lz4.frame")
-    except ImportError as error:
-        raise MissingExtraError(f"{what}, LZ4", "lz4", extra) from error
+    frame = import_extra("lz4.frame", f"{what}, LZ4", "lz4", extra)
     return lambda data: expand(frame.LZ4FrameDecompressor, data, (RuntimeError, EOFError))
 
 
@@ -652,13 +657,8 @@ def zstd_decompressor(
     what: str, extra: str
 ) -> tuple[Callable[[], Any], tuple[type[Exception], ...]]:
     """Return a maker of Zstandard decompressors, and its exceptions; errors name `what`."""
-    try:
-        if sys.version_info >= (3, 14):
-            from compression import zstd
-        else:
-            from backports import zstd
-    except ImportError as error:
-        raise MissingExtraError(f"{what}, ZSTD", "backports.zstd", extra) from error
+    package = "compression" if sys.version_info >= (3, 14) else "backports"
+    zstd = import_extra(f"{package}.zstd", f"{what}, ZSTD", "backports.zstd", extra)
     return zstd.ZstdDecompressor, (zstd.ZstdError, EOFError)
 
 

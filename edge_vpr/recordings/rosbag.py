@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
-from edge_vpr.errors import EdgeVprError, MissingExtraError, RecordingError, UsageError
+from edge_vpr.errors import EdgeVprError, RecordingError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.files import work_folder
 from edge_vpr.recordings.prophesee import EvtWordDecoder
@@ -31,6 +31,7 @@ from edge_vpr.recordings.reading import (
     bzip2,
     empty_columns,
     expand_file,
+    import_extra,
     in_chunks,
     lz4,
     zstd,
@@ -392,7 +393,7 @@ class Bag:
 
     def __init__(self, path: Path, ros: int) -> None:
         self.path, self.ros = path, ros
-        self._rosbags = _load(ros)
+        self._rosbags = import_extra(f"rosbags.rosbag{ros}", "a ROS bag", "rosbags", "ros")
         self._place = _place(path) if ros == 2 else path
         self._expand: Callable[[bytes], bytes] = bytes
         if ros == 2 and self._place.is_dir():
@@ -438,13 +439,6 @@ class Bag:
             return bytes
         storage.metadata = storage.metadata._replace(compression_mode=None)
         return zstd(str(self.path), "ros")
-
-
-def _load(ros: int) -> Any:
-    try:
-        return import_module(f"rosbags.rosbag{ros}")
-    except ImportError as error:
-        raise MissingExtraError("a ROS bag", "rosbags", "ros") from error
 
 
 def _place(path: Path) -> Path:
