@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterable
-from itertools import pairwise
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -100,21 +99,13 @@ def unstuff(data: Any, out: Any) -> Any:
 # CRC-32 as computed by zlib, for use within kernels.
 
 
-_POLYNOMIAL = 0xEDB88320
-
-
-def _tables() -> npt.NDArray[np.int64]:
-    """Return the remainders of each byte with 0 to 7 zero bytes after it, shape (8, 256)."""
-    rows = np.zeros((8, 256), dtype=np.int64)
-    rows[0] = np.arange(256)
-    for _ in range(8):
-        rows[0] = (rows[0] >> 1) ^ np.where(rows[0] & 1, _POLYNOMIAL, 0)
-    for before, row in pairwise(rows):
-        row[:] = (before >> 8) ^ rows[0][before & 255]
-    return rows
-
-
-_TABLES = _tables()
+#: remainders of each byte with 0 to 7 zero bytes after it, shape (8, 256)
+_TABLES = np.array(
+    [
+        [zlib.crc32(bytes([byte, *[0] * zeros]), 0xFFFFFFFF) ^ 0xFFFFFFFF for byte in range(256)]
+        for zeros in range(8)
+    ]
+)
 
 
 @kernel

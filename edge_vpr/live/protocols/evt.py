@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterable
 from typing import Any
 
@@ -21,6 +22,9 @@ from edge_vpr.recordings.prophesee import (
     evt2_time_words,
 )
 from edge_vpr.recordings.reading import Columns
+
+Words = npt.NDArray[Any]
+Sent = npt.NDArray[np.bool_]
 
 #: Number of bytes that are copied at once; a multiple of each word size.
 _COPIED_BYTES = 4_096
@@ -118,39 +122,43 @@ class EvtEncoder(Encoder):
         super().__init__(sensor)
         self._slot = -1
 
-    def _says_time(self, t: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-        """Return before which events, at least one, the high bits are sent."""
-        slot = t >> _SLOT_BITS
+    def encode(self, events: Events) -> bytes:
+        """Encode events."""
+        if events.size == 0:
+            return b""
+        slot = events["t"] >> _SLOT_BITS
         new = np.diff(slot, prepend=self._slot) != 0
         self._slot = int(slot[-1])
-        return new
+        words, sent = self._words(events, new)
+        return np.stack(words, axis=1)[np.stack(sent, axis=1)].tobytes()
+
+    @abstractmethod
+    def _words(self, events: Events, new: Sent) -> tuple[list[Words], list[Sent]]:
+        """Return the words of events, in the order of sending, and which of them are sent.
+
+        `new` says before which events, at least one, the high bits of the time are sent.
+        """
 
 
 class Evt2Encoder(EvtEncoder):
     """Encodes EVT 2.0: high time bits as often as cameras send them, and a word an event."""
 
-    def encode(self, events: Events) -> bytes:
-        """Encode events."""
-        if events.size == 0:
-            return b""
-        new = self._says_time(events["t"])
-        return _interleaved(evt2_time_words(events["t"]), new, evt2_event_words(events))
+    def _words(self, events: Events, new: Sent) -> tuple[list[Words], list[Sent]]:
+        words = [evt2_time_words(events["t"]), evt2_event_words(events)]
+        return words, [new, np.ones_like(new)]
 
 
 class Evt21Encoder(EvtEncoder):
     """Encodes EVT 2.1 words of one event each."""
 
-    def encode(self, events: Events) -> bytes:
-        """Encode events."""
-        if events.size == 0:
-            return b""
-        new = self._says_time(events["t"])
+    def _words(self, events: Events, new: Sent) -> tuple[list[Words], list[Sent]]:
         # the upper half is a word of EVT 2.0 whose column is a multiple of 32; the lower half has a
         # bit for each of the 32 columns from there on
         x = events["x"].astype(np.uint64)
         top = evt2_event_words(events).astype("<u8") & ~np.uint64(31 << 11)
         word = top << np.uint64(32) | np.uint64(1) << (x & np.uint64(31))
-        return _interleaved(evt2_time_words(events["t"]).astype("<u8") << np.uint64(32), new, word)
+        time = evt2_time_words(events["t"]).astype("<u8") << np.uint64(32)
+        return [time, word], [new, np.ones_like(new)]
 
 
 class Evt3Encoder(EvtEncoder):
@@ -160,36 +168,15 @@ class Evt3Encoder(EvtEncoder):
         super().__init__(sensor)
         self._low, self._y = -1, -1
 
-    def encode(self, events: Events) -> bytes:
-        """Encode events."""
-        if events.size == 0:
-            return b""
+    def _words(self, events: Events, new: Sent) -> tuple[list[Words], list[Sent]]:
         t, y = events["t"], events["y"].astype(np.int64)
-        high, low = t >> 12, t & 4095
-        new_high = self._says_time(t)
-        new_low = new_high | (np.diff(low, prepend=self._low) != 0)
+        low = t & 4095
+        new_low = new | (np.diff(low, prepend=self._low) != 0)
         new_y = np.diff(y, prepend=self._y) != 0
         self._low, self._y = int(low[-1]), int(y[-1])
-        words = np.stack(
-            [
-                8 << 12 | (high & 4095),
-                6 << 12 | low,
-                y,
-                2 << 12 | events["p"].astype(np.int64) << 11 | events["x"],
-            ],
-            axis=1,
-        )
-        sent = np.stack([new_high, new_low, new_y, np.ones(t.size, dtype=np.bool_)], axis=1)
-        return words[sent].astype("<u2").tobytes()
-
-
-def _interleaved(
-    time: npt.NDArray[Any], new: npt.NDArray[np.bool_], word: npt.NDArray[Any]
-) -> bytes:
-    """Put a time word before each event that needs one."""
-    sent = np.stack([new, np.ones(new.size, dtype=np.bool_)], axis=1)
-    pairs = np.stack([time, word], axis=1)[sent]
-    return pairs.tobytes()
+        column = 2 << 12 | events["p"].astype(np.int64) << 11 | events["x"]
+        words = [8 << 12 | t >> 12 & 4095, 6 << 12 | low, y, column]
+        return [each.astype("<u2") for each in words], [new, new_low, new_y, np.ones_like(new)]
 
 
 #: Encoders of the words, by the name of the protocol.
