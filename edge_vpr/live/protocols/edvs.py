@@ -311,31 +311,25 @@ class EdvsDecoder(Decoder):
 
     def feed(self, data: bytes, host_us: int = 0) -> Events:
         """Decode the next bytes; see `Decoder.feed`."""
-        if self._given and self._inner is not None:
-            return self._inner.feed(data, host_us)
+        if self._given:
+            return super().feed(data, host_us)
         events = []
         while data:
-            if self._inner is None:
-                data = self._find_format(data)
-                continue
-            # the format is checked after the same bytes, whatever the sizes of the pieces
-            left = DOUBT_BYTES - (self.health.bytes - self._since[0])
-            events.append(self._inner.feed(data[:left], host_us))
+            # the format is found and checked after the same bytes, whatever the sizes of the pieces
+            left = DETECT_BYTES - len(self._pending)
+            if self._inner is not None:
+                left = DOUBT_BYTES - (self.health.bytes - self._since[0])
+            events.append(super().feed(data[:left], host_us))
             data = data[left:]
             self._doubt()
         return join_events(events)
 
     def gap(self, lost_bytes: int = 0) -> Events:
         """Handle missing bytes; see `Decoder.gap`."""
-        return super().gap(lost_bytes) if self._inner is None else self._inner.gap(lost_bytes)
-
-    def finish(self) -> Events:
-        """End the stream; see `Decoder.finish`."""
-        events = []
-        if self._inner is None and (early := self._find_format(b"", last=True)):
-            events.append(self.feed(early))
-        events.append(super().finish() if self._inner is None else self._inner.finish())
-        return join_events(events)
+        if self._inner is None:
+            self.health.skipped_bytes += len(self._pending)
+            self._pending = b""
+        return super().gap(lost_bytes)
 
     def warm_up(self) -> None:
         """Compile the kernels for decoding; see `Decoder.warm_up`."""
@@ -353,32 +347,26 @@ class EdvsDecoder(Decoder):
             EdvsEncoder(self.sensor, self._bits[0], self._syncs[0], "new", echo=False)
         )
 
+    def _lose_sync(self) -> None:
+        if self._inner is not None:
+            self._inner._lose_sync()
+
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
-        return [], data
-
-    def _find_format(self, data: bytes, *, last: bool = False) -> bytes:
-        """Collect bytes until their format is found, then return the bytes to decode."""
-        health = self.health
-        health.bytes += len(data)
-        early = self._pending + data
-        found = None
-        while found is None and len(early) >= (1 if last else DETECT_BYTES):
-            found = detect(early[:DETECT_BYTES], self._bits, self._syncs)
-            if found is None:
+        while self._inner is None and len(data) >= (1 if final else DETECT_BYTES):
+            found = detect(data[:DETECT_BYTES], self._bits, self._syncs)
+            if found is not None:
+                self._settle(*found, len(data))
+            else:
                 # only noise so far: half of it is dropped to make room for later bytes
-                health.skipped_bytes += len(early[: DETECT_BYTES // 2])
-                early = early[DETECT_BYTES // 2 :]
-        if found is None:
-            self._pending = early
-            health.pending_bytes = len(early)
-            return b""
-        self._pending = b""
-        health.bytes -= len(early)  # counted when they are decoded
-        health.pending_bytes = 0
-        self._settle(*found)
-        return early
+                self.health.skipped_bytes += len(data[: DETECT_BYTES // 2])
+                data = data[DETECT_BYTES // 2 :]
+        if self._inner is None:
+            return [], data
+        self._inner._host_us = self._host_us
+        return self._inner._decode(data, final=final)
 
-    def _settle(self, bits: int, sync: int) -> None:
+    def _settle(self, bits: int, sync: int, waiting: int = 0) -> None:
+        """Decode in a format from now on, `waiting` bytes of which are here."""
         inner: Decoder
         if bits == STEPS:
             inner = StepDecoder(self.sensor, sync)
@@ -387,10 +375,11 @@ class EdvsDecoder(Decoder):
         inner.adopt(self.health)
         inner._timestamps.take_over_from(self._timestamps)
         self._inner, self._timestamps = inner, inner._timestamps
-        self._since = self._so_far()
+        received, *others = self._so_far()
+        self._since = (received - waiting, *others)
         self.resync_bytes = inner.resync_bytes
 
-    def _so_far(self) -> tuple[int, int, int, int]:
+    def _so_far(self) -> tuple[int, ...]:
         health = self.health
         return health.bytes, health.skipped_bytes, health.decoded, health.rejected
 
@@ -403,7 +392,7 @@ class EdvsDecoder(Decoder):
         self._since = now
         if 4 * skipped > 3 * received or 4 * rejected > 3 * decoded:
             self.health.resyncs += 1
-            self._pending, self._inner = self._inner._pending, None
+            self._inner = None
 
 
 class EdvsEncoder(Encoder):
