@@ -104,34 +104,6 @@ class CaseEntry:
             "files": {name: entry.to_json() for name, entry in self.files.items()},
         }
 
-    @classmethod
-    def from_json(cls, values: object) -> CaseEntry:
-        """Read an entry from the values of `to_json`.
-
-        Raises
-        ------
-        VectorError
-            If a name is missing, or a value is of another kind.
-        """
-        given = as_object(values, "a case")
-        name = _get(given, "name", str)
-        return cls(
-            name=name,
-            **{one: _get(given, one, int) for one in _NUMBERS},
-            design=Design.from_dict(_get(given, "design", dict), f"case {name}"),
-            widths=_numbers(given, "widths"),
-            reference_firmware=_get(given, "reference_firmware", str),
-            words={
-                table: tuple(_place(place) for place in places)
-                for table, places in _get(given, "words", dict).items()
-            },
-            coverage=_numbers(given, "coverage"),
-            files={file: _file(entry) for file, entry in _get(given, "files", dict).items()},
-        )
-
-
-_NUMBERS = ("number", "start", "activity", "events", "windows", "matches")
-
 
 @dataclass(frozen=True)
 class SuiteEntry:
@@ -188,33 +160,49 @@ class Manifest:
             ],
         }
 
-    @classmethod
-    def from_json(cls, values: object) -> Manifest:
-        """Read a manifest from the values of `to_json`.
 
-        Raises
-        ------
-        VectorError
-            If a name is missing, or a value is of another kind.
-        """
-        given = as_object(values, "a manifest")
-        suites = []
-        for one in _get(given, "suites", list):
-            suite = as_object(one, "a suite")
-            cases = tuple(CaseEntry.from_json(case) for case in _get(suite, "cases", list))
-            suites.append(SuiteEntry(_get(suite, "name", str), _numbers(suite, "coverage"), cases))
-        return cls(
-            versions=_get(given, "versions", dict),
-            seed=_get(given, "seed", int),
-            corners=_get(given, "corners", dict),
-            design=Design.from_dict(_get(given, "design", dict), "the manifest"),
-            rtl=tuple(map(str, given.get("rtl") or ())),  # absent from older manifests
-            suites=tuple(suites),
-        )
+# What a file says, read back: a name that is missing and a value of another kind are errors.
 
 
-def as_object(values: object, what: str) -> Mapping[str, Any]:
-    """Return `values` if they are a JSON object; raise VectorError if not."""
+def _manifest(given: Mapping[str, Any]) -> Manifest:
+    return Manifest(
+        versions=_get(given, "versions", dict),
+        seed=_get(given, "seed", int),
+        corners=_get(given, "corners", dict),
+        design=Design.from_dict(_get(given, "design", dict), "the manifest"),
+        rtl=tuple(map(str, given.get("rtl") or ())),  # absent from older manifests
+        suites=tuple(_suite(suite) for suite in _get(given, "suites", list)),
+    )
+
+
+def _suite(values: object) -> SuiteEntry:
+    given = _object(values, "a suite")
+    cases = tuple(_case(case) for case in _get(given, "cases", list))
+    return SuiteEntry(_get(given, "name", str), _numbers(given, "coverage"), cases)
+
+
+def _case(values: object) -> CaseEntry:
+    given = _object(values, "a case")
+    name = _get(given, "name", str)
+    return CaseEntry(
+        name=name,
+        **{one: _get(given, one, int) for one in _NUMBERS},
+        design=Design.from_dict(_get(given, "design", dict), f"case {name}"),
+        widths=_numbers(given, "widths"),
+        reference_firmware=_get(given, "reference_firmware", str),
+        words={
+            table: tuple(_place(place) for place in places)
+            for table, places in _get(given, "words", dict).items()
+        },
+        coverage=_numbers(given, "coverage"),
+        files={file: _file(entry) for file, entry in _get(given, "files", dict).items()},
+    )
+
+
+_NUMBERS = ("number", "start", "activity", "events", "windows", "matches")
+
+
+def _object(values: object, what: str) -> Mapping[str, Any]:
     if not isinstance(values, dict):
         raise VectorError(f"{what} is a {type(values).__name__}: expected names and values")
     return values
@@ -235,7 +223,7 @@ def _numbers(values: Mapping[str, Any], name: str) -> dict[str, int]:
 
 
 def _place(values: object) -> FieldPlace:
-    given = as_object(values, "a field")
+    given = _object(values, "a field")
     return FieldPlace(*(_get(given, name, kind) for name, kind in _PLACE))
 
 
@@ -243,7 +231,7 @@ _PLACE: tuple[tuple[str, type[Any]], ...] = (("field", str), ("lowest_bit", int)
 
 
 def _file(values: object) -> FileEntry:
-    given = as_object(values, "a file")
+    given = _object(values, "a file")
     sizes = [_get(given, name, int) if name in given else None for name in ("words", "bits")]
     return FileEntry(_get(given, "bytes", int), _get(given, "sha256", str), *sizes)
 
@@ -261,7 +249,7 @@ def load_manifest(folder: str | Path) -> Manifest:
     """
     path = Path(folder) / MANIFEST
     try:
-        values = as_object(json.loads(path.read_text(encoding="utf-8")), "a manifest")
+        values = _object(json.loads(path.read_text(encoding="utf-8")), "a manifest")
     except (OSError, ValueError, RecursionError) as error:
         raise VectorError(f"cannot read {path}: {error}: name a folder of vectors") from error
     if values.get("schema") != SCHEMA:
@@ -270,7 +258,7 @@ def load_manifest(folder: str | Path) -> Manifest:
             "the vectors again"
         )
     try:
-        return Manifest.from_json(values)
+        return _manifest(values)
     except (VectorError, DesignError) as error:
         raise VectorError(f"{path} is damaged: {error}: make the vectors again") from error
 
