@@ -68,8 +68,8 @@ def read_column_chunks(file: IO[bytes]) -> list[ColumnChunk]:
     for group in _field(footer, _ROW_GROUPS, list) or ():
         for column in _field(group, _COLUMNS, list) or ():
             facts = _field(column, _METADATA, dict) or {}
-            path, data_page = _field(facts, _PATH, list), _field(facts, _DATA_PAGE, int)
-            taken = _field(facts, _SIZE, int)
+            path, data_page = _field(facts, _PATH, list), _number(facts, _DATA_PAGE)
+            taken = _number(facts, _SIZE)
             if path is None or data_page is None or taken is None:
                 raise ValueError("a column chunk does not say where it lies")
             # 0 and None both mean that there is no dictionary
@@ -101,9 +101,7 @@ def read_pages(file: IO[bytes], start: int, end: int) -> list[Page]:
         file.seek(at)
         header = _Thrift(file.read(min(_LONGEST_HEADER, end - at)))
         fields = header.structure()
-        compressed, uncompressed = (
-            _field(fields, number, int) for number in (_COMPRESSED, _UNCOMPRESSED)
-        )
+        compressed, uncompressed = _number(fields, _COMPRESSED), _number(fields, _UNCOMPRESSED)
         if compressed is None or uncompressed is None or min(compressed, uncompressed) < 0:
             raise ValueError(f"the page at byte {at:,} states no size")
         pages.append(Page(at, compressed, uncompressed))
@@ -112,11 +110,19 @@ def read_pages(file: IO[bytes], start: int, end: int) -> list[Page]:
 
 
 def _field(fields: dict[int, Any], number: int, kind: type[T]) -> T | None:
-    """Return a field of a structure; None if it is absent."""
+    """Return a field of a structure; None if it is absent.
+
+    A field of another type is an error: Arrow skips it, and goes by one of that number before it.
+    """
     value = fields.get(number)
     if value is not None and type(value) is not kind:
         raise ValueError(f"field {number} is a {type(value).__name__}, and not a {kind.__name__}")
     return value
+
+
+def _number(fields: dict[int, Any], number: int) -> int | None:
+    value = fields.get(number)
+    return value if isinstance(value, int) else None
 
 
 class _Thrift:
@@ -135,12 +141,12 @@ class _Thrift:
         while head := self._byte():
             step, kind = head >> 4, head & 15
             number = number + step if step else self._integer()
-            # the type of a boolean field is also its value
-            fields[number] = kind == 1 if kind in (1, 2) else self._value(kind, depth)
+            # the type of a boolean field is also its value, which is not needed
+            fields[number] = b"" if kind in (1, 2) else self._value(kind, depth)
         return fields
 
     def _value(self, kind: int, depth: int) -> Any:
-        """Read a value; bytes and numbers of eight bytes as they are."""
+        """Read a value: a number, bytes, a list, a tuple (of a set) or a structure."""
         if kind in (1, 2, 3):
             return self._bytes(1)
         if kind in (4, 5, 6):
@@ -151,7 +157,8 @@ class _Thrift:
             return self._bytes(self._varint())
         if kind in (9, 10):
             head = self._byte()
-            return [self._value(head & 15, depth) for _ in range(self._count(head >> 4))]
+            values = [self._value(head & 15, depth) for _ in range(self._count(head >> 4))]
+            return values if kind == 9 else tuple(values)
         if kind == 12:
             return self.structure(depth + 1)
         raise ValueError(f"a structure has a field of type {kind}")

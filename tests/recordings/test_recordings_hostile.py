@@ -273,6 +273,21 @@ def test_the_footer_says_where_column_chunks_lie_as_pyarrow_reads_it(tmp_path):
         assert len(found) == 4 * 5
 
 
+@pytest.mark.parametrize("again", ["0a080c", "0108", "050800"], ids=["set", "bool", "number"])
+def test_a_field_that_comes_again_with_another_type_hides_no_pages(again, tmp_path):
+    """Arrow would go by the first one."""
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    parquet.write_table(pa.table({"t": [1], "x": [1], "y": [1]}), tmp_path / "a.parquet")
+    data = (tmp_path / "a.parquet").read_bytes()
+    assert data[-9] == 0  # the end of the footer's structure
+    length = int.from_bytes(data[-8:-4], "little") + len(again) // 2
+    changed = data[:-9] + bytes.fromhex(again) + b"\0" + length.to_bytes(4, "little") + b"PAR1"
+    with pytest.raises(ValueError, match="field 4 is a"):
+        read_column_chunks(io.BytesIO(changed))
+
+
 # --- silently wrong -------------------------------------------------------------------------
 
 
