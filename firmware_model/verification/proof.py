@@ -84,28 +84,22 @@ def _put(table: Path, name: str, seconds: float | None) -> None:
     Its cell has the seconds and the bound, if there is one; a claim without a proof has none.
     """
     kinds = list(claims.CORE_KINDS)
-    cells: dict[tuple[str, str], str] = {}
+    rows: dict[str, dict[str, str]] = {claim: {} for claim in claims.CORE_CLAIMS.values()}
     if table.exists():
         with table.open(newline="", encoding="utf-8") as file:
-            head, *rows = csv.reader(file)
-        cells = {
-            (row[0], kind): cell
-            for row in rows
-            for kind, cell in zip(head[1:], row[1:], strict=True)
-            if cell
-        }
+            rows |= {row["claim"]: row for row in csv.DictReader(file)}
     for define, claim in claims.CORE_CLAIMS.items():
         for kind in kinds:
             stated = claims.core_claim(define, kind)
             if stated.name == name:
                 first = f"first {stated.bound} clocks: " if stated.bound else ""
-                cells[claim, kind] = "" if seconds is None else f"{first}{seconds:.0f}"
-    rows_now = (
-        [claim, *(cells.get((claim, kind), "") for kind in kinds)]
+                rows[claim][kind] = "" if seconds is None else f"{first}{seconds:.0f}"
+    cells = {
+        claim: [rows[claim].get(kind, "") for kind in kinds]
         for claim in claims.CORE_CLAIMS.values()
-        if any(cells.get((claim, kind)) for kind in kinds)
-    )
-    table.write_text(csv_text(["claim", *kinds], rows_now), encoding="utf-8")
+    }
+    found = ([claim, *of_claim] for claim, of_claim in cells.items() if any(of_claim))
+    table.write_text(csv_text(["claim", *kinds], found), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -262,7 +262,6 @@ def _encode_steps(events: Events, since_us: int, sync: int) -> bytes:
 # given.
 
 
-SENSOR = Sensor(128, 128)
 #: Number of bytes from which the format is found.
 DETECT_BYTES = 1_024
 #: The format is searched for again if most of this number of bytes do not fit it.
