@@ -15,10 +15,10 @@ from edge_vpr.settings import duration_us
 from edge_vpr_tools.console import say, status
 
 if TYPE_CHECKING:
-    from edge_vpr_tools.estimate.accuracy import Drives
     from edge_vpr_tools.estimate.estimation import Question, Tried
     from edge_vpr_tools.estimate.model import Mission
     from edge_vpr_tools.estimate.targets import Constant
+    from edge_vpr_tools.research.experiments.experiment import Drives
     from firmware_model.model.design import Design
 
 
@@ -199,9 +199,10 @@ def tried_designs(args: argparse.Namespace, designs: Sequence[Design]) -> Tried 
 
 def _drives(args: argparse.Namespace) -> Drives:
     from edge_vpr.recordings import open_recording
+    from edge_vpr.settings import PRESETS
     from edge_vpr_tools.estimate import accuracy
-    from edge_vpr_tools.estimate.accuracy import Drives, Pair
-    from edge_vpr_tools.research.experiments.pairs import Kept
+    from edge_vpr_tools.research.experiments.experiment import Drives
+    from edge_vpr_tools.research.experiments.pairs import Kept, Pair
     from edge_vpr_tools.truth_files import load_truth
 
     if args.accuracy_on == ["simulated"]:
@@ -221,8 +222,9 @@ def _drives(args: argparse.Namespace) -> Drives:
     truth_of = partial(
         load_truth, args.ground_truth, tolerance=args.tolerance, rows=None, frame_period=None
     )
-    pair = Pair(reference, query, truth_of)
-    return Drives(" and ".join(args.accuracy_on), lambda draw: pair)
+    name = " and ".join(args.accuracy_on)
+    pair = Pair(name, reference, query, PRESETS["default"], {"the ground truth": truth_of})
+    return Drives(name, lambda draw: pair)
 
 
 # Conversion of the flags of `edge-vpr estimate` to a `Question`.
