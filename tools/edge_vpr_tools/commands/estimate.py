@@ -345,9 +345,9 @@ def _at_whole_windows(args: argparse.Namespace, design: Design) -> int | None:
 
 def _of_flags(args: argparse.Namespace) -> Design:
     from edge_vpr.events import Sensor
-    from edge_vpr.matching.place_filter import TransitionCosts
+    from edge_vpr.map_record import with_places
     from edge_vpr.settings import PRESETS
-    from firmware_model.model.design import Design
+    from edge_vpr_tools.estimate.of_map import design_by
 
     flags: dict[str, Any] = {}
     for name, default in DESIGN_FLAGS.items():
@@ -358,41 +358,32 @@ def _of_flags(args: argparse.Namespace) -> Design:
         flags["matching"] = "sequence"
     if args.counter_code is None and by_sequences:
         flags["counter_code"] = "log"
-    sensor = Sensor.parse(flags["sensor"])
-    # as the default settings have for each kind of window
-    tau_us, number = duration_us(flags["tau"]), flags["places_per_window"]
-    by_time = flags["matching"] == "filter" and flags["window_events"] is None
-    if number == 2 and not (by_time and tau_us % 2 == 0):
+    sensor, number = Sensor.parse(flags["sensor"]), flags["places_per_window"]
+    by_count = {} if flags["window_events"] is None else {"window_events": flags["window_events"]}
+    changes = {
+        "matching": "filter" if flags["matching"] == "filter" else "sequence",
+        "window": "count" if by_count else "time",
+        "tau_us": duration_us(flags["tau"]),
+    }
+    settings = with_places(PRESETS["default"].replaced(changes, "the command line"), None)
+    if number is not None and number > settings.window_parts:
         raise UsageError(
             "--places-per-window 2: expected the filter and windows of an even number of "
             "microseconds"
         )
-    if number is None:
-        number = 2 if by_time and tau_us % 2 == 0 else 1
-    exclusion = PRESETS["default"].exclusion * number
-    of_window: dict[str, Any] = {"activity_costs": by_time and number, "exclusion": exclusion}
-    if flags["window_events"] is not None:
-        by_count = replace(PRESETS["default"], window="count")
-        count = {"window": "count", "window_events": flags["window_events"]}
-        of_window |= count | {"steps": TransitionCosts.of(by_count).forward}
-    return Design.from_dict(
-        {
-            "width": sensor.width,
-            "height": sensor.height,
-            "pixels": flags["pixels"],
-            "places": PLACES,
-            "matching": flags["matching"],
-            "length": flags["sequence_length"],
-            "code": flags["counter_code"],
-            "code_bits": flags["counter_bits"],
-            "polarity": flags["polarity"],
-            "tau_us": tau_us,
-            "lanes": args.lanes,
-            # as a map of this design has, see `of_map.design_of`
-            "accept": "ratio" if by_sequences else "margin",
-            **of_window,
-        },
-        "the command line",
+    return design_by(
+        settings if number is None else replace(settings, places_per_window=number),
+        width=sensor.width,
+        height=sensor.height,
+        pixels=flags["pixels"],
+        places=PLACES,
+        matching=flags["matching"],  # which may be no method
+        length=flags["sequence_length"],
+        code=flags["counter_code"],
+        code_bits=flags["counter_bits"],
+        polarity=flags["polarity"],
+        lanes=args.lanes,
+        **by_count,
     )
 
 

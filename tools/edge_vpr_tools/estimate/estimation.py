@@ -149,7 +149,7 @@ class Question:
     beside: Design | None = None
     choose_distances: bool = False  #: See `search.Limits`.
     mission: Mission
-    places_per_metre: float = 0.1  #: Density of the route, of places at whole windows.
+    places_per_metre: float  #: Density of the route, of places at whole windows.
     targets: tuple[Target, ...]
     #: Held against the design on a single target, and against those of `tried`.
     budgets: tuple[Budget, ...] = ()
