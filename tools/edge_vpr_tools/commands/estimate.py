@@ -6,7 +6,6 @@ import argparse
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -203,7 +202,7 @@ def _drives(args: argparse.Namespace) -> Drives:
     from edge_vpr_tools.estimate import accuracy
     from edge_vpr_tools.research.experiments.experiment import Drives
     from edge_vpr_tools.research.experiments.pairs import Kept, Pair
-    from edge_vpr_tools.truth_files import load_truth
+    from edge_vpr_tools.truth_files import TruthFiles
 
     if args.accuracy_on == ["simulated"]:
         return accuracy.simulated()
@@ -219,11 +218,9 @@ def _drives(args: argparse.Namespace) -> Drives:
                 "several are tried: give two tracks, or an alignment in seconds"
             )
     reference, query = (Kept(open_recording(path)) for path in args.accuracy_on)
-    truth_of = partial(
-        load_truth, args.ground_truth, tolerance=args.tolerance, rows=None, frame_period=None
-    )
     name = " and ".join(args.accuracy_on)
-    pair = Pair(name, reference, query, PRESETS["default"], {"the ground truth": truth_of})
+    truths = {name: TruthFiles(args.ground_truth, args.tolerance)}
+    pair = Pair(name, reference, query, PRESETS["default"], truths)
     return Drives(name, lambda draw: pair)
 
 

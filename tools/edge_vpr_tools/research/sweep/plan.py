@@ -13,12 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 import edge_vpr
 from edge_vpr.errors import UsageError, did_you_mean
-from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr.files import read_toml
 from edge_vpr.recordings import Recording, crop_of, open_recording
@@ -34,7 +30,7 @@ from edge_vpr_tools.research.trials import (
     Store,
     key_of,
 )
-from edge_vpr_tools.truth_files import load_truth
+from edge_vpr_tools.truth_files import TruthFiles
 
 # One trial of a sweep: a variant of the method on one pair of drives with one seed.
 
@@ -80,24 +76,11 @@ class PairOfDrives:
         """Paths of all input files."""
         return (self.reference, self.query, *self.ground_truth)
 
-    def truth(
-        self, places_us: npt.NDArray[np.int64], queries_us: npt.NDArray[np.int64]
-    ) -> GroundTruth:
-        """Read the ground truth for windows with these centres.
-
-        Raises
-        ------
-        EdgeVprError
-            If it cannot be read.
-        """
-        return load_truth(
-            self.ground_truth,
-            places_us,
-            queries_us,
-            tolerance=self.tolerance,
-            rows=self.rows,
-            frame_period=self.frame_period,
-            offset_s=self.offset,
+    @property
+    def truth(self) -> TruthFiles:
+        """Ground truth, which is read when it is called with the centres of windows."""
+        return TruthFiles(
+            self.ground_truth, self.tolerance, self.rows, self.frame_period, self.offset
         )
 
     def open(self, which: int) -> Recording:
