@@ -22,19 +22,10 @@ from edge_vpr.results import RUN, run_record, write_json
 from edge_vpr.settings import SETTING_FIELDS
 from edge_vpr_tools.report.style import CYCLE, figure, legend_below, look, name_label, save
 from edge_vpr_tools.report.tables import markdown_table, write_spreadsheet
+from edge_vpr_tools.research.sweep import MEASURES
 from edge_vpr_tools.research.sweep.plan import sweep_store
 from edge_vpr_tools.research.trials import SWEEP, ListedTrial
 
-#: figures of merit by their name in a file, with the heading of their column
-MEASURES = {
-    "precision_at_100_recall": "P@100R",
-    "recall_at_99_precision": "R@99P",
-    "average_precision": "AP",
-    "recall_at_1": "Recall@1",
-    "packed_bytes_per_window": "bytes per window",
-    "operations_per_match": "operations per match",
-    "microseconds_per_match": "µs per match",
-}
 #: shown with thousands and without decimals
 _WHOLE = ("operations_per_match",)
 #: more rows than this are illegible in one figure
