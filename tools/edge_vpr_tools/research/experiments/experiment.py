@@ -255,24 +255,18 @@ class Measured:
 
 
 def run_experiments(
-    names: Sequence[str],
-    data: Path | None,
-    seeds: int,
-    systems: tuple[str, ...],
+    named: Mapping[ListedTrial, ExperimentTrial],
     store: Store[ExperimentTrial, ExperimentResult],
     workers: Workers,
     progress: Progress = lambda done, of, failed: None,
 ) -> tuple[TrialsRun, list[Measured]]:
-    """Compute the trials of experiments that are not stored, and return all their rows.
+    """Compute the trials that are not stored, and return all rows of each experiment.
 
     Raises
     ------
     EdgeVprError
         If a trial failed.
     """
-    named: dict[ListedTrial, ExperimentTrial] = {}
-    for name in names:
-        named |= trials_of(name, data, seeds, systems)
     run = compute(named, run_trial, store, workers, retry_failed=True, progress=progress)
     lost = failures(store)
     if lost:
@@ -282,7 +276,7 @@ def run_experiments(
             f"failed; {store.folder}/failures says where)"
         )
     measured = []
-    for name in names:
+    for name in dict.fromkeys(one.variant for one in named):
         rows: list[dict[str, Any]] = []
         elapsed_s = 0.0
         for one in named:
