@@ -33,26 +33,15 @@ Times = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class TruthFiles:
-    """Files of a ground truth, and how they are read; called with times, it is the truth of these.
+    """Files of a ground truth, and how they are read; a call with times gives their truth."""
 
-    Parameters
-    ----------
-    files : sequence of str
-        Two tracks, reference first; or one matrix (by suffix), or else one alignment.
-    tolerance : float, optional
-        Needed for tracks (metres) and alignments (their unit).
-    rows : {"reference", "query"}, optional
-        Needed for a matrix.
-    frame_period : str, optional
-        Needed for an alignment in frames, in seconds, for example ``1/30``.
-    offset_s : sequence of two floats, optional
-        Where time 0 of each track is in its recording, in seconds.
-    """
-
+    #: Two tracks, reference first; or one matrix (by suffix), or else one alignment.
     files: Sequence[str]
-    tolerance: float | None = None
-    rows: str | None = None
+    tolerance: float | None = None  #: Needed for tracks (metres) and alignments (their unit).
+    rows: str | None = None  #: {"reference", "query"}: needed for a matrix.
+    #: Needed for an alignment in frames, in seconds, for example ``1/30``.
     frame_period: str | None = None
+    #: Where time 0 of each track is in its recording, in seconds.
     offset_s: Sequence[float] | None = None
 
     def __call__(self, places_us: Times, queries_us: Times) -> GroundTruth:

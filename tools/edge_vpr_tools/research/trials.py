@@ -205,18 +205,11 @@ Key = TypeVar("Key", bound=Hashable)
 
 @dataclass(frozen=True)
 class Outcome(Generic[Key, Result]):
-    """Result or failure of a job.
-
-    Attributes
-    ----------
-    result : object or None
-        None if the job failed.
-    error, where : str
-        One-line error, and its traceback; empty if the job did not fail.
-    """
+    """Result or failure of a job."""
 
     key: Key
-    result: Result | None
+    result: Result | None  #: None if the job failed.
+    #: error, where: one-line error, and its traceback; empty if the job did not fail.
     error: str = ""
     where: str = ""
 
@@ -482,27 +475,16 @@ Progress = Callable[[int, int, int], None]
 
 @dataclass(frozen=True, kw_only=True)
 class TrialsRun:
-    """Counts of one run.
+    """Counts of one run."""
 
-    Attributes
-    ----------
-    trials : int
-        Number of trials, counted by name.
-    different : int
-        Number of trials with different keys.
-    known : int
-        Number of trials whose result or failure was stored by an earlier run.
-    busy_share : float
-        Share of the workers' time, until the last trial ended, in which they computed trials that
-        did not fail. The start of their processes counts as idle.
-    """
-
-    trials: int
-    different: int
-    known: int
+    trials: int  #: Number of trials, counted by name.
+    different: int  #: Number of trials with different keys.
+    known: int  #: Number of trials whose result or failure was stored by an earlier run.
     computed: int
     failed: int
     workers: int
+    #: Share of the workers' time, until the last trial ended, in which they computed trials that
+    #: did not fail. The start of their processes counts as idle.
     busy_share: float
     elapsed_s: float
 

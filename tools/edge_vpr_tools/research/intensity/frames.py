@@ -18,18 +18,10 @@ Times = npt.NDArray[np.int64]
 
 
 class IntensityFrame(NamedTuple):
-    """One image and its time.
+    """One image and its time."""
 
-    Attributes
-    ----------
-    time_us : int
-        Time on the clock of the image's source.
-    image : ndarray of uint8, shape (height, width)
-        Grey values, from black to white.
-    """
-
-    time_us: int
-    image: Image
+    time_us: int  #: Time on the clock of the image's source.
+    image: Image  #: Shape (height, width): grey values, from black to white.
 
 
 class IntensityFrames(Protocol):

@@ -37,36 +37,27 @@ from edge_vpr_tools.truth_files import TruthFiles
 
 @dataclass(frozen=True, kw_only=True)
 class PairOfDrives:
-    """Two recordings, the options for reading them, and the ground truth of the second.
+    """Two recordings, the options for reading them, and the ground truth of the second."""
 
-    Attributes
-    ----------
-    reference, query : str
-        Paths of the recordings.
-    ground_truth : tuple of str
-        Files, as for `edge-vpr evaluate --ground-truth`.
-    tolerance, rows, frame_period, offset
-        As the flags of `evaluate` with these names.
-    sensor, format, time_unit, topic, columns, on_fault
-        As the flags of `map` with these names, for both drives.
-    start, end, start_offset : (str, str), optional
-        For the reference and for the query: seconds at which to start, at which to end, and from
-        which these count, as the flags with these names.
-    """
-
+    #: reference, query: paths of the recordings.
     reference: str
     query: str
-    ground_truth: tuple[str, ...]
+    ground_truth: tuple[str, ...]  #: Files, as for `edge-vpr evaluate --ground-truth`.
+    #: tolerance, rows, frame_period, offset: as the flags of `evaluate` with these names.
     tolerance: float | None = None
     rows: str | None = None
     frame_period: str | None = None
     offset: tuple[float, float] | None = None
+    #: sensor, format, time_unit, topic, columns, on_fault: as the flags of `map` with these names,
+    #: for both drives.
     sensor: str | None = None
     format: str | None = None
     time_unit: str | None = None
     topic: str | None = None
     columns: str | None = None
     on_fault: str = "error"
+    #: start, end, start_offset: for the reference and for the query: seconds at which to start, at
+    #: which to end, and from which these count, as the flags with these names.
     start: tuple[str, str] | None = None
     end: tuple[str, str] | None = None
     start_offset: tuple[str, str] | None = None
@@ -103,25 +94,15 @@ class PairOfDrives:
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """Everything that determines a result; can be sent to another process or machine.
+    """Everything that determines a result; can be sent to another process or machine."""
 
-    Attributes
-    ----------
-    settings : mapping
-        As returned by `Settings.to_dict`, with the seed.
-    inputs : tuple of str
-        SHA-256 of each file of `drives.files`, in that order, and of those that `system` names.
-    version : str
-        Version of edge-vpr.
-    system : str or None
-        Name of a baseline (`open_baseline`), whose distances are matched as the settings say; None
-        for the method itself.
-    """
-
-    settings: Mapping[str, Any]
+    settings: Mapping[str, Any]  #: As returned by `Settings.to_dict`, with the seed.
     drives: PairOfDrives
+    #: SHA-256 of each file of `drives.files`, in that order, and of those that `system` names.
     inputs: tuple[str, ...]
-    version: str = edge_vpr.__version__
+    version: str = edge_vpr.__version__  #: Version of edge-vpr.
+    #: Name of a baseline (`open_baseline`), whose distances are matched as the settings say; None
+    #: for the method itself.
     system: str | None = None
 
     @property
@@ -141,19 +122,7 @@ class Trial:
 
 @dataclass(frozen=True, kw_only=True)
 class TrialResult:
-    """Result of a trial.
-
-    Attributes
-    ----------
-    mapping_s, counting_s, microseconds_per_match : float
-        Times on this machine, under its load during the trial.
-    elapsed_s : float
-        Time of the whole trial on its worker.
-    operations, packed_bytes_per_window : int or None
-        Number of differences or products to compare one query window with the whole map, and size
-        of the descriptors of the places that begin in a window; None in results of earlier
-        versions.
-    """
+    """Result of a trial."""
 
     precision_at_100_recall: float
     recall_at_99_precision: float
@@ -165,10 +134,15 @@ class TrialResult:
     bytes_per_place: int
     packed_bytes_per_place: int
     events: int
+    #: mapping_s, counting_s, microseconds_per_match: times on this machine, under its load during
+    #: the trial.
     mapping_s: float
     counting_s: float
     microseconds_per_match: float
-    elapsed_s: float
+    elapsed_s: float  #: Time of the whole trial on its worker.
+    #: operations, packed_bytes_per_window: number of differences or products to compare one query
+    #: window with the whole map, and size of the descriptors of the places that begin in a window;
+    #: None in results of earlier versions.
     operations: int | None = None
     packed_bytes_per_window: int | None = None
 
