@@ -24,15 +24,9 @@ _LAST_S = 1.0
 
 
 class Publisher(Protocol):
-    """Sends rows to readers, without ever waiting for a reader.
+    """Sends rows to readers, without ever waiting for a reader."""
 
-    Attributes
-    ----------
-    name : str
-        Kind of the row that its notices are.
-    """
-
-    name: str
+    name: str  #: Kind of the row that its notices are.
 
     def send(self, kind: str, line: str) -> None:
         """Send a row of JSON.

@@ -35,18 +35,10 @@ _TIMEOUT_S = 20
 
 
 class Workers(ABC):
-    """Workers that run jobs.
+    """Workers that run jobs."""
 
-    Attributes
-    ----------
-    count : int
-        Number of jobs that the workers run at a time, as known at the start.
-    at_once : int
-        Number of jobs that are submitted at a time.
-    """
-
-    count: int
-    at_once: int
+    count: int  #: Number of jobs that the workers run at a time, as known at the start.
+    at_once: int  #: Number of jobs that are submitted at a time.
 
     @abstractmethod
     def submit(self, run: Callable[[Job], Result], job: Job) -> Future[Result]:

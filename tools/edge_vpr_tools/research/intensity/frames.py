@@ -25,19 +25,12 @@ class IntensityFrame(NamedTuple):
 
 
 class IntensityFrames(Protocol):
-    """Iterable of images in time order; each ``iter()`` begins at the first one.
+    """Iterable of images in time order; each ``iter()`` begins at the first one."""
 
-    Attributes
-    ----------
-    start_us : int
-        Time t = 0 of the recording on the clock of the images: that of the first event in the same
-        file, or of the first image if there are no events.
-    has_events : bool
-        Whether the same file holds events.
-    """
-
+    #: Time t = 0 of the recording on the clock of the images: that of the first event in the same
+    #: file, or of the first image if there are no events.
     start_us: int
-    has_events: bool
+    has_events: bool  #: Whether the same file holds events.
 
     def __iter__(self) -> Iterator[IntensityFrame]:
         """Yield the images."""
