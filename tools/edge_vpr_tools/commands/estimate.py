@@ -254,8 +254,8 @@ def question_of(args: argparse.Namespace) -> Question:
             other = Other(args.vs, None if args.vs == "all-pixels" else Design.load(args.vs))
     except DesignError as error:
         raise UsageError(str(error)) from error
-    beside = sequences_beside(args, design)
-    tried = [each for each in (whole_places_beside(args, design), design, beside) if each]
+    whole, beside = _beside(args, design)
+    tried = [each for each in (whole, design, beside) if each]
     return Question(
         design=design,
         beside=beside,
@@ -384,43 +384,28 @@ def _of_flags(args: argparse.Namespace) -> Design:
     )
 
 
-def matching_is_chosen(args: argparse.Namespace) -> bool:
-    """Return whether the user chose how designs match; otherwise several are compared."""
-    chosen = (args.map, args.design, args.matching, args.sequence_length, args.counter_code)
-    return args.pareto is not None or any(one is not None for one in chosen)
+def _beside(args: argparse.Namespace, design: Design) -> tuple[Design | None, Design | None]:
+    """Return the design with one place per window, and with sequences, on the same route.
 
-
-def sequences_beside(args: argparse.Namespace, design: Design) -> Design | None:
-    """Return a design of the same size with sequences, where the user did not choose the matching.
-
-    It has what suits sequences best: plain logarithms, and windows of a number of events where
+    Both are None where the user chose how designs match, and the first one where it is no other.
+    Sequences have what suits them best: plain logarithms, and windows of a number of events where
     designs are tried on drives.
     """
-    if matching_is_chosen(args):
-        return None
-    windows = "count" if args.accuracy_on is not None else design.window
-    whole = _with_whole_places(design)
-    return replace(
+    chosen = (args.map, args.design, args.matching, args.sequence_length, args.counter_code)
+    if args.pareto is not None or any(one is not None for one in chosen):
+        return None, None
+    whole, number = design, design.places_per_window
+    if number > 1:
+        whole = replace(
+            design, activity_costs=1, exclusion=design.exclusion // number,
+            places=math.ceil(design.places / number),
+        )  # fmt: skip
+    sequences = replace(
         whole, matching="sequence", length=0, code="log", full_scales=(0,), accept="ratio",
-        window=windows, activity_costs=False,
+        window="count" if args.accuracy_on is not None else design.window, activity_costs=False,
     )  # fmt: skip
-
-
-def whole_places_beside(args: argparse.Namespace, design: Design) -> Design | None:
-    """Return a design with one place per window, where the user did not choose the matching."""
-    chosen = matching_is_chosen(args) or args.places_per_window is not None
-    return None if chosen or design.places_per_window == 1 else _with_whole_places(design)
-
-
-def _with_whole_places(design: Design) -> Design:
-    """Return the design for the same route with one place per window."""
-    number = design.places_per_window
-    if number == 1:
-        return design
-    return replace(
-        design, activity_costs=1, exclusion=design.exclusion // number,
-        places=math.ceil(design.places / number),
-    )  # fmt: skip
+    is_other = whole is not design and args.places_per_window is None
+    return whole if is_other else None, sequences
 
 
 def _matches_per_s(every: str, design: Design, selected_per_s: float) -> float:
