@@ -8,13 +8,7 @@ from edge_vpr_tools.console import is_verbose, say, table
 from edge_vpr_tools.estimate import core_area
 from edge_vpr_tools.estimate.estimation import Answers, Comparison, Costs, Estimation, Question
 from edge_vpr_tools.estimate.model import Cost, EveryPixel, Mission, firmware, per_second, sizes
-from edge_vpr_tools.estimate.search import (
-    Candidate,
-    DesignOnTarget,
-    Fit,
-    blocks_of,
-    memory_bytes,
-)
+from edge_vpr_tools.estimate.search import Candidate, DesignOnTarget, Fit, blocks_of, memory_bytes
 from edge_vpr_tools.estimate.targets import Constant, Spread, Target
 from edge_vpr_tools.report.page import quantity
 from firmware_model.image import kept_bytes

@@ -11,14 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from edge_vpr_tools.report.style import (
-    CYCLE,
-    GREY,
-    legend_below,
-    look,
-    name_label,
-    panels,
-)
+from edge_vpr_tools.report.style import CYCLE, GREY, legend_below, look, name_label, panels
 from edge_vpr_tools.research.experiments.experiment import Rows
 
 _COLUMNS = 4

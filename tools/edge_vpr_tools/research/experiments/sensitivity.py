@@ -59,12 +59,7 @@ from edge_vpr_tools.research.experiments.experiment import (
 )
 from edge_vpr_tools.research.experiments.nulls import BY_US, null_queries
 from edge_vpr_tools.research.experiments.pairs import MappedPair
-from edge_vpr_tools.research.experiments.place_filter import (
-    DEFAULTS,
-    ROBOT,
-    driven,
-    driven_street,
-)
+from edge_vpr_tools.research.experiments.place_filter import DEFAULTS, ROBOT, driven, driven_street
 from edge_vpr_tools.research.experiments.plots import lines
 from fixedpoint.activity import PARTS, WEIGHT_BITS
 

@@ -25,11 +25,7 @@ from edge_vpr.warm_up import mapping_steps, matching_steps, warm_up
 from edge_vpr_tools.research.baselines import compare, open_baseline
 from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.experiments.pairs import Pair
-from edge_vpr_tools.research.trials import (
-    ListedTrial,
-    Store,
-    key_of,
-)
+from edge_vpr_tools.research.trials import ListedTrial, Store, key_of
 from edge_vpr_tools.truth_files import TruthFiles
 
 # One trial of a sweep: a variant of the method on one pair of drives with one seed.
