@@ -587,7 +587,7 @@ def map_traverse(
         check_sensor(sensor, pixel_map.sensor)
         settings = settings.replaced({"pixels": len(pixel_map)}, "the pixel map")
     if settings.places_per_window is None:
-        settings = _with_places(settings, recording)
+        settings = with_places(settings, recording)
     check_parts(recording, settings)
     # the released code selects by clipped counts; with other codes, pixels are selected by plain
     # counts, so that maps with different codes have the same pixels
@@ -750,8 +750,11 @@ def _with_mean_count(settings: Settings, first: PixelStatistics, pixel_map: Pixe
     return settings.replaced({"events_per_pixel": mean / len(pixel_map)}, "the reference")
 
 
-def _with_places(settings: Settings, recording: EventSource | WindowSource) -> Settings:
-    """Set the number of places per window: two if windows of this recording can overlap."""
+def with_places(settings: Settings, recording: EventSource | WindowSource | None) -> Settings:
+    """Set the number of places per window: two if windows of this recording can overlap.
+
+    None stands for a recording of single events.
+    """
     period = getattr(recording, "frame_period", None)
     two = (
         settings.matching == "filter"

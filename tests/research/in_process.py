@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from edge_vpr_tools.research.experiments.experiment import run_experiments, store_of
+from edge_vpr_tools.research.experiments.experiment import run_experiments, store_of, trials_of
 from edge_vpr_tools.research.trials import Inline
 
 
@@ -15,5 +15,5 @@ def rows_of(module, data=None, seeds=1):
     with tempfile.TemporaryDirectory() as folder:
         store = store_of(Path(folder) / "trials")
         with store.opened():
-            _, (found,) = run_experiments([name], data, seeds, (), store, Inline())
+            _, (found,) = run_experiments(trials_of(name, data, seeds), store, Inline())
     return found.rows

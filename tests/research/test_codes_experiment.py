@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from edge_vpr_tools.research.experiments import codes
-from edge_vpr_tools.research.experiments.drives import open_pairs, without_pairs
+from edge_vpr_tools.research.experiments.drives import check_data, open_pairs, without_pairs
 from edge_vpr_tools.research.experiments.experiment import Draw
 
 from edge_vpr.errors import UsageError
@@ -86,11 +86,11 @@ def test_every_code_is_a_row_and_those_with_a_learnt_scale_are_drawn():
 
 def test_pairs_are_those_whose_folders_are_there(tmp_path):
     with pytest.raises(UsageError, match=r"holds no pair: name a folder .* brisbane_sparse49"):
-        list(open_pairs(tmp_path))
+        check_data(tmp_path)
     with pytest.raises(UsageError, match="no folder was given with --data: name a folder"):
-        list(open_pairs(None))
+        check_data(None)
     assert without_pairs(None, ["speck_walks"]).count("speck_") == 1
-    assert list(open_pairs(tmp_path, needed=False)) == []
+    assert list(open_pairs(tmp_path)) == []
     (tmp_path / "speck_indoor").mkdir()
     for name in ("reference", "query"):
         np.savez(tmp_path / "speck_indoor" / name, frames=np.ones((40, 8, 8), np.uint8))

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.report.figures import reliability_diagram
-from edge_vpr_tools.report.style import dot_plot
 from edge_vpr_tools.report.tables import SEED
 from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.experiments import (
@@ -22,6 +21,7 @@ from edge_vpr_tools.research.experiments import (
     drives,
     event_speed,
     places_per_window,
+    plots,
     simulated,
     speck_walks,
 )
@@ -47,7 +47,7 @@ def nothing(name):
 
 
 def dots(axes):
-    """Return the drawn means of each series of a panel of `dot_plot`."""
+    """Return the drawn means of each series of a panel of `plots.dots`."""
     return [bars[0].get_xdata().tolist() for bars in axes.containers]
 
 
@@ -76,8 +76,12 @@ def test_a_file_of_results_is_as_its_experiment_writes_it(name):
 
 
 def test_a_dot_is_the_mean_and_its_bar_the_spread():
-    rows = {"a": [0.2, 0.4, 0.6], "$b": [1.0]}
-    drawing = dot_plot({"P@100R": {"x": rows, "y": rows}, "R@99P": {"x": rows, "y": rows}})
+    rows = [
+        {"drives": "d", "row": name, "series": series, "P@100R": value, "R@99P": value}
+        for series in ("x", "y")
+        for name, value in (("a", 0.2), ("a", 0.4), ("a", 0.6), ("$b", 1.0))
+    ]
+    drawing = plots.dots(rows, ("P@100R", "R@99P"), "row", "series")
     left, right = drawing.axes
     assert [label.get_text() for label in left.get_yticklabels()] == ["a", r"\$b"]
     assert (left.get_xlabel(), right.get_xlabel()) == ("P@100R", "R@99P")
@@ -88,7 +92,7 @@ def test_a_dot_is_the_mean_and_its_bar_the_spread():
     (bar, point) = left.containers[0].lines[2][0].get_segments()
     assert np.ptp(bar[:, 0]) == pytest.approx(0.4) and np.ptp(point[:, 0]) == 0
     assert [text.get_text() for text in drawing.legends[0].get_texts()] == ["x", "y"]
-    assert dot_plot({"events": {"": rows}}).legends == []
+    assert plots.dots(rows[:4], ("P@100R",), "row").legends == []
 
 
 def test_variants_on_simulated_streets_are_drawn_as_the_table_says(monkeypatch):

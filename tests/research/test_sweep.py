@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 import sweep_jobs
 from edge_vpr_tools import cli
-from edge_vpr_tools.commands import compare as compare_arguments
 from edge_vpr_tools.research import trials
 from edge_vpr_tools.research.baselines import match_distances, open_baseline
 from edge_vpr_tools.research.experiments.pairs import Pair
@@ -656,10 +655,6 @@ def test_no_title_of_a_comparison_is_cut():
         title = axes.title.get_window_extent()
         assert title.x0 >= 0 and title.x1 <= drawing.bbox.width
         assert title.y1 <= drawing.bbox.height
-
-
-def test_the_help_knows_every_measure():
-    assert tuple(comparison.MEASURES) == compare_arguments.MEASURES
 
 
 def test_wrong_use_of_workers_is_refused(plan_file, tmp_path, capsys):

@@ -12,13 +12,13 @@ from types import SimpleNamespace
 import pytest
 from edge_vpr_tools import doctor
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.doctor import CHECKS, Finding, as_text, examine
+from edge_vpr_tools.doctor import CHECKS, Finding, Found, as_text, examine
 from kernel_programs import CALL, KERNEL, ONE_KERNEL, Runner
 from packaging.requirements import Requirement
 from serial.tools import list_ports
 
 
-def only(findings) -> Finding:
+def only(findings) -> Found:
     (finding,) = findings
     return finding
 
@@ -86,10 +86,10 @@ def test_a_check_that_fails_leaves_the_others(monkeypatch, capsys):
     """What it had found stays; its failure is a finding, in one line."""
 
     def fails():
-        yield Finding("clock", "good", "right so far")
+        yield Found("good", "right so far")
         raise ValueError("boom\nand more")
 
-    checks = {"clock": fails, "memory": lambda: [Finding("memory", "good", "enough")]}
+    checks = {"clock": fails, "memory": lambda: [Found("good", "enough")]}
     found = examine(checks)
     assert [one.topic for one in found] == ["clock", "clock", "memory"]
     assert [one.state for one in found] == ["good", "wrong", "good"]
@@ -153,9 +153,7 @@ def test_every_extra_that_is_checked_is_one_of_the_project():
 def test_too_little_memory_for_a_live_run_is_wrong(tmp_path, kilobytes, state):
     (tmp_path / "proc").mkdir()
     (tmp_path / "proc/meminfo").write_text(f"MemTotal: 1 kB\nMemAvailable: {kilobytes} kB\n")
-    memory, temporary = doctor.check_memory(tmp_path)
-    assert memory.state == state
-    assert temporary.topic == "temporary files"
+    assert only(doctor.check_memory(tmp_path)).state == state
 
 
 def test_a_throttled_board_is_wrong(tmp_path, monkeypatch):
@@ -240,9 +238,7 @@ def test_a_kernel_of_an_older_source_is_not_good_and_compiling_removes_it(
     monkeypatch.setattr(doctor, "PRESETS", [])
     monkeypatch.setattr(doctor, "PROTOCOLS", [])
     doctor.compile_kernels()
-    assert only(doctor.check_kernels()) == Finding(
-        "compiled kernels", "good", f"1 kept in {tmp_path}"
-    )
+    assert only(doctor.check_kernels()) == Found("good", f"1 kept in {tmp_path}")
     assert len(list(tmp_path.rglob("*.nb?"))) == 2  # one index and its kernel
 
 
@@ -292,7 +288,7 @@ def test_a_kernel_is_compiled_again_when_what_it_calls_or_uses_has_changed(
 
 
 def test_something_wrong_is_marked_and_ends_with_an_error(monkeypatch, capsys):
-    found = [Finding("ports", "wrong", "closed", "open it"), Finding("clock", "good", "right")]
+    found = [Finding("ports", "wrong", "closed", "open it"), Finding("clock", "good", "right", "")]
     monkeypatch.setattr("edge_vpr_tools.doctor.examine", lambda: found)
     assert main(["doctor"]) == 1
     said = capsys.readouterr()

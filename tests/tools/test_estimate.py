@@ -771,15 +771,11 @@ def test_accuracy_is_drawn_against_energy_and_against_bytes(name, drive, tmp_pat
 
 def test_the_rovers_question_is_one_command(tmp_path, capsys, monkeypatch):
     """Without any results: designs are tried on the spot, and each target is answered."""
-    from edge_vpr_tools.research.experiments.pairs import truth_of_pair
-
-    from edge_vpr.simulation import simulate_pair
+    from edge_vpr_tools.research.experiments.drives import simulated_pair
 
     def street():
-        pair = [one.keep() for one in simulate_pair(0, "tiny", length_m=120.0)]
-        return accuracy.Drives(
-            "a short street", lambda draw: accuracy.Pair(*pair, truth_of_pair(*pair))
-        )
+        pair = simulated_pair(0, sensor="tiny", length_m=120.0)
+        return accuracy.Drives("a short street", lambda draw: pair)
 
     monkeypatch.setattr(accuracy, "simulated", street)
     monkeypatch.setattr(accuracy, "PIXELS", (10, 25))

@@ -14,7 +14,7 @@ import naive
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.report import traverse
+from edge_vpr_tools.report import figures
 from edge_vpr_tools.report.figures import true_cells
 from edge_vpr_tools.report.verdict import outcome_of
 from streams import descriptors
@@ -239,8 +239,8 @@ def test_shown_distances_are_every_few_of_all_with_a_stride_for_each_axis(
     places, queries = (descriptors(rng.integers(0, 9, (n, 6), dtype=np.uint8)) for n in (95, 23))
     settings = PRESETS["paper"].replaced({"sequence_length": length}, "test")
     matches = match_descriptors(places, queries, settings)
-    monkeypatch.setattr(traverse, "_SIDE", side)
-    shown, (down, across) = traverse.shown_distances(places, queries, matches)
+    monkeypatch.setattr(figures, "_SIDE", side)
+    shown, (down, across) = figures.shown_distances(places, queries, matches)
     assert (down, across) == (1 + 95 // side, 1 + 23 // side)
     every = naive.sequence_sums(
         naive.distance_matrix(places.counts.tolist(), queries.counts.tolist()), length

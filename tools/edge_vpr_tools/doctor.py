@@ -20,7 +20,7 @@ from importlib.metadata import PackageNotFoundError, distribution, version
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numba
 import numpy as np
@@ -53,14 +53,22 @@ from edge_vpr_tools.profile.sensors.sensor import ROOT
 State = Literal["good", "absent", "wrong"]
 
 
+class Found(NamedTuple):
+    """What a check has found."""
+
+    state: State
+    text: str
+    remedy: str = ""  #: What the user can do about it; empty if nothing is needed.
+
+
 @dataclass(frozen=True)
 class Finding:
-    """Result of one check."""
+    """What was found, and the topic of its check."""
 
-    topic: str  #: What was checked.
+    topic: str
     state: State
-    text: str  #: What was found.
-    remedy: str = ""  #: What the user can do about it; empty if nothing is needed.
+    text: str
+    remedy: str
 
 
 # Check where compiled kernels are stored, and compile them before they are needed.
@@ -72,17 +80,13 @@ _NUMBA: Any = caching  # has no types
 _COMPILE = "edge-vpr doctor --compile, as the user who will run it"
 
 
-def check_kernels() -> Iterator[Finding]:
+def check_kernels() -> Iterator[Found]:
     """Find the folder in which Numba stores compiled kernels, and the kernels in it."""
     try:
         folder = _cache_folder()
     except RuntimeError:  # raised by Numba if it can write to no folder
-        yield Finding(
-            "compiled kernels",
-            "wrong",
-            "there is no folder where they may be kept",
-            "set NUMBA_CACHE_DIR to a folder that this user may write",
-        )
+        remedy = "set NUMBA_CACHE_DIR to a folder that this user may write"
+        yield Found("wrong", "there is no folder where they may be kept", remedy)
         return
     found = Counter(state for _, state in _indexes(folder))
     text = f"{found['kept']} kept in {folder}"
@@ -93,9 +97,9 @@ def check_kernels() -> Iterator[Finding]:
     if found["damaged"]:
         text = f"{text}, {found['damaged']} damaged or of an older version"
     if found["kept"] and not found["older"] and not found["damaged"]:
-        yield Finding("compiled kernels", "good", text)
+        yield Found("good", text)
     else:
-        yield Finding("compiled kernels", "absent", f"{text}: the first run takes longer", _COMPILE)
+        yield Found("absent", f"{text}: the first run takes longer", _COMPILE)
 
 
 def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
@@ -221,51 +225,47 @@ _NEEDED_BYTES = 256 << 20
 _TEMPORARY_BYTES = 2 << 30
 
 
-def check_processor(root: Path = ROOT) -> Iterator[Finding]:
+def check_processor(root: Path = ROOT) -> Iterator[Found]:
     """Check for conditions that may slow the processor down."""
     conditions = Conditions.now(root)
     what = f"{processor_name()}, {os.cpu_count()} cores, {conditions}"
     if conditions.faults:
         remedy = "give the board a better supply or more cooling"
-        yield Finding("processor", "wrong", f"{what}: {', '.join(conditions.faults)}", remedy)
+        yield Found("wrong", f"{what}: {', '.join(conditions.faults)}", remedy)
     elif conditions.governor not in (None, "performance"):
         remedy = "before edge-vpr profile: sudo cpupower frequency-set -g performance"
-        yield Finding("processor", "good", what, remedy)
+        yield Found("good", what, remedy)
     else:
-        yield Finding("processor", "good", what)
+        yield Found("good", what)
 
 
-def check_memory(root: Path = ROOT) -> Iterator[Finding]:
-    """Check free memory, and free space for temporary files."""
+def check_memory(root: Path = ROOT) -> Iterator[Found]:
+    """Check free memory."""
     free = _available_bytes(root)
     if free is not None and free < _NEEDED_BYTES:
-        yield Finding(
-            "memory",
-            "wrong",
-            f"{free >> 20} MiB are free, a live run takes up to {_NEEDED_BYTES >> 20} MiB",
-            "end other programs, or add swap",
-        )
+        text = f"{free >> 20} MiB are free, a live run takes up to {_NEEDED_BYTES >> 20} MiB"
+        yield Found("wrong", text, "end other programs, or add swap")
     elif free is not None:
-        yield Finding("memory", "good", f"{free >> 20:,} MiB free")
+        yield Found("good", f"{free >> 20:,} MiB free")
+
+
+def check_temporary_files() -> Iterator[Found]:
+    """Check free space for temporary files."""
     folder = tempfile.gettempdir()
     space = shutil.disk_usage(folder).free
     text = f"{folder}: {space >> 20:,} MiB free"
     if space < _TEMPORARY_BYTES:
-        yield Finding(
-            "temporary files",
-            "absent",
-            f"{text}; maps of long drives then read their recording twice",
-            "set TMPDIR to a folder with 2 GiB",
-        )
+        text = f"{text}; maps of long drives then read their recording twice"
+        yield Found("absent", text, "set TMPDIR to a folder with 2 GiB")
     else:
-        yield Finding("temporary files", "good", text)
+        yield Found("good", text)
 
 
-def check_clock() -> Iterator[Finding]:
+def check_clock() -> Iterator[Found]:
     """Check whether the clock follows a time server, which ground truth by GPS needs."""
     command = shutil.which("timedatectl")
     if command is None:
-        yield Finding("clock", "absent", "timedatectl is not here, so nobody knows if it is right")
+        yield Found("absent", "timedatectl is not here, so nobody knows if it is right")
         return
     try:
         said = subprocess.run(
@@ -275,47 +275,44 @@ def check_clock() -> Iterator[Finding]:
     except (OSError, subprocess.TimeoutExpired):
         said = ""
     if said == "yes":
-        yield Finding("clock", "good", "follows a time server")
+        yield Found("good", "follows a time server")
     else:
-        yield Finding(
-            "clock",
+        yield Found(
             "absent",
             "does not follow a time server: a recording and a GPS log of this machine may be apart",
             "sudo timedatectl set-ntp true, or give evaluate an --offset",
         )
 
 
-def check_ports() -> Iterator[Finding]:
+def check_ports() -> Iterator[Found]:
     """Check whether this user may open each serial port."""
     ports = sorted(list_ports.comports())
     for port in ports:
         name = printable(port.device)
         if os.access(port.device, os.R_OK | os.W_OK):
-            yield Finding("serial ports", "good", f"{name}: may be opened")
+            yield Found("good", f"{name}: may be opened")
         else:
-            yield Finding(
-                "serial ports",
+            yield Found(
                 # a port of the board itself is not necessarily that of the camera
                 "absent" if port.vid is None else "wrong",
                 f"{name}: {getpass.getuser()} may not open it",
                 f"sudo usermod -aG {_group_of(port.device)} {getpass.getuser()}, then log in again",
             )
     if not ports:
-        remedy = "edge-vpr bridge RECORDING makes a virtual one"
-        yield Finding("serial ports", "absent", "none", remedy)
+        yield Found("absent", "none", "edge-vpr bridge RECORDING makes a virtual one")
 
 
-def check_sensors(root: Path = ROOT) -> Iterator[Finding]:
+def check_sensors(root: Path = ROOT) -> Iterator[Found]:
     """Search for power sensors, with which `profile` measures joules."""
     sensors, missing = find_sensors(root)
     for sensor in sensors:
-        yield Finding("power sensors", "good", printable(str(sensor)))
+        yield Found("good", printable(str(sensor)))
         sensor.close()
     for absent in missing:
-        yield Finding("power sensors", "absent", printable(str(absent)))
+        yield Found("absent", printable(str(absent)))
     if not sensors:
         remedy = "give profile a --meter-port, or add a meter's trace with profile trace"
-        yield Finding("power sensors", "absent", "none", remedy)
+        yield Found("absent", "none", remedy)
 
 
 def _available_bytes(root: Path) -> int | None:
@@ -367,33 +364,26 @@ NO_WHEELS = {
 }
 
 
-def check_versions() -> Iterator[Finding]:
+def check_versions() -> Iterator[Found]:
     """Compare the versions of Python and the libraries with the requirements of edge-vpr."""
-    needed = [Requirement(text) for text in distribution("edge-vpr").requires or ()]
     found = [f"edge-vpr {__version__}", f"Python {platform.python_version()}"]
-    for requirement in needed:
-        if requirement.marker is not None:  # required by an extra
-            continue
+    for requirement in _needed():
         installed = _installed(requirement)
-        if not _is_fit(requirement):
-            yield Finding(
-                "versions",
-                "wrong",
-                f"{requirement.name} is {installed or 'missing'}, needed is {requirement}",
-                f"{sys.executable} -m pip install '{requirement}'",
-            )
-        else:
+        if _is_fit(requirement):
             found.append(f"{requirement.name} {installed}")
-    yield Finding("versions", "good", ", ".join(found))
+        else:
+            text = f"{requirement.name} is {installed or 'missing'}, needed is {requirement}"
+            yield Found("wrong", text, f"{sys.executable} -m pip install '{requirement}'")
+    yield Found("good", ", ".join(found))
 
 
-def check_packages() -> Iterator[Finding]:
+def check_packages() -> Iterator[Found]:
     """Tell the number and the sizes of the packages that edge-vpr needs, the largest first."""
     sizes = package_sizes(distribution("edge-vpr").requires or ())
     largest_first = sorted(sizes.items(), key=lambda item: -item[1])
     listed = ", ".join(f"{name} {size / 1e6:.1f}" for name, size in largest_first)
-    text = f"{len(sizes)} besides edge-vpr, {sum(sizes.values()) / 1e6:.0f} MB: {listed}"
-    yield Finding("packages", "good", text)
+    total = f"{sum(sizes.values()) / 1e6:.0f} MB"
+    yield Found("good", f"{len(sizes)} besides edge-vpr, {total}: {listed}")
 
 
 def package_sizes(requirements: Iterable[str]) -> dict[str, int]:
@@ -409,8 +399,7 @@ def package_sizes(requirements: Iterable[str]) -> dict[str, int]:
     while pending:
         requirement = pending.pop()
         name = canonicalize_name(requirement.name)
-        needed = requirement.marker is None or requirement.marker.evaluate({"extra": ""})
-        if name in sizes or not needed or _installed(requirement) is None:
+        if name in sizes or not _applies(requirement, "") or _installed(requirement) is None:
             continue
         found = distribution(name)
         sizes[name] = sum(file.size or 0 for file in found.files or ())
@@ -418,32 +407,32 @@ def package_sizes(requirements: Iterable[str]) -> dict[str, int]:
     return sizes
 
 
-def check_extras() -> Iterator[Finding]:
+def check_extras() -> Iterator[Found]:
     """Check for the libraries of each extra for users."""
-    needed = [Requirement(text) for text in distribution("edge-vpr").requires or ()]
     for extra, what in EXTRAS.items():
-        unfit = [
-            (requirement, _installed(requirement))
-            for requirement in needed
-            if requirement.marker is not None
-            and requirement.marker.evaluate({"extra": extra})
-            and not requirement.marker.evaluate({"extra": ""})
-            and not _is_fit(requirement)
-        ]
-        missing = [
-            f"{one.name} missing"
-            if old is None
-            else f"{one.name} is {old}, needed is {one.specifier}"
-            for one, old in unfit
-        ]
+        missing = []
+        for one in _needed(extra):
+            if not _is_fit(one):
+                old = _installed(one)
+                is_old = f"{one.name} is {old}, needed is {one.specifier}"
+                missing.append(is_old if old else f"{one.name} missing")
         reason = NO_WHEELS.get((extra, platform.machine()))
-        if missing and reason is not None:
-            yield Finding("extras", "absent", f"{what}: {reason}")
-        elif missing:
-            text = f"{what}: {', '.join(missing)}"
-            yield Finding("extras", "absent", text, install_command(extra))
+        if not missing:
+            yield Found("good", what)
+        elif reason is not None:
+            yield Found("absent", f"{what}: {reason}")
         else:
-            yield Finding("extras", "good", what)
+            yield Found("absent", f"{what}: {', '.join(missing)}", install_command(extra))
+
+
+def _needed(extra: str = "") -> list[Requirement]:
+    """Return what edge-vpr requires, or what an extra adds to it."""
+    every = [Requirement(text) for text in distribution("edge-vpr").requires or ()]
+    return [one for one in every if _applies(one, extra) and not (extra and _applies(one, ""))]
+
+
+def _applies(requirement: Requirement, extra: str) -> bool:
+    return requirement.marker is None or requirement.marker.evaluate({"extra": extra})
 
 
 def _is_fit(requirement: Requirement) -> bool:
@@ -466,33 +455,33 @@ _MARKS = {"good": "ok", "absent": "--", "wrong": "!!"}
 
 
 #: checks by their topic
-CHECKS: Mapping[str, Callable[[], Iterable[Finding]]] = {
+CHECKS: Mapping[str, Callable[[], Iterable[Found]]] = {
     "versions": check_versions,
     "packages": check_packages,
     "extras": check_extras,
     "compiled kernels": check_kernels,
     "processor": check_processor,
     "memory": check_memory,
+    "temporary files": check_temporary_files,
     "clock": check_clock,
     "serial ports": check_ports,
     "power sensors": check_sensors,
 }
 
 
-def examine(checks: Mapping[str, Callable[[], Iterable[Finding]]] | None = None) -> list[Finding]:
+def examine(checks: Mapping[str, Callable[[], Iterable[Found]]] | None = None) -> list[Finding]:
     """Run every check on this machine; one that fails is a finding, and the others go on."""
-    found = []
+    findings = []
     for topic, check in (CHECKS if checks is None else checks).items():
         try:
             # those that were found before a failure stay
-            for finding in check():
-                found.append(finding)
+            for found in check():
+                findings.append(Finding(topic, *found))
         except Exception as error:
             text = f"the check fails: {type(error).__name__}: {printable(str(error), 200)}"
-            found.append(
-                Finding(topic, "wrong", text, "please report it, with edge-vpr doctor --json")
-            )
-    return found
+            remedy = "please report it, with edge-vpr doctor --json"
+            findings.append(Finding(topic, "wrong", text, remedy))
+    return findings
 
 
 def as_text(findings: Sequence[Finding]) -> str:

@@ -258,7 +258,7 @@ def _checked(field: SettingField) -> Callable[[str], str]:
 
 
 def add_truth_flags(group: argparse._ActionsContainer) -> None:
-    """Add the flags that `truth_files.load_truth` reads."""
+    """Add the flags that a `truth_files.TruthFiles` is made of."""
     group.add_argument(
         "--ground-truth",
         nargs="+",

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
 import numpy as np
+import numpy.typing as npt
 from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.progress_bar import ProgressBar
@@ -147,19 +148,13 @@ class MatchRows:
     """
 
     def __init__(self, reference: ReferenceMap | None = None) -> None:
-        self._names: tuple[str, ...] = ()
-        self._where: list[list[float | None]] = []
         self._delayed = reference is not None and reference.settings.match_delay > 0
+        self._where: dict[str, npt.NDArray[np.float64]] = {}  # of each place
         self._texts: dict[int, str] = {}  # of `_where`, made when a place is first matched
         if reference is not None and reference.route is not None:
-            route = reference.route
-            columns = route.columns(np.arange(len(reference)), reference.settings.exclusion_places)
-            columns["route_m"] = np.full(len(reference), np.nanmax(route.along_m))
-            self._names = tuple(columns)
-            self._where = [
-                [value if value == value else None for value in place]
-                for place in np.stack(list(columns.values()), axis=1).tolist()
-            ]
+            route, places = reference.route, np.arange(len(reference))
+            self._where = route.columns(places, reference.settings.exclusion_places)
+            self._where["route_m"] = np.full(len(reference), np.nanmax(route.along_m))
 
     def lines(self, result: LiveResult, host_us: int) -> Iterator[str]:
         """Yield the row of each match as JSON, without a line feed.
@@ -195,7 +190,8 @@ class MatchRows:
     def _where_text(self, place: int) -> str:
         text = self._texts.get(place)
         if text is None:
-            where = dict(zip(self._names, self._where[place], strict=True))
+            known = {name: float(values[place]) for name, values in self._where.items()}
+            where = {name: value if value == value else None for name, value in known.items()}
             text = self._texts[place] = f", {json.dumps(where)[1:-1]}"
         return text
 

@@ -10,10 +10,11 @@ import selectors
 import socket
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Self
 from urllib.parse import parse_qsl, unquote
 
 from edge_vpr.errors import MissingExtraError, UsageError
@@ -21,32 +22,6 @@ from edge_vpr.live.links import address_of, listening_socket
 
 #: Time at the end for readers to read what waits for them, in seconds.
 _LAST_S = 1.0
-
-
-class Publisher(Protocol):
-    """Sends rows to readers, without ever waiting for a reader.
-
-    Attributes
-    ----------
-    name : str
-        Kind of the row that its notices are.
-    """
-
-    name: str
-
-    def send(self, kind: str, line: str) -> None:
-        """Send a row of JSON.
-
-        Parameters
-        ----------
-        kind : str
-            The row's own.
-        line : str
-            Without a line feed.
-        """
-
-    def notices(self) -> Iterator[tuple[str, bool]]:
-        """Yield what happened since the last call, and whether it is good news."""
 
 
 # Notices that would come too often are counted, and shown once a minute.
@@ -92,6 +67,31 @@ class RareNotices:
             if more and now - last >= PAUSE_S:
                 self._given[text] = now, good, 0
                 yield f"{text} ({more:,} times in {now - last:.0f} s)", good
+
+
+class Publisher(ABC):
+    """Sends rows to readers, without ever waiting for a reader."""
+
+    name: str  #: Kind of the row that its notices are.
+
+    def __init__(self) -> None:
+        self._notices = RareNotices()
+
+    @abstractmethod
+    def send(self, kind: str, line: str) -> None:
+        """Send a row of JSON.
+
+        Parameters
+        ----------
+        kind : str
+            The row's own.
+        line : str
+            Without a line feed.
+        """
+
+    def notices(self) -> Iterator[tuple[str, bool]]:
+        """Yield what happened since the last call, and whether it is good news."""
+        return self._notices.take()
 
 
 # Server that sends rows of JSON, one in each line, to every program that connects.
@@ -168,7 +168,7 @@ class _Reader:
         self._rest = self._rest[n:]
 
 
-class LineServer:
+class LineServer(Publisher):
     """Sends each row to every reader; bytes from readers are ignored.
 
     A slow reader loses only its own lines, and gets a row ``{"kind": "left_out", "lines": n}`` in
@@ -190,10 +190,10 @@ class LineServer:
     name = "serve"
 
     def __init__(self, address: str) -> None:
+        super().__init__()
         self._server = listening_socket(*parse_address(address), "serve on ")
         #: Where readers connect to, as ``tcp://HOST:PORT``.
         self.address = address_of("tcp", self._server)
-        self._notices = RareNotices()
         self._notices.add(f"matches are at {self.address}", True)
         self._readers: frozenset[_Reader] = frozenset()
         self._lock = threading.Lock()  # of the readers and their lines
@@ -216,10 +216,6 @@ class LineServer:
             for reader in self._readers:
                 reader.add(data)
         self._rouse()
-
-    def notices(self) -> Iterator[tuple[str, bool]]:
-        """See `Publisher.notices`."""
-        return self._notices.take()
 
     def __enter__(self) -> Self:
         return self
@@ -370,7 +366,7 @@ def parse_url(url: str) -> Broker:
     return Broker(found["host"].strip("[]"), port, topic, user, tls, authority, int(qos))
 
 
-class MqttPublisher:
+class MqttPublisher(Publisher):
     """Passes rows to a client of paho-mqtt, which reconnects by itself.
 
     While there is no broker, messages are not stored. ``TOPIC/status`` is retained, and is
@@ -380,11 +376,11 @@ class MqttPublisher:
     name = "mqtt"
 
     def __init__(self, client: Any, broker: Broker) -> None:
+        super().__init__()
         self._client, self._broker = client, broker
         self._lock = threading.Lock()
         self._waiting = 0
         self._there, self._tried = threading.Event(), threading.Event()
-        self._notices = RareNotices()
         self._said = ""
         client.will_set(f"{broker.topic}/status", _status("lost"), qos=1, retain=True)
         client.on_connect = self._connected
@@ -402,10 +398,6 @@ class MqttPublisher:
             self._waiting += 1
         topic = self._broker.topic if kind == "match" else f"{self._broker.topic}/{kind}"
         self._client.publish(topic, line.encode(), qos=self._broker.qos)
-
-    def notices(self) -> Iterator[tuple[str, bool]]:
-        """See `Publisher.notices`."""
-        return self._notices.take()
 
     def wait_for_broker(self, seconds: float) -> None:
         """Wait until the broker answers or cannot be reached, so that the first rows are sent."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -32,75 +31,74 @@ _TRACKS = (".nmea", ".gpx", ".tum")
 Times = npt.NDArray[np.int64]
 
 
-def load_truth(
-    files: Sequence[str],
-    places_us: Times,
-    queries_us: Times,
-    *,
-    tolerance: float | None,
-    rows: str | None,
-    frame_period: str | None,
-    offset_s: Sequence[float] | None = None,
-) -> GroundTruth:
-    """Read two tracks, one matrix (by suffix), or else one alignment.
+@dataclass(frozen=True)
+class TruthFiles:
+    """Files of a ground truth, and how they are read; a call with times gives their truth."""
 
-    Parameters
-    ----------
-    files : sequence of str
-        Two tracks, reference first; or one file.
-    places_us, queries_us : ndarray of int64, shapes (K,) and (Q,)
-        Centres of the windows.
-    tolerance : float, optional
-        Needed for tracks (metres) and alignments (their unit).
-    rows : {"reference", "query"}, optional
-        Needed for a matrix.
-    offset_s : sequence of two floats, optional
-        Where time 0 of each track is in its recording, in seconds.
-    frame_period : str, optional
-        Needed for an alignment in frames, in seconds, for example ``1/30``.
+    #: Two tracks, reference first; or one matrix (by suffix), or else one alignment.
+    files: Sequence[str]
+    tolerance: float | None = None  #: Needed for tracks (metres) and alignments (their unit).
+    rows: str | None = None  #: {"reference", "query"}: needed for a matrix.
+    #: Needed for an alignment in frames, in seconds, for example ``1/30``.
+    frame_period: str | None = None
+    #: Where time 0 of each track is in its recording, in seconds.
+    offset_s: Sequence[float] | None = None
 
-    Raises
-    ------
-    UsageError
-        If what is needed is missing.
-    GroundTruthError
-        If a file is wrong.
-    """
-    if len(files) > 2:
-        raise UsageError(f"{len(files)} ground-truth files: give two tracks, or one other file")
-    if offset_s is not None and len(files) != 2:
-        raise UsageError("--offset sets the clocks of two tracks right: give two tracks")
-    if len(files) == 1 and Path(files[0]).suffix in (".npz", ".npy"):
-        if rows is None:
-            raise UsageError(
-                f"the orientation of {files[0]} is not given: say --rows reference or --rows query"
+    def __call__(self, places_us: Times, queries_us: Times) -> GroundTruth:
+        """Read the truth for windows with these centres, of shapes (K,) and (Q,).
+
+        Raises
+        ------
+        UsageError
+            If what is needed is missing.
+        GroundTruthError
+            If a file is wrong.
+        """
+        files, offset_s = self.files, self.offset_s
+        if len(files) > 2:
+            raise UsageError(f"{len(files)} ground-truth files: give two tracks, or one other file")
+        if offset_s is not None and len(files) != 2:
+            raise UsageError("--offset sets the clocks of two tracks right: give two tracks")
+        if len(files) == 1 and Path(files[0]).suffix in (".npz", ".npy"):
+            if self.rows is None:
+                raise UsageError(
+                    f"the orientation of {files[0]} is not given: say --rows reference or --rows "
+                    "query"
+                )
+            matrix = load_matrix(files[0])
+            return from_matrix(matrix, places_us.size, queries_us.size, rows=self.rows)  # type: ignore[arg-type]
+        if self.tolerance is None:
+            raise UsageError("the tolerance is not given: say for example --tolerance 70")
+        if len(files) == 2:
+            reference, query = (
+                load_track(file).shifted(at)
+                for file, at in zip(files, offset_s or (0.0, 0.0), strict=True)
             )
-        matrix = load_matrix(files[0])
-        return from_matrix(matrix, places_us.size, queries_us.size, rows=rows)  # type: ignore[arg-type]
-    if tolerance is None:
-        raise UsageError("the tolerance is not given: say for example --tolerance 70")
-    if len(files) == 2:
-        offsets = (0.0, 0.0) if offset_s is None else offset_s
-        reference, query = (
-            load_track(file).shifted(at) for file, at in zip(files, offsets, strict=True)
+            return from_tracks(reference, query, places_us, queries_us, self.tolerance)
+        if Path(files[0]).suffix.lower() in _TRACKS:
+            raise UsageError(
+                f"{files[0]} is one track: give two, the reference's and then the query's"
+            )
+        alignment = load_alignment(files[0])
+        if alignment.unit == "frame" and self.frame_period is None:
+            raise UsageError(
+                f"{files[0]} is in frames, and how long a frame lasts is not given: say for "
+                "example --frame-period 1/30"
+            )
+        given = self.frame_period
+        period = None if given is None else float(parse_period(given) * 1_000_000)
+        return from_alignment(
+            alignment.pairs,
+            alignment.coordinate(queries_us, period),
+            alignment.coordinate(places_us, period),
+            self.tolerance,
+            alignment.unit,
         )
-        return from_tracks(reference, query, places_us, queries_us, tolerance)
-    if Path(files[0]).suffix.lower() in _TRACKS:
-        raise UsageError(f"{files[0]} is one track: give two, the reference's and then the query's")
-    alignment = load_alignment(files[0])
-    if alignment.unit == "frame" and frame_period is None:
-        raise UsageError(
-            f"{files[0]} is in frames, and how long a frame lasts is not given: say for example "
-            "--frame-period 1/30"
-        )
-    period = None if frame_period is None else float(parse_period(frame_period) * 1_000_000)
-    return from_alignment(
-        alignment.pairs,
-        alignment.coordinate(queries_us, period),
-        alignment.coordinate(places_us, period),
-        tolerance,
-        alignment.unit,
-    )
+
+    def swapped(self) -> TruthFiles:
+        """Return the two tracks in the other order."""
+        offsets = None if self.offset_s is None else self.offset_s[::-1]
+        return replace(self, files=self.files[::-1], offset_s=offsets)
 
 
 #: places times queries of the ground truth: 64 MB
@@ -113,18 +111,8 @@ def _share_correct(matches: Matches, truth: GroundTruth) -> float:
     return float(truth.correct[matches.place, matches.query].mean())
 
 
-def load_evaluated(
-    results: str,
-    files: Sequence[str],
-    *,
-    tolerance: float | None,
-    rows: str | None,
-    frame_period: str | None,
-    offset_s: Sequence[float] | None,
-) -> tuple[MatchResult, GroundTruth]:
+def load_evaluated(results: str, files: TruthFiles) -> tuple[MatchResult, GroundTruth]:
     """Read a folder of results and its ground truth, and print warnings about doubtful inputs.
-
-    For the ground truth, see `load_truth`.
 
     Raises
     ------
@@ -138,24 +126,16 @@ def load_evaluated(
         some = matches.every(stride)
         note(f"one match in {stride} is evaluated: {len(some):,} of {len(matches):,}")
         matches, result = some, replace(result, matches=some)
-    if frame_period is None and reference.frame_period is not None:
-        frame_period = str(reference.frame_period)
-    truth_of = partial(
-        load_truth,
-        places_us=reference.places.centre_us,
-        queries_us=result.query_time_us,
-        tolerance=tolerance,
-        rows=rows,
-        frame_period=frame_period,
-    )
-    truth = truth_of(files, offset_s=offset_s)
+    if files.frame_period is None and reference.frame_period is not None:
+        files = replace(files, frame_period=str(reference.frame_period))
+    times = reference.places.centre_us, result.query_time_us
+    truth = files(*times)
     for line in truth.notes:
         warning(line)
     share = _share_correct(matches, truth)
-    if len(files) == 2 and share < 1 - _SWAPPED_BY:
-        offsets = None if offset_s is None else offset_s[::-1]
+    if len(files.files) == 2 and share < 1 - _SWAPPED_BY:
         with suppress(GroundTruthError):  # the tracks fit these drives in one order only
-            swapped = _share_correct(matches, truth_of(files[::-1], offset_s=offsets))
+            swapped = _share_correct(matches, files.swapped()(*times))
             if swapped > share + _SWAPPED_BY:
                 warning(
                     f"with the two logs in the other order, {swapped:.0%} of the matches would be "

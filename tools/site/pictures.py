@@ -31,7 +31,7 @@ from edge_vpr_tools.report.figures import draw_outcomes, total_counts
 from edge_vpr_tools.report.replay import Replay, event_images, replay_of
 from edge_vpr_tools.report.style import BLUE, GREY, ORANGE, panels, save
 from edge_vpr_tools.report.verdict import Outcome, outcome_of
-from edge_vpr_tools.truth_files import load_truth
+from edge_vpr_tools.truth_files import TruthFiles
 from matplotlib.axes import Axes
 from matplotlib.colors import PowerNorm
 from matplotlib.patches import ConnectionPatch
@@ -120,10 +120,8 @@ def strip(folder: Path, path: Path) -> None:
 def live_outcome(folder: Path, reference: ReferenceMap) -> Outcome:
     """Compare the live matches with the tracks."""
     matches = Matches.load(folder / "live" / "matches.npz")
-    truth = load_truth(
-        [str(folder / name) for name in TRACKS], reference.places.centre_us, matches.time_us,
-        tolerance=TOLERANCE_M, rows=None, frame_period=None,
-    )  # fmt: skip
+    files = TruthFiles([str(folder / name) for name in TRACKS], TOLERANCE_M)
+    truth = files(reference.places.centre_us, matches.time_us)
     return outcome_of(reference, matches, truth, evaluate(matches, truth))
 
 

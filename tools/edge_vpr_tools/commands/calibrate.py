@@ -91,16 +91,14 @@ LEAST_MATCHES = 100
 def run(args: argparse.Namespace) -> None:
     """Learn the table of probabilities and write it with the map."""
     from edge_vpr import results
-    from edge_vpr_tools.truth_files import load_evaluated
+    from edge_vpr_tools.truth_files import TruthFiles, load_evaluated
 
     folder = Path(args.results)
     output = folder / results.MAP if args.output is None else Path(args.output)
     if args.output is not None:
         results.check_new_map(output, [folder, *args.ground_truth], args.overwrite)
-    result, truth = load_evaluated(
-        args.results, args.ground_truth, tolerance=args.tolerance, rows=args.rows,
-        frame_period=args.frame_period, offset_s=args.offset,
-    )  # fmt: skip
+    files = TruthFiles(args.ground_truth, args.tolerance, args.rows, args.frame_period, args.offset)
+    result, truth = load_evaluated(args.results, files)
     found = calibrate(result.reference, result.matches, truth)
     if found.settings_changed:
         note(

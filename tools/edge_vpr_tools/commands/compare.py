@@ -8,22 +8,12 @@ from pathlib import Path
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import summary
 from edge_vpr_tools.flags import add_figures_flag, add_output_flags, figure_formats
+from edge_vpr_tools.research.sweep import MEASURES
 
 EXAMPLES = """\
   edge-vpr compare pixels
   edge-vpr compare pixels tuesday -o compared --figures pdf,svg
   edge-vpr compare pixels -o curves --over pixels --measure recall_at_99_precision"""
-
-#: the names in `sweep.comparison.MEASURES`, repeated here so that --help imports nothing heavy
-MEASURES = (
-    "precision_at_100_recall",
-    "recall_at_99_precision",
-    "average_precision",
-    "recall_at_1",
-    "packed_bytes_per_window",
-    "operations_per_match",
-    "microseconds_per_match",
-)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_figures_flag(output, "png")
     output.add_argument(
-        "--measure", choices=MEASURES, default=MEASURES[0],
+        "--measure", choices=tuple(MEASURES), default=next(iter(MEASURES)),
         help="measure of the figure, and of the differences from the first variant",
     )  # fmt: skip
     output.add_argument(

@@ -88,21 +88,12 @@ def run(args: argparse.Namespace) -> None:
 
 
 class _Latency(NamedTuple):
-    """Time from entering a place to its first correct match.
+    """Time from entering a place to its first correct match."""
 
-    Attributes
-    ----------
-    median_s : float
-        Median over the recognised places in seconds; NaN if there are none.
-    recognised : int
-        Number of places that were recognised before the drive was too far past their end.
-    places : int
-        Number of places entered while matches were given.
-    """
-
-    median_s: float
+    median_s: float  #: Median over the recognised places in seconds; NaN if there are none.
+    #: Number of places that were recognised before the drive was too far past their end.
     recognised: int
-    places: int
+    places: int  #: Number of places entered while matches were given.
 
     def __str__(self) -> str:
         return f"{self.median_s:.2f} s ({self.recognised} of {self.places} places recognised)"

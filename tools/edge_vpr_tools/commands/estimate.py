@@ -6,7 +6,6 @@ import argparse
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,10 +14,10 @@ from edge_vpr.settings import duration_us
 from edge_vpr_tools.console import say, status
 
 if TYPE_CHECKING:
-    from edge_vpr_tools.estimate.accuracy import Drives
     from edge_vpr_tools.estimate.estimation import Question, Tried
     from edge_vpr_tools.estimate.model import Mission
     from edge_vpr_tools.estimate.targets import Constant
+    from edge_vpr_tools.research.experiments.experiment import Drives
     from firmware_model.model.design import Design
 
 
@@ -199,10 +198,11 @@ def tried_designs(args: argparse.Namespace, designs: Sequence[Design]) -> Tried 
 
 def _drives(args: argparse.Namespace) -> Drives:
     from edge_vpr.recordings import open_recording
+    from edge_vpr.settings import PRESETS
     from edge_vpr_tools.estimate import accuracy
-    from edge_vpr_tools.estimate.accuracy import Drives, Pair
-    from edge_vpr_tools.research.experiments.pairs import Kept
-    from edge_vpr_tools.truth_files import load_truth
+    from edge_vpr_tools.research.experiments.experiment import Drives
+    from edge_vpr_tools.research.experiments.pairs import Kept, Pair
+    from edge_vpr_tools.truth_files import TruthFiles
 
     if args.accuracy_on == ["simulated"]:
         return accuracy.simulated()
@@ -218,11 +218,10 @@ def _drives(args: argparse.Namespace) -> Drives:
                 "several are tried: give two tracks, or an alignment in seconds"
             )
     reference, query = (Kept(open_recording(path)) for path in args.accuracy_on)
-    truth_of = partial(
-        load_truth, args.ground_truth, tolerance=args.tolerance, rows=None, frame_period=None
-    )
-    pair = Pair(reference, query, truth_of)
-    return Drives(" and ".join(args.accuracy_on), lambda draw: pair)
+    name = " and ".join(args.accuracy_on)
+    truths = {name: TruthFiles(args.ground_truth, args.tolerance)}
+    pair = Pair(name, reference, query, PRESETS["default"], truths)
+    return Drives(name, lambda draw: pair)
 
 
 # Conversion of the flags of `edge-vpr estimate` to a `Question`.
@@ -255,8 +254,8 @@ def question_of(args: argparse.Namespace) -> Question:
             other = Other(args.vs, None if args.vs == "all-pixels" else Design.load(args.vs))
     except DesignError as error:
         raise UsageError(str(error)) from error
-    beside = sequences_beside(args, design)
-    tried = [each for each in (whole_places_beside(args, design), design, beside) if each]
+    whole, beside = _beside(args, design)
+    tried = [each for each in (whole, design, beside) if each]
     return Question(
         design=design,
         beside=beside,
@@ -343,9 +342,9 @@ def _at_whole_windows(args: argparse.Namespace, design: Design) -> int | None:
 
 def _of_flags(args: argparse.Namespace) -> Design:
     from edge_vpr.events import Sensor
-    from edge_vpr.matching.place_filter import TransitionCosts
+    from edge_vpr.map_record import with_places
     from edge_vpr.settings import PRESETS
-    from firmware_model.model.design import Design
+    from edge_vpr_tools.estimate.of_map import design_by
 
     flags: dict[str, Any] = {}
     for name, default in DESIGN_FLAGS.items():
@@ -356,81 +355,57 @@ def _of_flags(args: argparse.Namespace) -> Design:
         flags["matching"] = "sequence"
     if args.counter_code is None and by_sequences:
         flags["counter_code"] = "log"
-    sensor = Sensor.parse(flags["sensor"])
-    # as the default settings have for each kind of window
-    tau_us, number = duration_us(flags["tau"]), flags["places_per_window"]
-    by_time = flags["matching"] == "filter" and flags["window_events"] is None
-    if number == 2 and not (by_time and tau_us % 2 == 0):
+    sensor, number = Sensor.parse(flags["sensor"]), flags["places_per_window"]
+    by_count = {} if flags["window_events"] is None else {"window_events": flags["window_events"]}
+    changes = {
+        "matching": "filter" if flags["matching"] == "filter" else "sequence",
+        "window": "count" if by_count else "time",
+        "tau_us": duration_us(flags["tau"]),
+    }
+    settings = with_places(PRESETS["default"].replaced(changes, "the command line"), None)
+    if number is not None and number > settings.window_parts:
         raise UsageError(
             "--places-per-window 2: expected the filter and windows of an even number of "
             "microseconds"
         )
-    if number is None:
-        number = 2 if by_time and tau_us % 2 == 0 else 1
-    exclusion = PRESETS["default"].exclusion * number
-    of_window: dict[str, Any] = {"activity_costs": by_time and number, "exclusion": exclusion}
-    if flags["window_events"] is not None:
-        by_count = replace(PRESETS["default"], window="count")
-        count = {"window": "count", "window_events": flags["window_events"]}
-        of_window |= count | {"steps": TransitionCosts.of(by_count).forward}
-    return Design.from_dict(
-        {
-            "width": sensor.width,
-            "height": sensor.height,
-            "pixels": flags["pixels"],
-            "places": PLACES,
-            "matching": flags["matching"],
-            "length": flags["sequence_length"],
-            "code": flags["counter_code"],
-            "code_bits": flags["counter_bits"],
-            "polarity": flags["polarity"],
-            "tau_us": tau_us,
-            "lanes": args.lanes,
-            # as a map of this design has, see `of_map.design_of`
-            "accept": "ratio" if by_sequences else "margin",
-            **of_window,
-        },
-        "the command line",
+    return design_by(
+        settings if number is None else replace(settings, places_per_window=number),
+        width=sensor.width,
+        height=sensor.height,
+        pixels=flags["pixels"],
+        places=PLACES,
+        matching=flags["matching"],  # which may be no method
+        length=flags["sequence_length"],
+        code=flags["counter_code"],
+        code_bits=flags["counter_bits"],
+        polarity=flags["polarity"],
+        lanes=args.lanes,
+        **by_count,
     )
 
 
-def matching_is_chosen(args: argparse.Namespace) -> bool:
-    """Return whether the user chose how designs match; otherwise several are compared."""
-    chosen = (args.map, args.design, args.matching, args.sequence_length, args.counter_code)
-    return args.pareto is not None or any(one is not None for one in chosen)
+def _beside(args: argparse.Namespace, design: Design) -> tuple[Design | None, Design | None]:
+    """Return the design with one place per window, and with sequences, on the same route.
 
-
-def sequences_beside(args: argparse.Namespace, design: Design) -> Design | None:
-    """Return a design of the same size with sequences, where the user did not choose the matching.
-
-    It has what suits sequences best: plain logarithms, and windows of a number of events where
+    Both are None where the user chose how designs match, and the first one where it is no other.
+    Sequences have what suits them best: plain logarithms, and windows of a number of events where
     designs are tried on drives.
     """
-    if matching_is_chosen(args):
-        return None
-    windows = "count" if args.accuracy_on is not None else design.window
-    whole = _with_whole_places(design)
-    return replace(
+    chosen = (args.map, args.design, args.matching, args.sequence_length, args.counter_code)
+    if args.pareto is not None or any(one is not None for one in chosen):
+        return None, None
+    whole, number = design, design.places_per_window
+    if number > 1:
+        whole = replace(
+            design, activity_costs=1, exclusion=design.exclusion // number,
+            places=math.ceil(design.places / number),
+        )  # fmt: skip
+    sequences = replace(
         whole, matching="sequence", length=0, code="log", full_scales=(0,), accept="ratio",
-        window=windows, activity_costs=False,
+        window="count" if args.accuracy_on is not None else design.window, activity_costs=False,
     )  # fmt: skip
-
-
-def whole_places_beside(args: argparse.Namespace, design: Design) -> Design | None:
-    """Return a design with one place per window, where the user did not choose the matching."""
-    chosen = matching_is_chosen(args) or args.places_per_window is not None
-    return None if chosen or design.places_per_window == 1 else _with_whole_places(design)
-
-
-def _with_whole_places(design: Design) -> Design:
-    """Return the design for the same route with one place per window."""
-    number = design.places_per_window
-    if number == 1:
-        return design
-    return replace(
-        design, activity_costs=1, exclusion=design.exclusion // number,
-        places=math.ceil(design.places / number),
-    )  # fmt: skip
+    is_other = whole is not design and args.places_per_window is None
+    return whole if is_other else None, sequences
 
 
 def _matches_per_s(every: str, design: Design, selected_per_s: float) -> float:

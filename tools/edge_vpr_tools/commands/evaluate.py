@@ -57,13 +57,11 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.report.page import MISSED
     from edge_vpr_tools.report.traverse import write_report
     from edge_vpr_tools.report.verdict import outcome_of
-    from edge_vpr_tools.truth_files import load_evaluated
+    from edge_vpr_tools.truth_files import TruthFiles, load_evaluated
 
     folder, formats = Path(args.results), figure_formats(args.figures)
-    result, truth = load_evaluated(
-        args.results, args.ground_truth, tolerance=args.tolerance, rows=args.rows,
-        frame_period=args.frame_period, offset_s=args.offset,
-    )  # fmt: skip
+    files = TruthFiles(args.ground_truth, args.tolerance, args.rows, args.frame_period, args.offset)
+    result, truth = load_evaluated(args.results, files)
     reference, matches = result.reference, result.matches
     found = result.evaluate(
         truth,

@@ -8,11 +8,16 @@ import time
 from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr_tools.console import note, status, summary, warning
 from edge_vpr_tools.flags import figure_formats
 from edge_vpr_tools.research.experiments import EXPERIMENTS, STREETS_ONLY
+
+if TYPE_CHECKING:
+    from edge_vpr_tools.research.experiments.experiment import ExperimentTrial
+    from edge_vpr_tools.research.trials import ListedTrial
 
 EXAMPLES = """\
   edge-vpr experiment simulated
@@ -113,7 +118,7 @@ def run(args: argparse.Namespace) -> None:
     if args.table is not None:
         _learn(names, args)
         return
-    names = _with_drives(names, args, data)
+    trials = _trials(names, args, data)
     folder = Path(args.output)
     if data is not None:
         for problem in damaged_files(data, downloads(data)):
@@ -123,14 +128,14 @@ def run(args: argparse.Namespace) -> None:
         if written is not None:
             check_parent(Path(written))
     folder.mkdir(parents=True, exist_ok=True)
-    pages = _declared(names, data, args)
-    for name in names:
-        shown = f"{name}:\n\n{pages[name]}\n" if len(names) > 1 else pages[name]
+    pages = _run(trials, folder, args)
+    for name, page in pages.items():
+        shown = f"{name}:\n\n{page}\n" if len(pages) > 1 else page
         for line in shown.split("\n"):
             summary(line)
     if args.report is not None:
         _write_report(Path(args.report), folder, pages, args.seeds)
-    summary(f"{folder}: {len(names)} experiments in {time.perf_counter() - start:,.0f} s")
+    summary(f"{folder}: {len(pages)} experiments in {time.perf_counter() - start:,.0f} s")
 
 
 def _list_files(names: list[str], args: argparse.Namespace, data: Path | None) -> None:
@@ -154,37 +159,37 @@ def _list_files(names: list[str], args: argparse.Namespace, data: Path | None) -
         raise UsageError("; ".join(damaged))
 
 
-def _with_drives(names: list[str], args: argparse.Namespace, data: Path | None) -> list[str]:
-    """Return the experiments whose drives are there; of ``all``, the others are named."""
+def _trials(
+    names: list[str], args: argparse.Namespace, data: Path | None
+) -> dict[ListedTrial, ExperimentTrial]:
+    """Return the trials of experiments; of ``all``, those whose drives are not there are named."""
     from edge_vpr_tools.research.experiments.experiment import trials_of
 
-    found = []
+    found: dict[ListedTrial, ExperimentTrial] = {}
     for name in names:
         try:
-            trials_of(name, data, args.seeds, tuple(args.baselines))
+            found |= trials_of(name, data, args.seeds, tuple(args.baselines))
         except UsageError as error:
             if "all" not in args.names:
                 raise UsageError(f"experiment {name}: {error}") from None
             warning(f"experiment {name} is left out: {error}")
-            continue
-        found.append(name)
     return found
 
 
-def _declared(names: list[str], data: Path | None, args: argparse.Namespace) -> dict[str, str]:
-    """Run experiments, write their tables and figures, and return their tables."""
+def _run(
+    trials: dict[ListedTrial, ExperimentTrial], folder: Path, args: argparse.Namespace
+) -> dict[str, str]:
+    """Run trials, write tables and figures of their experiments, and return the tables."""
     from edge_vpr_tools.report.style import save
     from edge_vpr_tools.research.experiments.experiment import run_experiments, store_of
     from edge_vpr_tools.research.trials import Inline, processes
 
-    folder, count = Path(args.output), args.workers or os.cpu_count() or 1
-    store = store_of(folder / _STORE)
+    count, store = args.workers or os.cpu_count() or 1, store_of(folder / _STORE)
     started = nullcontext(Inline()) if count == 1 else processes(count)
     with store.opened(), started as workers, status("starting") as show:
         done, measured = run_experiments(
-            names, data, args.seeds, tuple(args.baselines), store, workers,
-            lambda n, of, failed: show(f"{n} of {of} trials"),
-        )  # fmt: skip
+            trials, store, workers, lambda n, of, failed: show(f"{n} of {of} trials")
+        )
     for each in measured:
         each.write(folder)
         files = [] if args.figure is None else _figure_files(Path(args.figure), args.figures)

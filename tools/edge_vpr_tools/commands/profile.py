@@ -95,7 +95,7 @@ def load_of(args: argparse.Namespace) -> Load:
     from edge_vpr.simulation import simulate_pair
     from edge_vpr_tools.inputs import open_from, tracked
     from edge_vpr_tools.profile.workload import STREET_M, Load, of_map, street_load
-    from edge_vpr_tools.truth_files import load_truth
+    from edge_vpr_tools.truth_files import TruthFiles
 
     if args.map is None:
         pair = simulate_pair(args.seed, length_m=STREET_M)
@@ -109,10 +109,7 @@ def load_of(args: argparse.Namespace) -> Load:
     inputs = [args.map, args.recording]
     if args.ground_truth is not None:
         inputs += args.ground_truth
-        truth_of = partial(
-            load_truth, args.ground_truth, tolerance=args.tolerance, rows=args.rows,
-            frame_period=args.frame_period,
-        )  # fmt: skip
+        truth_of = TruthFiles(args.ground_truth, args.tolerance, args.rows, args.frame_period)
         # so that a wrong ground truth is an error now, and not after minutes of measuring
         queries = describe_query(reference, recording)
         truth_of(reference.places.centre_us, queries.centre_us)

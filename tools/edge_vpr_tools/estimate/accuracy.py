@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.counting import EventSource
 from edge_vpr.errors import GroundTruthError, UsageError
-from edge_vpr.map_record import coded_map, describe
-from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
-from edge_vpr.simulation import simulate_pair
 from edge_vpr_tools.estimate.search import Evaluated
 from edge_vpr_tools.estimate.show import matching
-from edge_vpr_tools.research.experiments.pairs import TOLERANCE_M, TruthOf, truth_of_pair
+from edge_vpr_tools.research.experiments.drives import simulated_pair
+from edge_vpr_tools.research.experiments.experiment import Drives
+from edge_vpr_tools.research.experiments.pairs import TOLERANCE_M, Pair
 from firmware_model.model.design import Design
 
 #: J and bits that are tried, as far as the sensor has pixels and the code bits
@@ -31,31 +29,11 @@ DRAWS = 3
 FIRST_SEED = 10
 
 
-class Pair(NamedTuple):
-    """Two drives of one route, with their ground truth."""
-
-    reference: EventSource
-    query: EventSource
-    truth_of: TruthOf  #: Ground truth of places and queries at such times.
-
-
-class Drives(NamedTuple):
-    """The drives that designs are tried on."""
-
-    name: str  #: For the answer.
-    open: Callable[[int], Pair]  #: Opens those for the n-th draw of pixels.
-
-
 def simulated() -> Drives:
     """Return simulated streets that are driven twice, for use without recordings."""
-
-    def street(draw: int) -> Pair:
-        reference, query = (drive.keep() for drive in simulate_pair(FIRST_SEED + draw))
-        return Pair(reference, query, truth_of_pair(reference, query))
-
     seeds = f"seeds {FIRST_SEED} to {FIRST_SEED + DRAWS - 1}"
     name = f"each of {DRAWS} simulated streets ({seeds}, within {TOLERANCE_M:g} m)"
-    return Drives(name, street)
+    return Drives(name, lambda draw: simulated_pair(FIRST_SEED + draw), varied=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +70,8 @@ def try_designs(
 
     Parameters
     ----------
+    drives : Drives
+        Open a `Pair` for the n-th draw of pixels; their name is for the answer.
     designs : sequence of Design
         All but their pixels, bits and places is their own.
     on_start : callable
@@ -164,30 +144,26 @@ def _draw(pair: Pair, design: Design, pixels: int, seed: int) -> Iterator[_Run]:
     if design.filters:
         changes |= {
             "filter_steps": None if design.activity_costs else design.steps,
-            "places_per_window": int(design.activity_costs) or 1,
             "filter_back": design.back,
             "filter_restart": max(design.restart, 1),
         }
     else:
         # the middle of a sequence is most often within the tolerance
         changes |= {"sequence_length": design.length, "anchor": "middle"}
-    settings = PRESETS["default"].replaced(changes, "the design").uncoded
-    mapped = ReferenceMap.build(pair.reference, settings)
-    queries = describe(pair.query, mapped.pixel_map, mapped.settings)
-    truth = pair.truth_of(mapped.places.centre_us, queries.centre_us)
+    mapped = pair.mapped(PRESETS["default"].replaced(changes, "the design").uncoded)
+    queries, truth = mapped.counted, mapped.truth
     code = {
         "counter_code": "log" if design.own_mean else design.code,
         "counter_scaling": design.code if design.own_mean else "shared",
     }
     for bits in BITS:
-        coded = mapped.settings.replaced(code | {"counter_bits": bits}, "the design")
-        reference = coded_map(mapped, coded)
-        matches = match_descriptors(reference.places, reference.coded(queries), coded)
+        coded = mapped.coded(code | {"counter_bits": bits})
+        matches = coded.match()
         known = truth.known[matches.query]
         query = matches.query[known]
         yield _Run(
             f"{pixels} px, {bits} bit{'s' * (bits > 1)} {design.code}, {matching(design)}",
-            reference,
+            coded.reference,
             queries.start_us[query],
             queries.end_us[query],
             truth.correct[matches.place[known], query],

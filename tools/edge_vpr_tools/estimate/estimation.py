@@ -35,13 +35,6 @@ class Side(NamedTuple):
     mission: Mission
 
 
-class Pair(NamedTuple):
-    """A number of this design, and of the other one."""
-
-    ours: float
-    theirs: float
-
-
 class Costs(NamedTuple):
     """Costs of this design on a target, and of the other one."""
 
@@ -56,13 +49,13 @@ class Comparison:
 
     ours: Side
     theirs: Side
-    counts: dict[str, Pair]  #: Exact counts, by name.
+    counts: dict[str, tuple[float, float]]  #: Exact counts of ours and of theirs, by name.
     costs: tuple[Costs, ...]  #: On each target.
 
     def to_json(self) -> dict[str, Any]:
         """Return values that JSON can hold: ``[this design, the other]``."""
         return {
-            "counts": {name: list(pair) for name, pair in self.counts.items()},
+            "counts": to_json(self.counts),
             "targets": {
                 target.name: [to_json(one) | {"energy_is": "modelled"} for one in (ours, theirs)]
                 for target, ours, theirs in self.costs
@@ -78,7 +71,7 @@ def compare(
     return Comparison(
         ours,
         theirs,
-        {name: Pair(a.get(name, 0), value) for name, value in b.items()},
+        {name: (a.get(name, 0), value) for name, value in b.items()},
         tuple(
             Costs(
                 target,
@@ -149,7 +142,7 @@ class Question:
     beside: Design | None = None
     choose_distances: bool = False  #: See `search.Limits`.
     mission: Mission
-    places_per_metre: float = 0.1  #: Density of the route, of places at whole windows.
+    places_per_metre: float  #: Density of the route, of places at whole windows.
     targets: tuple[Target, ...]
     #: Held against the design on a single target, and against those of `tried`.
     budgets: tuple[Budget, ...] = ()

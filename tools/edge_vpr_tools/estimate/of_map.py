@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from edge_vpr.descriptors.windows import narrow, place_activity
 from edge_vpr.matching.place_filter import TransitionCosts
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import Settings
 from firmware_model.errors import DesignError
 from firmware_model.model.design import Design, DeviceCode
 from firmware_model.model.memories import Memories
@@ -36,9 +39,8 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
             "without --jumps"
         )
     code, bits, full_scales = _code_of(reference)
-    filters = settings.matching == "filter"
-    costs = TransitionCosts.of(settings)
-    return Design(
+    return design_by(
+        settings,
         width=reference.pixel_map.sensor.width,
         height=reference.pixel_map.sensor.height,
         pixels=len(reference.pixel_map),
@@ -46,20 +48,35 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         code=code,
         code_bits=bits,
         full_scales=full_scales,
-        window=settings.window,
-        tau_us=settings.tau_us,
         window_events=1 if settings.events_per_pixel is None else settings.events_per_window,
         places=len(reference),
-        matching=settings.matching,
-        length=0 if filters else settings.sequence_length,
-        activity_costs=filters and costs.forward is None and settings.window_parts,
-        steps=_steps_of(costs),
-        back=costs.back,
-        restart=costs.restart,
+        length=0 if settings.matching == "filter" else settings.sequence_length,
         lanes=lanes,
-        accept="margin" if filters else "ratio",
-        exclusion=settings.exclusion_places,
     )
+
+
+def design_by(settings: Settings, **others: Any) -> Design:
+    """Take from settings how a design cuts windows and matches them, and the rest from `others`.
+
+    Raises
+    ------
+    DesignError
+        If the device could not be.
+    """
+    filters = settings.matching == "filter"
+    costs = TransitionCosts.of(settings)
+    of_settings = {
+        "window": settings.window,
+        "tau_us": settings.tau_us,
+        "matching": settings.matching,
+        "activity_costs": filters and costs.forward is None and settings.window_parts,
+        "steps": _steps_of(costs),
+        "back": costs.back,
+        "restart": costs.restart,
+        "accept": "margin" if filters else "ratio",
+        "exclusion": settings.exclusion_places,
+    }
+    return Design(**of_settings | others)
 
 
 def _steps_of(costs: TransitionCosts) -> tuple[int, ...]:

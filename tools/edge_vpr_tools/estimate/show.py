@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
 
 from edge_vpr_tools.console import is_verbose, say, table
 from edge_vpr_tools.estimate import core_area
 from edge_vpr_tools.estimate.estimation import Answers, Comparison, Costs, Estimation, Question
 from edge_vpr_tools.estimate.model import Cost, EveryPixel, Mission, firmware, per_second, sizes
-from edge_vpr_tools.estimate.search import (
-    Candidate,
-    DesignOnTarget,
-    Fit,
-    blocks_of,
-    memory_bytes,
-)
+from edge_vpr_tools.estimate.search import Candidate, DesignOnTarget, Fit, blocks_of, memory_bytes
 from edge_vpr_tools.estimate.targets import Constant, Spread, Target
 from edge_vpr_tools.report.page import quantity
 from firmware_model.image import kept_bytes
@@ -68,11 +61,6 @@ def busy(load: Spread) -> str:
     return f"{load.central:.3%}" if load.high < 1 else f"{load.central:.0%}: may be overloaded"
 
 
-def joules(value: Spread | None) -> str:
-    """Return an energy, or that it is unknown."""
-    return UNKNOWN if value is None else spread(value, "J")
-
-
 def per_joule(value: Spread | None) -> str:
     """Return the matches per joule of the work, or that they are unknown."""
     if value is None:
@@ -84,20 +72,14 @@ def per_joule(value: Spread | None) -> str:
     return f"{central} ({low} to {high})"
 
 
-def watts(value: Spread | None) -> str:
-    """Return a power, or that it is unknown."""
-    return UNKNOWN if value is None else spread(value, "W")
+def spread(value: Spread | None, unit: str) -> str:
+    """Return a value with low and high, in a unit that suits the central one, or "unknown"."""
+    return UNKNOWN if value is None else quantity(value.central, unit, value.low, value.high)
 
 
-def spread(value: Spread, unit: str) -> str:
-    """Return a value with low and high, in one unit that suits the central value."""
-    return quantity(value.central, unit, value.low, value.high)
-
-
-def three(values: Iterable[float]) -> str:
-    """Return low, central and high as central with its bounds."""
-    low, central, high = values
-    return f"{central:g} ({low:g} to {high:g})"
+def three(value: Spread) -> str:
+    """Return the central value with its bounds."""
+    return f"{value.central:g} ({value.low:g} to {value.high:g})"
 
 
 def times(theirs: float, ours: float) -> str:
@@ -198,10 +180,10 @@ def _row(target: Target, of: DesignOnTarget) -> list[str]:
 def _power_text(of: Cost) -> str:
     """Return the power of a device at the mission's rates, as far as it is known."""
     if of.whole_w is not None:
-        return watts(of.whole_w)
+        return spread(of.whole_w, "W")
     if of.marginal_w is not None:
-        return f"{watts(of.marginal_w)} of the work"
-    return UNKNOWN if of.idle_w is None else f"{watts(of.idle_w)} at rest"
+        return f"{spread(of.marginal_w, 'W')} of the work"
+    return UNKNOWN if of.idle_w is None else f"{spread(of.idle_w, 'W')} at rest"
 
 
 def _memory_text(of: DesignOnTarget, target: Target) -> str:
@@ -222,8 +204,8 @@ def _memory_text(of: DesignOnTarget, target: Target) -> str:
 def show_comparison(found: Comparison, name: str) -> None:
     """Print both, and how many times the other one takes."""
     rows = [
-        [key, f"{pair.ours:,.6g}", f"{pair.theirs:,.6g}", times(pair.theirs, pair.ours)]
-        for key, pair in found.counts.items()
+        [key, f"{ours:,.6g}", f"{theirs:,.6g}", times(theirs, ours)]
+        for key, (ours, theirs) in found.counts.items()
     ]
     table(["exact counts", "this design", name, "times"], rows)
     for kind, unit in (("processor", "instructions"), ("fpga", "cycles"), ("datapath", "cycles")):
@@ -241,7 +223,7 @@ def show_comparison(found: Comparison, name: str) -> None:
 def _modelled(found: Comparison, name: str, costs: Sequence[Costs], unit: str) -> None:
     rows = []
     for target, a, b in costs:
-        taken = [_taken(one) for one in (a, b)]
+        taken = [_taken(one, "search") for one in (a, b)]
         memory = [memory_bytes(side.design, target) for side in (found.ours, found.theirs)]
         lines = [
             (f"{unit} of a search", *(f"{n:,.0f}" for n in taken), times(taken[1], taken[0])),
@@ -262,11 +244,11 @@ def _modelled(found: Comparison, name: str, costs: Sequence[Costs], unit: str) -
     table(["target", "", "this design", name, "times"], rows)
 
 
-def _taken(found: Cost) -> float:
-    """Return the instructions of a search, or its cycles where there is no program."""
+def _taken(found: Cost, unit: str) -> float:
+    """Return the instructions of a unit of work, or its cycles where there is no program."""
     if found.instructions is None:
-        return found.cycles["search"].central
-    return found.instructions["search"]
+        return found.cycles[unit].central
+    return found.instructions[unit]
 
 
 # Assumptions, sources and unknown values of an estimate.
@@ -278,10 +260,10 @@ def sources(found: Estimation) -> list[str]:
     cited: dict[Constant, None] = {}
     for target in found.question.targets:
         if target.kind == "processor":
-            compiler = firmware()[target.core].compiler
+            compiler, cpi = firmware()[target.core].compiler, three(Spread(*target.cpi))
             said.append(
                 f"{target.name}: instructions of the reference firmware ({compiler}, "
-                f"{target.core}); cycles per instruction {three(target.cpi)}: {target.cpi_source}"
+                f"{target.core}); cycles per instruction {cpi}: {target.cpi_source}"
             )
         if target.logic_cells:
             furthest = max(map(abs, core_area.errors().values()))
@@ -297,7 +279,7 @@ def sources(found: Estimation) -> list[str]:
             said.append(f"{target.name}: {target.unknown}" + remedy * (target.kind == "processor"))
         cited |= dict.fromkeys(found.on[target.name].cost.basis)
     said += [
-        f"modelled, {constant.name}: {three(asdict(constant.value).values())} "
+        f"modelled, {constant.name}: {three(constant.value)} "
         f"{constant.unit} (year {constant.year}, {constant.node}): {constant.source}; "
         f"{constant.uncertainty}"
         for constant in cited
@@ -391,17 +373,17 @@ def _costs(found: Estimation) -> None:
     rows = []
     for target in found.question.targets:
         cost = found.on[target.name].cost
+        kind = "c" if cost.instructions is None else "i"
+        units = ("selected event", "window", "search")
         rows.append(
             [
                 target.name,
-                _instructions(cost, "selected event"),
-                _instructions(cost, "window"),
-                _instructions(cost, "search"),
+                *(f"{_taken(cost, unit):,.0f} {kind}" for unit in units),
                 quantity(cost.seconds["search"].central, "s"),
                 busy(cost.load),
-                joules(cost.per_match_j),
-                watts(cost.marginal_w),
-                watts(cost.idle_w),
+                spread(cost.per_match_j, "J"),
+                spread(cost.marginal_w, "W"),
+                spread(cost.idle_w, "W"),
             ]
         )
     table(
@@ -419,10 +401,11 @@ def _units(found: Cost, target: Target, mission: Mission) -> None:
     """Print what each unit of work takes on one target, and a second of the mission."""
     rows = []
     for unit in found.cycles:
+        energy = None if found.energy_j is None else found.energy_j[unit]
         taken = "-" if found.instructions is None else f"{found.instructions[unit]:,.0f}"
         rows.append(
             [unit, taken, count(found.cycles[unit]), spread(found.seconds[unit], "s"),
-             UNKNOWN if found.energy_j is None else spread(found.energy_j[unit], "J")]
+             spread(energy, "J")]
         )  # fmt: skip
     taken = "-"
     if found.instructions is not None:
@@ -431,7 +414,7 @@ def _units(found: Cost, target: Target, mission: Mission) -> None:
     every_second = per_second(found.cycles, mission)
     rows.append(
         ["a second of the mission", taken, count(every_second), spread(found.load, "s"),
-         UNKNOWN if found.marginal_w is None else spread(found.marginal_w, "J")]
+         spread(found.marginal_w, "J")]
     )  # fmt: skip
     table([target.name, "instructions", "cycles", "time", "energy (modelled)"], rows)
 
@@ -470,7 +453,7 @@ def _candidates(found: Sequence[Candidate], recommended: DesignOnTarget) -> None
         shown.append(recommended)
     rows = [
         ["> " * (one is recommended) + one.name, f"{one.accuracy:.3f} ± {one.error:.3f}",
-         f"{one.design.places:,}", size_text(one.memory_bytes), joules(one.cost.per_match_j),
+         f"{one.design.places:,}", size_text(one.memory_bytes), spread(one.cost.per_match_j, "J"),
          one.limited_by or "fits"]
         for one in shown
     ]  # fmt: skip
@@ -479,9 +462,3 @@ def _candidates(found: Sequence[Candidate], recommended: DesignOnTarget) -> None
     )
     if len(shown) < len(found):
         say(f"and {len(found) - len(shown)} more, less often correct (all of them by --json)")
-
-
-def _instructions(found: Cost, unit: str) -> str:
-    if found.instructions is not None:
-        return f"{found.instructions[unit]:,.0f} i"
-    return f"{found.cycles[unit].central:,.0f} c"

@@ -57,42 +57,26 @@ class Constant:
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """A device to estimate for; see the files in ``targets/``.
-
-    Attributes
-    ----------
-    kind : {"processor", "fpga", "datapath"}
-        What computes.
-    core : str
-        Row of the table of instructions; processors only.
-    cpi : tuple of three floats
-        Cycles per instruction, an assumption; low, central, high.
-    cycle_energy, cell_energy, idle_power : str
-        Names of constants; empty where none is known. Of an FPGA whose `cell_energy` is known, a
-        cycle takes that for each logic cell of the core besides.
-    unknown : str
-        What is not known, in a sentence; empty if nothing.
-    logic_cells : int
-        That there are, of an FPGA that the core's area is known for; else 0.
-    blocks, large_blocks : int
-        Block memories, of the shapes (depth, width) that follow.
-    block_shapes, large_block_shapes : tuple of pairs
-        Depth and width of each shape that a block can take.
-    """
+    """A device to estimate for; see the files in ``targets/``."""
 
     name: str
-    kind: str
+    kind: str  #: {"processor", "fpga", "datapath"}: what computes.
     clock_hz: float
-    core: str = ""
-    cpi: tuple[float, ...] = ()
+    core: str = ""  #: Row of the table of instructions; processors only.
+    cpi: tuple[float, ...] = ()  #: Cycles per instruction, an assumption; low, central, high.
     cpi_source: str = ""
     note: str = ""
+    #: cycle_energy, cell_energy, idle_power: names of constants; empty where none is known. Of an
+    #: FPGA whose `cell_energy` is known, a cycle takes that for each logic cell of the core
+    #: besides.
     cycle_energy: str = ""
     cell_energy: str = ""
     idle_power: str = ""
-    unknown: str = ""
-    logic_cells: int = 0
+    unknown: str = ""  #: What is not known, in a sentence; empty if nothing.
+    logic_cells: int = 0  #: That there are, of an FPGA that the core's area is known for; else 0.
+    #: blocks, large_blocks: block memories, of the shapes (depth, width) that follow.
     blocks: int = 0
+    #: block_shapes, large_block_shapes: depth and width of each shape that a block can take.
     block_shapes: tuple[tuple[int, int], ...] = ()
     large_blocks: int = 0
     large_block_shapes: tuple[tuple[int, int], ...] = ()

@@ -298,37 +298,25 @@ class Bounded(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
-    """Figures on the energy of a match, from idle and load periods.
+    """Figures on the energy of a match, from idle and load periods."""
 
-    Attributes
-    ----------
-    marginal_j_per_match : float or None
-        Joules under load minus joules at rest; None if the difference is not resolved.
-    marginal_j_per_match_interval : pair of float
-        95 % interval, like all intervals here.
-    marginal_j_per_match_interval_with_gain : pair of float
-        The same interval, widened by the gain error of the meter.
-    pairs_needed : int or None
-        Number of pairs that would resolve the difference if the spread stays the same; None if it
-        is resolved, or if no number would resolve it.
-    saturated_j_per_match, mission_j_per_match : float
-        Joules of the whole board, at full speed and at the match rate of the mission.
-    matches_per_joule : float or None
-        Computed from the marginal energy.
-    idle_w, load_w : float
-        Power at rest and under load, in watts.
-    """
-
+    #: Joules under load minus joules at rest; None if the difference is not resolved.
     marginal_j_per_match: float | None
-    marginal_j_per_match_interval: Bounds
+    marginal_j_per_match_interval: Bounds  #: 95 % interval, like all intervals here.
+    #: The same interval, widened by the gain error of the meter.
     marginal_j_per_match_interval_with_gain: Bounds
+    #: Number of pairs that would resolve the difference if the spread stays the same; None if it is
+    #: resolved, or if no number would resolve it.
     pairs_needed: int | None
+    #: saturated_j_per_match, mission_j_per_match: joules of the whole board, at full speed and at
+    #: the match rate of the mission.
     saturated_j_per_match: float
     saturated_j_per_match_interval: Bounds
     mission_j_per_match: float
     mission_j_per_match_interval: Bounds
-    matches_per_joule: float | None
+    matches_per_joule: float | None  #: Computed from the marginal energy.
     matches_per_joule_interval: Bounds | None
+    #: idle_w, load_w: power at rest and under load, in watts.
     idle_w: float
     idle_w_interval: Bounds
     load_w: float

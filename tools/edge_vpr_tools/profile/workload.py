@@ -58,8 +58,6 @@ class Workload:
     ----------
     events, matches : int
         Numbers since the last `reset`.
-    busy_s : float
-        Time in the localiser since the last `reset`.
     latencies_s : list of float
         Latencies of the calls that gave a match.
     events_a_round : int
@@ -101,7 +99,6 @@ class Workload:
     def reset(self) -> None:
         """Reset the counts."""
         self.events = self.matches = 0
-        self.busy_s = 0.0
         self.latencies_s: list[float] = []
 
     def run(self, seconds: float) -> int:
@@ -121,7 +118,6 @@ class Workload:
         self._next = (self._next + 1) % len(self._packets)
         self.events += packet.size
         self.matches += found.size
-        self.busy_s += took
         if found.size:
             self.latencies_s.append(took)
 

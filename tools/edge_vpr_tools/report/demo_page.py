@@ -12,8 +12,7 @@ from edge_vpr.reference_map import write_matched
 from edge_vpr_tools.report import figures
 from edge_vpr_tools.report.figures import over_time
 from edge_vpr_tools.report.page import Page, add_run
-from edge_vpr_tools.report.style import along_route, save, seconds
-from edge_vpr_tools.report.traverse import shown_distances
+from edge_vpr_tools.report.style import save
 from edge_vpr_tools.report.verdict import outcome_of
 from edge_vpr_tools.research.experiments import simulated
 from edge_vpr_tools.research.experiments.pairs import TOLERANCE_M
@@ -101,12 +100,9 @@ def write_report(
         ("fixed_n.png", best, "Fixed N: equal motion makes equal windows."),
         ("fixed_tau.png", by_time, "Fixed tau: the same place looks different at another speed."),
     ):
-        shown = shown_distances(trial.reference.places, trial.queries, trial.matches)
+        shown = outcome_of(trial.reference, trial.matches, trial.truth, trial.evaluation)
         route = with_positions(trial.reference, track).route
-        drawing = figures.distance_matrix(
-            *shown, trial.matches, trial.truth, trial.evaluation,
-            seconds(trial.queries.centre_us, "query"), along_route(trial.reference, route),
-        )  # fmt: skip
+        drawing = figures.distance_matrix(trial.reference, trial.queries, shown, route)
         drawings.append((name, drawing, caption))
     drives = [("reference", best.reference.places), ("query", best.queries)]
     drawings += [

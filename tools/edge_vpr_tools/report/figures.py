@@ -22,9 +22,10 @@ from edge_vpr.evaluation.calibration import Reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth, TrueCells
 from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.evaluation.tracks import local_metres
+from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import Kind
+from edge_vpr.route import Kind, Route
 from edge_vpr_tools.report.page import MISSED
 from edge_vpr_tools.report.style import (
     BLUE,
@@ -33,13 +34,14 @@ from edge_vpr_tools.report.style import (
     ORANGE,
     RED,
     SKY,
-    Scale,
     add_scale,
+    along_route,
     figure,
     legend_below,
     look,
     panels,
     quantity_axis,
+    seconds,
 )
 from edge_vpr_tools.report.verdict import Bools, Outcome
 
@@ -50,6 +52,8 @@ from edge_vpr_tools.report.verdict import Bools, Outcome
 WIDTH = 5.4
 #: more points are drawn as a raster within the figure
 _MOST_SHAPES = 2_000
+#: a picture of distances shows no more cells than this on a side
+_SIDE = 1500
 #: area of the dot of the pixel with most events, in points squared
 _LARGEST_DOT = 60.0
 
@@ -287,27 +291,17 @@ def selected_pixels(reference: ReferenceMap) -> Figure:
 
 
 def distance_matrix(
-    distances: npt.NDArray[np.floating],
-    strides: tuple[int, int],
-    matches: Matches,
-    truth: GroundTruth | None = None,
-    found: Evaluation | None = None,
-    query_scale: Scale | None = None,
-    place_scale: Scale | None = None,
+    reference: ReferenceMap, queries: Descriptors, outcome: Outcome, route: Route | None
 ) -> Figure:
     """Draw the distances of all places to all queries, the matches, and the true places.
 
     Parameters
     ----------
-    distances : ndarray of float, shape (rows, columns)
-        D_seq of every few places and queries.
-    strides : (int, int)
-        Of the places and of the queries.
-    truth, found : GroundTruth and Evaluation, optional
-        Given after an evaluation.
-    query_scale, place_scale : Scale, optional
-        Of the query's windows and of the map's places: a second axis for each.
+    route : Route, optional
+        Positions of the places, for a second axis; by default it is the time of the reference.
     """
+    matches, truth, found = outcome.matches, outcome.truth, outcome.found
+    distances, strides = shown_distances(reference.places, queries, matches)
     first = int(matches.query[0])
     extent = (
         first - 0.5,
@@ -342,12 +336,31 @@ def distance_matrix(
         half = ", at half windows" * (matches.settings.window_parts == 2)
         axes.set(xlabel="query window", ylabel=f"reference place{half}")
         axes.grid(visible=False)
-        if query_scale is not None:
-            add_scale(axes, "top", query_scale)
-        if place_scale is not None:
-            add_scale(axes, "right", place_scale)
+        add_scale(axes, "top", seconds(queries.centre_us, "query"))
+        add_scale(axes, "right", along_route(reference, route))
         drawing.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=9)
     return drawing
+
+
+def shown_distances(
+    places: Descriptors, queries: Descriptors, matches: Matches
+) -> tuple[npt.NDArray[np.float64], tuple[int, int]]:
+    """Compute D_seq at every few places and queries, so that a long drive fits a picture.
+
+    Returns
+    -------
+    distances : ndarray of float64, shape (rows, columns)
+    strides : (int, int)
+        Of the places and of the queries.
+    """
+    length = matches.settings.windows_per_match
+    strides = (1 + len(places) // _SIDE, 1 + len(queries) // _SIDE)
+    rows = np.arange(0, len(places) - length + 1, strides[0])
+    columns = np.arange(0, len(matches), strides[1])
+    total = np.zeros((rows.size, columns.size))
+    for i in range(length):  # the i-th windows of all sequences
+        total += ReferenceIndex(places.counts[rows + i]).matrix(queries.counts[columns + i])
+    return total / length, strides
 
 
 def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
@@ -420,12 +433,12 @@ def event_rate(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
     """Draw events a second over time, of the whole sensor and of the selected pixels."""
     with figure(WIDTH, 3.9) as (drawing, axes):
         for (name, drive), colour in zip(drives, (BLUE, ORANGE), strict=False):
-            seconds = np.maximum(drive.end_us - drive.start_us, 1) / 1e6
+            lasted_s = np.maximum(drive.end_us - drive.start_us, 1) / 1e6
             time = drive.centre_us / 1e6
-            axes.plot(time, drive.events / seconds, color=colour, lw=1.5, label=f"{name}, all")
+            axes.plot(time, drive.events / lasted_s, color=colour, lw=1.5, label=f"{name}, all")
             selected = drive.activity
             axes.plot(
-                time, selected / seconds, color=colour, lw=1.2, ls="--", label=f"{name}, selected"
+                time, selected / lasted_s, color=colour, lw=1.2, ls="--", label=f"{name}, selected"
             )
         quantity_axis(axes.yaxis, "")
         axes.set(xlabel="time (s)", ylabel="events per second")
@@ -437,9 +450,9 @@ def window_lengths(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
     """Draw how long each window lasted."""
     with figure(WIDTH, 3.5) as (drawing, axes):
         for (name, drive), colour in zip(drives, (BLUE, ORANGE), strict=False):
-            seconds = (drive.end_us - drive.start_us) / 1e6
-            label = f"{name}: median {np.median(seconds):.3g} s, {len(drive)} windows"
-            axes.plot(drive.centre_us / 1e6, seconds, color=colour, lw=1.5, label=label)
+            lasted_s = (drive.end_us - drive.start_us) / 1e6
+            label = f"{name}: median {np.median(lasted_s):.3g} s, {len(drive)} windows"
+            axes.plot(drive.centre_us / 1e6, lasted_s, color=colour, lw=1.5, label=label)
         axes.set(xlabel="time (s)", ylabel="length (s)")
         axes.set_ylim(bottom=0)
         axes.legend(fontsize=9)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,7 +40,6 @@ GREY = "#808080"
 CYCLE = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)
 #: 7 colours and 5 dashes make 35 different curves, which are distinguishable where they overlap
 DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)))
-MARKERS = "osD^vP"
 
 #: dots per inch, in a vector format those of images
 _DPI = 130
@@ -85,38 +84,9 @@ def legend_below(drawing: Figure, shown: Iterable[Axes], columns: int, **options
     )
 
 
-def log_ticks(axes: Axes, values: Sequence[float]) -> None:
-    """Make the horizontal axis logarithmic, with a tick at each of these values and at no other."""
-    # small values as fractions, whose labels are shorter
-    labels = [f"1/{1 / v:g}" if v < 0.1 and 1 / v % 1 == 0 else f"{v:g}" for v in values]
-    axes.set_xscale("log")
-    axes.set_xticks(values, labels)
-    axes.minorticks_off()
-
-
 def look(i: int) -> dict[str, Any]:
     """Return colour and dashes of the i-th curve of a figure."""
     return {"color": CYCLE[i % len(CYCLE)], "linestyle": DASHES[i % len(DASHES)]}
-
-
-def mean_line(
-    axes: Axes, across: Sequence[float], trials: Sequence[Sequence[float]], **curve: Any
-) -> None:
-    """Draw the mean of the trials at each point, with their standard deviation as a bar."""
-    found = [mean_and_spread(values) for values in trials]
-    means, spreads = ([pair[i] for pair in found] for i in (0, 1))
-    axes.errorbar(across, means, spreads, marker="o", ms=3.5, **curve)
-
-
-def mean_and_spread(trials: Sequence[float]) -> tuple[float, float]:
-    """Return the mean of some trials, and their sample standard deviation; 0 for a single trial.
-
-    Examples
-    --------
-    >>> mean_and_spread([1.0, 2.0, 3.0]), mean_and_spread([2.0])
-    ((2.0, 1.0), (2.0, 0.0))
-    """
-    return float(np.mean(trials)), float(np.std(trials, ddof=1)) if len(trials) > 1 else 0.0
 
 
 def name_label(name: str) -> str:
@@ -190,56 +160,6 @@ def _drawn(drawing: Figure, kind: str) -> bytes:
     with mpl.rc_context({"pdf.fonttype": 42}):
         drawing.savefig(target, format=kind, dpi=_DPI, metadata=undated)
     return target.getvalue()
-
-
-# Means and spreads of trials, a row for each variant.
-
-
-#: values of the trials by row
-Rows = Mapping[str, Sequence[float]]
-_LINE_HEIGHT = 0.32
-
-
-def dot_plot(measures: Mapping[str, Mapping[str, Rows]]) -> Figure:
-    """Draw a panel for each share: a dot for the mean of a row's trials, a bar for their spread.
-
-    Parameters
-    ----------
-    measures : mapping of measure to mapping of series to mapping of row to sequence of float
-        Values of the trials. A series has a colour; several are listed in a legend. All have the
-        same rows, which are drawn from top to bottom.
-
-    Examples
-    --------
-    >>> drawing = dot_plot({"P@100R": {"": {"25 pixels": [0.7, 0.8], "all": [0.9, 0.9]}}})
-    >>> [label.get_text() for label in drawing.axes[0].get_yticklabels()]
-    ['25 pixels', 'all']
-    """
-    some = next(iter(measures.values()))
-    names = list(next(iter(some.values())))
-    lines = len(names) * (1 + len(some)) / 2
-    size = 3.4 + 3.2 * len(measures), 1.4 + _LINE_HEIGHT * lines
-    with panels(1, len(measures), *size, sharey=True) as (drawing, (row,)):
-        for axes, (measure, series) in zip(row, measures.items(), strict=True):
-            for i, (title, rows) in enumerate(series.items()):
-                found = [mean_and_spread(rows[name]) for name in names]
-                axes.errorbar(
-                    [mean for mean, _ in found],
-                    # several dots of a row stand below each other
-                    [line + 0.5 * ((i + 0.5) / len(series) - 0.5) for line in range(len(names))],
-                    xerr=[spread for _, spread in found],
-                    color=CYCLE[i % len(CYCLE)],
-                    marker=MARKERS[i % len(MARKERS)],
-                    ms=5,
-                    linestyle="none",
-                    label=name_label(title),
-                )
-            axes.set(xlabel=measure, xlim=(-0.03, 1.03))
-        row[0].set_yticks(range(len(names)), [name_label(name) for name in names], fontsize=9)
-        row[0].set_ylim(len(names) - 0.5, -0.5)
-        if len(some) > 1:
-            legend_below(drawing, row, len(some))
-    return drawing
 
 
 # Second axes of figures: seconds or metres beside the numbers of windows and places.

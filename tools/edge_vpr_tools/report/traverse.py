@@ -13,7 +13,6 @@ from edge_vpr import results
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.files import parse_errors, read_json
-from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import MatchResult, ReferenceMap, read_queries
 from edge_vpr.route import Route
@@ -32,12 +31,10 @@ from edge_vpr_tools.report.figures import (
     windows_side_by_side,
 )
 from edge_vpr_tools.report.page import MISSED, Page, add_run
-from edge_vpr_tools.report.style import along_route, save, seconds
+from edge_vpr_tools.report.style import along_route, save
 from edge_vpr_tools.report.verdict import Outcome
 
-#: a picture shows no more cells than this on a side
-_SIDE = 1500
-#: and a line of it has no more points
+#: a line of a figure has no more points
 _MOST_POINTS = 20_000
 #: wrong matches whose windows are shown
 MOST_WINDOWS = 5
@@ -229,11 +226,8 @@ def _add_queries(
 ) -> None:
     """Draw the figures that need the windows of the query."""
     page.heading("Distances")
-    distances, strides = shown_distances(reference.places, queries, outcome.matches)
-    add("distance_matrix", distance_matrix(
-        distances, strides, outcome.matches, outcome.truth, outcome.found,
-        seconds(queries.centre_us, "query"), along_route(reference, route),
-    ), "Dark is near. A drive that is recognised makes a dark line.")  # fmt: skip
+    add("distance_matrix", distance_matrix(reference, queries, outcome, route),
+         "Dark is near. A drive that is recognised makes a dark line.")  # fmt: skip
     page.heading("Events and windows")
     drives = [
         (name, drive.take(slice(None, None, 1 + len(drive) // _MOST_POINTS)))
@@ -296,24 +290,3 @@ def _trust_figures(found: Evaluation) -> list[tuple[str, str, str]]:
         for name, value, text in named
         if value is not None
     ]
-
-
-def shown_distances(
-    places: Descriptors, queries: Descriptors, matches: Matches
-) -> tuple[npt.NDArray[np.float64], tuple[int, int]]:
-    """Compute D_seq at every few places and queries, so that a long drive fits a picture.
-
-    Returns
-    -------
-    distances : ndarray of float64, shape (rows, columns)
-    strides : (int, int)
-        Of the places and of the queries.
-    """
-    length = matches.settings.windows_per_match
-    strides = (1 + len(places) // _SIDE, 1 + len(queries) // _SIDE)
-    rows = np.arange(0, len(places) - length + 1, strides[0])
-    columns = np.arange(0, len(matches), strides[1])
-    total = np.zeros((rows.size, columns.size))
-    for i in range(length):  # the i-th windows of all sequences
-        total += ReferenceIndex(places.counts[rows + i]).matrix(queries.counts[columns + i])
-    return total / length, strides

@@ -17,24 +17,12 @@ MISSING = "missing"
 
 @dataclass(frozen=True)
 class PublishedFile:
-    """A file of a data set.
+    """A file of a data set."""
 
-    Attributes
-    ----------
-    name : str
-        Path in the folder of the data.
-    size : int or None
-        In bytes; None if it is not known.
-    about : str
-        Rounded size, where no other is known; empty if none is.
-    sha256 : str
-        In hexadecimal digits; empty if it is not known.
-    """
-
-    name: str
-    size: int | None = None
-    about: str = ""
-    sha256: str = ""
+    name: str  #: Path in the folder of the data.
+    size: int | None = None  #: In bytes; None if it is not known.
+    about: str = ""  #: Rounded size, where no other is known; empty if none is.
+    sha256: str = ""  #: In hexadecimal digits; empty if it is not known.
 
     @property
     def size_text(self) -> str:
@@ -66,19 +54,12 @@ class PublishedFile:
 
 @dataclass(frozen=True)
 class Download:
-    """Files of one drive, or of the drives of one folder, from one address.
+    """Files of one drive, or of the drives of one folder, from one address."""
 
-    Attributes
-    ----------
-    title : str
-        Data set, and drive.
-    note : str
-        What is not known, and why the drives are not opened; empty for those that experiments read.
-    """
-
-    title: str
+    title: str  #: Data set, and drive.
     address: str
     files: tuple[PublishedFile, ...]
+    #: What is not known, and why the drives are not opened; empty for those that experiments read.
     note: str = ""
 
     @property

@@ -61,24 +61,14 @@ class BrisbaneTraverse:
     the names of the recordings and lack the first seconds. Each beginning belongs to its own
     edition: for sunset 1 the two beginnings differ by 11 s, and the published logs by exactly 11 s
     of sentences.
-
-    Attributes
-    ----------
-    recording : str
-        Stem of the recording's file names.
-    video : str
-        Stem of the complete log's file name.
-    beginning_s : float or None
-        Unix time at the first second of the log on Hugging Face; None if there is no such log.
-    complete_beginning_s : float
-        Unix time at the first second of the log on Zenodo.
     """
 
     name: str
-    recording: str
-    video: str
+    recording: str  #: Stem of the recording's file names.
+    video: str  #: Stem of the complete log's file name.
+    #: Unix time at the first second of the log on Hugging Face; None if there is no such log.
     beginning_s: float | None
-    complete_beginning_s: float
+    complete_beginning_s: float  #: Unix time at the first second of the log on Zenodo.
 
     sensor = SENSOR
     kinds: ClassVar[tuple[Files, ...]] = ("parquet", "bag")
@@ -126,21 +116,12 @@ class BrisbaneTraverse:
 
 @dataclass(frozen=True)
 class QCRTraverse:
-    """One traverse of the 160 m indoor route of QCR-Event-VPR, with the camera facing sideways.
-
-    Attributes
-    ----------
-    recording : str
-        Stem of the recording's file names.
-    start_s : float
-        Time at which the robot set off, in seconds after the first event.
-    landmarks_s : tuple of float
-        Times at which it passed each of the eleven landmarks, in seconds after it set off.
-    """
+    """One traverse of the 160 m indoor route of QCR-Event-VPR, with the camera facing sideways."""
 
     name: str
-    recording: str
-    start_s: float
+    recording: str  #: Stem of the recording's file names.
+    start_s: float  #: Time at which the robot set off, in seconds after the first event.
+    #: Times at which it passed each of the eleven landmarks, in seconds after it set off.
     landmarks_s: tuple[float, ...]
 
     sensor = SENSOR
@@ -325,17 +306,11 @@ DATA_SETS: Mapping[str, tuple[tuple[Traverse, ...], float]] = {
 
 @dataclass(frozen=True, eq=False)
 class PublishedDrive:
-    """Traverse from the beginning of its track to the end of it.
-
-    Attributes
-    ----------
-    recording : Recording
-        On the clock of the track.
-    """
+    """Traverse from the beginning of its track to the end of it."""
 
     name: str
     path: Path
-    recording: Recording
+    recording: Recording  #: On the clock of the track.
     track: Track
 
 

@@ -41,16 +41,10 @@ Traverse = TypeVar("Traverse", bound=BrisbaneTraverse | QCRTraverse)
 
 
 class Target(NamedTuple):
-    """Name and track of a traverse.
-
-    Attributes
-    ----------
-    track : Track
-        Positions over the time of the events.
-    """
+    """Name and track of a traverse."""
 
     traverse: str
-    track: Track
+    track: Track  #: Positions over the time of the events.
 
 
 class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has no types

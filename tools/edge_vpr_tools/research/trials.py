@@ -35,18 +35,10 @@ _TIMEOUT_S = 20
 
 
 class Workers(ABC):
-    """Workers that run jobs.
+    """Workers that run jobs."""
 
-    Attributes
-    ----------
-    count : int
-        Number of jobs that the workers run at a time, as known at the start.
-    at_once : int
-        Number of jobs that are submitted at a time.
-    """
-
-    count: int
-    at_once: int
+    count: int  #: Number of jobs that the workers run at a time, as known at the start.
+    at_once: int  #: Number of jobs that are submitted at a time.
 
     @abstractmethod
     def submit(self, run: Callable[[Job], Result], job: Job) -> Future[Result]:
@@ -205,18 +197,11 @@ Key = TypeVar("Key", bound=Hashable)
 
 @dataclass(frozen=True)
 class Outcome(Generic[Key, Result]):
-    """Result or failure of a job.
-
-    Attributes
-    ----------
-    result : object or None
-        None if the job failed.
-    error, where : str
-        One-line error, and its traceback; empty if the job did not fail.
-    """
+    """Result or failure of a job."""
 
     key: Key
-    result: Result | None
+    result: Result | None  #: None if the job failed.
+    #: error, where: one-line error, and its traceback; empty if the job did not fail.
     error: str = ""
     where: str = ""
 
@@ -482,27 +467,16 @@ Progress = Callable[[int, int, int], None]
 
 @dataclass(frozen=True, kw_only=True)
 class TrialsRun:
-    """Counts of one run.
+    """Counts of one run."""
 
-    Attributes
-    ----------
-    trials : int
-        Number of trials, counted by name.
-    different : int
-        Number of trials with different keys.
-    known : int
-        Number of trials whose result or failure was stored by an earlier run.
-    busy_share : float
-        Share of the workers' time, until the last trial ended, in which they computed trials that
-        did not fail. The start of their processes counts as idle.
-    """
-
-    trials: int
-    different: int
-    known: int
+    trials: int  #: Number of trials, counted by name.
+    different: int  #: Number of trials with different keys.
+    known: int  #: Number of trials whose result or failure was stored by an earlier run.
     computed: int
     failed: int
     workers: int
+    #: Share of the workers' time, until the last trial ended, in which they computed trials that
+    #: did not fail. The start of their processes counts as idle.
     busy_share: float
     elapsed_s: float
 

@@ -99,24 +99,15 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """Distances of a baseline, and their cost.
+    """Distances of a baseline, and their cost."""
 
-    Attributes
-    ----------
-    distances : ndarray of float64, shape (K, Q)
-        Of every place to every query window.
-    bytes_per_place : int
-        Size of one stored description in bytes, rounded up.
-    operations : int
-        Number of differences, products or words of bits to compare one query with the whole map.
-    describe_us, compare_us : float
-        Time of one query in microseconds, measured on this computer: to describe its counted
-        window, and to compare it with the map. The shortest of three measurements.
-    """
-
-    distances: npt.NDArray[np.float64]
-    bytes_per_place: int
+    distances: npt.NDArray[np.float64]  #: Shape (K, Q): of every place to every query window.
+    bytes_per_place: int  #: Size of one stored description in bytes, rounded up.
+    #: Number of differences, products or words of bits to compare one query with the whole map.
     operations: int
+    #: describe_us, compare_us: time of one query in microseconds, measured on this computer: to
+    #: describe its counted window, and to compare it with the map. The shortest of three
+    #: measurements.
     describe_us: float
     compare_us: float
 

@@ -124,16 +124,10 @@ class OrientedGradients(CosineBaseline):
 
 
 class Member(NamedTuple):
-    """One system of an ensemble.
-
-    Attributes
-    ----------
-    windows : int
-        Number of neighbouring windows whose sum the system gets, at each window.
-    """
+    """One system of an ensemble."""
 
     baseline: Baseline
-    windows: int = 1
+    windows: int = 1  #: Number of neighbouring windows whose sum the system gets, at each window.
 
 
 class Ensemble:

@@ -295,18 +295,10 @@ Floats = npt.NDArray[np.float32]
 
 
 class LensWeights(NamedTuple):
-    """Weights of the two layers.
+    """Weights of the two layers."""
 
-    Attributes
-    ----------
-    feature : ndarray of float32, shape (F, side * side)
-        Weights from each input to each of F features.
-    output : ndarray of float32, shape (K, F)
-        One row for each place.
-    """
-
-    feature: Floats
-    output: Floats
+    feature: Floats  #: Shape (F, side * side): weights from each input to each of F features.
+    output: Floats  #: Shape (K, F): one row for each place.
 
 
 def load_lens(path: str | Path) -> LensWeights:

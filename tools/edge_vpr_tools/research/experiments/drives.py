@@ -46,30 +46,22 @@ INDOOR, WALKS, BRISBANE, LENS = (
 # Pairs of recorded drives that lie in a folder: the stand-ins, and the published traverses.
 
 
-def open_pairs(data: Path | None, *, needed: bool = True) -> Iterator[Pair]:
+def open_pairs(data: Path) -> Iterator[Pair]:
     """Open the pairs of drives in a folder, one after another, each with some numbers of pixels.
 
     Parameters
     ----------
-    data : path, optional
+    data : path
         Folder that holds the stand-ins, published traverses
-        (`edge_vpr_tools.research.datasets`), or some of them.
-    needed : bool
-        Whether at least one pair must be there.
+        (`edge_vpr_tools.research.datasets`), or some of them; or none.
 
     Raises
     ------
-    UsageError
-        If `needed`, and no pair is there.
     GroundTruthError
         If the GPS log of a published traverse is missing.
     RecordingError
         If a recording cannot be read.
     """
-    if needed:
-        check_data(data)
-    if data is None:
-        return
     for folder, open_pair in _STAND_INS.items():
         if (data / folder).is_dir():
             yield from open_pair(data / folder)
@@ -93,7 +85,7 @@ def _with_numbers(pair: Pair) -> Iterator[Pair]:
 @lru_cache(maxsize=1)
 def _pairs(data: Path) -> tuple[Pair, ...]:
     """Open the pairs of a folder once, for as many draws of pixels as there are."""
-    return tuple(open_pairs(data, needed=False))
+    return tuple(open_pairs(data))
 
 
 def whole_pairs(data: Path | None) -> list[Pair]:

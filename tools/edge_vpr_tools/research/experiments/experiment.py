@@ -44,80 +44,44 @@ CHOSEN_ON = "parameters chosen on"
 
 @dataclass(frozen=True)
 class Drives:
-    """Drives of an experiment, which a worker opens when it needs them.
-
-    Parameters
-    ----------
-    open : callable
-        Maps a seed to what the experiment measures: a pair of drives.
-    files : sequence of path
-        Files and folders that are read.
-    varied : bool
-        Whether a seed makes other drives, as of simulated streets. Else it draws other pixels.
-    drawn : bool
-        Whether seeds differ at all.
-    """
+    """Drives of an experiment, which a worker opens when it needs them."""
 
     name: str
-    open: Callable[[int], Any]
-    files: Sequence[Path] = ()
+    open: Callable[[int], Any]  #: Maps a seed to what the experiment measures: a pair of drives.
+    files: Sequence[Path] = ()  #: Files and folders that are read.
+    #: Whether a seed makes other drives, as of simulated streets. Else it draws other pixels.
     varied: bool = False
-    drawn: bool = True
+    drawn: bool = True  #: Whether seeds differ at all.
 
 
 class Draw(NamedTuple):
-    """What one trial measures.
+    """What one trial measures."""
 
-    Attributes
-    ----------
-    pair : object
-        As `Drives.open` returns it.
-    is_new : bool
-        Whether no earlier seed has these drives. Else variants that draw nothing are left out.
-    systems : tuple of str
-        Baselines that the user added.
-    """
-
-    pair: Any
+    pair: Any  #: As `Drives.open` returns it.
     seed: int
+    #: Whether no earlier seed has these drives. Else variants that draw nothing are left out.
     is_new: bool
-    systems: tuple[str, ...] = ()
+    systems: tuple[str, ...] = ()  #: Baselines that the user added.
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """Declaration of an experiment.
+    """Declaration of an experiment."""
 
-    Parameters
-    ----------
-    drives : callable
-        Maps the folder of recorded drives, or None, to the drives. Raises UsageError if it needs
-        drives that are not there.
-    names : sequence of str
-        Columns that name a row, in addition to the drives.
-    measure : callable
-        Maps a `Draw` to its rows, each with all columns of `names`. What was not measured may be
-        left out. A row of several pairs that are opened together names its own drives.
-    figure : callable
-        Maps the rows of all trials to the figure.
-    conclude : callable, optional
-        Maps the rows of all trials to further rows, which follow from several pairs of drives.
-    view : TableView
-        How the table of each pair of drives is printed.
-    takes_systems : bool
-        Whether the user can add baselines.
-    reads_data : bool
-        Whether a folder of recorded drives makes a difference.
-    """
-
+    #: Maps the folder of recorded drives, or None, to the drives. Raises UsageError if it needs
+    #: drives that are not there.
     drives: Callable[[Path | None], Sequence[Drives]]
-    names: Sequence[str]
+    names: Sequence[str]  #: Columns that name a row, in addition to the drives.
+    #: Maps a `Draw` to its rows, each with all columns of `names`. What was not measured may be
+    #: left out. A row of several pairs that are opened together names its own drives.
     measure: Callable[[Draw], Iterator[Row]]
-    figure: Callable[[Rows], Figure]
+    figure: Callable[[Rows], Figure]  #: Maps the rows of all trials to the figure.
+    #: Maps the rows of all trials to further rows, which follow from several pairs of drives.
     conclude: Callable[[Rows], Sequence[Row]] | None = None
+    #: How the table of each pair of drives is printed.
     view: TableView = field(default_factory=lambda: TableView({}))
-    takes_systems: bool = False
-    reads_data: bool = True
+    takes_systems: bool = False  #: Whether the user can add baselines.
+    reads_data: bool = True  #: Whether a folder of recorded drives makes a difference.
 
 
 def module_of(name: str) -> ModuleType:
@@ -212,19 +176,12 @@ def store_of(folder: Path) -> Store[ExperimentTrial, ExperimentResult]:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Rows of an experiment, and the work in them.
-
-    Attributes
-    ----------
-    rows : list of mapping
-        With the columns `DRIVES`, those of the experiment's names, `SEED`, and what was measured.
-    elapsed_s : float
-        Time of all trials on their workers.
-    """
+    """Rows of an experiment, and the work in them."""
 
     name: str
+    #: With the columns `DRIVES`, those of the experiment's names, `SEED`, and what was measured.
     rows: list[dict[str, Any]]
-    elapsed_s: float
+    elapsed_s: float  #: Time of all trials on their workers.
 
     def write(self, folder: Path) -> None:
         """Write the rows as a CSV file."""
@@ -255,24 +212,18 @@ class Measured:
 
 
 def run_experiments(
-    names: Sequence[str],
-    data: Path | None,
-    seeds: int,
-    systems: tuple[str, ...],
+    named: Mapping[ListedTrial, ExperimentTrial],
     store: Store[ExperimentTrial, ExperimentResult],
     workers: Workers,
     progress: Progress = lambda done, of, failed: None,
 ) -> tuple[TrialsRun, list[Measured]]:
-    """Compute the trials of experiments that are not stored, and return all their rows.
+    """Compute the trials that are not stored, and return all rows of each experiment.
 
     Raises
     ------
     EdgeVprError
         If a trial failed.
     """
-    named: dict[ListedTrial, ExperimentTrial] = {}
-    for name in names:
-        named |= trials_of(name, data, seeds, systems)
     run = compute(named, run_trial, store, workers, retry_failed=True, progress=progress)
     lost = failures(store)
     if lost:
@@ -282,7 +233,7 @@ def run_experiments(
             f"failed; {store.folder}/failures says where)"
         )
     measured = []
-    for name in names:
+    for name in dict.fromkeys(one.variant for one in named):
         rows: list[dict[str, Any]] = []
         elapsed_s = 0.0
         for one in named:

@@ -105,30 +105,16 @@ class Tracks(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Two drives, and how they are matched.
+    """Two drives, and how they are matched."""
 
-    Parameters
-    ----------
-    drives : str
-        Name of the drives.
-    truths : mapping of str to callable
-        Each makes the ground truth from the times of places and queries.
-    drawn : bool
-        Whether pixels are drawn, so that several draws differ.
-    tracks : Tracks, optional
-        Tracks of the drives, where the truth comes from them.
-    files : tuple of path
-        Files and folders of the drives.
-    """
-
-    drives: str
+    drives: str  #: Name of the drives.
     reference: EventSource | WindowSource
     query: EventSource | WindowSource
     settings: Settings
-    truths: Truths
-    drawn: bool = True
-    tracks: Tracks | None = None
-    files: tuple[Path, ...] = ()
+    truths: Truths  #: Each makes the ground truth from the times of places and queries.
+    drawn: bool = True  #: Whether pixels are drawn, so that several draws differ.
+    tracks: Tracks | None = None  #: Tracks of the drives, where the truth comes from them.
+    files: tuple[Path, ...] = ()  #: Files and folders of the drives.
 
     @classmethod
     def simulated(cls, reference: SimulatedRecording, query: SimulatedRecording) -> Pair:
@@ -202,18 +188,10 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class MappedPair:
-    """Map of the reference, counts of the query at its pixels, and their truth.
+    """Map of the reference, counts of the query at its pixels, and their truth."""
 
-    Attributes
-    ----------
-    reference : ReferenceMap
-        Its places have counts, or the codes of its settings.
-    counted : Descriptors
-        Counts, which `match` replaces by the codes of the map.
-    """
-
-    reference: ReferenceMap
-    counted: Descriptors
+    reference: ReferenceMap  #: Its places have counts, or the codes of its settings.
+    counted: Descriptors  #: Counts, which `match` replaces by the codes of the map.
     truth: GroundTruth
 
     @classmethod
@@ -251,18 +229,11 @@ class MappedPair:
 
 @dataclass(frozen=True, eq=False)
 class CountedDrive:
-    """Windows of a drive, counted at every pixel.
+    """Windows of a drive, counted at every pixel."""
 
-    Attributes
-    ----------
-    images : ndarray of int, shape (n, height, width)
-        Counts of events at each pixel, for n windows.
-    centre_us : ndarray of int64, shape (n,)
-        Centre of each window.
-    """
-
+    #: Shape (n, height, width): counts of events at each pixel, for n windows.
     images: npt.NDArray[np.integer]
-    centre_us: Times
+    centre_us: Times  #: Shape (n,): centre of each window.
 
     @cached_property
     def activity(self) -> npt.NDArray[np.int64]:
@@ -277,25 +248,15 @@ class CountedDrive:
 
 @dataclass(frozen=True, eq=False)
 class CountedPair:
-    """Two drives as windows, and how they are matched.
-
-    Attributes
-    ----------
-    truths : mapping of str to callable
-        See `Pair`.
-    laid_out : bool
-        Whether all pixels were counted, so that images can be made of them.
-    weights : tuple of path
-        Of LENS, trained with the reference.
-    """
+    """Two drives as windows, and how they are matched."""
 
     name: str
     reference: CountedDrive
     query: CountedDrive
     settings: Settings
-    truths: Truths
-    laid_out: bool = True
-    weights: tuple[Path, ...] = ()
+    truths: Truths  #: See `Pair`.
+    laid_out: bool = True  #: Whether all pixels were counted, so that images can be made of them.
+    weights: tuple[Path, ...] = ()  #: Of LENS, trained with the reference.
 
     def truth(self) -> GroundTruth:
         """Return the truth of all windows by the first tolerance."""

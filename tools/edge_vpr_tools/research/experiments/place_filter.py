@@ -34,12 +34,7 @@ from edge_vpr_tools.research.experiments.experiment import (
     Rows,
 )
 from edge_vpr_tools.research.experiments.nulls import BY_AUTHORS, BY_US, null_rows
-from edge_vpr_tools.research.experiments.pairs import (
-    MappedPair,
-    Pair,
-    inner_windows,
-    truth_of_pair,
-)
+from edge_vpr_tools.research.experiments.pairs import MappedPair, Pair, inner_windows, truth_of_pair
 from edge_vpr_tools.research.experiments.plots import dots
 
 # Settings that the place filter is compared by.

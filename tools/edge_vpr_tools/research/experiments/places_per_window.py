@@ -31,12 +31,7 @@ from edge_vpr_tools.research.experiments.calibration import carried_off, without
 from edge_vpr_tools.research.experiments.drives import WALKS, second_drive, walks
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
 from edge_vpr_tools.research.experiments.nulls import null_queries
-from edge_vpr_tools.research.experiments.pairs import (
-    MappedPair,
-    Pair,
-    TruthOf,
-    truth_of_tracks,
-)
+from edge_vpr_tools.research.experiments.pairs import MappedPair, Pair, TruthOf, truth_of_tracks
 from edge_vpr_tools.research.experiments.plots import dots
 
 LENGTH_M, TOLERANCES_M = 450.0, (10.0, 20.0)

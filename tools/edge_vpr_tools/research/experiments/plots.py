@@ -11,43 +11,55 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from edge_vpr_tools.report.style import (
-    CYCLE,
-    GREY,
-    MARKERS,
-    dot_plot,
-    legend_below,
-    log_ticks,
-    look,
-    mean_and_spread,
-    mean_line,
-    name_label,
-    panels,
-)
+from edge_vpr_tools.report.style import CYCLE, GREY, legend_below, look, name_label, panels
 from edge_vpr_tools.research.experiments.experiment import Rows
 
 _COLUMNS = 4
+_MARKERS = "osD^vP"
+_LINE_HEIGHT = 0.32
 
 
 def dots(rows: Rows, measures: Sequence[str], row: str, series: str | None = None) -> Figure:
-    """Draw a panel per measure and pair of drives: means of trials as dots, a colour per series."""
+    """Draw a panel per measure and pair of drives: means of trials as dots, a colour per series.
+
+    Rows are drawn from top to bottom; a bar is the spread of the trials.
+    """
     drives = list(_by(rows, "drives"))
     labels = list(dict.fromkeys(str(each[row]) for each in rows))
-
-    def means(of: Rows, measure: str) -> dict[str, list[float]]:
-        found = {str(label): _values(those, measure) for label, those in _by(of, row)}
-        return {label: found.get(label) or [float("nan")] for label in labels}
-
-    return dot_plot(
-        {
-            measure if len(drives) == 1 else f"{measure}\n{name}": {
-                str(title): means(those, measure)
-                for title, those in (_by(of, series) if series else [("", of)])
-            }
-            for measure in measures
-            for name, of in drives
-        }
-    )
+    shown = [
+        (
+            measure,
+            measure if len(drives) == 1 else f"{measure}\n{name}",
+            list(_by(of, series)) if series else [("", of)],
+        )
+        for measure in measures
+        for name, of in drives
+    ]
+    several = len(shown[0][-1])
+    stacked = len(labels) * (1 + several) / 2
+    size = 3.4 + 3.2 * len(shown), 1.4 + _LINE_HEIGHT * stacked
+    with panels(1, len(shown), *size, sharey=True) as (drawing, (grid,)):
+        for axes, (measure, title, parts) in zip(grid, shown, strict=True):
+            for i, (name, those) in enumerate(parts):
+                trials = {str(label): _values(each, measure) for label, each in _by(those, row)}
+                found = [mean_and_spread(trials.get(label) or [np.nan]) for label in labels]
+                axes.errorbar(
+                    [mean for mean, _ in found],
+                    # several dots of a row stand below each other
+                    [line + 0.5 * ((i + 0.5) / len(parts) - 0.5) for line in range(len(labels))],
+                    xerr=[spread for _, spread in found],
+                    color=CYCLE[i % len(CYCLE)],
+                    marker=_MARKERS[i % len(_MARKERS)],
+                    ms=5,
+                    linestyle="none",
+                    label=_title(name),
+                )
+            axes.set(xlabel=title, xlim=(-0.03, 1.03))
+        grid[0].set_yticks(range(len(labels)), [name_label(label) for label in labels], fontsize=9)
+        grid[0].set_ylim(len(labels) - 0.5, -0.5)
+        if several > 1:
+            legend_below(drawing, grid, several)
+    return drawing
 
 
 def lines(
@@ -90,9 +102,9 @@ def lines(
                 points = [(at, values) for at, values in points if values]
                 if points:
                     style = look(names.index(name))
-                    mean_line(axes, *zip(*points, strict=True), label=_title(name), **style)
+                    _mean_line(axes, *zip(*points, strict=True), label=_title(name), **style)
             if log:
-                log_ticks(axes, sorted({row[x] for row in of if row.get(y) is not None}))
+                _log_ticks(axes, sorted({row[x] for row in of if row.get(y) is not None}))
             if mark is not None:
                 axes.axvline(mark, color=GREY, linewidth=1, zorder=0)
             axes.set_xlabel(label or x)
@@ -112,7 +124,7 @@ def costs(rows: Rows, x: str, y: str, label: str, series: str) -> Figure:
         for i, name in enumerate(names)
     }
     kinds = dict.fromkeys(row[series] for row in rows)
-    marks = dict(zip(kinds, itertools.cycle(MARKERS), strict=False))
+    marks = dict(zip(kinds, itertools.cycle(_MARKERS), strict=False))
     with _grid(rows, "drives", y, (4.2, 3.9), 2.2) as (drawing, grid):
         for axes, of in grid:
             for name, those in _by(of, label):
@@ -131,6 +143,35 @@ def costs(rows: Rows, x: str, y: str, label: str, series: str) -> Figure:
             first.plot([], [], linestyle="none", marker=mark, color=GREY, label=_title(kind))
         legend_below(drawing, [first], 3, fontsize=9)
     return drawing
+
+
+def _log_ticks(axes: Axes, values: Sequence[float]) -> None:
+    """Make the horizontal axis logarithmic, with a tick at each of these values and at no other."""
+    # small values as fractions, whose labels are shorter
+    labels = [f"1/{1 / v:g}" if v < 0.1 and 1 / v % 1 == 0 else f"{v:g}" for v in values]
+    axes.set_xscale("log")
+    axes.set_xticks(values, labels)
+    axes.minorticks_off()
+
+
+def _mean_line(
+    axes: Axes, across: Sequence[float], trials: Sequence[Sequence[float]], **curve: Any
+) -> None:
+    """Draw the mean of the trials at each point, with their standard deviation as a bar."""
+    found = [mean_and_spread(values) for values in trials]
+    means, spreads = ([pair[i] for pair in found] for i in (0, 1))
+    axes.errorbar(across, means, spreads, marker="o", ms=3.5, **curve)
+
+
+def mean_and_spread(trials: Sequence[float]) -> tuple[float, float]:
+    """Return the mean of some trials, and their sample standard deviation; 0 for a single trial.
+
+    Examples
+    --------
+    >>> mean_and_spread([1.0, 2.0, 3.0]), mean_and_spread([2.0])
+    ((2.0, 1.0), (2.0, 0.0))
+    """
+    return float(np.mean(trials)), float(np.std(trials, ddof=1)) if len(trials) > 1 else 0.0
 
 
 @contextmanager

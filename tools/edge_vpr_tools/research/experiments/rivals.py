@@ -55,18 +55,10 @@ _DEFAULT = PRESETS["default"].replaced({"precision": PRECISION}, "rivals")
 
 
 class Decoder(NamedTuple):
-    """Settings that match windows, given their distances.
+    """Settings that match windows, given their distances."""
 
-    Attributes
-    ----------
-    settings : Settings
-        Of sequences or of the filter.
-    lag : int or None
-        Windows after each one that it needs; None needs the whole drive.
-    """
-
-    settings: Settings
-    lag: int | None
+    settings: Settings  #: Of sequences or of the filter.
+    lag: int | None  #: Windows after each one that it needs; None needs the whole drive.
 
 
 def decoders(length: int) -> dict[str, Decoder]:
@@ -92,30 +84,18 @@ def decoders(length: int) -> dict[str, Decoder]:
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """A system on one pair of drives.
-
-    Parameters
-    ----------
-    chosen_on : str
-        Data that chose its parameters.
-    match : callable
-        Maps settings, and a part of the query's windows, to the matches of this part, whose windows
-        count from 0.
-    bytes_per_place, operations : int or None
-        Of `Compared`.
-    query_us : float or None
-        Time to describe one query and to compare it.
-    only : sequence of str, optional
-        Decoders to match it with, if not all.
-    """
+    """A system on one pair of drives."""
 
     name: str
-    chosen_on: str
+    chosen_on: str  #: Data that chose its parameters.
+    #: Maps settings, and a part of the query's windows, to the matches of this part, whose windows
+    #: count from 0.
     match: Callable[[Settings, slice], Matches]
+    #: bytes_per_place, operations: of `Compared`.
     bytes_per_place: int | None = None
     operations: int | None = None
-    query_us: float | None = None
-    only: Sequence[str] | None = None
+    query_us: float | None = None  #: Time to describe one query and to compare it.
+    only: Sequence[str] | None = None  #: Decoders to match it with, if not all.
 
 
 OURS = "edge-vpr, places at whole windows"

@@ -59,12 +59,7 @@ from edge_vpr_tools.research.experiments.experiment import (
 )
 from edge_vpr_tools.research.experiments.nulls import BY_US, null_queries
 from edge_vpr_tools.research.experiments.pairs import MappedPair
-from edge_vpr_tools.research.experiments.place_filter import (
-    DEFAULTS,
-    ROBOT,
-    driven,
-    driven_street,
-)
+from edge_vpr_tools.research.experiments.place_filter import DEFAULTS, ROBOT, driven, driven_street
 from edge_vpr_tools.research.experiments.plots import lines
 from fixedpoint.activity import PARTS, WEIGHT_BITS
 
@@ -78,26 +73,13 @@ DOUBT_FROM, DOUBT_ACTIVITY = 16, -PARTS
 
 @dataclass(frozen=True)
 class Constants:
-    """Constants of the filter as multiples of the default.
+    """Constants of the filter as multiples of the default."""
 
-    Parameters
-    ----------
-    restart : float
-        Of the cost of a restart.
-    weight : float
-        Of the weight of the evidence.
-    cap : float
-        Of the largest evidence; at most 1, since evidence has 8 bits.
-    steps : float
-        Of the costs of steps.
-    doubted : float
-        Of the largest evidence while the running misfit is `DOUBT_FROM` or more; at most 1.
-    """
-
-    restart: float = 1.0
-    weight: float = 1.0
-    cap: float = 1.0
-    steps: float = 1.0
+    restart: float = 1.0  #: Of the cost of a restart.
+    weight: float = 1.0  #: Of the weight of the evidence.
+    cap: float = 1.0  #: Of the largest evidence; at most 1, since evidence has 8 bits.
+    steps: float = 1.0  #: Of the costs of steps.
+    #: Of the largest evidence while the running misfit is `DOUBT_FROM` or more; at most 1.
     doubted: float = 1.0
 
 

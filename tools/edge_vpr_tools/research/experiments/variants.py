@@ -20,13 +20,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.research.baselines import map_all_pixels
 from edge_vpr_tools.research.baselines.baseline import fastest
-from edge_vpr_tools.research.experiments.experiment import (
-    CHOSEN_ON,
-    Draw,
-    Drives,
-    Experiment,
-    Row,
-)
+from edge_vpr_tools.research.experiments.experiment import CHOSEN_ON, Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.nulls import BY_AUTHORS, BY_US, null_rows
 from edge_vpr_tools.research.experiments.pairs import MappedPair, Pair, inner_windows
 from edge_vpr_tools.research.experiments.plots import dots

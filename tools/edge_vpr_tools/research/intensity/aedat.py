@@ -51,11 +51,6 @@ Words = npt.NDArray[np.int64]
 class Aedat2Frames:
     """Frames of a file; the time of a frame is the mean over pixels of the middle of both reads.
 
-    Attributes
-    ----------
-    start_us : int
-        Time of the first event, or of the first frame if no events were recorded.
-
     Raises
     ------
     RecordingError
@@ -179,11 +174,6 @@ class Aedat3Frames:
 
     Pixels have 16 bits, of which the upper 8 are kept. Frames that are marked as invalid are left
     out.
-
-    Attributes
-    ----------
-    start_us : int
-        Time of the first event, or of the first frame if no events were recorded.
     """
 
     def __init__(self, path: Path, topic: str | None = None) -> None:
@@ -255,13 +245,7 @@ _TIME, _FORMAT, _WIDTH, _HEIGHT, _PIXELS = 0, 5, 6, 7, 10
 
 
 class Aedat4Frames:
-    """Frames of one stream.
-
-    Attributes
-    ----------
-    start_us : int
-        Time of the first event, or of the first frame if no events were recorded.
-    """
+    """Frames of one stream."""
 
     def __init__(self, path: Path, topic: str | None = None) -> None:
         self._file = Aedat4File(path)

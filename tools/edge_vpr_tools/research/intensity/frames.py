@@ -18,34 +18,19 @@ Times = npt.NDArray[np.int64]
 
 
 class IntensityFrame(NamedTuple):
-    """One image and its time.
+    """One image and its time."""
 
-    Attributes
-    ----------
-    time_us : int
-        Time on the clock of the image's source.
-    image : ndarray of uint8, shape (height, width)
-        Grey values, from black to white.
-    """
-
-    time_us: int
-    image: Image
+    time_us: int  #: Time on the clock of the image's source.
+    image: Image  #: Shape (height, width): grey values, from black to white.
 
 
 class IntensityFrames(Protocol):
-    """Iterable of images in time order; each ``iter()`` begins at the first one.
+    """Iterable of images in time order; each ``iter()`` begins at the first one."""
 
-    Attributes
-    ----------
-    start_us : int
-        Time t = 0 of the recording on the clock of the images: that of the first event in the same
-        file, or of the first image if there are no events.
-    has_events : bool
-        Whether the same file holds events.
-    """
-
+    #: Time t = 0 of the recording on the clock of the images: that of the first event in the same
+    #: file, or of the first image if there are no events.
     start_us: int
-    has_events: bool
+    has_events: bool  #: Whether the same file holds events.
 
     def __iter__(self) -> Iterator[IntensityFrame]:
         """Yield the images."""

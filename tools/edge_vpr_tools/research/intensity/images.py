@@ -167,21 +167,9 @@ class Hdf5Images:
     """Images of one data set of 8 bits, shape (n, height, width) or (n, height, width, 3).
 
     Colours are red, green, blue. Times are seconds on the clock of the file.
-
-    Parameters
-    ----------
-    topic : str, optional
-        Name of the data set, if there are several.
-
-    Attributes
-    ----------
-    start_us : int
-        Time of the first image.
-    has_events : bool
-        False: the reader does not search for events in the same file.
     """
 
-    has_events = False
+    has_events = False  # the reader does not search for events in the same file
 
     def __init__(self, path: Path, topic: str | None = None) -> None:
         self._path = path
@@ -266,13 +254,6 @@ class BagImages:
     ----------
     ros : {1, 2}
         Version of ROS that wrote the bag.
-    topic : str, optional
-        Name of the topic, if there are several.
-
-    Attributes
-    ----------
-    start_us : int
-        Start of the events of the same bag, or time of the first image without events.
     """
 
     def __init__(self, path: Path, ros: int, topic: str | None = None) -> None:

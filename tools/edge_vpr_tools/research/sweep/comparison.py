@@ -22,19 +22,10 @@ from edge_vpr.results import RUN, run_record, write_json
 from edge_vpr.settings import SETTING_FIELDS
 from edge_vpr_tools.report.style import CYCLE, figure, legend_below, look, name_label, save
 from edge_vpr_tools.report.tables import markdown_table, write_spreadsheet
+from edge_vpr_tools.research.sweep import MEASURES
 from edge_vpr_tools.research.sweep.plan import sweep_store
 from edge_vpr_tools.research.trials import SWEEP, ListedTrial
 
-#: figures of merit by their name in a file, with the heading of their column
-MEASURES = {
-    "precision_at_100_recall": "P@100R",
-    "recall_at_99_precision": "R@99P",
-    "average_precision": "AP",
-    "recall_at_1": "Recall@1",
-    "packed_bytes_per_window": "bytes per window",
-    "operations_per_match": "operations per match",
-    "microseconds_per_match": "µs per match",
-}
 #: shown with thousands and without decimals
 _WHOLE = ("operations_per_match",)
 #: more rows than this are illegible in one figure
@@ -44,33 +35,18 @@ _REMEDY = "evaluate it again"
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One variant on one pair of drives.
+    """One variant on one pair of drives."""
 
-    Attributes
-    ----------
-    run : str
-        Name of the run's folder; its path if two folders have the same name.
-    variant, drives : str
-        Empty for a single match.
-    values : mapping of str to tuple of float
-        Values of `MEASURES`, one for each seed.
-    failed : int
-        Number of seeds without a result.
-    seeds : tuple of int
-        Seed of each value.
-    settings : mapping of str to object
-        By the names of `edge_vpr.settings.Settings`; empty if there is no result.
-    system : str
-        Name of a baseline, which uses some of the settings; empty for the method itself.
-    """
-
-    run: str
+    run: str  #: Name of the run's folder; its path if two folders have the same name.
+    #: variant, drives: empty for a single match.
     variant: str
     drives: str
-    values: Mapping[str, tuple[float, ...]]
-    failed: int = 0
-    seeds: tuple[int, ...] = ()
+    values: Mapping[str, tuple[float, ...]]  #: Values of `MEASURES`, one for each seed.
+    failed: int = 0  #: Number of seeds without a result.
+    seeds: tuple[int, ...] = ()  #: Seed of each value.
+    #: By the names of `edge_vpr.settings.Settings`; empty if there is no result.
     settings: Mapping[str, Any] = field(default_factory=dict)
+    #: Name of a baseline, which uses some of the settings; empty for the method itself.
     system: str = ""
 
     @property
@@ -272,26 +248,17 @@ class Interval(NamedTuple):
 
 
 class Average(NamedTuple):
-    """One variant over all its drives.
-
-    Attributes
-    ----------
-    settings : mapping of str to str
-        Words of the settings that differ between the variants, by their key.
-    drives : int
-        Number of pairs of drives with a result.
-    means : mapping of str to float
-        Means over drives of `MEASURES`; NaN without a result. Each drive counts alike.
-    difference : Interval or None
-        Mean of the measure less that of the first variant, over the drives and seeds that both
-        have; None of the first itself, and without any such.
-    """
+    """One variant over all its drives."""
 
     run: str
     variant: str
+    #: Words of the settings that differ between the variants, by their key.
     settings: Mapping[str, str]
-    drives: int
+    drives: int  #: Number of pairs of drives with a result.
+    #: Means over drives of `MEASURES`; NaN without a result. Each drive counts alike.
     means: Mapping[str, float]
+    #: Mean of the measure less that of the first variant, over the drives and seeds that both have;
+    #: None of the first itself, and without any such.
     difference: Interval | None = None
 
 

@@ -13,12 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 import edge_vpr
 from edge_vpr.errors import UsageError, did_you_mean
-from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr.files import read_toml
 from edge_vpr.recordings import Recording, crop_of, open_recording
@@ -29,48 +25,35 @@ from edge_vpr.warm_up import mapping_steps, matching_steps, warm_up
 from edge_vpr_tools.research.baselines import compare, open_baseline
 from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.experiments.pairs import Pair
-from edge_vpr_tools.research.trials import (
-    ListedTrial,
-    Store,
-    key_of,
-)
-from edge_vpr_tools.truth_files import load_truth
+from edge_vpr_tools.research.trials import ListedTrial, Store, key_of
+from edge_vpr_tools.truth_files import TruthFiles
 
 # One trial of a sweep: a variant of the method on one pair of drives with one seed.
 
 
 @dataclass(frozen=True, kw_only=True)
 class PairOfDrives:
-    """Two recordings, the options for reading them, and the ground truth of the second.
+    """Two recordings, the options for reading them, and the ground truth of the second."""
 
-    Attributes
-    ----------
-    reference, query : str
-        Paths of the recordings.
-    ground_truth : tuple of str
-        Files, as for `edge-vpr evaluate --ground-truth`.
-    tolerance, rows, frame_period, offset
-        As the flags of `evaluate` with these names.
-    sensor, format, time_unit, topic, columns, on_fault
-        As the flags of `map` with these names, for both drives.
-    start, end, start_offset : (str, str), optional
-        For the reference and for the query: seconds at which to start, at which to end, and from
-        which these count, as the flags with these names.
-    """
-
+    #: reference, query: paths of the recordings.
     reference: str
     query: str
-    ground_truth: tuple[str, ...]
+    ground_truth: tuple[str, ...]  #: Files, as for `edge-vpr evaluate --ground-truth`.
+    #: tolerance, rows, frame_period, offset: as the flags of `evaluate` with these names.
     tolerance: float | None = None
     rows: str | None = None
     frame_period: str | None = None
     offset: tuple[float, float] | None = None
+    #: sensor, format, time_unit, topic, columns, on_fault: as the flags of `map` with these names,
+    #: for both drives.
     sensor: str | None = None
     format: str | None = None
     time_unit: str | None = None
     topic: str | None = None
     columns: str | None = None
     on_fault: str = "error"
+    #: start, end, start_offset: for the reference and for the query: seconds at which to start, at
+    #: which to end, and from which these count, as the flags with these names.
     start: tuple[str, str] | None = None
     end: tuple[str, str] | None = None
     start_offset: tuple[str, str] | None = None
@@ -80,24 +63,11 @@ class PairOfDrives:
         """Paths of all input files."""
         return (self.reference, self.query, *self.ground_truth)
 
-    def truth(
-        self, places_us: npt.NDArray[np.int64], queries_us: npt.NDArray[np.int64]
-    ) -> GroundTruth:
-        """Read the ground truth for windows with these centres.
-
-        Raises
-        ------
-        EdgeVprError
-            If it cannot be read.
-        """
-        return load_truth(
-            self.ground_truth,
-            places_us,
-            queries_us,
-            tolerance=self.tolerance,
-            rows=self.rows,
-            frame_period=self.frame_period,
-            offset_s=self.offset,
+    @property
+    def truth(self) -> TruthFiles:
+        """Ground truth, which is read when it is called with the centres of windows."""
+        return TruthFiles(
+            self.ground_truth, self.tolerance, self.rows, self.frame_period, self.offset
         )
 
     def open(self, which: int) -> Recording:
@@ -120,25 +90,15 @@ class PairOfDrives:
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """Everything that determines a result; can be sent to another process or machine.
+    """Everything that determines a result; can be sent to another process or machine."""
 
-    Attributes
-    ----------
-    settings : mapping
-        As returned by `Settings.to_dict`, with the seed.
-    inputs : tuple of str
-        SHA-256 of each file of `drives.files`, in that order, and of those that `system` names.
-    version : str
-        Version of edge-vpr.
-    system : str or None
-        Name of a baseline (`open_baseline`), whose distances are matched as the settings say; None
-        for the method itself.
-    """
-
-    settings: Mapping[str, Any]
+    settings: Mapping[str, Any]  #: As returned by `Settings.to_dict`, with the seed.
     drives: PairOfDrives
+    #: SHA-256 of each file of `drives.files`, in that order, and of those that `system` names.
     inputs: tuple[str, ...]
-    version: str = edge_vpr.__version__
+    version: str = edge_vpr.__version__  #: Version of edge-vpr.
+    #: Name of a baseline (`open_baseline`), whose distances are matched as the settings say; None
+    #: for the method itself.
     system: str | None = None
 
     @property
@@ -158,19 +118,7 @@ class Trial:
 
 @dataclass(frozen=True, kw_only=True)
 class TrialResult:
-    """Result of a trial.
-
-    Attributes
-    ----------
-    mapping_s, counting_s, microseconds_per_match : float
-        Times on this machine, under its load during the trial.
-    elapsed_s : float
-        Time of the whole trial on its worker.
-    operations, packed_bytes_per_window : int or None
-        Number of differences or products to compare one query window with the whole map, and size
-        of the descriptors of the places that begin in a window; None in results of earlier
-        versions.
-    """
+    """Result of a trial."""
 
     precision_at_100_recall: float
     recall_at_99_precision: float
@@ -182,10 +130,15 @@ class TrialResult:
     bytes_per_place: int
     packed_bytes_per_place: int
     events: int
+    #: mapping_s, counting_s, microseconds_per_match: times on this machine, under its load during
+    #: the trial.
     mapping_s: float
     counting_s: float
     microseconds_per_match: float
-    elapsed_s: float
+    elapsed_s: float  #: Time of the whole trial on its worker.
+    #: operations, packed_bytes_per_window: number of differences or products to compare one query
+    #: window with the whole map, and size of the descriptors of the places that begin in a window;
+    #: None in results of earlier versions.
     operations: int | None = None
     packed_bytes_per_window: int | None = None
 
