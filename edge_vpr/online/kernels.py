@@ -1,17 +1,25 @@
-"""Kernels of the localiser: sums changed by one event, the end of a window, the best place."""
+"""State and kernels of the localiser: from an event to changed distances, and to a match.
+
+From the bottom up: sums that one event changes, in vectors; the state of sliding windows; what
+changes it; what matches; and `follow`, the one kernel that a `MatchRun` calls.
+"""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+import numpy.typing as npt
 from llvmlite import ir
 from numba import config, types
 from numba.extending import intrinsic
 
-from edge_vpr.compiling import kernel
-from edge_vpr.confidence import NO_MISFIT
-from edge_vpr.descriptors.windows import is_pause
-from edge_vpr.errors import EventError
+from edge_vpr.compiling import kernel, plain
+from edge_vpr.confidence import NO_MISFIT, accept_match
+from edge_vpr.descriptors.windows import MAX_WINDOWS, FixedTime, Window, is_pause
+from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, check_events
+from edge_vpr.matching.distances import aligned_zeros
 from edge_vpr.matching.place_filter import (
     FilterState,
     FilterTable,
@@ -19,7 +27,8 @@ from edge_vpr.matching.place_filter import (
     end_window,
     match_window,
 )
-from fixedpoint.own_mean import LEVEL_BITS
+from fixedpoint.codes import PixelCodes
+from fixedpoint.own_mean import LEVEL_BITS, OwnMeanCode
 
 # Vector kernels of online matching: change all sums by +-1, find the smallest.
 #
@@ -294,6 +303,237 @@ def update_blocks(sums, columns, changes, arrivals, expiries, count):
         sums[count + LANES + start // BLOCK] = change_sums(
             sums, columns, changes, arrivals, expiries, start, stop
         )
+
+
+# State of sliding windows: the newest time or events, and windows of the same length before.
+#
+# A sequence consists of L such windows, one directly after the other. They are numbered by their
+# lag: lag 0 is the newest window, and lag i holds what lag 0 held i window lengths ago. An event
+# enters at lag 0, moves from lag to lag as it ages, and leaves after the last one. Each move
+# subtracts one from a counter and adds one to another. At time T, lag i of windows of tau
+# microseconds holds the events with ``T - (i+1) tau <= t < T - i tau``; after an event at time t,
+# T is t + 1. Lag i of windows of N events holds the i N-th to (i+1) N-th newest event at the
+# selected pixels.
+#
+# At the end of every non-overlapping window, T = k tau or the k N-th selected event, the lags are
+# exactly the last L windows of `edge_vpr.descriptors.windows`.
+
+
+#: initial size of the ring buffer of events
+RING_EVENTS = 4096
+#: largest number of moves that are noted before the counters are updated
+MAX_MOVES = 256
+
+#: A move of an event: its slot, and the lag that it left (-1: it is new).
+MOVE = np.dtype([("slot", "<i4"), ("left", "<i4")])
+#: For each counter: its table, and its smallest and largest count in the map.
+COUNTER = np.dtype([("table", "<i8"), ("low", "<i8"), ("high", "<i8")])
+#: Common part of all distances, number of noted moves that the counters do not include yet, stride
+#: of `SlidingWindows.columns`, and number of sums in use.
+TOTALS = np.dtype([("common", "<i8"), ("moves", "<i8"), ("stride", "<i8"), ("sums", "<i8")])
+
+
+class OwnCodes(NamedTuple):
+    """Own-mean codes of a window, which have no table.
+
+    Attributes
+    ----------
+    levels : ndarray of int32, shape (size,)
+        Logarithm of each count, see `OwnMeanCode`; of size 0 where there are other codes.
+    means : ndarray of int32, shape (J,)
+        Mean logarithm of each counter, in units of 1/256 octave.
+    codes : ndarray of int64, shape (2, J)
+        Those that the distances are of, and scratch.
+    bits : int
+        Of `OwnMeanCode`.
+    """
+
+    levels: npt.NDArray[np.int32]
+    means: npt.NDArray[np.int32]
+    codes: npt.NDArray[np.int64]
+    contrast: bool
+    bits: int
+
+
+class SlidingWindows(NamedTuple):
+    """State of the kernels of sliding windows and of their distances to a map.
+
+    Attributes
+    ----------
+    slot : ndarray of int32, shape (capacity,)
+        Ring of the slots of selected events, as `time` has their times.
+    time : ndarray of int64, shape (capacity,)
+        Ring of selected events: event number i is at ``i % capacity``, a power of two.
+    bound : ndarray of int64, shape (L + 1,)
+        Lag i holds the events numbered from ``bound[i + 1]`` up to ``bound[i]``.
+    moves : ndarray of MOVE, shape (MAX_MOVES,)
+        Events that have moved since the counters were last brought up to date.
+    counts : ndarray of int64, shape (L, J)
+        Events in each lag, by slot.
+    tau, n : int
+        Length of a window in microseconds, or in events; the other is 0.
+    code : ndarray of uint16, shape (codes, size)
+        Tables, a row each: code of each count, not decreasing; the last stands for all larger
+        counts. Of shape (1, 0): the count itself; (0, 0): see `own`.
+    counters : ndarray of COUNTER, shape (J,)
+        State of each counter.
+    columns : ndarray of uint8 or uint16
+        Map, a pixel's places one after another, `stride` apart from pixel to pixel.
+    sums : ndarray of uint16 or uint32
+        ``sums[m]``: distance of the sequence that ends at place m + L - 1, less the common base.
+        After LANES spare ones, the smallest of each block, see `least_in`.
+    changes : ndarray of int64, shape (2, MAX_CHANGES)
+        Scratch for the changes of `update_blocks`.
+    totals : ndarray of TOTALS, shape (1,)
+        Numbers that are kept for all counters together.
+    """
+
+    slot: npt.NDArray[np.int32]
+    time: npt.NDArray[np.int64]
+    bound: npt.NDArray[np.int64]
+    moves: npt.NDArray[np.void]
+    counts: npt.NDArray[np.int64]
+    tau: int
+    n: int
+    code: npt.NDArray[np.uint16]
+    own: OwnCodes
+    counters: npt.NDArray[np.void]
+    columns: npt.NDArray[np.unsignedinteger]
+    sums: npt.NDArray[np.unsignedinteger]
+    changes: npt.NDArray[np.int64]
+    totals: npt.NDArray[np.void]
+
+
+def recount(s: SlidingWindows) -> npt.NDArray[np.int64]:
+    """Count all events in the ring again, shape (L, J)."""
+    counts = np.zeros_like(s.counts)
+    for lag in range(len(counts)):
+        numbers = np.arange(s.bound[lag + 1], s.bound[lag])
+        slots = s.slot[numbers & (s.slot.size - 1)]
+        counts[lag] = np.bincount(slots, minlength=counts.shape[1])
+    return counts
+
+
+def grown(s: SlidingWindows) -> SlidingWindows:
+    """Return the state with a ring of twice the size."""
+    numbers = np.arange(s.bound[-1], s.bound[0])
+    old, size = numbers & (s.slot.size - 1), 2 * s.slot.size
+    slot, time = np.zeros(size, dtype=np.int32), np.zeros(size, dtype=np.int64)
+    slot[numbers & (size - 1)] = s.slot[old]
+    time[numbers & (size - 1)] = s.time[old]
+    return s._replace(slot=slot, time=time)
+
+
+# Computation of all distances of the windows to the places, and the layout of the map by pixel.
+
+
+def start(
+    places: npt.NDArray[np.unsignedinteger],
+    window: Window,
+    length: int,
+    codes: PixelCodes | OwnMeanCode | None,
+    mean: npt.NDArray[np.int32] | None = None,
+) -> SlidingWindows:
+    """Build the state before the first event.
+
+    Parameters
+    ----------
+    places : ndarray of unsigned int, shape (K, J)
+        Map, in codes if there are any.
+    length : int
+        L.
+    codes : PixelCodes or OwnMeanCode, optional
+        What the counts of a window become before they are compared.
+    mean : ndarray of int32, shape (J,), optional
+        Where the means of own-mean codes start.
+    """
+    counters = places.shape[1]
+    levels, contrast, bits = np.empty(0, dtype=np.int32), False, 0
+    means, tables = np.zeros(counters, dtype=np.int32), np.empty((1, 0), dtype=np.uint16)
+    if isinstance(codes, OwnMeanCode) and mean is not None:
+        # copies, because for Numba a read-only array is of another type
+        levels, contrast, bits = codes.levels.copy(), codes.contrast, codes.bits
+        means, tables = mean.copy(), np.empty((0, 0), dtype=np.uint16)
+    of_counters = np.zeros(counters, dtype=COUNTER).view(np.recarray)
+    if isinstance(codes, PixelCodes):
+        of_counters["table"], tables = codes.row, codes.tables
+    state = SlidingWindows(
+        slot=np.zeros(RING_EVENTS, dtype=np.int32),
+        time=np.zeros(RING_EVENTS, dtype=np.int64),
+        bound=np.zeros(length + 1, dtype=np.int64),
+        moves=np.zeros(MAX_MOVES, dtype=MOVE).view(np.recarray),
+        counts=np.zeros((length, counters), dtype=np.int64),
+        tau=window.tau_us if isinstance(window, FixedTime) else 0,
+        n=0 if isinstance(window, FixedTime) else window.events,
+        code=tables,
+        own=OwnCodes(levels, means, np.zeros((2, counters), dtype=np.int64), contrast, bits),
+        counters=of_counters,
+        columns=np.empty(0, dtype=np.uint8),
+        sums=np.empty(0, dtype=np.uint16),
+        changes=np.zeros((2, MAX_CHANGES), dtype=np.int64),
+        totals=np.zeros(1, dtype=TOTALS).view(np.recarray),
+    )
+    return with_distances(state, places)
+
+
+def with_distances(s: SlidingWindows, places: npt.NDArray[np.unsignedinteger]) -> SlidingWindows:
+    """Lay a map out by pixel, and compute all distances of the present counters."""
+    length = len(s.counts)
+    # an odd number of whole vectors: with a power of two, all columns of a place would share the
+    # same lines of the cache
+    count, stride = len(places) - length + 1, (len(places) // LANES + 2 | 1) * LANES
+    columns = aligned_zeros(places.shape[1] * stride + LANES, places.dtype)
+    columns[: places.shape[1] * stride].reshape(-1, stride)[:, : len(places)] = places.T
+    low, high = places.min(axis=0).astype(np.int64), places.max(axis=0).astype(np.int64)
+
+    s = s._replace(own=s.own._replace(codes=np.zeros_like(s.own.codes)))
+    coded = _coded(s)
+    # places with the smallest counts fill the last vector
+    spare = np.broadcast_to(low.astype(places.dtype), (LANES, len(low)))
+    by_pixel = np.ascontiguousarray(np.concatenate([places, spare]).T)
+    distances = np.zeros(count + LANES, dtype=np.int64)
+    for lag in range(length):
+        end = length - 1 - lag
+        # `ReferenceIndex` is faster, and would take longer to compile than this takes
+        for column, code in zip(by_pixel, coded[lag].tolist(), strict=True):
+            distances += np.abs(column[end : end + count + LANES].astype(np.int64) - code)
+    base = int(np.abs(coded - np.clip(coded, low, high)).sum())
+    # without the base, no distance is larger than this; those of filling places always are, so that
+    # a search can include them
+    largest = length * int((high - low).sum())
+    if 2 * largest + 1 > np.iinfo(np.uint32).max:
+        raise UsageError(
+            f"distances of up to {largest} do not fit 32 bits: take fewer pixels, a shorter "
+            "sequence, or a counter code"
+        )
+    distances[count:] += largest + 1
+    dtype = np.uint16 if 2 * largest + 1 <= np.iinfo(np.uint16).max else np.uint32
+    sums = aligned_zeros(count + LANES + -(-count // BLOCK), dtype)
+    sums[: count + LANES] = distances - base
+    _find_least(sums, count)
+    counters = s.counters.copy()
+    counters["low"], counters["high"] = low, high
+    return s._replace(
+        columns=columns,
+        counters=counters,
+        sums=sums,
+        totals=np.array([(base, 0, stride, count)], dtype=TOTALS).view(np.recarray),
+    )
+
+
+def _find_least(sums: npt.NDArray[np.unsignedinteger], count: int) -> None:
+    """Write the smallest sum of each block after the sums, see `least_in`."""
+    sums[count + LANES :] = np.minimum.reduceat(sums[:count], np.arange(0, count, BLOCK))
+
+
+def _coded(s: SlidingWindows) -> npt.NDArray[np.int64]:
+    """Return the codes of the counters of each lag, shape (L, J); own-mean codes are kept."""
+    if s.own.levels.size:
+        plain(write_codes)(s.counts[0], s.own, s.own.codes[0])
+        return s.own.codes[:1]
+    if s.code.size == 0:
+        return s.counts
+    return s.code[s.counters["table"], np.minimum(s.counts, s.code.shape[1] - 1)].astype(np.int64)
 
 
 # Kernels of the sliding windows: enter events, move them from lag to lag, update distances.
@@ -650,3 +890,194 @@ def check_order(events: Events, floor_us: int, sensor: Sensor) -> None:
             f"an event at {last} us lies beyond {TIME_LIMIT_US} us: check the unit of its clock"
         )
     check_events(events, sensor)
+
+
+# The state of a localiser's kernel, in one tuple.
+
+
+#: Number of events of a chunk that there is room for at the start.
+CHUNK_EVENTS = 4_096
+#: Time that is later than the end of any window.
+NEVER = np.iinfo(np.int64).max
+
+#: Control of the kernel; times in microseconds.
+CONTROL = np.dtype(
+    [
+        # when to give a match, see `MatchSchedule`
+        ("every", "<i8"),
+        ("interval", "<i8"),
+        ("change", "<i8"),
+        ("next_tick", "<i8"),  # time of the next match by the interval
+        ("last_reported", "<i8"),  # place of the last match
+        # search
+        ("exclusion", "<i8"),  # of sequences: width of the zone around the best place
+        ("recent", "<i8"),  # number of the newest places that are not searched
+        ("least_trust", "<i8"),  # of a match that is not lost
+        # place filter
+        ("window_end", "<i8"),  # of the present window: a time, or the number of an event
+        ("paused", "<i8"),  # whether the window that ended last was a pause
+        # events
+        ("off_slots", "<i8"),  # first slot of OFF events
+        ("floor", "<i8"),  # earliest time that the next event may have
+        ("now", "<i8"),  # T: all earlier events have been processed, but for these:
+        ("read", "<i8"),  # first of the selected events of a chunk that is not processed yet
+        ("selected", "<i8"),  # number of all selected events of the chunk
+        ("until", "<i8"),  # time of the last event of the chunk, to which the time advances
+    ]
+)
+
+
+class OnlineState(NamedTuple):
+    """State of the kernel.
+
+    Attributes
+    ----------
+    windows : SlidingWindows
+        Counters of the newest windows, and their distances to all places.
+    filter : FilterState or None
+        Of the place filter, which shares its arrays; None where sequences are matched, as are the
+        next two.
+    filter_table : FilterTable or None
+        Of `Transitions`.
+    rows : WindowRows or None
+        Of one window; scratch of the place filter.
+    length : int or None
+        L of sequences; None of the place filter.
+    control : ndarray of CONTROL, shape (1,)
+        Numbers of the kernel, each by its name.
+    trust : ndarray of int64, shape (m,)
+        Lowest trust of each step of the probability.
+    probability : ndarray of float64, shape (m,)
+        Steps of `edge_vpr.confidence.Confidence`; of size 0 where nothing is known.
+    table : ndarray of int16 or int32, shape (height, width)
+        Of `PixelMap.table`.
+    slots, times : ndarray of int32 and int64, shape (CHUNK_EVENTS or more,)
+        Selected events of the present chunk.
+    out : ndarray of MATCH_DTYPE, shape (MATCHES_AT_ONCE,)
+        Matches are written here.
+    """
+
+    windows: SlidingWindows
+    filter: FilterState | None
+    filter_table: FilterTable | None
+    rows: WindowRows | None
+    length: int | None
+    control: npt.NDArray[np.void]
+    trust: npt.NDArray[np.int64]
+    probability: npt.NDArray[np.float64]
+    table: npt.NDArray[np.signedinteger]
+    slots: npt.NDArray[np.int32]
+    times: npt.NDArray[np.int64]
+    out: npt.NDArray[np.void]
+
+
+# The kernel of the localiser: converts events to matches without returning to Python.
+
+
+# why the kernel returned
+DONE, MATCHES_FULL, RING_FULL, WINDOW_OVER, REFUSED = range(5)
+#: in place of a time
+GO_ON = -1
+
+Stop = tuple[int, int, int]
+"""Result of `follow`."""
+
+
+@kernel
+def follow(box, events, until):
+    """Process events, or go on with those of an earlier call; stop where Python is needed.
+
+    Parameters
+    ----------
+    box : BoxedState
+        Of `OnlineState`; its arrays are changed in place.
+    events : ndarray of EVENT_DTYPE, shape (m,)
+        As many as `OnlineState.slots` has room for.
+    until : int
+        Without events: time to advance to, or `GO_ON` with what `OnlineState.control` says is left
+        of an earlier call.
+
+    Returns
+    -------
+    given, why : int
+        Matches written to `OnlineState.out`, and `DONE`, `MATCHES_FULL`, `RING_FULL`,
+        `WINDOW_OVER`: the place filter has ended a window; or `REFUSED`: an event is off the
+        sensor, not in the order of time, or over more ticks than may be, and nothing was taken.
+    until : int
+        Time of the last event, selected or not.
+    """
+    f = OnlineState(*box.value)
+    s, c, out = SlidingWindows(*f.windows), f.control[0], f.out
+    if events.size > 0:
+        last = events[events.size - 1]["t"]
+        selected = selected_in_order(f.table, events, c.floor, c.off_slots, f.slots, f.times)
+        if selected < 0 or (c.interval > 0 and (last - c.next_tick) // c.interval > MAX_WINDOWS):
+            return 0, REFUSED, last
+        c.floor, c.until, c.now, c.read, c.selected = last, last, last + 1, 0, selected
+    elif until != GO_ON:
+        c.floor, c.until, c.now, c.read, c.selected = until, until, max(c.now, until), 0, 0
+    slots, times, until = f.slots, f.times, c.until
+    ring_slot, ring_time, bound = s.slot, s.time, s.bound
+    moves, totals, counts, code, counters = s.moves, s.totals, s.counts, s.code, s.counters
+    columns, sums, changes = s.columns, s.sums, s.changes
+    own = OwnCodes(*s.own)
+    state, filter_table, rows, length = f.filter, f.filter_table, f.rows, f.length
+    tau, n, windows, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
+    given, i, end = 0, c.read, c.selected
+    # counted down, because a division would take as long as the rest of an event's processing
+    left = c.every - bound[0] % c.every if c.every > 0 else np.int64(-1)
+    # each iteration is a tick or an event, until there are no more of either
+    while True:
+        now = times[i] if i < end else until
+        tick = c.interval > 0 and c.next_tick <= now
+        now = c.next_tick if tick else now
+        seen_until = now if tick else now + 1
+        # a tick at the end of a window belongs to it; an event at the same time to the next window
+        over = seen_until > c.window_end if tau > 0 else bound[0] >= c.window_end
+        why = DONE
+        if over:
+            seen_until = c.window_end
+        elif not tick and i == end:
+            break
+        why = MATCHES_FULL
+        if given == len(out):
+            break
+        room = 0 if tick or over else n
+        while not (
+            age(ring_time, ring_slot, bound, moves, totals, tau, room, seen_until)
+            and totals[0].moves < len(moves)
+        ):
+            take_moves(moves, totals, counts, code, counters, columns, sums, changes)
+        if tick and not over:
+            c.next_tick += c.interval
+        elif not over:
+            why = RING_FULL
+            if bound[0] - bound[windows] > mask:
+                break
+            ring_slot[bound[0] & mask] = slots[i]
+            ring_time[bound[0] & mask] = now
+            bound[0] += 1
+            note(moves, totals, slots[i], -1)
+            i += 1
+            left -= 1
+            if left != 0:
+                continue
+            left = c.every
+        complete = seen_until >= windows * tau if tau > 0 else bound[0] >= windows * n
+        if not complete:
+            continue
+        take_moves(moves, totals, counts, code, counters, columns, sums, changes)
+        if own.levels.size > 0:
+            recode(own, counts, totals, counters, columns, sums, changes)
+        row, in_window = out[given], bound[0] - bound[1]
+        if match_now(state, filter_table, rows, sums, totals[0], c, length, in_window, over, row):
+            row["time_us"], row["events"] = now, in_window
+            # start of a fixed-count window: the time of its oldest event
+            row["start_us"] = seen_until - tau if tau > 0 else ring_time[bound[1] & mask]
+            accept_match(row, f.trust, f.probability, c.least_trust)
+            given += 1
+        why = WINDOW_OVER
+        if over:
+            break
+    c.read = i
+    return given, why, until

@@ -20,15 +20,14 @@ from edge_vpr.confidence import Acceptance, Confidence
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import EVENT_DTYPE, make_events
 from edge_vpr.matching.matches import margin_to_second, ratio_to_second
-from edge_vpr.online.kernels import selected_in_order, write_codes
-from edge_vpr.online.localiser import (
+from edge_vpr.online.kernels import (
     CHUNK_EVENTS,
-    MATCHES_AT_ONCE,
-    Localiser,
-    MatchSchedule,
     OwnCodes,
     follow,
+    selected_in_order,
+    write_codes,
 )
+from edge_vpr.online.localiser import MATCHES_AT_ONCE, Localiser, MatchSchedule
 from fixedpoint.own_mean import OwnMeanCode
 
 TABLE = Confidence(

@@ -25,7 +25,8 @@ from edge_vpr.live.protocols import (
     reach,
     start_clock,
 )
-from edge_vpr.online.localiser import CHUNK_EVENTS, Follower, Step, follow_kept
+from edge_vpr.online.kernels import CHUNK_EVENTS
+from edge_vpr.online.localiser import Follower, Step, follow_kept
 from edge_vpr.recordings.reading import Columns, empty_columns
 from edge_vpr.warm_up import synthetic_events
 
