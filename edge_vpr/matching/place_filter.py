@@ -4,12 +4,14 @@ This is Viterbi's algorithm over the places of a route (the min-plus form of a d
 filter), in integers of fixed widths. Each place has one metric: the cost of the cheapest path that
 ends there now. A window predicts, which adds the cost of a step from the place before, and
 updates, which adds evidence. Steps have costs by the activity of the window, by the settings, by
-odometry, or over jumps between places that the map names.
+odometry, or over jumps between places that the map names. A backward pass from later windows
+smooths.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -18,8 +20,16 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel, plain
 from edge_vpr.confidence import TRUST_TOP
-from edge_vpr.descriptors.windows import activity_of, is_pause, mean_activity_after
+from edge_vpr.descriptors.windows import (
+    Descriptors,
+    activity_of,
+    activity_of_drive,
+    is_pause,
+    mean_activity_after,
+    place_activity,
+)
 from edge_vpr.errors import UsageError
+from edge_vpr.matching.distances import typical_distances
 from edge_vpr.route import MOST_MM
 from edge_vpr.settings import Settings
 from fixedpoint.activity import (
@@ -472,6 +482,24 @@ class Transitions:
                 "drive that moves, or match without odometry"
             )
         return self._along
+
+
+def check_no_transitions(jumps: npt.NDArray[np.int32] | None, odometry: bool) -> None:
+    """Raise UsageError if sequences are asked to use jumps or odometry.
+
+    Parameters
+    ----------
+    jumps : ndarray of int32, shape (n, 2), optional
+        None if there are none.
+    odometry : bool
+        Whether it is given.
+    """
+    given = "odometry" if odometry else "a map with jumps"
+    if odometry or (jumps is not None and len(jumps)):
+        raise UsageError(
+            f"{given} is for the place filter, and sequences follow neither: match with "
+            "--matching filter"
+        )
 
 
 def check_jumps(jumps: npt.NDArray[np.integer], places: int) -> None:
@@ -1280,6 +1308,30 @@ class PlaceFilter:
             numbers.view(np.recarray), metric, prediction, np.zeros(places, dtype=np.bool_)
         )
 
+    @classmethod
+    def of(
+        cls,
+        places: Descriptors,
+        settings: Settings,
+        jumps: npt.NDArray[np.int32] | None = None,
+        along_mm: npt.NDArray[np.int64] | None = None,
+    ) -> PlaceFilter:
+        """Return the place filter of a map, before its first window.
+
+        Parameters
+        ----------
+        places : Descriptors
+            Of the map, in its codes.
+        jumps, along_mm : ndarray, optional
+            See `Transitions`.
+        """
+        events, number = places.activity, settings.window_parts
+        transitions = Transitions(
+            len(places), TransitionCosts.of(settings), place_activity(events, number), jumps,
+            along_mm, typical_distances(places.counts), settings.exclusion_places,
+        )  # fmt: skip
+        return cls(transitions, activity_of_drive(events[::number]))
+
     def __len__(self) -> int:
         return len(self.state.metric)
 
@@ -1394,3 +1446,158 @@ class PlaceFilter:
         # the kernel is compiled for the distances of recorded drives, of streams, and any other
         known = distances.dtype in (np.int32, np.uint16, np.uint32)
         return np.ascontiguousarray(distances, dtype=distances.dtype if known else np.int64)
+
+
+# Smoothing of the place filter: the windows after a window decide with.
+#
+# The metric of a place is the cost of the cheapest path that leads there. With the filter run
+# backwards, it is the cost of the cheapest path from there to the end of the drive. The sum is the
+# cost of the best path of the whole drive through this place: the min-plus form of forward-backward
+# smoothing. Fixed-lag smoothing does this for the newest window and the N before it: each match
+# then comes N windows late.
+
+
+#: Distance driven since the window before, in millimetres; None where it is not known.
+Travelled = int | None
+#: Columns of `FilterMatch`, shape (m, 7), and costs of the best path through each place, (m, K).
+Late = tuple[npt.NDArray[np.int64], Metrics]
+
+
+class BackwardPass:
+    """Cost of going on from each place, from the last window of a drive back to the first."""
+
+    def __init__(self, transitions: Transitions) -> None:
+        self._transitions = transitions
+        self._onward = np.zeros(transitions.places, dtype=np.int16)
+        self._ahead = np.empty(transitions.places, dtype=np.int16)
+
+    def add_to(self, rows: WindowRows, travelled: Sequence[Travelled]) -> None:
+        """Add the costs of the rest of the drive to the metrics of the n windows before it.
+
+        Parameters
+        ----------
+        rows : WindowRows
+            Of n windows; their metrics become the costs of the best path through each place, and
+            their columns the matches by these, with the margin as trust and `window_misfit` as
+            misfit.
+        travelled : sequence of int or None
+            Of each window.
+        """
+        for first, last in reversed(list(runs(travelled, len(travelled)))):
+            smooth_windows(
+                self._onward, self._ahead, self._transitions.table,
+                rows.part(first, last),
+            )  # fmt: skip
+            distance = travelled[first]
+            if distance is not None:
+                _travel_back(self._transitions, self._ahead, distance, self._onward)
+
+
+def _travel_back(
+    transitions: Transitions,
+    ahead: npt.NDArray[np.int16],
+    distance: int,
+    onward: npt.NDArray[np.int16],
+) -> None:
+    """Write the cost of going on by odometry instead of steps; see `go_back`."""
+    onward[:] = transitions.by_distance(ahead.astype(np.int32), distance, back=True)
+
+
+class FixedLag:
+    """Matches each window by the windows before it and the N after it.
+
+    Parameters
+    ----------
+    delay : int
+        N.
+    """
+
+    def __init__(self, transitions: Transitions, delay: int) -> None:
+        self._transitions, self._delay = transitions, delay
+        self._held = HeldWindows.empty(delay, transitions)
+        self._travelled: deque[Travelled] = deque()  # of the windows that are held
+
+    def add(self, rows: WindowRows, travelled: Sequence[Travelled]) -> Late:
+        """Add the next n windows, and match those that have N after them.
+
+        Parameters
+        ----------
+        rows : WindowRows
+            Of these windows, by the place filter.
+        travelled : sequence of int or None
+            Of each window.
+
+        Returns
+        -------
+        columns : ndarray of int64, shape (m, 7)
+            Of `FilterMatch`.
+        metrics : ndarray of int32, shape (m, K)
+            Cost of the best path through each place.
+        """
+        return self._match(rows, travelled, self._delay)
+
+    def finish(self) -> Late:
+        """Match the last windows, which have fewer than N after them; returns as `add`."""
+        return self._match(WindowRows.empty(0, self._transitions.places), [], 0)
+
+    def _match(self, rows: WindowRows, travelled: Sequence[Travelled], delay: int) -> Late:
+        self._travelled.extend(travelled)
+        number = max(len(self._travelled) - delay, 0)
+        columns = np.empty((number, 7), dtype=np.int64)
+        metrics = np.empty((number, self._transitions.places), dtype=np.int32)
+        if all(distance is None for distance in self._travelled):
+            match_late(
+                self._held, self._transitions.table, rows, delay, True, False,
+                columns, metrics,
+            )  # fmt: skip
+            for _ in range(number):
+                self._travelled.popleft()
+            return columns, metrics
+        for i in range(len(travelled)):
+            match_late(
+                self._held, self._transitions.table, rows.part(i, i + 1),
+                self._delay + 1, False, False, columns[:0], metrics[:0],
+            )  # fmt: skip
+            j = number - (len(travelled) - i)
+            if j >= 0:
+                self._match_first(columns[j : j + 1], metrics[j : j + 1])
+        if not travelled:
+            for j in range(number):
+                self._match_first(columns[j : j + 1], metrics[j : j + 1])
+        return columns, metrics
+
+    def _match_first(self, columns: npt.NDArray[np.int64], metrics: Metrics) -> None:
+        """Match the first window that is held, with the distances driven between the others."""
+        held, transitions = self._held, self._transitions
+        first, windows, place = held.numbers[0].tolist()[:3]
+        held.onward[:] = 0
+        for i in range(windows - 1, 0, -1):
+            at, distance = (first + i) % len(held.metrics), self._travelled[i]
+            go_back(held.onward, held.ahead, transitions.table, held.costs[at], held.evidence[at])
+            if distance is not None:
+                _travel_back(transitions, held.ahead, distance, held.onward)
+        distance = self._travelled.popleft()
+        by_distance = distance is not None and place >= 0
+        if distance is not None and place >= 0:
+            held.follows[:] = transitions.following(place, distance)
+        match_late(
+            held, transitions.table, WindowRows.empty(0, transitions.places),
+            windows - 1, False, by_distance, columns, metrics,
+        )  # fmt: skip
+
+
+def runs(travelled: Sequence[Travelled], most: int) -> Iterator[tuple[int, int]]:
+    """Yield the start and end of runs of windows in which only the first has a known distance.
+
+    Parameters
+    ----------
+    most : int
+        Largest number of windows in a run.
+    """
+    begin = 0
+    while begin < len(travelled):
+        end = begin + 1
+        while end < len(travelled) and end - begin < most and travelled[end] is None:
+            end += 1
+        yield begin, end
+        begin = end

@@ -36,7 +36,6 @@ from edge_vpr.descriptors.windows import MAX_WINDOWS, Descriptors, FixedTime, Wi
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError, expect
 from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Events, Sensor, check_event_array
 from edge_vpr.map_record import MapRecord
-from edge_vpr.matching.drive import FixedLag, Late, check_no_transitions, filter_of
 from edge_vpr.matching.place_filter import (
     LASTING_BITS,
     METRIC_TOP,
@@ -46,8 +45,11 @@ from edge_vpr.matching.place_filter import (
     RESIDUAL_TOP,
     TRUST_BITS,
     FilterMatch,
+    FixedLag,
+    Late,
     PlaceFilter,
     WindowRows,
+    check_no_transitions,
 )
 from edge_vpr.online.kernels import (
     CHUNK_EVENTS,
@@ -506,7 +508,7 @@ class FilterRun(MatchRun):
     schedule_name = "filter_schedule"
 
     def __init__(self, reference: MapRecord, window: Window, schedule: MatchSchedule) -> None:
-        self.place_filter = filter_of(
+        self.place_filter = PlaceFilter.of(
             reference.places, reference.settings, reference.jumps, reference.along_mm
         )
         super().__init__(reference, window, schedule, place_filter=self.place_filter)

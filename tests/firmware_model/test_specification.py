@@ -10,8 +10,15 @@ import numpy as np
 import pytest
 from specification_device import HALF_ROWS, ROWS, Device, Drive, table
 
-from edge_vpr.matching.drive import BackwardPass, FixedLag, smoothed_trust
-from edge_vpr.matching.place_filter import PlaceFilter, TransitionCosts, Transitions, WindowRows
+from edge_vpr.matching.drive import smoothed_trust
+from edge_vpr.matching.place_filter import (
+    BackwardPass,
+    FixedLag,
+    PlaceFilter,
+    TransitionCosts,
+    Transitions,
+    WindowRows,
+)
 from firmware_model import Design
 from firmware_model.vectors import load_manifest, standard_suites, write_suites
 from firmware_model.vectors.random_cases import random_adaptive_design

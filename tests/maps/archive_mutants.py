@@ -31,8 +31,7 @@ from edge_vpr.errors import LONGEST_MESSAGE, EdgeVprError, printable
 from edge_vpr.evaluation.ground_truth import load_alignment, load_matrix
 from edge_vpr.evaluation.tracks import load_jumps, load_odometry, load_track
 from edge_vpr.events import Sensor
-from edge_vpr.live.protocols.aer import read_layout
-from edge_vpr.live.protocols.words import Layout
+from edge_vpr.live.protocols.aer import Layout, read_layout
 from edge_vpr.map_record import coded_map
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches

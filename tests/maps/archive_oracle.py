@@ -17,7 +17,7 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import EdgeVprError
 from edge_vpr.events import TIME_LIMIT_US, Sensor, make_events
-from edge_vpr.live.protocols.words import Field, Layout, LayoutEncoder
+from edge_vpr.live.protocols.aer import Field, Layout, LayoutEncoder
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser

@@ -10,16 +10,15 @@ from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor, join_events
 from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader, damaged_sample
-from edge_vpr.live.protocols.words import (
+from edge_vpr.live.protocols.aer import (
     NOTICE_WORDS,
-    SEARCH_WORDS,
     Field,
     Layout,
     LayoutDecoder,
     LayoutEncoder,
-    Raw,
     read_words,
 )
+from edge_vpr.live.protocols.words import SEARCH_WORDS, Raw
 from edge_vpr.recordings.reading import Columns, empty_columns
 
 # Recognition of the eDVS format of a device from its bytes.

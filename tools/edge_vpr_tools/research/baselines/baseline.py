@@ -16,12 +16,12 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import (
     BestSequences,
-    filter_of,
     match_by_filter,
     sequence_matches,
     sequence_sums,
 )
 from edge_vpr.matching.matches import Matches
+from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.settings import Settings
 
 # Interface of the systems that the method is compared with.
@@ -201,7 +201,7 @@ def filter_distances(
     # the only counter of a window says which column of the matrix it is
     of_places, of_queries = activity
     places = _numbered(of_places, np.zeros_like(of_places))
-    place_filter = filter_of(places, settings, None, None)
+    place_filter = PlaceFilter.of(places, settings)
     accepted = Acceptance.of(settings)
     queries = _numbered(of_queries, query_us)
     return match_by_filter(place_filter, cast(ReferenceIndex, given), queries, settings, accepted)

@@ -26,12 +26,12 @@ from edge_vpr.descriptors.windows import (
     place_activity,
 )
 from edge_vpr.matching.distances import ReferenceIndex, typical_distances
-from edge_vpr.matching.drive import FixedLag
 from edge_vpr.matching.place_filter import (
     EVIDENCE_TOP,
     LASTING_BITS,
     METRIC_TOP,
     MISFIT_ZERO,
+    FixedLag,
     TransitionCosts,
     Transitions,
     WindowRows,
