@@ -163,17 +163,17 @@ def learn_drive(
         initial = _rounded(both, most + 1).astype(np.int32)
     places = reference.places
     # as many events as in a drive that is as bright and as fast as the reference
-    of_map, of_drive = (activity_of_drive(each.activity) for each in (places, counted))
-    scaled = counted.activity * of_map // max(of_drive, 1)
+    of_map, of_drive = (activity_of_drive(each.selected_events) for each in (places, counted))
+    scaled = counted.selected_events * of_map // max(of_drive, 1)
     events, _ = _mean_by_place(scaled, place, len(places))
-    activity = _rounded(places.activity * weight + events, weight + 1)
+    activity = _rounded(places.selected_events * weight + events, weight + 1)
     codes = (mean + (1 << (FRACTION_BITS - 1))) >> FRACTION_BITS
     updated = replace(
         reference,
         places=replace(
             places,
             counts=codes.astype(places.counts.dtype),
-            selected=np.where(learnt, activity, places.activity),
+            selected=np.where(learnt, activity, places.selected_events),
         ),
         mean=initial,
         learnt_mean=mean,

@@ -240,7 +240,7 @@ class MapRecord(EqualByValue):
     @property
     def mean_activity(self) -> int:
         """Mean of the selected events of the reference's windows, see `activity_of_drive`."""
-        return activity_of_drive(self.windows.activity)
+        return activity_of_drive(self.windows.selected_events)
 
     @property
     def codes(self) -> PixelCodes | None:
@@ -320,7 +320,7 @@ class MapRecord(EqualByValue):
         if codes is None:
             return counted
         described = narrow(codes.encode(counted.counts))
-        return replace(counted, counts=described, selected=counted.activity)
+        return replace(counted, counts=described, selected=counted.selected_events)
 
     def decoded(self, descriptors: Descriptors) -> Descriptors:
         """Replace codes by counts for plots, each by the middle of the counts with that code.
@@ -723,7 +723,7 @@ def coded_map(counted: AnyMap, settings: Settings) -> AnyMap:
         Of the map to make.
     """
     places, windows = counted.places, counted.windows
-    counts, events = places.counts, places.activity
+    counts, events = places.counts, places.selected_events
     full_scale, mean = None, None
     code = settings.own_mean_code
     if code is not None:

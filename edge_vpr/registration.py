@@ -215,7 +215,7 @@ def moved_map(reference: AnyMap, dx: int, dy: int) -> AnyMap:
         places=replace(
             places,
             counts=np.ascontiguousarray(places.counts[:, counters]),
-            selected=np.rint(places.activity * share).astype(np.int64),
+            selected=np.rint(places.selected_events * share).astype(np.int64),
         ),
         full_scale=None if reference.full_scale is None else reference.full_scale[counters],
         mean=None if reference.mean is None else reference.mean[counters],

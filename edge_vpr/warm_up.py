@@ -172,7 +172,7 @@ def localising_steps(
     def windows() -> None:
         """End windows that are no pause: they run code of their own, the second needs the first."""
         settings, last_us = reference.settings, int(events["t"][-1])
-        n = int(reference.places.activity.max())
+        n = int(reference.places.selected_events.max())
         if settings.window == "count":
             n = max(n, settings.events_per_window)
         pixel = reference.pixel_map

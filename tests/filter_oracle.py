@@ -30,7 +30,7 @@ def begin_of(reference: ReferenceMap) -> Begin:
 
     Places at half windows overlap: every second one counts.
     """
-    activity = reference.places.activity.tolist()[:: reference.settings.places_per_window]
+    activity = reference.places.selected_events.tolist()[:: reference.settings.places_per_window]
     mean_activity = 256 * sum(activity) // len(activity)
     return Begin(0, min(mean_activity, 256 * (2**23 - 1)))
 
@@ -64,7 +64,7 @@ def place_activities(reference: ReferenceMap) -> list[int]:
     usual = begin_of(reference).mean_activity
     return [
         min(max(naive.log_activity(events) - naive.log_activity(usual // 256), -128), 127)
-        for events in reference.places.activity.tolist()
+        for events in reference.places.selected_events.tolist()
     ]
 
 

@@ -153,7 +153,7 @@ def drive_mean(
     ndarray of int32, shape (J,)
         In units of 1/256 octave.
     """
-    paused = find_pauses(windows.activity, mean_activity)
+    paused = find_pauses(windows.selected_events, mean_activity)
     moving = windows.counts if paused.all() else windows.counts[~paused]
     return mean_level(code.level(moving))
 
@@ -187,7 +187,7 @@ def encode_running(
         Of the reference, see `activity_of_drive`.
     """
     running, coded = RunningMean(mean), np.empty(counted.counts.shape, dtype=np.uint8)
-    paused = find_pauses(counted.activity, mean_activity)
+    paused = find_pauses(counted.selected_events, mean_activity)
     for i, counts in enumerate(counted.counts):
         coded[i] = code.encode(counts, running.mean)
         if not paused[i]:
@@ -196,4 +196,4 @@ def encode_running(
 
 
 def _replaced(counted: Descriptors, coded: npt.NDArray[np.uint8]) -> Descriptors:
-    return replace(counted, counts=coded, selected=counted.activity)
+    return replace(counted, counts=coded, selected=counted.selected_events)

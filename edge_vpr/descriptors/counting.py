@@ -741,7 +741,7 @@ def count_windows(
     counted = collect(windows, len(pixel_map) * (2 if settings.polarity else 1))
     if len(counted) == 0:
         raise too_short(window_of(settings))
-    return replace(counted, selected=counted.activity)
+    return replace(counted, selected=counted.selected_events)
 
 
 def count_places(

@@ -138,7 +138,7 @@ class Descriptors(EqualByValue):
         return f"Descriptors({len(self)} windows of {self.counts.shape[-1]} counters)"
 
     @property
-    def activity(self) -> npt.NDArray[np.int64]:
+    def selected_events(self) -> npt.NDArray[np.int64]:
         """Number of events at the selected pixels, shape (n,); by default the sum of the counts."""
         return self.counts.sum(axis=1, dtype=np.int64) if self.selected is None else self.selected
 
@@ -208,7 +208,7 @@ def overlapping(pieces: Descriptors, number: int, *, keep_incomplete: bool = Fal
         pieces.start_us[first],
         pieces.end_us[last],
         summed(pieces.events),
-        summed(pieces.activity),
+        summed(pieces.selected_events),
     )
 
 

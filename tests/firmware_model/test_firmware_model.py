@@ -67,7 +67,7 @@ def pipeline(memories: Memories, events: list[Event], start: int):
             np.array(memories.tables),
         ).encode(counted.counts)
     if design.filters:
-        return codes, by_filter(memories, codes, counted.activity)
+        return codes, by_filter(memories, codes, counted.selected_events)
     if len(codes) < design.length:
         return codes, []
     sums = sequence_sums(distance_matrix(np.array(memories.places), codes), design.length)

@@ -52,8 +52,8 @@ def test_the_new_codes_are_the_rounded_mean_of_both_drives(drives: Drives, numbe
     levels = code.level(counted.counts).tolist()
     n, counters = counted.counts.shape
     top = 2**code.bits - 1
-    activity = activity_of_drive(route.places.activity[::number])
-    paused = find_pauses(counted.activity[::number], activity)
+    activity = activity_of_drive(route.places.selected_events[::number])
+    paused = find_pauses(counted.selected_events[::number], activity)
     moving = [row for row, pause in zip(levels[::number], paused, strict=True) if not pause]
     m = len(moving)
     means = [(2 * sum(row[j] for row in moving) + m) // (2 * m) for j in range(counters)]
@@ -97,7 +97,7 @@ def test_a_map_that_learns_its_own_drive_stays_as_it_is(
     update = route.update(reference, track=reference.track)
     assert update.aligned.all() and update.learnt.all() and not update.warnings
     assert (update.reference.places.counts == route.places.counts).all()
-    assert (update.reference.places.activity == route.places.activity).all()
+    assert (update.reference.places.selected_events == route.places.selected_events).all()
     assert update.reference.drives is not None and (update.reference.drives == 2).all()
     assert update.reference.packed_bytes_per_place == route.packed_bytes_per_place
 

@@ -123,7 +123,10 @@ def test_events_are_registered_too(polarity, window):
     else:
         matches = found.reference.match(query).matches
         assert (np.abs(matches.place.astype(int) - matches.query) <= 1).mean() > 0.9
-    assert np.abs(kept.activity - kept.counts.sum(axis=1)).max() < 0.2 * kept.activity.mean()
+    assert (
+        np.abs(kept.selected_events - kept.counts.sum(axis=1)).max()
+        < 0.2 * kept.selected_events.mean()
+    )
 
 
 def drive(rng, images):

@@ -143,8 +143,8 @@ def test_a_smoothed_drive_has_the_cost_of_the_best_path_through_each_place(
     )
     distances = [[naive.sad(p, q) for p in reference.tolist()] for q in queries.tolist()]
     number = steps.places_per_window
-    of_places = place_activity(mapped.activity, number).tolist()
-    mean_activity = activity_of_drive(mapped.activity[::number])
+    of_places = place_activity(mapped.selected_events, number).tolist()
+    mean_activity = activity_of_drive(mapped.selected_events[::number])
     along_of = [] if along is None else along.tolist()
 
     def smoothed(known):

@@ -196,7 +196,7 @@ def test_the_filter_takes_given_distances_as_it_takes_those_of_codes():
         changes = {"smooth": smooth, "delay": delay, "precision": 0.99}
         settings = PRESETS["default"].replaced(changes, "test")
         expected = match_descriptors(places, queries, settings)
-        activity = places.activity, queries.activity
+        activity = places.selected_events, queries.selected_events
         found = filter_distances(distances.astype(float), activity, queries.centre_us, settings)
         assert np.array_equal(found.place, expected.place)
         assert np.array_equal(found.trust, expected.trust)

@@ -124,7 +124,7 @@ def test_the_events_of_all_pixels_are_those_of_the_recording(there):
     replay = load(there / "whole", 7, all_events=True)
     assert np.array_equal(replay.images.sum(axis=(1, 2)), replay.queries.events)
     seen = replay.images[:, replay.reference.pixel_map.y, replay.reference.pixel_map.x]
-    assert np.array_equal(seen.sum(axis=1), replay.queries.activity)
+    assert np.array_equal(seen.sum(axis=1), replay.queries.selected_events)
 
 
 def refused(capsys, *words):

@@ -92,7 +92,7 @@ def _steps_of(costs: TransitionCosts) -> tuple[int, ...]:
 
 def memories_of(reference: ReferenceMap, design: Design) -> Memories:
     """Take the contents of the device's tables from a map."""
-    places, events, tables = reference.places.counts, reference.places.activity, None
+    places, events, tables = reference.places.counts, reference.places.selected_events, None
     if not design.own_mean:
         codes = device_codes(reference)
         tables = codes.row.tolist()

@@ -180,7 +180,7 @@ def of_map(reference: ReferenceMap) -> Iterator[Compared]:
                         reference.places,
                         counts=np.ascontiguousarray(counts[:, kept]),
                         # the number of events at these pixels cannot be computed from codes
-                        selected=reference.places.activity * pixels // whole,
+                        selected=reference.places.selected_events * pixels // whole,
                     ),
                     full_scale=None if scale is None else scale[kept],
                     mean=None if mean is None else mean[kept],

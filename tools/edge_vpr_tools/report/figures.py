@@ -436,7 +436,7 @@ def event_rate(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
             lasted_s = np.maximum(drive.end_us - drive.start_us, 1) / 1e6
             time = drive.centre_us / 1e6
             axes.plot(time, drive.events / lasted_s, color=colour, lw=1.5, label=f"{name}, all")
-            selected = drive.activity
+            selected = drive.selected_events
             axes.plot(
                 time, selected / lasted_s, color=colour, lw=1.2, ls="--", label=f"{name}, selected"
             )

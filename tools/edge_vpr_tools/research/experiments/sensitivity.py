@@ -86,7 +86,7 @@ class Constants:
 def transitions_of(reference: ReferenceMap, constants: Constants) -> Transitions:
     """Return the moves along a map, with costs of these constants."""
     default = TransitionCosts.of(reference.settings)
-    activity = place_activity(reference.places.activity)
+    activity = place_activity(reference.places.selected_events)
     exclusion = reference.settings.exclusion_places
     found = Transitions(len(reference), default, activity, exclusion=exclusion)
     table = found.table
@@ -107,13 +107,13 @@ def match_with(
     transitions = transitions_of(coded, constants)
     cap, doubted = (round(of * EVIDENCE_TOP) for of in (constants.cap, constants.doubted))
     typical, misfit = typical_distances(coded.places.counts), MISFIT_ZERO << LASTING_BITS
-    mean, scale = activity_of_drive(coded.places.activity), 0
+    mean, scale = activity_of_drive(coded.places.selected_events), 0
     rows = WindowRows.empty(*distances.shape)
     rows.factor[:] = 0  # the misfit of late matches, which nobody reads
     metric = np.zeros(distances.shape[1], dtype=np.int32)
     unweighted = np.zeros(metric.size, dtype=np.uint8)
     prediction = np.zeros(metric.size, dtype=np.int16)
-    for i, events in enumerate(queries.activity.tolist()):
+    for i, events in enumerate(queries.selected_events.tolist()):
         activity = activity_of(events, mean)
         rows.activity[i] = activity
         if i:
