@@ -9,7 +9,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
@@ -23,27 +23,20 @@ from rich.table import Table
 from rich.text import Text
 
 from edge_vpr.confidence import STRANGE, STRANGE_TEXT
-from edge_vpr.descriptors.counting import Removed
-from edge_vpr.errors import MissingExtraError, RecordingError, printable
+from edge_vpr.errors import MissingExtraError, printable
 from edge_vpr.events import Sensor
 from edge_vpr.live.session import (
     SILENT_S,
     LiveResult,
-    LiveSession,
     LiveStatus,
     ends_early,
-    nothing_valid,
 )
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.console import (
-    error_line,
     is_quiet,
-    status,
-    stopped_by_signals,
-    warn_of_bursts,
     warning,
 )
-from edge_vpr_tools.publish import LineServer, Publisher, open_mqtt
+from edge_vpr_tools.publish import Publisher
 
 # The full-screen view of a live run on a terminal.
 
@@ -566,80 +559,3 @@ def open_rerun(target: str, sensor: Sensor) -> Iterator[RerunView]:
             recording.save(target)
         yield RerunView(recording, sensor)
         recording.flush()
-
-
-# A live session with everything that shows it: view, log, publishers, the Rerun viewer.
-
-
-def show_session(
-    session: LiveSession,
-    *,
-    as_json: bool,
-    log: str | None,
-    rerun: str | None,
-    serve: str | None,
-    mqtt: str | None,
-    line_s: float | None,
-) -> None:
-    """Open a session, show it to its end, and close everything in any case, the session last.
-
-    Parameters
-    ----------
-    as_json, log, line_s
-        See `View`; `log` is the file's name.
-    rerun, serve, mqtt
-        See `open_rerun`, `LineServer` and `open_mqtt`.
-
-    Raises
-    ------
-    EdgeVprError
-        If the link cannot be opened or fails, bytes came and none were valid, a file cannot be
-        written, or a drive makes no map.
-    """
-    session.on_message = lambda message: None  # the command itself says that it compiles
-    try:
-        with ExitStack() as stack:
-            viewer = None
-            if rerun is not None:
-                viewer = stack.enter_context(open_rerun(rerun, session.sensor))
-            stack.enter_context(stopped_by_signals(session.stopping))
-            publishers: list[Publisher] = []
-            if serve is not None:
-                publishers.append(stack.enter_context(LineServer(serve)))
-            if mqtt is not None:
-                publishers.append(stack.enter_context(open_mqtt(mqtt)))
-            with status("kernels") as shown:
-                session.warm_up(shown)
-            session.open()
-            # opened last, so that a missing camera does not overwrite the run before
-            view = stack.enter_context(
-                open_view(as_json, log, session.reference, publishers, line_s)
-            )
-            _show(session, view, viewer)
-    finally:
-        session.on_message = lambda message: error_line(message.text)
-        session.close()
-
-
-def _show(session: LiveSession, view: View, rerun: RerunView | None) -> None:
-    session.on_message = lambda message: view.say(message.kind, message.text, over=message.over)
-    try:
-        for step in session.steps():
-            for reading in step.odometry:
-                view.odometry(*reading)
-            if step.result is not None:
-                view.matches(step.result, step.at_s, step.host_us)
-                if rerun is not None:
-                    rerun.show(step.result)
-            view.tick(session.status)
-            if view.unread:
-                session.stop()
-    finally:
-        view.summary(session.status, session.bursts_removed)
-        if session.reference is not None:
-            removed = Removed(session.health.events, session.bursts_removed)
-            warn_of_bursts(removed, session.address, "make the map with --bursts keep")
-    if text := session.unwritten or view.unwritten:
-        raise RecordingError(text)
-    if text := nothing_valid(session.health):
-        raise RecordingError(f"{session.address}: {text}")

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_vpr.errors import UsageError, printable
+from edge_vpr.errors import RecordingError, UsageError, printable
 from edge_vpr.settings import duration_us
-from edge_vpr_tools.console import summary, warn_of_bursts, warning
+from edge_vpr_tools.console import (
+    error_line,
+    status,
+    stopped_by_signals,
+    summary,
+    warn_of_bursts,
+    warning,
+)
 from edge_vpr_tools.flags import (
     DEFAULT_PRESET,
     add_map_flags,
@@ -18,8 +26,11 @@ from edge_vpr_tools.flags import (
 )
 
 if TYPE_CHECKING:
+    from edge_vpr.live.session import LiveSession
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.settings import Settings
+    from edge_vpr_tools.live_view import RerunView, View
+    from edge_vpr_tools.publish import Publisher
 
 EXAMPLES = """\
   edge-vpr stream --port /dev/ttyACM0 --protocol openmv --map monday.npz
@@ -198,7 +209,6 @@ def run(args: argparse.Namespace) -> None:
     """Follow the stream to its end, or until Ctrl-C or SIGTERM."""
     from edge_vpr.live.session import LiveSession
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr_tools.live_view import show_session
 
     check_arguments(args)
     reference = None if args.map is None else ReferenceMap.load(args.map)
@@ -212,10 +222,7 @@ def run(args: argparse.Namespace) -> None:
         record=args.record, learn=args.output, settings=learnt_with,
         overwrite=args.overwrite, on_overload=args.on_overload, max_lag=args.max_lag,
     )  # fmt: skip
-    show_session(
-        session, as_json=args.json, log=args.log, rerun=args.rerun, serve=args.serve,
-        mqtt=args.mqtt, line_s=duration_us(args.status_every) / 1e6 if args.status_every else None,
-    )  # fmt: skip
+    _run(args, session)
     if session.learnt is not None:
         warn_of_bursts(session.removed, args.port, "keep them with --bursts keep")
         update = session.update
@@ -226,3 +233,62 @@ def run(args: argparse.Namespace) -> None:
             pixels = len(learnt.pixel_map)
             text = f"{printable(args.output)}: {learnt.places_text} at {pixels} pixels"
             summary(text if update is None else f"{text}; {update}")
+
+
+def _run(args: argparse.Namespace, session: LiveSession) -> None:
+    """Open a session, show it to its end, and close everything in any case, the session last."""
+    from edge_vpr_tools.live_view import open_rerun, open_view
+    from edge_vpr_tools.publish import LineServer, open_mqtt
+
+    line_s = duration_us(args.status_every) / 1e6 if args.status_every else None
+    session.on_message = lambda message: None  # the command itself says that it compiles
+    try:
+        with ExitStack() as stack:
+            viewer = None
+            if args.rerun is not None:
+                viewer = stack.enter_context(open_rerun(args.rerun, session.sensor))
+            stack.enter_context(stopped_by_signals(session.stopping))
+            publishers: list[Publisher] = []
+            if args.serve is not None:
+                publishers.append(stack.enter_context(LineServer(args.serve)))
+            if args.mqtt is not None:
+                publishers.append(stack.enter_context(open_mqtt(args.mqtt)))
+            with status("kernels") as shown:
+                session.warm_up(shown)
+            session.open()
+            # opened last, so that a missing camera does not overwrite the run before
+            view = stack.enter_context(
+                open_view(args.json, args.log, session.reference, publishers, line_s)
+            )
+            _follow(session, view, viewer)
+    finally:
+        session.on_message = lambda message: error_line(message.text)
+        session.close()
+
+
+def _follow(session: LiveSession, view: View, rerun: RerunView | None) -> None:
+    """Show each step of a session, and then what it lost."""
+    from edge_vpr.descriptors.counting import Removed
+    from edge_vpr.live.session import nothing_valid
+
+    session.on_message = lambda message: view.say(message.kind, message.text, over=message.over)
+    try:
+        for step in session.steps():
+            for reading in step.odometry:
+                view.odometry(*reading)
+            if step.result is not None:
+                view.matches(step.result, step.at_s, step.host_us)
+                if rerun is not None:
+                    rerun.show(step.result)
+            view.tick(session.status)
+            if view.unread:
+                session.stop()
+    finally:
+        view.summary(session.status, session.bursts_removed)
+        if session.reference is not None:
+            removed = Removed(session.health.events, session.bursts_removed)
+            warn_of_bursts(removed, session.address, "make the map with --bursts keep")
+    if text := session.unwritten or view.unwritten:
+        raise RecordingError(text)
+    if text := nothing_valid(session.health):
+        raise RecordingError(f"{session.address}: {text}")
