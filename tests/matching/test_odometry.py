@@ -12,14 +12,16 @@ from edge_vpr_tools.cli import main
 from edge_vpr_tools.estimate.of_map import design_of, memories_of
 from hypothesis import given
 from hypothesis import strategies as st
-from streams import descriptors
+from streams import descriptors, random_events
 from test_localiser import PIXEL_MAP, PIXELS, SENSOR
 
 from edge_vpr.errors import GroundTruthError, MapError, UsageError
 from edge_vpr.evaluation.tracks import Track, load_jumps, load_odometry
+from edge_vpr.events import Sensor
 from edge_vpr.map_record import coded_map
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.place_filter import PlaceFilter, TransitionCosts, Transitions
+from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import MOST_MM, Odometry, Route
 from edge_vpr.settings import Settings
@@ -300,6 +302,34 @@ def test_sequences_take_neither_jumps_nor_odometry(tmp_path, capsys):
     jumps = ["--jumps", str(tmp_path / "jumps.csv"), "-o", str(tmp_path / "map.npz")]
     assert main([*given, *jumps]) == 2
     assert "add --matching filter" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("online", [(), ("--online", "--every", "window")])
+def test_readings_at_other_times_than_the_drive_are_warned_of(tmp_path, capsys, online):
+    """Such as times since 1970, which no place and no window would meet."""
+    events = random_events(np.random.default_rng(0), 6_000, Sensor(16, 12), 3_000_000)
+    write_recording(tmp_path / "drive.npz", [events], sensor=Sensor(16, 12))
+    small = ["--pixels", "20", "--sigma", "1", "--tau", "100ms"]
+
+    def said(*words):
+        assert main([*map(str, words), "--overwrite"]) == 0
+        return capsys.readouterr().err
+
+    drive, route = tmp_path / "drive.npz", tmp_path / "map.npz"
+    rows = {"good": "0,0\n3,30", "half": "0,0\n1.6,30", "short": "0,0\n1.4,30"}
+    rows |= {"unix": "1795559873,0\n1795559876,30", "backwards": "0,30\n3,0"}
+    files = {
+        name: write(tmp_path, f"time_s,distance_m\n{each}\n", f"{name}.csv")
+        for name, each in rows.items()
+    }
+    for name in ("unix", "backwards", "half", "good"):
+        text = said("map", drive, "-o", route, *small, "--odometry", files[name])
+        assert ("does not move forward by" in text) == (name in ("unix", "backwards"))
+    asked = ["match", route, drive, "-o", tmp_path / "out", "--no-figures", *online, "--odometry"]
+    for name in files:
+        text = said(*asked, files[name])
+        assert ("give times in seconds from the recording's" in text) == (name in ("unix", "short"))
+    assert "from 0.0 to 1.4 s, and only 4" in said(*asked, files["short"])
 
 
 def test_evidence_counts_by_the_distance_driven():

@@ -161,6 +161,11 @@ def run(args: argparse.Namespace) -> None:
         summary(f"{known.size} of {len(reference)} places have positions, along {known[-1]:,.0f} m")
     if reference.odometer_mm is not None:
         summary(f"odometry: {reference.odometer_mm[-1] / 1e3:,.1f} m from first to last place")
+        if args.odometry is not None and reference.odometer_mm[-1] == 0:
+            warning(
+                f"the robot does not move forward by {args.odometry} during this drive: give times "
+                "in seconds from the recording's start, and distances that rise"
+            )
     warn_of_bursts(removed, args.recording, "keep them with --bursts keep")
 
 

@@ -141,6 +141,8 @@ def run(args: argparse.Namespace) -> None:
     queries, matches, metrics = found.queries, found.matches, found.metrics
     warn_of_bursts(found.removed, args.recording, "make the map with --bursts keep")
     _warn_if_strange(matches)
+    if odometry is not None:
+        _warn_of_other_times(args.odometry, odometry, matches)
     with results.results_folder(output, args.overwrite) as folder:
         found.write(folder, inputs)
         if not args.no_figures:
@@ -258,6 +260,18 @@ def _warn_if_strange(matches: Matches) -> None:
         warning(
             f"{STRANGE_TEXT}, by {share:.0%} of the matches: check that the drive and the map are "
             "of one route, or map the route in this light too"
+        )
+
+
+def _warn_of_other_times(path: str, odometry: Odometry, matches: Matches) -> None:
+    """Warn if most matches lie before the first reading of the odometer or after the last."""
+    first_us, last_us = odometry.time_us[[0, -1]].tolist()
+    read = (first_us <= matches.time_us) & (matches.time_us <= last_us)
+    if 2 * read.sum() < len(matches):
+        warning(
+            f"{path} has readings from {first_us / 1e6:,.1f} to {last_us / 1e6:,.1f} s, and only "
+            f"{read.mean():.0%} of the matches lie there: give times in seconds from the "
+            "recording's start"
         )
 
 
