@@ -408,6 +408,22 @@ def test_by_default_the_place_filter_matches_offline_and_online_alike(drive, cap
     assert metrics["evaluation"]["score"] == "trust"
 
 
+def test_calibrating_from_copies_of_a_match_is_noted(drive, capsys, tmp_path):
+    flags = ["--pixels", "5", "--tau", "100ms", "--sigma", "1"]
+    mapped, query = str(tmp_path / "map.npz"), str(drive / "query.npz")
+    assert main(["map", str(drive / "reference.npz"), "-o", mapped, *flags]) == 0
+    (tmp_path / "track.csv").write_text("time_s,position_m\n0,0\n1,10\n2,20\n3,30\n")
+    truth = ["--ground-truth", *[str(tmp_path / "track.csv")] * 2, "--tolerance", "5"]
+    for every in ("window", "50ms"):
+        folder = str(tmp_path / every)
+        match = ["match", mapped, query, "--no-figures", "--online", "--every", every]
+        assert main([*match, "-o", folder]) == 0
+        capsys.readouterr()
+        assert main(["calibrate", folder, *truth, "-o", folder + ".npz"]) == 0
+        said = capsys.readouterr().err
+        assert ("almost copies of each other" in said) == (every == "50ms")
+
+
 def test_a_delay_gives_the_same_matches_offline_online_and_live(drive, capsys, tmp_path):
     """And those are surer, as later windows have decided with."""
     flags = ["--pixels", "5", "--tau", "100ms", "--sigma", "1", "--delay", "3"]

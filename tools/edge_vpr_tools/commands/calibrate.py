@@ -108,7 +108,7 @@ def run(args: argparse.Namespace) -> None:
 
     if found.matches < LEAST_MATCHES:
         note(f"{found.matches} matches are few to learn probabilities from: calibrate with more")
-    if not (folder / results.QUERIES).is_file():
+    if not (folder / results.QUERIES).is_file() and _every(folder) != "window":
         note(
             "matches after every event are almost copies of each other, so that the "
             "probabilities are more extreme than the drive justifies: calibrate from matches "
@@ -131,3 +131,11 @@ def run(args: argparse.Namespace) -> None:
         f"they range from {table.probability[0]:.3f} to {table.probability[-1]:.3f}, and are off "
         f"by {found.error:.3f} on the drive that they were learnt from"
     )
+
+
+def _every(folder: Path) -> object:
+    """Return when an online run gave a match, as the user wrote it."""
+    from edge_vpr.files import read_json
+    from edge_vpr.results import METRICS
+
+    return read_json(folder / METRICS, "metrics", "match again").get("every")
