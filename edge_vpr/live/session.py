@@ -476,7 +476,7 @@ class LiveSession:
         Yield a heartbeat (see `LiveMatch`) whenever no match came for this time, such as ``500ms``;
         longer than a window if matches come at its end.
     odometry : str, optional
-        Where the robot sends its odometer, see `open_link`.
+        Where the robot sends its odometer, see `open_link`; not a file.
     burst_filter : {"exact", "causal"}
         Whether a match waits for the end of a burst, as in a recording, or comes 2 ms earlier and
         is no longer to the bit that of the recording. It matters to maps that remove bursts.
@@ -553,6 +553,11 @@ class LiveSession:
                 expect(text, str, name, "a text such as '500ms'")
         if odometry is not None:
             expect(odometry, str, "odometry", "the odometer's port as text")
+            if Path(odometry).is_file():
+                raise UsageError(
+                    f"odometry {odometry} is a file, and a live odometer is read as the robot "
+                    "drives: match a recording with edge-vpr match --odometry"
+                )
         map_file = None
         if isinstance(reference, str | Path):
             map_file, reference = reference, ReferenceMap.load(reference)

@@ -971,6 +971,7 @@ class Localiser:
         if not isinstance(run, FilterRun):
             check_no_transitions(None, odometry=True)
             return NO_MATCHES
+        expect(time_us, (int, np.integer), "time_us", "whole microseconds")
         expect(distance_m, (int, float, np.number), "distance_m", "metres as a number")
         if not abs(distance_m) * 1e3 <= MOST_MM:
             raise UsageError(f"odometer at {distance_m} m: expected at most {MOST_MM // 1000} m")

@@ -15,11 +15,13 @@ from edge_vpr_tools.cli import main
 from streams import Drive, random_events
 
 from edge_vpr.descriptors.counting import cleaned
+from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import load_odometry
 from edge_vpr.events import Sensor
 from edge_vpr.live.bridge import Bridge, open_device_link
 from edge_vpr.live.odometer import OdometerLine
 from edge_vpr.live.protocols import open_encoder
+from edge_vpr.live.session import LiveSession
 from edge_vpr.online.localiser import Localiser, MatchSchedule, OdometryFeed
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
@@ -234,3 +236,11 @@ def test_odometry_that_cannot_be_is_refused_before_the_run(
     given = ["stream", "--port", str(tmp_path / "empty.bin"), "--protocol", "evpr", "--once"]
     assert main([*given, "--odometry", "udp://:5001", *words]) != 0
     assert message in capsys.readouterr().err
+
+
+def test_a_session_takes_no_file_as_the_odometer(drive, tmp_path):
+    """A whole file would be read at once, in the first window."""
+    (tmp_path / "wheel.csv").write_text("time_s,distance_m\n0,0\n3,30\n")
+    asked = {"protocol": "evpr", "reference": drive / "map.npz"}
+    with pytest.raises(UsageError, match="is a file, and a live odometer is read as the robot"):
+        LiveSession("sent.bin", **asked, odometry=str(tmp_path / "wheel.csv"))

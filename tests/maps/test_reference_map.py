@@ -399,6 +399,7 @@ def wrong_uses():
         "table is None: give an array": lambda drive, route: ev.count_events(
             None, None, None, None
         ),
+        "time_us is a float": lambda drive, route: route.localiser().read_odometer(1e20, 0.0),
         "distance_m is None: give metres": lambda drive, route: route.localiser().read_odometer(
             0, None
         ),

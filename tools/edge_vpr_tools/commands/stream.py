@@ -168,11 +168,6 @@ def _check_odometry(args: argparse.Namespace) -> None:
         raise UsageError(
             f"--odometry {args.odometry} is the camera's --port: give the odometer one of its own"
         )
-    if Path(args.odometry).is_file():
-        raise UsageError(
-            f"--odometry {args.odometry} is a file, and stream reads the odometer as the robot "
-            "drives: match a recording with edge-vpr match --odometry"
-        )
 
 
 def _check_files(args: argparse.Namespace) -> None:
