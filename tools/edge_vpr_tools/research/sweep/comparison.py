@@ -27,7 +27,7 @@ from edge_vpr_tools.research.sweep.plan import sweep_store
 from edge_vpr_tools.research.trials import SWEEP, ListedTrial
 
 #: shown with thousands and without decimals
-_WHOLE = ("operations_per_match",)
+_WHOLE = ("packed_bytes_per_window", "operations_per_match")
 #: more rows than this are illegible in one figure
 MOST_DRAWN = 60
 _REMEDY = "evaluate it again"
