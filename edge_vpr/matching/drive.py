@@ -17,11 +17,7 @@ from edge_vpr.confidence import NO_MISFIT, Acceptance, Confidence
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.map_record import MapRecord
-from edge_vpr.matching.distances import (
-    ReferenceIndex,
-    best_matches,
-    nearest_places,
-)
+from edge_vpr.matching.distances import ReferenceIndex, best_matches, nearest_places
 from edge_vpr.matching.matches import CANDIDATES, Matches, margin_to_second
 from edge_vpr.matching.place_filter import (
     LASTING_NEIGHBOURS,

@@ -422,6 +422,13 @@ def test_calibrating_from_copies_of_a_match_is_noted(drive, capsys, tmp_path):
         assert main(["calibrate", folder, *truth, "-o", folder + ".npz"]) == 0
         said = capsys.readouterr().err
         assert ("almost copies of each other" in said) == (every == "50ms")
+    # sizes and times are not needed to calibrate, but files that are damaged end it before it saves
+    metrics = tmp_path / "50ms/metrics.json"
+    metrics.write_text("{")
+    assert main(["calibrate", folder, *truth, "-o", str(tmp_path / "none.npz")]) == 2
+    assert not (tmp_path / "none.npz").exists()
+    metrics.unlink()
+    assert main(["calibrate", folder, *truth, "-o", str(tmp_path / "none.npz")]) == 0
 
 
 def test_a_delay_gives_the_same_matches_offline_online_and_live(drive, capsys, tmp_path):

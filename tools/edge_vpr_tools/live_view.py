@@ -25,17 +25,9 @@ from rich.text import Text
 from edge_vpr.confidence import STRANGE, STRANGE_TEXT
 from edge_vpr.errors import MissingExtraError, printable
 from edge_vpr.events import Sensor
-from edge_vpr.live.session import (
-    SILENT_S,
-    LiveResult,
-    LiveStatus,
-    ends_early,
-)
+from edge_vpr.live.session import SILENT_S, LiveResult, LiveStatus, ends_early
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr_tools.console import (
-    is_quiet,
-    warning,
-)
+from edge_vpr_tools.console import is_quiet, warning
 from edge_vpr_tools.publish import Publisher
 
 # The full-screen view of a live run on a terminal.

@@ -99,6 +99,7 @@ def run(args: argparse.Namespace) -> None:
         results.check_new_map(output, [folder, *args.ground_truth], args.overwrite)
     files = TruthFiles(args.ground_truth, args.tolerance, args.rows, args.frame_period, args.offset)
     result, truth = load_evaluated(args.results, files)
+    crowded = not (folder / results.QUERIES).is_file() and _every(folder) != "window"
     found = calibrate(result.reference, result.matches, truth)
     if found.settings_changed:
         note(
@@ -108,7 +109,7 @@ def run(args: argparse.Namespace) -> None:
 
     if found.matches < LEAST_MATCHES:
         note(f"{found.matches} matches are few to learn probabilities from: calibrate with more")
-    if not (folder / results.QUERIES).is_file() and _every(folder) != "window":
+    if crowded:
         note(
             "matches after every event are almost copies of each other, so that the "
             "probabilities are more extreme than the drive justifies: calibrate from matches "
@@ -134,8 +135,9 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _every(folder: Path) -> object:
-    """Return when an online run gave a match, as the user wrote it."""
+    """Return when an online run gave a match, as the user wrote it; None if nothing says it."""
     from edge_vpr.files import read_json
     from edge_vpr.results import METRICS
 
-    return read_json(folder / METRICS, "metrics", "match again").get("every")
+    path = folder / METRICS
+    return read_json(path, "metrics", "match again").get("every") if path.is_file() else None

@@ -217,7 +217,7 @@ def run(args: argparse.Namespace) -> None:
         record=args.record, learn=args.output, settings=learnt_with,
         overwrite=args.overwrite, on_overload=args.on_overload, max_lag=args.max_lag,
     )  # fmt: skip
-    _run(args, session)
+    _show(args, session)
     if session.learnt is not None:
         warn_of_bursts(session.removed, args.port, "keep them with --bursts keep")
         update = session.update
@@ -230,7 +230,7 @@ def run(args: argparse.Namespace) -> None:
             summary(text if update is None else f"{text}; {update}")
 
 
-def _run(args: argparse.Namespace, session: LiveSession) -> None:
+def _show(args: argparse.Namespace, session: LiveSession) -> None:
     """Open a session, show it to its end, and close everything in any case, the session last."""
     from edge_vpr_tools.live_view import open_rerun, open_view
     from edge_vpr_tools.publish import LineServer, open_mqtt
@@ -255,13 +255,13 @@ def _run(args: argparse.Namespace, session: LiveSession) -> None:
             view = stack.enter_context(
                 open_view(args.json, args.log, session.reference, publishers, line_s)
             )
-            _follow(session, view, viewer)
+            _show_steps(session, view, viewer)
     finally:
         session.on_message = lambda message: error_line(message.text)
         session.close()
 
 
-def _follow(session: LiveSession, view: View, rerun: RerunView | None) -> None:
+def _show_steps(session: LiveSession, view: View, rerun: RerunView | None) -> None:
     """Show each step of a session, and then what it lost."""
     from edge_vpr.descriptors.counting import Removed
     from edge_vpr.live.session import nothing_valid
