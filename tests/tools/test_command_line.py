@@ -99,12 +99,13 @@ def test_suggestions_are_of_similar_names_alone():
 @pytest.mark.parametrize(("verb"), VERBS)
 def test_the_help_of_a_verb_is_its_own_with_all_defaults_and_examples_that_parse(verb, capsys):
     with pytest.raises(SystemExit) as stop:
-        cli.main([*verb.split(), "--help"])
+        cli.main([*verb.split(), "--help-all"])
     assert stop.value.code == 0
     shown = capsys.readouterr().out
     assert shown.startswith(f"usage: edge-vpr {verb} ")
     parser = cli.VerbParser(verb)
     for action in parser._actions:
+        assert all(name in shown for name in action.option_strings)
         if takes_value(action) and not action.required:
             text = " ".join(parser._get_formatter()._expand_help(action).split())
             assert "(default: " in text, (verb, action.option_strings)
@@ -119,9 +120,22 @@ def test_the_help_of_a_verb_is_its_own_with_all_defaults_and_examples_that_parse
         cli.VerbParser(found).parse(rest)
 
 
+@pytest.mark.parametrize(("verb"), VERBS)
+def test_the_short_help_fits_on_a_screen_and_leads_to_the_rest(verb, capsys):
+    with pytest.raises(SystemExit):
+        cli.main([*verb.split(), "--help"])
+    shown = capsys.readouterr().out
+    assert shown.count("\n") < 50
+    parser = cli.VerbParser(verb)
+    names = {name for action in parser._actions for name in action.option_strings}
+    assert names >= set(parser.main_flags)
+    assert all(flag in shown for flag in parser.main_flags)
+    assert (f"more flags: edge-vpr {verb} --help-all" in shown) == bool(parser.main_flags)
+
+
 def test_defaults_in_the_help_are_those_of_the_preset(capsys):
     with pytest.raises(SystemExit):
-        cli.main(["map", "--help"])
+        cli.main(["map", "--help-all"])
     shown = " ".join(capsys.readouterr().out.split())
     for name in ("pixels", "strategy", "clip", "sequence_length", "anchor", "exclusion"):
         value = getattr(PRESETS["default"], name)

@@ -121,7 +121,7 @@ def find_verb(words: list[str]) -> tuple[str, list[str]]:
 
 
 #: flags that every verb has; they may stand before the verb
-GENERAL_FLAGS = ("-h", "--help", "-q", "--quiet", "-v", "--verbose", "--debug")
+GENERAL_FLAGS = ("-h", "--help", "--help-all", "-q", "--quiet", "-v", "--verbose", "--debug")
 
 
 # The argument parser of one verb: no abbreviated flags, hints at typos, all defaults shown.
@@ -149,9 +149,16 @@ class VerbParser(argparse.ArgumentParser):
             add_help=False,
         )
         self.verb = verb
+        #: flags that ``--help`` shows, for a verb with more than fit on a screen
+        self.main_flags: tuple[str, ...] = getattr(command, "MAIN_FLAGS", ())
         command.add_arguments(self)
         group = self.add_argument_group("general")
-        group.add_argument("-h", "--help", action="help", help="show this help and exit")
+        group.add_argument(
+            "-h", "--help", action=_Help, all_flags=False, help="show this help and exit"
+        )
+        group.add_argument(
+            "--help-all", action=_Help, all_flags=True, help="show all flags and exit"
+        )
         group.add_argument("-q", "--quiet", action="store_true", help="print errors only")
         group.add_argument("-v", "--verbose", action="store_true", help="print more while running")
         group.add_argument(
@@ -198,7 +205,31 @@ class VerbParser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raise the error that argparse would print."""
         message = message.removeprefix("argument ")
-        raise UsageError(f"{self.verb}: {message} (edge-vpr {self.verb} --help shows all)")
+        flag = "--help-all" if self.main_flags else "--help"
+        raise UsageError(f"{self.verb}: {message} (edge-vpr {self.verb} {flag} shows all)")
+
+    def help_text(self, *, all_flags: bool) -> str:
+        """Return the help, with all flags or with those that most people need."""
+        sections = [(g.title, g.description, g._group_actions) for g in self._action_groups]
+        hidden = ""
+        if self.main_flags and not all_flags:
+            flags = [action for action in self._actions if action.option_strings]
+            main = [action for action in flags if action.option_strings[-1] in self.main_flags]
+            positional = [action for action in self._actions if not action.option_strings]
+            sections = [("arguments", None, positional), ("flags", None, main)]
+            hidden = f"{len(flags) - len(main)} more flags: edge-vpr {self.verb} --help-all"
+        formatter = self._get_formatter()
+        formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
+        formatter.add_text(self.description)
+        for title, description, actions in sections:
+            if actions:
+                formatter.start_section(title)
+                formatter.add_text(description)
+                formatter.add_arguments(actions)
+                formatter.end_section()
+        formatter.add_text(hidden)
+        formatter.add_text(self.epilog)
+        return formatter.format_help()
 
     def _joined(self, words: Sequence[str]) -> list[str]:
         """Join a flag with a value such as -1s, which argparse would take for another flag."""
@@ -225,6 +256,20 @@ class VerbParser(argparse.ArgumentParser):
             if flag not in known and not short:
                 longs = [name for name in known if name.startswith("--")]
                 self.error(f"there is no flag {flag}{did_you_mean(flag, longs)}")
+
+
+class _Help(argparse.Action):
+    """Print the help and exit."""
+
+    def __init__(self, *args: Any, all_flags: bool, **options: Any) -> None:
+        super().__init__(*args, nargs=0, **options)
+        self.all_flags = all_flags
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        """Print it as soon as its flag is read, before anything is required."""
+        assert isinstance(parser, VerbParser)
+        print(parser.help_text(all_flags=self.all_flags), end="")
+        parser.exit()
 
 
 class _Formatter(argparse.RawDescriptionHelpFormatter):
@@ -422,7 +467,7 @@ def _without_verb(words: Sequence[str]) -> None:
                 "edge-vpr --help lists all)"
             )
     print(_help())
-    if not {"-h", "--help"} & set(words):
+    if not {"-h", "--help", "--help-all"} & set(words):
         raise UsageError("no command was given: name one of those above")
 
 
@@ -436,7 +481,8 @@ def _help() -> str:
         lines += ["", f"{group}:"]
         lines += [f"  {verb:<16} {text}" for verb, text in verbs.items()]
     lines += ["", "general:"]
-    lines += ["  COMMAND --help   show the flags of a command, with defaults and examples"]
+    lines += ["  COMMAND --help   show the main flags of a command, with defaults and examples"]
+    lines += ["  COMMAND --help-all  show all its flags"]
     lines += ["  -q, -v, --debug  print less; print more; show the traceback of an error"]
     lines += ["  --version        print the version", "", "examples:", EXAMPLES]
     return "\n".join(lines)

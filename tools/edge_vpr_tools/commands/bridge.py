@@ -13,6 +13,7 @@ EXAMPLES = """\
   edge-vpr bridge tuesday.raw
   edge-vpr bridge tuesday.raw --port tcp://:7000 --protocol evt3 --speed 2
   edge-vpr bridge tuesday.raw --faults drop=1e-4,stall=2"""
+MAIN_FLAGS = ("--port", "--protocol", "--speed", "--faults", "--sensor", "--start", "--end")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -43,6 +43,7 @@ EXAMPLES = """\
   edge-vpr estimate --pixels 83 --places 2000 --target cortex-m4
   edge-vpr estimate --map monday.npz --vs all-pixels
   edge-vpr estimate --target cortex-m0plus --fit 20KiB --fit 5mW"""
+MAIN_FLAGS = ("--map", "--design", "--places", "--event-rate", "--target", "--fit", "--json")
 
 
 def _default(name: str) -> str:

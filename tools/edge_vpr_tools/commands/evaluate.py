@@ -19,6 +19,7 @@ EXAMPLES = """\
   edge-vpr evaluate tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70
   edge-vpr evaluate tuesday --ground-truth matrix.npz --rows reference
   edge-vpr evaluate tuesday --ground-truth pairs.csv --tolerance 3 --score ratio"""
+MAIN_FLAGS = ("--ground-truth", "--tolerance", "--offset")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

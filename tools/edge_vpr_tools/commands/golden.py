@@ -19,6 +19,16 @@ EXAMPLES = """\
   edge-vpr golden --design design.toml -o vectors
   edge-vpr golden --map monday.npz --recording tuesday.raw -o vectors
   edge-vpr golden verify vectors --results device.csv"""
+MAIN_FLAGS = (
+    "--design",
+    "--map",
+    "--recording",
+    "--vectors",
+    "--rtl",
+    "--output",
+    "--overwrite",
+    "--sensor",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -34,6 +34,17 @@ EXAMPLES = """\
   edge-vpr match monday.npz tuesday.raw -o tuesday
   edge-vpr match monday.npz tuesday.raw -o online --online --every 50ms
   edge-vpr match monday.npz tuesday.raw -o long --matching sequence -L 20 --overwrite"""
+MAIN_FLAGS = (
+    "--output",
+    "--overwrite",
+    "--export",
+    "--online",
+    "--odometry",
+    "--precision",
+    "--sensor",
+    "--start",
+    "--end",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -19,6 +19,17 @@ EXAMPLES = """\
   edge-vpr profile --quick
   edge-vpr profile --map monday.npz --recording tuesday.raw -o results/board
   edge-vpr profile compare results/board/profile.json results/laptop/profile.json"""
+MAIN_FLAGS = (
+    "--output",
+    "--overwrite",
+    "--map",
+    "--recording",
+    "--every",
+    "--quick",
+    "--meter",
+    "--sensor-name",
+    "--sensor",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -36,6 +36,23 @@ EXAMPLES = """\
   edge-vpr stream --port /dev/ttyACM0 --protocol openmv --map monday.npz
   edge-vpr stream --port tcp://board:7000 --protocol evt3 --map monday.npz --log run.jsonl
   edge-vpr stream --port /dev/ttyACM0 --protocol evpr --sensor 64x64 --learn -o new.npz"""
+MAIN_FLAGS = (
+    "--port",
+    "--protocol",
+    "--sensor",
+    "--baud",
+    "--odometry",
+    "--map",
+    "--log",
+    "--record",
+    "--json",
+    "--overwrite",
+    "--learn",
+    "--output",
+    "--pixels",
+    "--tau",
+    "--precision",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
