@@ -261,8 +261,8 @@ class VerbParser(argparse.ArgumentParser):
 class _Help(argparse.Action):
     """Print the help and exit."""
 
-    def __init__(self, *args: Any, all_flags: bool, **options: Any) -> None:
-        super().__init__(*args, nargs=0, **options)
+    def __init__(self, all_flags: bool, **options: Any) -> None:
+        super().__init__(nargs=0, **options)
         self.all_flags = all_flags
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
