@@ -179,6 +179,112 @@ def assert_same(given, theirs):
             assert getattr(theirs, name) == value
 
 
+BAD_VALUES = [
+    -1e308, 1e308, math.nan, math.inf, 2**63, -(10**400), "x", "5.0", "\ud800", "\0", None, True,
+    [], {"a": "\udfff"}, [math.nan],
+]  # fmt: skip
+
+
+class Recorder:
+    """A backend that builds and writes what a reader would get."""
+
+    def __init__(self, dds_types):
+        self._dds, self.sent, self.said = dds_types, [], []
+
+    def publish(self, message):
+        sample = self._dds.build(self._dds.TYPES[message.kind], dict(message.fields))
+        sample.serialize()
+        self.sent.append(message)
+
+    def stamp_us(self, host_us):
+        return host_us
+
+    def log(self, text):
+        text.encode()
+        self.said.append(text)
+
+
+def test_a_bad_row_is_left_out_and_counted_and_the_next_one_is_published(messages, dds_types):
+    """Each value of a row replaced by each that is none; numbers that are sent are finite."""
+    node = importlib.import_module("edge_vpr_ros.node")
+    link = {"kind": "link", "text": "lost; trying again"}
+    for good in (row(**METRIC), row(**ON_EARTH), {**HEALTH, "host_us": STAMP_US}, link):
+        bad = [{**good, name: value} for name in good for value in BAD_VALUES]
+        bad += [{**good, value: 1} for value in ("\ud800", "\0")]
+        bad += [{name: value for name, value in good.items() if name != left} for left in good]
+        for each in bad:
+            to, translator = Recorder(dds_types), messages.Translator(messages.Frames(tf=True))
+            for line in (each, HEALTH, row(**METRIC)):
+                node.publish_line(json.dumps(line).encode(), translator, to)
+            topics = [message.topic for message in to.sent]
+            assert topics[-6:] == ["/diagnostics", "match", "certainty", "odometry", "pose", "/tf"]
+            diagnosis = to.sent[-6].fields["status"][0]
+            counted = {"key": "rows_left_out", "value": str(len(to.said))}
+            assert counted in diagnosis["values"]
+            assert translator.left_out == len(to.said) <= 1
+            assert_finite([message.fields for message in to.sent])
+            if good["kind"] == "match" and to.said:
+                assert len(topics) == 6  # nothing of the bad one
+            if to.said and each.get("kind") != "link":
+                assert (diagnosis["level"], "rows left out" in diagnosis["message"]) == (1, True)
+
+
+def assert_finite(fields):
+    if isinstance(fields, dict):
+        for name, value in fields.items():
+            if name == "data":
+                json.loads(value, parse_constant=pytest.fail)
+            elif name != "altitude":  # it is never known
+                assert_finite(value)
+    elif isinstance(fields, list):
+        for each in fields:
+            assert_finite(each)
+    elif isinstance(fields, float):
+        assert math.isfinite(fields)
+
+
+@pytest.mark.parametrize(
+    "line", [b"\xff\n", b"[]\n", b"GET / HTTP/1.1\r\n", b"1" * 5_000, b"[" * 100_000, b'{"kind": ']
+)
+def test_a_line_that_is_no_row_is_counted(messages, line):
+    node = importlib.import_module("edge_vpr_ros.node")
+    to, translator = Recorder(None), messages.Translator(messages.Frames())
+    for _ in range(5):
+        node.publish_line(line, translator, to)
+    assert translator.left_out == 5
+    assert [text.split(",")[0] for text in to.said] == [f"rows left out: {n}" for n in (1, 2, 4)]
+    assert max(map(len, to.said)) < 300
+
+
+def test_a_node_whose_thread_dies_ends(messages, dds_types, monkeypatch, capsys):
+    """It lived on, and published nothing."""
+    node = importlib.import_module("edge_vpr_ros.node")
+
+    class Broken(node.DdsBackend):
+        def __init__(self, arguments):
+            self.connect, self.frames = arguments.connect, messages.Frames()
+            self._signalled = threading.Event()
+
+        def publish(self, message):
+            raise RuntimeError("no more topics")
+
+    monkeypatch.setattr(node, "DdsBackend", Broken)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            sock, _ = server.accept()
+            with sock:
+                sock.sendall(json.dumps(HEALTH).encode() + b"\n")
+                sock.recv(1)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        address = f"127.0.0.1:{server.getsockname()[1]}"
+        assert node.main(["--dds", "--connect", address]) == 1
+        thread.join(10)
+    assert capsys.readouterr().err == "the node ends: RuntimeError: no more topics\n"
+
+
 def participant_of(messages, dds_types, *topics):
     """Another participant of DDS with a reader for each topic, and its domain."""
     from cyclonedds.core import Policy, Qos

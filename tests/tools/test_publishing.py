@@ -426,10 +426,40 @@ def test_what_waits_for_a_broker_that_hangs_is_bounded(paho, monkeypatch):
             assert isinstance(publisher, MqttPublisher)
             for _ in range(3_000):
                 publisher.send("match", "x" * 10_000)
-            waiting = len(publisher._client._out_packet)
-            assert 0 < waiting <= 1_001
+            assert 0 < len(publisher._client._out_packet) <= 1_000
+            (text,) = [text for text, good in publisher.notices() if not good]
+            assert text.startswith("1,000 messages wait for 127.0.0.1")
             begin = time.monotonic()
         assert time.monotonic() - begin < 5
+
+
+def test_what_is_kept_for_a_broker_that_never_acknowledges_and_leaves_is_bounded(paho):
+    """With QoS 1 the client keeps what is not acknowledged over all connections."""
+    with socket.create_server(("127.0.0.1", 0)) as broker:
+        leave = [threading.Event() for _ in range(3)]
+
+        def connections():
+            for gone in leave:
+                sock, _ = broker.accept()
+                with sock:
+                    sock.recv(1000)
+                    sock.sendall(bytes([0x20, 2, 0, 0]))  # CONNACK
+                    gone.wait(30)
+
+        thread = threading.Thread(target=connections)
+        thread.start()
+        with open_mqtt(f"mqtt://127.0.0.1:{broker.getsockname()[1]}/rover?qos=1") as publisher:
+            publisher._client.reconnect_delay_set(1, 1)
+            for gone in leave:
+                assert publisher._there.wait(30)
+                for _ in range(3_000):
+                    publisher.send("match", "x" * 100)
+                assert 0 < len(publisher._client._out_messages) <= 1_000
+                gone.set()
+                end = time.monotonic() + 30
+                while publisher._there.is_set() and time.monotonic() < end:
+                    time.sleep(0.01)
+        thread.join(30)
 
 
 @pytest.mark.parametrize(

@@ -378,24 +378,23 @@ class MqttPublisher(Publisher):
     def __init__(self, client: Any, broker: Broker) -> None:
         super().__init__()
         self._client, self._broker = client, broker
-        self._lock = threading.Lock()
-        self._waiting = 0
         self._there, self._tried = threading.Event(), threading.Event()
         self._said = ""
         client.will_set(f"{broker.topic}/status", _status("lost"), qos=1, retain=True)
         client.on_connect = self._connected
         client.on_disconnect = self._lost
         client.on_connect_fail = self._failed
-        client.on_publish = self._published
 
     def send(self, kind: str, line: str) -> None:
         """See `Publisher.send`."""
         if not self._there.is_set():
             return
-        with self._lock:
-            if self._waiting >= WAITING_MESSAGES:
-                return
-            self._waiting += 1
+        if self._client.waiting >= WAITING_MESSAGES:
+            text = (
+                f"{WAITING_MESSAGES:,} messages wait for {self._where()}, newer ones are left out"
+            )
+            self._notices.add(text, False)
+            return
         topic = self._broker.topic if kind == "match" else f"{self._broker.topic}/{kind}"
         self._client.publish(topic, line.encode(), qos=self._broker.qos)
 
@@ -406,26 +405,29 @@ class MqttPublisher(Publisher):
     def close(self) -> None:
         """Give the broker a second to receive waiting messages, then disconnect."""
         end = time.monotonic() + _LAST_S
+        self._wait_until_sent(end)
         if self._there.is_set():
             self._publish_status("ended")
-        while self._there.is_set() and self._waiting and time.monotonic() < end:
-            time.sleep(0.01)
+        self._wait_until_sent(end)
+        hangs = self._client.waiting > 0
         self._client.on_disconnect = None
         self._client.disconnect()
-        if self._waiting and (sock := self._client.socket()) is not None:
+        if hangs and (sock := self._client.socket()) is not None:
             # otherwise the client would wait for a hanging broker until a ping times out
             with suppress(OSError):
                 sock.shutdown(socket.SHUT_RDWR)
         self._client.loop_stop()
         # without this circle the client is freed, and closes its sockets, when the publisher is
-        for callback in ("on_connect", "on_connect_fail", "on_publish"):
-            setattr(self._client, callback, None)
+        self._client.on_connect = self._client.on_connect_fail = None
+
+    def _wait_until_sent(self, end_s: float) -> None:
+        while self._there.is_set() and self._client.waiting and time.monotonic() < end_s:
+            time.sleep(0.01)
 
     def _publish_status(self, status: str) -> None:
-        with self._lock:
-            self._waiting += 1
-        topic = f"{self._broker.topic}/status"
-        self._client.publish(topic, _status(status), qos=1, retain=True)
+        # with QoS 1 the client would keep one more of each connection of a broker that never
+        # acknowledges; one that is lost with its connection is followed by the will
+        self._client.publish(f"{self._broker.topic}/status", _status(status), retain=True)
 
     def _say(self, text: str, good: bool) -> None:
         if text != self._said:  # each attempt fails in the same way
@@ -441,7 +443,6 @@ class MqttPublisher(Publisher):
             self._say(f"the broker at {self._where()} refuses: {reason}", False)
             return
         if not self._there.is_set():  # a broker may say it more than once
-            self._waiting = 0
             self._publish_status("online")
         self._there.set()
         self._say(f"matches go to {self._where()}, topic {self._broker.topic}", True)
@@ -454,10 +455,6 @@ class MqttPublisher(Publisher):
     def _failed(self, client: Any, data: Any) -> None:
         other = ", or none whose certificate is valid" if self._broker.tls else ""
         self._say(f"no broker at {self._where()}{other}; trying again", False)
-
-    def _published(self, client: Any, data: Any, number: int, reason: Any, more: Any) -> None:
-        with self._lock:
-            self._waiting -= 1
 
 
 def _status(status: str) -> str:
@@ -473,6 +470,14 @@ def _guarded(client: Any) -> Any:
     """
 
     class GuardedClient(client):  # type: ignore[misc]
+        @property
+        def waiting(self) -> int:
+            """Number of messages to be sent, or to be acknowledged in this or a later connection.
+
+            One that is to be sent and acknowledged counts twice.
+            """
+            return len(self._out_packet) + len(self._out_messages)
+
         def _sock_recv(self, size: int) -> Any:
             packet = self._in_packet
             kind = packet["command"] & 0xF0

@@ -1,4 +1,7 @@
-"""Messages of ROS 2 for the rows of `edge-vpr stream --serve`."""
+"""Messages of ROS 2 for the rows of `edge-vpr stream --serve`.
+
+A row is checked here: what a row holds can end neither the node nor its messages.
+"""
 
 from __future__ import annotations
 
@@ -64,6 +67,67 @@ _NO_FAULTS = {"accounting", "bytes", "decoded_bytes", "pending_bytes", "frames",
 _NO_FAULTS |= {"events", "held", "wraps", "rate", "silent_s", "dead_s", "kind", "matches"}
 
 
+#: Largest distance in metres, and largest time in seconds.
+_FARTHEST_M, _LONGEST_S = 1e9, 1e9
+#: Least and largest value of each number that messages are made of.
+_RANGES = {
+    "probability": (0.0, 1.0),
+    "latitude": (-90.0, 90.0),
+    "longitude": (-180.0, 180.0),
+    "silent_s": (0.0, _LONGEST_S),
+    **dict.fromkeys(
+        ("x_m", "y_m", "z_m", "along_m", "along_from_m", "along_to_m", "route_m"),
+        (-_FARTHEST_M, _FARTHEST_M),
+    ),
+}
+#: End of the times that a header can have, in microseconds.
+_STAMP_END_US = 2**31 * 1_000_000
+
+
+def host_us_of(row: Mapping[str, Any]) -> int | None:
+    """Return when a row was written, in microseconds; None for rows without a time of their own.
+
+    Raises
+    ------
+    ValueError
+        If no header can have it.
+    """
+    host_us = row.get("host_us")
+    if host_us is None:
+        return None
+    if type(host_us) is not int or not 0 <= host_us < _STAMP_END_US:
+        raise ValueError(f"host_us {_shown(host_us)}: expected microseconds since 1970")
+    return host_us
+
+
+def _number(row: Mapping[str, Any], name: str) -> float | None:
+    """Return a number of a row, checked; None if it is not known."""
+    value = row.get(name)
+    if value is None:
+        return None
+    low, high = _RANGES[name]
+    # NaN is in no range
+    if type(value) not in (int, float) or not low <= value <= high:
+        raise ValueError(f"{name} {_shown(value)}: expected {low:g} to {high:g}")
+    return float(value)
+
+
+def _flag(row: Mapping[str, Any], name: str) -> bool:
+    value = row.get(name)
+    if type(value) is not bool:
+        raise ValueError(f"{name} {_shown(value)}: expected true or false")
+    return value
+
+
+def _shown(value: object) -> str:
+    return _text(repr(value)[:40])
+
+
+def _text(value: object) -> str:
+    """Return text that every message can hold: without NUL and lone surrogates."""
+    return str(value).encode(errors="backslashreplace").decode().replace("\0", "\\0")
+
+
 def variance_m2(row: Mapping[str, Any]) -> float | None:
     """Return the variance of a match along the route, in square metres; None if it is not known.
 
@@ -74,12 +138,19 @@ def variance_m2(row: Mapping[str, Any]) -> float | None:
     ----------
     row : mapping
         Of a match on a map with positions.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its range.
     """
     needed = ("along_m", "along_from_m", "along_to_m", "route_m", "probability")
-    values = [row.get(name) for name in needed]
-    if any(value is None for value in values):
+    numbers = [number for name in needed if (number := _number(row, name)) is not None]
+    if len(numbers) < len(needed):
         return None
-    along_m, from_m, to_m, route_m, probability = map(float, values)  # type: ignore[arg-type]
+    along_m, from_m, to_m, route_m, probability = numbers
+    if from_m > to_m or route_m < 0:
+        raise ValueError(f"from {from_m} to {to_m} of {route_m} m: expected an interval of a route")
     near = _around(along_m, from_m, to_m)
     return max(probability * near + (1 - probability) * _around(along_m, 0, route_m), _ACROSS_M**2)
 
@@ -92,15 +163,22 @@ def _around(middle: float, low: float, high: float) -> float:
 
 
 class Translator:
-    """Makes messages of rows; compares each row of health with the one before."""
+    """Makes messages of rows; compares each row of health with the one before.
+
+    Attributes
+    ----------
+    left_out : int
+        Rows that were none, which the caller counts; a part of the diagnosis.
+    """
 
     def __init__(self, frames: Frames) -> None:
+        self.left_out = 0
         self._frames = frames
-        self._before: dict[str, Any] = {}
+        self._before: dict[str, int] = {}
         self._link_error = ""
 
-    def messages_of(self, row: Mapping[str, Any], stamp_us: int) -> Iterator[Message]:
-        """Yield the messages of a row.
+    def messages_of(self, row: Mapping[str, Any], stamp_us: int) -> list[Message]:
+        """Return the messages of a row.
 
         A match that is lost, or whose probability is not known, has no position: a node that
         steers by it would take it for one.
@@ -112,30 +190,34 @@ class Translator:
         stamp_us : int
             Time of the messages, in microseconds.
 
-        Yields
+        Raises
         ------
-        Message
+        ValueError
+            If a value is of another type than edge-vpr writes, or out of its range.
         """
         kind = row.get("kind")
         if kind == "match":
-            yield Message("match", TOPICS["match"], {"data": json.dumps(row)})
-            yield from self._of_match(row, stamp_us)
-        elif kind == "link":
-            text = str(row.get("text", ""))
+            return list(self._of_match(row, stamp_us))
+        if kind == "health":
+            return [self._diagnostics(row, stamp_us)]
+        if kind == "link":
+            text = _text(row.get("text", ""))
             self._link_error = "" if text == "open again" else text
-        elif kind == "health":
-            yield self._diagnostics(row, stamp_us)
+        return []
 
     def _of_match(self, row: Mapping[str, Any], stamp_us: int) -> Iterator[Message]:
-        frames, probability = self._frames, row.get("probability")
+        frames, probability, lost = self._frames, _number(row, "probability"), _flag(row, "lost")
+        incomplete, variance = _flag(row, "incomplete"), variance_m2(row)
+        # lone surrogates and NUL are escaped in it
+        text = json.dumps(row, allow_nan=False)
+        yield Message("match", TOPICS["match"], {"data": text})
         if probability is not None:
-            flags = {"y": float(row["lost"]), "z": float(row["incomplete"])}
+            flags = {"y": float(lost), "z": float(incomplete)}
             yield Message(
                 "certainty", TOPICS["certainty"],
                 {"header": _header(stamp_us, frames.map), "vector": {"x": probability, **flags}},
             )  # fmt: skip
-        variance = variance_m2(row)
-        if row["lost"] or variance is None:
+        if lost or variance is None:
             return
         along = {"x": float(row["along_m"])}
         yield Message(
@@ -149,12 +231,13 @@ class Translator:
         )  # fmt: skip
         if row.get("x_m") is not None:
             yield from self._pose(row, variance, stamp_us)
-        if row.get("latitude") is not None:
-            fix = {name: float(row[name]) for name in ("latitude", "longitude")}
+        latitude, longitude = _number(row, "latitude"), _number(row, "longitude")
+        if latitude is not None and longitude is not None:
             yield Message(
                 "fix", TOPICS["fix"],
                 {
-                    "header": _header(stamp_us, frames.sensor), "status": _STATUS, **fix,
+                    "header": _header(stamp_us, frames.sensor), "status": _STATUS,
+                    "latitude": latitude, "longitude": longitude,
                     "altitude": float("nan"),  # no height is known
                     "position_covariance": _diagonal((variance, variance, UNKNOWN)),
                     "position_covariance_type": _APPROXIMATED,
@@ -164,7 +247,7 @@ class Translator:
     def _pose(self, row: Mapping[str, Any], variance: float, stamp_us: int) -> Iterator[Message]:
         # the direction of the route is not in the row, so that all of the plane has its variance
         header, frames = _header(stamp_us, self._frames.map), self._frames
-        point = {axis: float(row.get(f"{axis}_m") or 0.0) for axis in "xyz"}
+        point = {axis: _number(row, f"{axis}_m") or 0.0 for axis in "xyz"}
         height = UNKNOWN if row.get("z_m") is None else variance
         yield Message(
             "pose", TOPICS["pose"],
@@ -176,21 +259,27 @@ class Translator:
             yield Message("/tf", TOPICS["/tf"], {"transforms": [stamped]})
 
     def _diagnostics(self, row: Mapping[str, Any], stamp_us: int) -> Message:
-        counts = {name: value for name, value in row.items() if name not in _NO_FAULTS}
+        silent_s = _number(row, "silent_s") or 0.0
+        counts = {
+            name: value for name, value in row.items()
+            if type(value) is int and name not in _NO_FAULTS and not name.endswith("_us")
+        }  # fmt: skip
+        counts["rows_left_out"] = self.left_out
         grown = [
-            name.replace("_", " ")
+            _text(name).replace("_", " ")
             for name, value in counts.items()
-            if type(value) is int and not name.endswith("_us") and value > self._before.get(name, 0)
+            if value > self._before.get(name, 0)
         ]
         self._before = counts
         level, text = OK, "no new faults"
         if grown:
             level, text = WARN, f"more {', '.join(grown)}"
-        if float(row.get("silent_s", 0.0)) > _SILENT_S:
-            level, text = ERROR, f"nothing came for {row['silent_s']:.0f} s"
+        if silent_s > _SILENT_S:
+            level, text = ERROR, f"nothing came for {silent_s:.0f} s"
         if self._link_error:
             level, text = ERROR, self._link_error
-        values = [{"key": name, "value": str(value)} for name, value in row.items()]
+        shown = {**row, "rows_left_out": self.left_out}
+        values = [{"key": _text(name), "value": _text(value)} for name, value in shown.items()]
         status = {
             "level": level, "name": "edge_vpr: camera", "message": text, "values": values,
             "hardware_id": "event camera",

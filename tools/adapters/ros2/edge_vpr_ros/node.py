@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from dataclasses import fields
 from typing import Any, Protocol
 
-from edge_vpr_ros.messages import TOPICS, Frames, Message, Translator
+from edge_vpr_ros.messages import TOPICS, Frames, Message, Translator, host_us_of
 
 #: A longer line is none of ours.
 _LONGEST = 1 << 20
@@ -82,6 +82,8 @@ class RosBackend:
 
     def publish(self, message: Message) -> None:
         """See `Backend.publish`."""
+        if not self._rclpy.ok():  # a signal ends the node
+            return
         made = self._types[message.kind]()
         self._fill(made, _with_bytes(message.fields))
         self._publishers[message.topic].publish(made)
@@ -176,26 +178,48 @@ class DdsBackend:
             pass
 
 
-def rows_from(host: str, port: int) -> Iterator[dict[str, Any]]:
-    """Yield the rows that a server sends, until it closes.
+def lines_from(host: str, port: int) -> Iterator[bytes]:
+    """Yield the lines that a server sends, until it closes; a longer one in pieces.
 
     Raises
     ------
     OSError
         If it cannot be reached, or is lost.
-    ValueError
-        If what it sends is no line of JSON.
     """
     with socket.create_connection((host, port), timeout=5) as sock, sock.makefile("rb") as lines:
         sock.settimeout(None)
         while line := lines.readline(_LONGEST):
-            try:
-                row = json.loads(line)
-            except RecursionError:
-                row = None
-            if not isinstance(row, dict):
-                raise ValueError(f"{host}:{port} sends what is no row: {line[:40]!r}")  # noqa: TRY004
-            yield row
+            yield line
+
+
+def row_of(line: bytes) -> dict[str, Any]:
+    """Return the row that a line is.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    row = json.loads(line)
+    if not isinstance(row, dict):
+        raise ValueError(f"expected a row of JSON, got {line[:40]!r}")  # noqa: TRY004
+    return row
+
+
+def publish_line(line: bytes, translator: Translator, backend: Backend) -> None:
+    """Publish the messages of a row; what is none is left out and counted."""
+    try:
+        row = row_of(line)
+        host_us = host_us_of(row)
+        stamp_us = backend.stamp_us(int(1e6 * time.time()) if host_us is None else host_us)
+        messages = translator.messages_of(row, stamp_us)
+    except (ValueError, RecursionError) as error:
+        translator.left_out = n = translator.left_out + 1
+        if n & (n - 1) == 0:  # the first, second, fourth, ...: a log is not filled by them
+            backend.log(f"rows left out: {n:,}, the last one since {error}")
+        return
+    for message in messages:
+        backend.publish(message)
 
 
 def follow_server(backend: Backend, once: bool, ended: threading.Event) -> None:
@@ -204,21 +228,11 @@ def follow_server(backend: Backend, once: bool, ended: threading.Event) -> None:
     translator, said = Translator(backend.frames), ""
     while not ended.is_set():
         try:
-            for row in rows_from(host, port):
-                try:
-                    # other rows than matches have no time of their own
-                    host_us = int(row.get("host_us") or 1e6 * time.time())
-                    for message in translator.messages_of(row, backend.stamp_us(host_us)):
-                        backend.publish(message)
-                except (ArithmeticError, KeyError, TypeError, ValueError) as error:
-                    text = f"a row is left out: {type(error).__name__}: {error}"
-                    if text != said:
-                        backend.log(text)
-                    said = text
-                    continue
+            for line in lines_from(host, port):
+                publish_line(line, translator, backend)
                 said = ""
             text = "edge-vpr has ended"
-        except (OSError, ValueError) as error:
+        except OSError as error:
             text = f"no matches from {backend.connect}: {error}: start edge-vpr stream --serve"
         if once:
             break
@@ -226,7 +240,6 @@ def follow_server(backend: Backend, once: bool, ended: threading.Event) -> None:
             backend.log(f"{text}; trying again")
             said = text
         ended.wait(_RETRY_S)
-    ended.set()
 
 
 def _host_port(address: str) -> tuple[str, int]:
@@ -269,14 +282,22 @@ def main(words: list[str] | None = None) -> int:
             else "source /opt/ros/DISTRIBUTION/setup.bash, or use --dds"
         )  # fmt: skip
         parser.error(f"{error}: {remedy}")
-    ended = threading.Event()
-    following = threading.Thread(
-        target=follow_server, args=(backend, arguments.once, ended), daemon=True
-    )
-    following.start()
+    ended, failed = threading.Event(), threading.Event()
+
+    def follow() -> None:
+        # a node whose thread is gone would live on, and publish nothing
+        try:
+            follow_server(backend, arguments.once, ended)
+        except Exception as error:
+            failed.set()
+            backend.log(f"the node ends: {type(error).__name__}: {error}")
+        finally:
+            ended.set()
+
+    threading.Thread(target=follow, daemon=True).start()
     backend.spin(ended)
     ended.set()
-    return 0
+    return int(failed.is_set())
 
 
 if __name__ == "__main__":
