@@ -6,10 +6,23 @@ BIN := $(VENV)/bin
 STAMP = $(VENV)/.installed-$(1)
 
 SHELL := /bin/bash
-.PHONY: demo test verify coverage test-rtl test-aarch64 test-pythons test-oldest lint types site bench results eva clean
+.PHONY: demo tools test verify coverage test-rtl test-aarch64 test-pythons test-oldest lint types site bench results eva clean
 
 demo: $(call STAMP,run)
 	$(BIN)/edge-vpr demo -o results/demo --overwrite
+
+# programs that tests run, from Debian and by root; a test without its program is skipped and says so
+TOOLS := make gcc g++ cmake gcc-arm-none-eabi gcc-avr avr-libc simavr iverilog verilator yosys \
+         nextpnr-ice40 fpga-icestorm mosquitto openssl chromium shellcheck systemd udev umockdev zsh fish
+APT := apt-get -q -o Acquire::Retries=2 -o Acquire::http::Timeout=30 -o DPkg::Lock::Timeout=300
+
+# one that apt does not know or cannot reach is named, and does not keep the others away
+tools:
+	-$(APT) update
+	-DEBIAN_FRONTEND=noninteractive $(APT) install --yes --no-upgrade --no-install-recommends --fix-missing \
+	    $$(for tool in $(TOOLS); do apt-cache show $$tool >/dev/null 2>&1 && echo $$tool; done)
+	@for tool in $(TOOLS); do dpkg-query -W -f '$${Status}' $$tool 2>/dev/null | grep -q 'ok installed' || \
+	    echo "make tools: $$tool is not installed: tests that need it are skipped"; done
 
 # what has compiled kernels runs a second time in plain Python
 KERNELS := cleaning codes counters distances filter_run informative_pixels localiser matches own_mean pipeline \
