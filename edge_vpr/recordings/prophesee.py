@@ -181,13 +181,16 @@ def evt2_time_words(t: npt.NDArray[np.int64]) -> npt.NDArray[np.uint32]:
 # Kernels that decode the words of Prophesee's EVT 2.0, 2.1 and 3.0.
 
 
-#: State between two calls: time base and its last raw value; row; first column and polarity of a
-#: vector; low bits of the time (-1 before the first word that states them); and number of events
-#: before the first words of time and place.
+#: State between two calls: time base; its raw value (-1 before the first word that states it, and
+#: after a loss of words); the raw value before such a loss; usual step between two raw values; row;
+#: first column and polarity of a vector; low bits of the time (-1 before the first word that states
+#: them); and number of events before the first words of time and place.
 STATE = np.dtype(
     [
         ("time_base", "<i8"),
         ("high", "<i8"),
+        ("before", "<i8"),
+        ("stride", "<i8"),
         ("row", "<i8"),
         ("first", "<i8"),
         ("polarity", "<i8"),
@@ -197,18 +200,45 @@ STATE = np.dtype(
 )
 
 
+#: EVT 3.0's clock has wrapped if it falls by its full range less this, in units of 4,096 us, as in
+#: Prophesee's decoder; a smaller fall is a restart of the camera, or a late word.
+_LEAST_MARGIN = 10
+
+
 @kernel
-def _advance(s, high, bits):  # type: ignore[no-untyped-def]
-    """Advance the unwrapped time base to a new value of the high time bits.
+def _advance(s, high):  # type: ignore[no-untyped-def]
+    """Advance the time base of EVT 2.0 or 2.1, 28 bits, to a new value of the high time bits.
 
     The shorter direction decides between a wrap and a step back; a step back is kept.
     """
-    if s.high < 0:
+    if s.before < 0:
         s.time_base = high
     else:
-        half = 1 << (bits - 1)
-        s.time_base += ((high - s.high + half) & ((1 << bits) - 1)) - half
-    s.high = high
+        s.time_base += ((high - s.before + (1 << 27)) & ((1 << 28) - 1)) - (1 << 27)
+    s.high = s.before = high
+
+
+@kernel
+def _advance_evt3(s, high):  # type: ignore[no-untyped-def]
+    """Advance the time base of EVT 3.0, 12 bits, to a new value of the high time bits.
+
+    A rise is a step forward of up to 16.8 s. A fall is a wrap if it ends nearly a full range below.
+    "Nearly" is twice the usual step: cameras repeat the time all along, so that it rises by 1, but
+    some writers state it only with events, which can be far apart.
+    """
+    if s.before < 0:
+        s.time_base, s.stride = high, 1024
+    else:
+        step = high - s.before
+        if step >= 4096 - _LEAST_MARGIN:
+            step -= 4096  # a late word, just after a wrap
+        elif step <= max(_LEAST_MARGIN, 2 * s.stride) - 4096:
+            step += 4096
+        s.time_base += step
+        # the step to a single false time must not make the step back a wrap
+        step = min(step, 2 * s.stride + 16, 1024)
+        s.stride = max(step, s.stride - (s.stride + 15) // 16)
+    s.high = s.before = high
 
 
 @kernel
@@ -228,7 +258,7 @@ def decode_evt2(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
             p[n] = kind == 1
             n += 1
         elif kind == 8:
-            _advance(s, word & 0xFFFFFFF, 28)
+            _advance(s, word & 0xFFFFFFF)
     return n
 
 
@@ -259,7 +289,7 @@ def decode_evt21(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
                     n += 1
                 valid &= valid - 1
         elif kind == 8:
-            _advance(s, top & 0xFFFFFFF, 28)
+            _advance(s, top & 0xFFFFFFF)
     return n
 
 
@@ -313,7 +343,7 @@ def decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
         elif kind == 8:  # high time bits
             high = word & 4095
             if high != s.high:
-                _advance(s, high, 12)
+                _advance_evt3(s, high)
                 base, low = s.time_base, min(low, 0)
                 time = base << 12
         elif kind == 3:  # first column of the vectors that follow
@@ -333,11 +363,11 @@ def decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
 
 Words = npt.NDArray[Any]
 
-#: Word type, most events of one word, bits of the clock, and decoder of each encoding.
+#: Word type, most events of one word, high bits of the clock, and decoder of each encoding.
 _DECODERS: dict[str, tuple[np.dtype[Any], int, int, Callable[..., int]]] = {
-    "evt2": (np.dtype("<u4"), 1, 34, decode_evt2),
-    "evt21": (np.dtype("<u8"), 32, 34, decode_evt21),
-    "evt3": (np.dtype("<u2"), 12, 24, decode_evt3),
+    "evt2": (np.dtype("<u4"), 1, EVT2_HIGH_BITS, decode_evt2),
+    "evt21": (np.dtype("<u8"), 32, EVT2_HIGH_BITS, decode_evt21),
+    "evt3": (np.dtype("<u2"), 12, 12, decode_evt3),
 }
 
 
@@ -359,18 +389,26 @@ class EvtWordDecoder:
         Type of the words.
     per_word : int
         Most events of one word.
-    clock_bits : int
-        Bits of the clock, which counts microseconds.
     """
 
     def __init__(self, encoding: str, capacity: int, endianness: str = "little") -> None:
-        dtype, self.per_word, self.clock_bits, self._kernel = _DECODERS[encoding]
+        dtype, self.per_word, self._high_bits, self._kernel = _DECODERS[encoding]
         self.dtype = dtype.newbyteorder(">") if endianness == "big" else dtype
         self._swap = endianness == "legacy" and encoding == "evt21"
-        unknown = {"high": -1, "low": -1, "row": -1, "first": -1}
+        unknown = {"high": -1, "before": -1, "low": -1, "row": -1, "first": -1}
         values = tuple(unknown.get(name, 0) for name in STATE.names or ())
         self._state = np.array([values], dtype=STATE).view(np.recarray)
         self._columns = empty_columns(capacity * self.per_word)
+
+    def lose(self) -> None:
+        """Handle a loss of words: time and place are unknown until words state them again."""
+        state = self._state[0]
+        state.high = state.low = state.row = state.first = -1
+
+    @property
+    def wraps(self) -> int:
+        """Number of wraps of the clock."""
+        return max(0, int(self._state[0].time_base) >> self._high_bits)
 
     def take_undated(self) -> int:
         """Return the number of dropped events since the last call.

@@ -302,6 +302,49 @@ def test_a_wrap_of_the_devices_clock_is_no_step_in_time(device, host, bits):
     assert decoder.health.wraps == 1
 
 
+@pytest.mark.parametrize("protocol", ["evt2", "evt3", "openmv:channel=4,format=evt3"])
+@pytest.mark.parametrize("ran_s", [1, 5, 9, 13, 16.6, 17, 20, 33, 34.5])
+def test_a_restart_of_a_camera_is_no_wrap_of_its_clock(protocol, ran_s):
+    """EVT 3.0's clock of 24 bits falls at a restart as at a wrap, but by less."""
+    runs = []
+    for seconds in (ran_s, 1):
+        i = np.arange(int(seconds * 2_000))
+        runs.append(make_events(i * 500, i % 128, i % 100, i % 2))
+    decoder = open_decoder(protocol, SENSOR)
+    sent = b"".join(encoded(protocol, run) for run in runs)
+    arrived = decoded(decoder, sent, range(4_096, len(sent), 4_096))
+    assert (decoder.health.clock_resets, decoder.health.rejected) == (1, 0)
+    assert np.array_equal(arrived[["x", "y"]], np.concatenate(runs)[["x", "y"]])
+    assert arrived["t"][-1] - int(ran_s * 1e6) < 1_100_000
+    assert decoder.health.wraps == (0 if protocol == "evt2" else int(ran_s * 1e6) >> 24)
+
+
+@pytest.mark.parametrize("silence_s", [3, 8, 10, 16, 20, 50])
+@pytest.mark.parametrize("ran_s", [2, 13])
+def test_a_silence_on_evt3_lasts_as_long_as_it_did(silence_s, ran_s):
+    """Words of time during a silence say whether the clock wraps in it."""
+    t = np.arange(ran_s * 1_000) * 1_000
+    t = np.append(t, t + int((ran_s + silence_s) * 1e6))
+    events = make_events(t, t // 1_000 % 128, t // 1_000 % 100, t % 2)
+    decoder = open_decoder("evt3", SENSOR)
+    sent = encoded("evt3", events)
+    assert np.array_equal(decoded(decoder, sent, range(999, len(sent), 999)), events)
+    assert str(decoder.health) == "no faults"
+
+
+@pytest.mark.parametrize(("protocol", "size"), [("evt2", 4), ("evt21", 8), ("evt3", 2)])
+def test_padding_of_lucid_cameras_is_no_damage(protocol, size):
+    events = dense(3_000)
+    words = np.frombuffer(encoded(protocol, events), f"<u{size}")
+    at = np.sort(np.random.default_rng(0).integers(0, words.size + 1, 900))
+    at[:50], at[-300:-200] = 0, words.size // 2
+    sent = np.insert(words, at, int("99" * size, 16)).astype(f"<u{size}").tobytes()
+    decoder = open_decoder(protocol, SENSOR)
+    arrived = decoded(decoder, sent, range(999, len(sent), 999))
+    assert np.array_equal(arrived, from_first(events))
+    assert str(decoder.health) == "no faults"
+
+
 def test_evpr_counts_what_was_lost_to_the_event_and_what_the_device_dropped():
     events = dense(10_000)
     encoder = open_encoder("evpr:frame=256", SENSOR)

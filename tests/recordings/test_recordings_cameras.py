@@ -234,6 +234,57 @@ def test_time_running_backwards_in_a_camera_file_is_no_wrap(tmp_path):
     assert recording.faults.backwards == 1
 
 
+def steady(seconds, start=0, rate=1_000):
+    """Events of a camera at a steady rate, as rows."""
+    step = 1_000_000 // rate
+    return [(start + i * step, i % 640, i % 480, i % 2 == 0) for i in range(seconds * rate)]
+
+
+@pytest.mark.parametrize("ran_s", [1, 5, 9, 13, 16, 17, 20, 31, 33, 34, 40])
+@pytest.mark.parametrize("began_us", [0, 77_000, 10_000_000])
+def test_a_restart_of_an_evt3_camera_is_time_running_backwards(ran_s, began_us, tmp_path):
+    """Only a fall by nearly the whole range of 24 bits is a wrap, before and after each wrap."""
+    words = files.encode_evt3(steady(ran_s, began_us)) + files.encode_evt3(steady(1))
+    path = tmp_path / "a.raw"
+    path.write_bytes(files.raw_header("3.0", *SENSOR) + words)
+    since_wrap_ms = (ran_s * 1_000 + began_us // 1_000) % 16_777.216
+    events, recording = absolute(path, on_fault="drop")
+    late = min(1_000, int(since_wrap_ms))
+    assert abs(recording.faults.backwards - late) <= 1
+    assert recording.faults.total == recording.faults.backwards
+    assert events["t"].max() < began_us + ran_s * 10**6 + 1_000_000
+
+
+@pytest.mark.parametrize("gap_s", [5, 8.3, 8.5, 10, 12, 14])
+@pytest.mark.parametrize("before_s", [0, 2])
+def test_a_gap_forwards_in_evt3_is_not_backwards(gap_s, before_s, tmp_path):
+    first = steady(before_s) or [(5, 1, 2, True)]
+    after = steady(1, first[-1][0] + int(gap_s * 1e6))
+    path = tmp_path / "a.raw"
+    path.write_bytes(files.raw_header("3.0", *SENSOR) + files.encode_evt3(first + after))
+    events, recording = absolute(path)
+    assert events.tolist() == first + after
+    assert str(recording.faults) == "none"
+
+
+@pytest.mark.parametrize(("version", "word"), [("2.0", 0x99999999), ("3.0", 0x9999)])
+def test_padding_of_lucid_cameras_is_passed_over_in_a_file(version, word, tmp_path):
+    rows = steady(1)
+    dtype = "<u2" if version == "3.0" else "<u4"
+    if version == "3.0":
+        words = np.frombuffer(files.encode_evt3(rows), dtype)
+    else:
+        write_recording(tmp_path / "b.raw", make_events(*zip(*rows, strict=True)), sensor=SENSOR)
+        words = np.frombuffer((tmp_path / "b.raw").read_bytes().partition(b"% end\n")[2], dtype)
+    at = np.sort(np.random.default_rng(0).integers(0, words.size + 1, 500))
+    path = tmp_path / "a.raw"
+    padded = np.insert(words, at, word).astype(dtype)
+    path.write_bytes(files.raw_header(version, *SENSOR) + padded.tobytes())
+    events, recording = absolute(path)
+    assert events.tolist() == rows
+    assert recording.faults.total == 0
+
+
 def test_dat_is_read_beyond_the_wrap_of_its_32_bits(tmp_path):
     pixel = 3 | 4 << 14 | 1 << 28
     path = tmp_path / "a.dat"

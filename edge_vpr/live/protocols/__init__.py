@@ -265,6 +265,7 @@ class TimestampFilter:
             # late only by a small part of the period, else a silence would look like a late event
             period = 1 << clock.bits
             late = min(late, period // 64)
+        self._period = period
         silence = VOUCHED_SILENCE_US if clock.confirm == 1 else SILENCE_US
         self._state = np.zeros(1, dtype=_STATE)
         self._held = np.empty(max(1, clock.confirm), dtype=EVENT_DTYPE)
@@ -318,7 +319,9 @@ class TimestampFilter:
         health.decoded += decoded
         health.events += delivered
         health.held, health.off_sensor, health.late, health.leaps = held, off_sensor, late, leaps
-        health.wraps, health.clock_resets = wraps, clock_resets
+        health.clock_resets = clock_resets
+        if self._period:  # else the decoder has continued the clock, and counts its wraps
+            health.wraps = wraps
 
 
 @kernel

@@ -30,9 +30,13 @@ Sent = npt.NDArray[np.bool_]
 _COPIED_BYTES = 4_096
 #: Cameras send the high bits of the time every 16 us, whether changed or not.
 _SLOT_BITS = 4
+#: Time between the words of a silence, and the time before its end from which on they are sent.
+_SILENT_US, _LONGEST_SILENCE_US = 1 << 15, 1 << 26
 #: Existing kinds of words, one bit each.
 _KINDS_EVT2 = sum(1 << kind for kind in EVT2_KINDS)
 _KINDS_EVT3 = sum(1 << kind for kind in EVT3_KINDS)
+#: Words without meaning, with which cameras by Lucid fill their buffers.
+_PADDING_EVT3, _PADDING_EVT2 = 0x9999, 0x99999999
 
 
 class EvtDecoder(WordDecoder):
@@ -43,7 +47,7 @@ class EvtDecoder(WordDecoder):
             raise UsageError(f"{name} holds up to 2048x2048 pixels, and not {sensor}")
         self._words = EvtWordDecoder(name, 1)
         super().__init__(
-            sensor, Clock(self._words.clock_bits), self._words.dtype.itemsize,
+            sensor, Clock(), self._words.dtype.itemsize,
             search_words=2 * SEARCH_WORDS if name == "evt3" else SEARCH_WORDS,
             notice_words=64 if name == "evt3" else 16,
         )  # fmt: skip
@@ -68,12 +72,12 @@ class EvtDecoder(WordDecoder):
         used = int(_whole(words, self._name == "evt3", self._shift, *self.sensor))
         columns = self._words.decode(words[:used])
         self.health.reject_undated(self._words.take_undated())
+        self.health.wraps = self._words.wraps
         return used, columns, used < words.size
 
     def _lose_sync(self) -> None:
         super()._lose_sync()
-        # time and row of the words before are no longer valid
-        self._words = EvtWordDecoder(self._name, 1)
+        self._words.lose()
 
 
 @kernel
@@ -82,12 +86,12 @@ def _bad(word, evt3, width, height):  # type: ignore[no-untyped-def]
     if evt3:
         kind, value = word >> 12, word & 2047
         if not (_KINDS_EVT3 >> kind) & 1:
-            return True
+            return word != _PADDING_EVT3
         return value >= (height if kind == 0 else width if kind == 2 or kind == 3 else 2048)
     kind = word >> 28
     if kind < 2:
         return (word >> 11) & 2047 >= width or word & 2047 >= height
-    return not (_KINDS_EVT2 >> kind) & 1
+    return not (_KINDS_EVT2 >> kind) & 1 and word != _PADDING_EVT2
 
 
 @kernel
@@ -167,6 +171,19 @@ class Evt3Encoder(EvtEncoder):
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor)
         self._low, self._y = -1, -1
+
+    def encode(self, events: Events) -> bytes:
+        """Encode events; silences have words of time, or a wrap within one would be a restart."""
+        t = events["t"]
+        before = np.append(t[:1] if self._slot < 0 else self._slot << _SLOT_BITS, t[:-1])
+        starts = np.flatnonzero(t - before > _SILENT_US)
+        first, *parts = np.split(events, starts)
+        sent = [super().encode(first)]
+        for i, part in zip(starts, parts, strict=True):
+            begin = max(before[i], t[i] - _LONGEST_SILENCE_US) + _SILENT_US
+            high = np.arange(begin, t[i], _SILENT_US) >> 12 & 4095
+            sent += [(8 << 12 | high).astype("<u2").tobytes(), super().encode(part)]
+        return b"".join(sent)
 
     def _words(self, events: Events, new: Sent) -> tuple[list[Words], list[Sent]]:
         t, y = events["t"], events["y"].astype(np.int64)

@@ -281,12 +281,14 @@ class Records(ABC):
         Bytes of one record.
     most : int
         Largest number of events in one record.
+    wraps : int
+        Number of wraps of the clock of the camera, which the records continue.
     """
 
     name: str
     size: int
     most: int
-    clock: Clock
+    wraps: int = 0
 
     @abstractmethod
     def decode(self, raw: Raw, health: Health, host_us: int) -> Columns:
@@ -303,14 +305,13 @@ class EventRecords(Records):
     """
 
     name, size, most = "events", 12, 1
-    clock = Clock(confirm=1)
 
     def __init__(self) -> None:
         # last time on the device's clock, the same time without wraps, and number of wraps
         self._state = np.array([-1, 0, 0], dtype=np.int64)
 
     @property
-    def wraps(self) -> int:
+    def wraps(self) -> int:  # type: ignore[override]
         """Number of wraps of the clock."""
         return int(self._state[2])
 
@@ -360,8 +361,11 @@ class EvtRecords(Records):
         self.name = name
         self._words = words = EvtWordDecoder(name, 1)
         self.size, self.most = words.dtype.itemsize, words.per_word
-        # a checksum protects each word
-        self.clock = Clock(words.clock_bits, confirm=1)
+
+    @property
+    def wraps(self) -> int:  # type: ignore[override]
+        """Number of wraps of the clock."""
+        return self._words.wraps
 
     def decode(self, raw: Raw, health: Health, host_us: int) -> Columns:
         """See `Records.decode`."""
@@ -372,14 +376,13 @@ class EvtRecords(Records):
 
     def lose(self) -> None:
         """See `Records.lose`; time and place of the missing words are not known."""
-        self._words = EvtWordDecoder(self.name, 1)
+        self._words.lose()
 
 
 class AerRecords(Records):
     """Decodes ``raw_events`` as 19 bits in three bytes, without a time of their own."""
 
     name, size, most = "aer", 3, 1
-    clock = Clock(confirm=1)
 
     def decode(self, raw: Raw, health: Health, host_us: int) -> Columns:
         """See `Records.decode`."""
@@ -431,28 +434,12 @@ class PacketDecoder(Decoder):
     resync_bytes = MAX_PACKET + HEADER.size
 
     def __init__(self, sensor: Sensor, records: Records) -> None:
-        super().__init__(sensor, records.clock, BOUND)
+        super().__init__(sensor, Clock(confirm=1), BOUND)  # a checksum protects each record
         self._records = records
         self._finder = PacketFinder()
         self._distrusted = 0
         #: the beginning of a record, and the number of bytes to skip before the next record begins
         self._rest, self._skip = b"", 0
-
-    def _take(self, data: bytes, *, final: bool) -> Events:
-        events = super()._take(data, final=final)
-        self._count_wraps()
-        return events
-
-    def finish(self) -> Events:
-        """See `Decoder.finish`."""
-        events = super().finish()
-        self._count_wraps()
-        return events
-
-    def _count_wraps(self) -> None:
-        """Count wraps of the 18.2 h clock; `TimestampFilter` counts only those of powers of two."""
-        if isinstance(self._records, EventRecords):
-            self.health.wraps = self._records.wraps
 
     def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
         finder, parts = self._finder, list[Columns]()
@@ -493,6 +480,7 @@ class PacketDecoder(Decoder):
             aligned = raw[:whole] if skip == 0 else raw[skip:whole].copy()
             aligned.flags.writeable = False  # as bytes are, or another kernel would be compiled
             parts.append(self._records.decode(aligned, self.health, self._host_us))
+            self.health.wraps = self._records.wraps
         return (whole - skip) // self._records.size
 
 
