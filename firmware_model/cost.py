@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from firmware_model.model.design import Design, formats_of, widths_of
+from firmware_model.design import Design, formats_of, widths_of
 
 
 class Memory(NamedTuple):
@@ -95,7 +95,7 @@ class Cycles(NamedTuple):
 
 
 def cycles(design: Design) -> Cycles:
-    """Count the clock cycles that `Machine` steps through.
+    """Count the clock cycles of a window and its match.
 
     With sequences, a place takes ``ceil(slots / P)`` cycles in the distance unit and L in the
     sequence unit. The units work in parallel, so that the longer time counts. After the last
@@ -128,7 +128,11 @@ def window_mean_cycles(design: Design) -> int:
 
 
 class FilterCycles(NamedTuple):
-    """Clock cycles of the filter's parts: see `Machine.filter_cycles`."""
+    """Clock cycles of the filter's parts.
+
+    Distances to all places, P codes in a cycle; the mean; the metrics, a place in a cycle or in as
+    many as its distance takes, if that is computed again; the spread and its reciprocal.
+    """
 
     compare: int
     mean: int

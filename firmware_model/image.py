@@ -6,9 +6,9 @@ import struct
 from collections.abc import Sequence
 from enum import IntEnum
 
+from firmware_model.design import FRACTION_BITS, Design, formats_of
 from firmware_model.errors import DesignError
-from firmware_model.model.design import FRACTION_BITS, Design, formats_of
-from firmware_model.model.memories import Memories
+from firmware_model.memories import Memories
 
 MAGIC, VERSION = 0x49525056, 3
 HEADER_WORDS = 40

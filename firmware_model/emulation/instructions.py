@@ -15,11 +15,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from firmware_model.design import Design
 from firmware_model.emulation.build import EMULATED, FIRMWARE, SOURCES, Target, build
 from firmware_model.emulation.emulator import Emulator
 from firmware_model.image import image, ram_bytes, stride
-from firmware_model.model.design import Design
-from firmware_model.model.memories import Memories
+from firmware_model.memories import Memories
 from firmware_model.vectors.case import choose_pixels
 from firmware_model.vectors.formats import csv_text
 

@@ -7,9 +7,9 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from firmware_model.design import FRACTION_BITS, Design
 from firmware_model.errors import ToolError
 from firmware_model.hardware import sources
-from firmware_model.model.design import FRACTION_BITS, Design
 
 #: name of the package, and of its file
 PACKAGE = "vpr_pkg"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from firmware_model.hardware import registers, sources
 from firmware_model.hardware.parameters import BOARDS, PACKAGE, Board, package, tables
-from firmware_model.model.memories import Memories
+from firmware_model.memories import Memories
 from firmware_model.vectors import formats
 from firmware_model.vectors.suite import memory_words, smallest_cases, standard_suites, write_suites
 

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+from firmware_model.design import Design
 from firmware_model.errors import DesignError
 from firmware_model.hardware.parameters import TABLES
-from firmware_model.model.design import Design
 
 #: name of the generated package, and of its file
 PACKAGE = "vpr_registers"

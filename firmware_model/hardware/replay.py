@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
+from firmware_model.design import Design
 from firmware_model.errors import ToolError, VectorError
 from firmware_model.hardware.simulation import Conditions, replay_vectors
-from firmware_model.model.design import Design
 from firmware_model.vectors.random_cases import random_adaptive_design, random_cases, random_design
 from firmware_model.vectors.suite import Suites, standard_suites, write_suites
 from firmware_model.vectors.verify import COMPARED, Verdict, verify

@@ -20,11 +20,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, TypedDict
 
+from firmware_model.design import Design
 from firmware_model.errors import DesignError, ToolError
 from firmware_model.hardware import sources
 from firmware_model.hardware.parameters import BOARDS, ICEBREAKER, PACKAGE, Board, package, tables
-from firmware_model.model.design import Design
-from firmware_model.model.memories import Memories
+from firmware_model.memories import Memories
 from firmware_model.vectors import formats
 from firmware_model.vectors.case import choose_pixels
 from firmware_model.vectors.suite import memory_words

@@ -17,10 +17,10 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from firmware_model.design import Design
 from firmware_model.errors import ToolError
 from firmware_model.hardware.parameters import ICEBREAKER
 from firmware_model.hardware.report import KINDS, packed_cells
-from firmware_model.model.design import Design
 from firmware_model.vectors.formats import csv_text
 
 #: names for cells of the top itself, and for cells of carry chains without a unit

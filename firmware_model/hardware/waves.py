@@ -12,10 +12,10 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+from firmware_model.design import Design
 from firmware_model.errors import ToolError, VectorError
 from firmware_model.hardware import simulation
 from firmware_model.hardware.parameters import PACKAGE
-from firmware_model.model.design import Design
 from firmware_model.vectors.suite import standard_suites, write_suites
 
 DESIGN = Design(

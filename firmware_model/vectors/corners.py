@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from firmware_model.model.design import LENGTH, Design
-from firmware_model.model.memories import Codes, Memories
+from firmware_model.design import LENGTH, Design
+from firmware_model.memories import Codes, Memories
 from firmware_model.vectors.case import Case, Stream
 
 

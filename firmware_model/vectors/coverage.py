@@ -4,21 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from firmware_model.model.comparator import (
-    MatchResult,
-    accepts,
-    evidence,
-    reciprocal_of_spread,
-    row_of_costs,
-    weight_of,
-)
-from firmware_model.model.descriptor import (
-    PAUSE_SHIFT,
-    DescriptorModel,
-    Event,
-    WindowResult,
-)
-from firmware_model.model.design import (
+from firmware_model.design import (
     ACTIVITY_BITS,
     EVIDENCE_TOP,
     FRACTION_BITS,
@@ -29,10 +15,25 @@ from firmware_model.model.design import (
     TRUST_BITS,
     Design,
 )
-from firmware_model.model.machine import Machine, Trace
+from firmware_model.memories import Lookup
+from firmware_model.specification import (
+    Event,
+    Machine,
+    MatchResult,
+    Trace,
+    WindowResult,
+    accepts,
+    differences_of,
+    evidence_of,
+    mean_shift,
+    row_of,
+    spread_of,
+    weight_of,
+    window_mean,
+)
 from firmware_model.vectors.case import Case
 from fixedpoint.activity import ACTIVITY_COSTS, SAME_ROW
-from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS
+from fixedpoint.own_mean import FIRST_SHIFT, LEVEL_BITS, MEAN_BITS
 
 #: name of each corner, and what is counted as one occurrence of it
 CORNERS = {
@@ -104,7 +105,7 @@ def watched_trace(case: Case) -> tuple[Trace, dict[str, int]]:
         codes, `FILTER_CORNERS` are included.
     """
     done = Trace()
-    machine = Machine(case.memories, case.start)
+    machine, lookup = Machine(case.memories, case.start), case.memories.lookup()
     adaptive = case.design.filters or case.design.own_mean
     corners = CORNERS | FILTER_CORNERS if adaptive else CORNERS
     found: Counter[str] = Counter(dict.fromkeys(corners, 0))
@@ -112,15 +113,14 @@ def watched_trace(case: Case) -> tuple[Trace, dict[str, int]]:
     before: list[int | None] = [None, None]
     rows: list[list[int]] = []
     for event in case.events:
-        _see_event(machine.descriptor, event, before, found)
+        _see_event(machine, lookup, event, before, found)
         ended = 0
         for result in machine.take(event):
             done.add(result)
             if isinstance(result, WindowResult):
                 ended += 1
                 _see_window(machine, result, found)
-                compare = machine.comparator.distance
-                distances = [compare(k, result.codes) for k in range(case.design.places)]
+                distances = machine.distances(result.codes)
                 rows = [distances, *rows[: case.design.length - 1]]
                 _see_distances(case.design, distances, found)
                 filtered.see_window(result, distances)
@@ -134,13 +134,14 @@ def watched_trace(case: Case) -> tuple[Trace, dict[str, int]]:
 
 
 def _see_event(
-    descriptor: DescriptorModel, event: Event, before: list[int | None], found: Counter[str]
+    machine: Machine, lookup: Lookup, event: Event, before: list[int | None], found: Counter[str]
 ) -> None:
-    design, slot = descriptor.design, descriptor.slot(event)
+    design, slot = machine.design, machine.slot(event)
     _, x, y, on = event
     ends = False
     if design.window == "time":
-        elapsed, tau = descriptor.elapsed(event.t), design.tau_us
+        tau = design.tau_us
+        elapsed = tau - machine.left(event.t)
         ends = elapsed >= tau
         found["on_the_boundary"] += elapsed > 0 and elapsed % tau == 0
         found["before_the_boundary"] += elapsed > 0 and elapsed % tau == tau - 1
@@ -153,10 +154,10 @@ def _see_event(
         found["off_the_sensor"] += 1
     elif slot is None:
         found["unselected"] += 1
-        found["entry_of_another_row"] += descriptor.lookup.taken(x, y)
+        found["entry_of_another_row"] += lookup.taken(x, y)
     else:
         # the end of a window clears the counter before the event is counted
-        count, full = 0 if ends else descriptor.counts[slot], design.count_max
+        count, full = 0 if ends else machine.counts[slot], design.count_max
         if count >= full - 1:
             found["saturated" if count == full else "filled"] += 1
         if x > 511:
@@ -172,21 +173,20 @@ def _see_event(
 
 
 def _see_window(machine: Machine, window: WindowResult, found: Counter[str]) -> None:
-    design, descriptor = machine.design, machine.descriptor
-    counts = descriptor.counts
+    design, counts = machine.design, machine.counts
     found["empty_window"] += not any(counts)
-    found["full_window"] += descriptor.counted == design.window_events and design.window == "count"
+    found["full_window"] += machine.counted == design.window_events and design.window == "count"
     found["all_equal_counts"] += counts[0] > 0 and len(set(counts)) == 1 and len(counts) > 1
     if design.window == "time":
-        found["clock_wrapped"] += descriptor.start + design.tau_us >= 1 << design.timestamp_bits
+        found["clock_wrapped"] += machine.end < design.tau_us
     found["window_above_255"] += window.number > 255
     found["code_of_nothing"] += any(
         code > 0 and not n for code, n in zip(window.codes, counts, strict=True)
     )
     found["incomplete_sequence"] += window.number + 1 < design.length
     found["lanes_unfilled"] += design.slots % design.lanes > 0
-    found["several_tables"] += len(set(descriptor.memories.tables)) > 1
-    found["three_tables"] += len(set(descriptor.memories.tables)) > 2
+    found["several_tables"] += len(set(machine.memories.tables)) > 1
+    found["three_tables"] += len(set(machine.memories.tables)) > 2
 
 
 def _see_distances(design: Design, distances: list[int], found: Counter[str]) -> None:
@@ -299,7 +299,7 @@ _OF_RESIDUALS = (
 
 
 class FilterCoverage:
-    """Counts corners from the states of a machine, before each window changes them.
+    """Counts corners from what a machine keeps, before each window changes them.
 
     Of sequences without own-mean codes there are none.
     """
@@ -318,14 +318,14 @@ class FilterCoverage:
             self._see_metrics(window, distances)
 
     def _see_metrics(self, window: WindowResult, distances: list[int]) -> None:
-        design, model, found = self.machine.design, self.machine.place_filter, self.found
+        design, found = self.machine.design, self.found
         first, paused = window.number == 0, window.paused
         found["first_window"] += first and not paused
         found["first_window_pauses"] += first and paused
         found["pause"] += paused and not first
-        found["pause_with_events"] += paused and self.machine.descriptor.counted > 0
-        counted, usual = self.machine.descriptor.counted, self.machine.descriptor.activity.usual
-        threshold = counted << (ACTIVITY_BITS + PAUSE_SHIFT)
+        found["pause_with_events"] += paused and self.machine.counted > 0
+        counted, usual = self.machine.counted, self.machine.kept.mean_activity
+        threshold = counted << (ACTIVITY_BITS + 4)
         found["pause_at_threshold"] += counted > 0 and usual == threshold + 1
         found["pause_by_two"] += counted > 0 and usual == threshold + 2
         found["pause_by_eight_events"] += counted > 0 and (
@@ -335,7 +335,7 @@ class FilterCoverage:
         found["long_pause"] += paused and self._paused
         self._paused = paused
         found["events_above_16_bits"] += counted > 0xFFFF
-        predictions = model.predictions(window.activity)
+        predictions = self.machine.predictions(window.activity)
         limit = design.restart << FRACTION_BITS
         self._restarted = (
             paused
@@ -353,25 +353,23 @@ class FilterCoverage:
         found["several_blocks"] += design.places > 32 and not design.keep_distances
         found["kept_distances"] += design.keep_distances
         found["spread_of_nothing"] += design.places > 1 and len(set(distances)) == 1
-        scale = model.reciprocal or reciprocal_of_spread(distances)
-        least, weight = min(distances), weight_of(window.activity)
+        one = 1 << RECIPROCAL_BITS
+        scale = self.machine.kept.filter.reciprocal or one // spread_of(distances)
+        least = min(distances)
         found["spread_of_one"] += (
-            scale == 1 << RECIPROCAL_BITS
-            and not first
-            and max(distances) > least
-            and design.words == 2
+            scale == one and not first and max(distances) > least and design.words == 2
         )
-        for distance, predicted in zip(distances, predictions, strict=True):
-            against = evidence(distance - least, scale, weight)
+        against = evidence_of(distances, scale, weight_of(window.activity))
+        for distance, predicted, evidence in zip(distances, predictions, against, strict=True):
             found["evidence_saturated"] += (distance - least) * scale >> 14 > EVIDENCE_TOP
-            found["metric_saturated"] += predicted + against > METRIC_TOP
+            found["metric_saturated"] += predicted + evidence > METRIC_TOP
 
     def _see_costs(self, activity: int) -> None:
         """Count the rows of the costs of a window's steps, and the activities of places."""
         found, rows = self.found, len(ACTIVITY_COSTS)
         half = "half_" if self.machine.design.activity_costs == 2 else ""
         for own in self.machine.memories.place_activity:
-            row = row_of_costs(activity - own)
+            row = row_of(activity - own)
             beyond = ((activity - own + 4) >> 3) + SAME_ROW
             found[f"{half}costs_{row}"] += 1
             found["costs_below"] += beyond < 0
@@ -403,33 +401,33 @@ class FilterCoverage:
 
     def _see_trust(self, match: MatchResult) -> None:
         """Count the corners of the trust in a match, and keep its residual."""
-        found, model = self.found, self.machine.place_filter
-        residuals = self._residuals = (model.residual, *self._residuals[:2])
+        found, after = self.found, self.machine.kept.filter
+        residuals = self._residuals = (after.residuals[0], *self._residuals[:2])
         worst = max(residuals)
         if match.second_sum is not None:
             found["margin_limited"] += match.second_sum - match.sum > MARGIN_TOP
-        found["residual_limited"] += residuals[0] == RESIDUAL_TOP and model.support > 0
-        found["trust_of_nothing"] += model.support < worst << TRUST_BITS
+        found["residual_limited"] += residuals[0] == RESIDUAL_TOP and after.support > 0
+        found["trust_of_nothing"] += after.support < worst << TRUST_BITS
         for name, residual in zip(_OF_RESIDUALS, residuals, strict=True):
             found[name] += (
                 match.trust != 0 and residuals.count(worst) == 1 and residual == worst > 0
             )
 
     def _see_means(self, window: WindowResult) -> None:
-        descriptor, found = self.machine.descriptor, self.found
-        mean, top, shift = descriptor.mean, self.machine.design.code_max, descriptor.mean.shift
-        levels = descriptor.entries()
-        window_mean, differences = mean.window_mean(levels), mean.differences(levels)
+        found, kept, levels = self.found, self.machine.kept, self.machine.entries()
+        shift, differences, shared = mean_shift(kept.moves), differences_of(levels, kept.means), 0
+        half = 1 << (self.machine.design.code_bits - 1)
         if self.machine.design.contrast:
-            exact = window_mean * len(levels)
-            found["window_mean_below_nothing"] += window_mean < 0
+            shared = window_mean(differences)
+            exact = shared * len(levels)
+            found["window_mean_below_nothing"] += shared < 0
             found["window_mean_rounded_up"] += exact > sum(differences)
             found["window_mean_rounded_down"] += exact < sum(differences)
         for slot, level in enumerate(levels):
-            octaves = (differences[slot] - window_mean + (1 << (LEVEL_BITS - 1))) >> LEVEL_BITS
-            found["code_at_the_bottom"] += octaves + (top + 1) // 2 < 0
-            found["code_at_the_top"] += octaves + (top + 1) // 2 > top
-            difference = (level << MEAN_BITS) - mean.total[slot]
+            octaves = (differences[slot] - shared + (1 << (LEVEL_BITS - 1))) >> LEVEL_BITS
+            found["code_at_the_bottom"] += octaves + half < 0
+            found["code_at_the_top"] += octaves + half >= 2 * half
+            difference = (level << MEAN_BITS) - kept.means[slot]
             if window.paused:
                 found["mean_held"] += difference != 0
                 continue
@@ -437,4 +435,4 @@ class FilterCoverage:
             found["mean_falls_by_part"] += part and difference < 0
             found["mean_rises_by_part"] += part and difference > 0
         if not window.paused:
-            found[f"mean_shift_{min(shift, LAST_SHIFT)}"] += 1
+            found[f"mean_shift_{shift}"] += 1

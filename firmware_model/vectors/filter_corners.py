@@ -9,10 +9,15 @@ from itertools import product
 
 import numpy as np
 
-from firmware_model.model.comparator import row_of_costs, weight_of
-from firmware_model.model.descriptor import PAUSE_SHIFT, ActivityModel
-from firmware_model.model.design import ACTIVITY_BITS, TRUST_TOP, Design
-from firmware_model.model.memories import Memories
+from firmware_model.design import ACTIVITY_BITS, TRUST_TOP, Design
+from firmware_model.memories import Memories
+from firmware_model.specification import (
+    activity_of,
+    is_pause,
+    mean_activity_after,
+    row_of,
+    weight_of,
+)
 from firmware_model.vectors.case import Case, Stream, choose_pixels
 from firmware_model.vectors.corners import adaptive_event_cases
 from fixedpoint.activity import EVENTS_TOP
@@ -225,7 +230,7 @@ def _limits(design: Design) -> list[Case]:
     first = counts_at(design, 0)[1]
     if design.window == "count":
         first = max(counts_at(design, place)[1] for place in every)
-    at_first = min(first << (ACTIVITY_BITS + PAUSE_SHIFT), 0x7FFF_FEFF)
+    at_first = min(first << (ACTIVITY_BITS + 4), 0x7FFF_FEFF)
     return [
         drive("pause_at_threshold", design, every, None, at),
         drive("busy_at_threshold", design, every, None, at - 1),
@@ -250,10 +255,10 @@ def _activity_at_limit(design: Design, window: int, above: int = 1) -> int:
         events = [max(events)] * len(events)
 
     def pauses(start: int) -> bool:
-        activity = ActivityModel(start)
+        usual = start
         for number in events[:window]:
-            activity.update(number)
-        return activity.usual >= (events[window] << (ACTIVITY_BITS + PAUSE_SHIFT)) + above
+            usual = mean_activity_after(usual, number)
+        return is_pause(events[window], usual - above + 1)
 
     return bisect_left(range(EVENTS_TOP << ACTIVITY_BITS), True, key=pauses)
 
@@ -374,11 +379,11 @@ def _numbers(name: str, memories: Memories, shown: Sequence[int]) -> Case:
 
 def _weights_of_far_places(design: Design) -> Case:
     """Show the place apart in windows of many weights; the others have the most evidence."""
-    usual, shown = ActivityModel(_APART_EVENTS << ACTIVITY_BITS), []
+    usual, shown = _APART_EVENTS << ACTIVITY_BITS, []
     for weight in (8, 3, 8, 4, 5, 6, 7, 8):
         numbers = range(_APART_COUNT, 4 * _APART_EVENTS)
-        shown.append(next(n for n in numbers if weight_of(usual.relative(n)) == weight))
-        usual.update(shown[-1])
+        shown.append(next(n for n in numbers if weight_of(activity_of(n, usual)) == weight))
+        usual = mean_activity_after(usual, shown[-1])
     # a place may cost more than 8 bits hold
     memories = _place_apart(replace(design, exclusion=4, restart=254), 0, {})
     return _numbers("weights_of_far_places", memories, shown)
@@ -418,18 +423,18 @@ def _tabulated_costs(design: Design) -> list[Case]:
         for name, rows, activity in (("low", range(9), -22), ("high", range(8, 17), -84)):
             apart = {_APART: 0} | {_APART + step: activity for step in reached}
             memories = _place_apart(replace(design, exclusion=zone), 127, apart)
-            usual, shown = ActivityModel(memories.activity), []
+            usual, shown = memories.activity, []
             for row, which in product(rows, (0, -1)):
-                shown.append(max(_APART_COUNT, usual.usual >> (ACTIVITY_BITS + 2)))
-                usual.update(shown[-1])
+                shown.append(max(_APART_COUNT, usual >> (ACTIVITY_BITS + 2)))
+                usual = mean_activity_after(usual, shown[-1])
                 fitting = [
                     events
                     for events in range(1, _APART_COUNT)
-                    if row_of_costs(usual.relative(events) - activity) == row
-                    and weight_of(usual.relative(events)) == 0
+                    if row_of(activity_of(events, usual) - activity) == row
+                    and weight_of(activity_of(events, usual)) == 0
                 ]
                 shown.append(fitting[which])
-                usual.update(shown[-1])
+                usual = mean_activity_after(usual, shown[-1])
             cases.append(_numbers(f"{half}costs_of_{zone + 1}_places_{name}", memories, shown))
     return cases
 

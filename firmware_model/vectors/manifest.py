@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+from firmware_model.design import Design
 from firmware_model.errors import DesignError, VectorError
-from firmware_model.model.design import Design
 
 T = TypeVar("T")
 

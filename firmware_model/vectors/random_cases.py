@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from firmware_model.model.descriptor import Event
-from firmware_model.model.design import Design
-from firmware_model.model.memories import Memories
+from firmware_model.design import Design
+from firmware_model.memories import Memories
+from firmware_model.specification import Event
 from firmware_model.vectors.case import Case, window_codes
 
 #: number of events of one stream

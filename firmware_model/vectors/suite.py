@@ -14,14 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from firmware_model.design import Design, widths_of
 from firmware_model.errors import DesignError, VectorError
 from firmware_model.hardware.parameters import PACKAGE, package
 from firmware_model.hardware.sources import SIMULATED, copy_sources
 from firmware_model.image import image, kept_bytes, ram_bytes
-from firmware_model.model.comparator import MatchResult
-from firmware_model.model.design import Design, widths_of
-from firmware_model.model.machine import Trace, WindowState
-from firmware_model.model.memories import Codes, Memories
+from firmware_model.memories import Codes, Memories
+from firmware_model.specification import MatchResult, Trace, WindowState
 from firmware_model.vectors import formats
 from firmware_model.vectors.case import NONE, Case, in_order, records, to_binary
 from firmware_model.vectors.corners import corner_cases

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from firmware_model.errors import VectorError
-from firmware_model.model.comparator import MatchResult
+from firmware_model.specification import MatchResult
 from firmware_model.vectors.case import KINDS, NONE, Record, from_binary
 from firmware_model.vectors.manifest import load_manifest, read_case_file
 

@@ -30,11 +30,11 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from firmware_model.design import FRACTION_BITS, MAX_COST, Design
 from firmware_model.emulation.build import SOURCES
 from firmware_model.errors import ToolError
 from firmware_model.image import HEADER_WORDS, TABLES, Word, image, ram_arrays, step_costs
-from firmware_model.model.design import FRACTION_BITS, MAX_COST, Design
-from firmware_model.model.memories import Memories
+from firmware_model.memories import Memories
 from firmware_model.vectors.case import choose_pixels
 
 _DESIGN = Design(

@@ -33,11 +33,11 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
+from firmware_model.design import Design
 from firmware_model.errors import ToolError, VectorError
 from firmware_model.hardware import simulation, sources
 from firmware_model.hardware.parameters import PACKAGE
 from firmware_model.hardware.simulation import Conditions
-from firmware_model.model.design import Design
 from firmware_model.vectors.formats import csv_text
 from firmware_model.vectors.manifest import MANIFEST
 from firmware_model.vectors.random_cases import random_cases

@@ -7,13 +7,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
+from firmware_model.design import Design
 from firmware_model.errors import DesignError, VectorError
 from firmware_model.image import ALIGNMENT, HEADER_WORDS, TABLES, Word, image, ram_bytes
-from firmware_model.model.comparator import MatchResult
-from firmware_model.model.descriptor import WindowResult
-from firmware_model.model.design import Design
-from firmware_model.model.machine import Machine
-from firmware_model.model.memories import Memories
+from firmware_model.memories import Memories
+from firmware_model.specification import Machine, MatchResult, WindowResult
 from firmware_model.vectors.case import Case, in_order, records, to_binary
 
 # Drafts of images, whose header and tables can be changed before they are packed.
@@ -580,16 +578,16 @@ class LongWindow(NamedTuple):
             If the repeated events would end a window by their number.
         """
         machine, (first, *_) = Machine(self.case.memories, self.case.start), self.case.events
-        design, descriptor = self.case.design, machine.descriptor
+        design = self.case.design
         if design.window == "count" and design.window_events <= self.repeats:
             raise VectorError(f"{self.repeats} events: the window ends with {design.window_events}")
-        slot = descriptor.slot(first)
+        slot = machine.slot(first)
         if slot is None:
             raise VectorError("the first event is at a pixel that is not selected")
         results = list(machine.take(first))
         # what the further events would do, at once
-        descriptor.counts[slot] = min(self.repeats, design.count_max)
-        descriptor.counted = descriptor.events = self.repeats
+        machine.counts[slot] = min(self.repeats, design.count_max)
+        machine.counted = machine.events = self.repeats
         results += [result for event in self.case.events for result in machine.take(event)]
         shown = [result for result in results if isinstance(result, (WindowResult, MatchResult))]
         return to_binary(records(shown))

@@ -6,8 +6,8 @@ from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from firmware_model.model.descriptor import ACTIVITY_SHIFT
-from firmware_model.model.design import ACTIVITY_BITS, Design, ilog
+from firmware_model.design import ACTIVITY_BITS, Design
+from firmware_model.specification import ilog
 from firmware_model.vectors.case import Case, Stream
 from firmware_model.vectors.filter_corners import evidence_cases, long_window
 from firmware_model.verification.images import LongWindow
@@ -106,7 +106,7 @@ def _logarithms(design: Design) -> list[LongWindow]:
         (EVENTS_TOP + 2, least[1], 14),
     ):
         # before the empty window, behind which it is less by 1/64
-        activity = -(-(usual << ACTIVITY_BITS + ACTIVITY_SHIFT) // ((1 << ACTIVITY_SHIFT) - 1))
+        activity = -(-(usual << ACTIVITY_BITS) * 64 // 63)
         # the row of this activity is the last that has its cost of staying
         case = stream.case("", [[0] * design.slots], activity=activity, place_activity=[edge + 21])
         found.append(LongWindow(case, events))

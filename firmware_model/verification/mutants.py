@@ -20,9 +20,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Literal, cast, get_args
 
+from firmware_model.design import Design
 from firmware_model.emulation.build import SOURCES
 from firmware_model.errors import ToolError
-from firmware_model.model.design import Design
 from firmware_model.vectors.corners import corner_cases
 from firmware_model.vectors.filter_corners import filter_cases
 from firmware_model.verification.images import bundle, image_cases

@@ -2,22 +2,53 @@
 
 from __future__ import annotations
 
-import naive
 import numpy as np
 import pytest
+from filter_oracle import level_of
 from hypothesis import given
 from hypothesis import strategies as st
 from streams import descriptors
 
 from edge_vpr.descriptors.codes import encode_own, encode_running
 from edge_vpr.descriptors.windows import find_pauses
+from firmware_model.specification import (
+    differences_of,
+    mean_shift,
+    means_after,
+    own_mean_code,
+    window_mean,
+)
+from firmware_model.specification_drive import drive_codes
 from fixedpoint.errors import FixedPointError
 from fixedpoint.own_mean import OwnMeanCode, RunningMean, mean_level
 
 
+def codes_of(counts, means, bits, full_scale, contrast):
+    """Codes of the specification; means are in units of 1/65,536 octave."""
+    differences = differences_of([level_of(min(c, full_scale)) for c in counts], means)
+    shared = window_mean(differences) if contrast else 0
+    return [own_mean_code(one - shared, bits) for one in differences]
+
+
+def means_before(levels, mean):
+    """Means of all counters before each window, and after the last; `levels` are by counter."""
+    means = [[256 * one for one in mean]]
+    for w, row in enumerate(zip(*levels, strict=True)):
+        means.append(means_after(means[-1], row, mean_shift(w)))
+    return means
+
+
+def rounded(means):
+    return [[(mean + 128) >> 8 << 8 for mean in row] for row in means]
+
+
 def test_the_table_of_logarithms_is_exact():
     code = OwnMeanCode(full_scale=3000)
-    assert code.levels.tolist() == [naive.log_level(count) for count in range(3001)]
+    for count, level in enumerate(code.levels.tolist()):
+        assert level == level_of(count)
+        # the nearest, from the middle up
+        assert level == 0 or 2 ** (2 * level - 1) <= (1 + count) ** 512
+        assert (1 + count) ** 512 < 2 ** (2 * level + 1)
 
 
 @given(
@@ -33,8 +64,7 @@ def test_codes_equal_the_oracle(seed, counters, bits, full_scale, contrast):
     means = rng.integers(-300, 3000, counters)
     found = OwnMeanCode(bits, full_scale, contrast).encode(counts, means)
     assert found.tolist() == [
-        naive.own_mean_codes(row, means.tolist(), bits, full_scale, contrast)
-        for row in counts.tolist()
+        codes_of(row, (256 * means).tolist(), bits, full_scale, contrast) for row in counts.tolist()
     ]
     assert found.max() < 2**bits
 
@@ -58,7 +88,8 @@ def test_the_running_mean_equals_the_oracle(levels, mean):
     for level in levels:
         found.append(int(running.mean[0]))
         running.update(np.array([level]))
-    assert [*found, int(running.mean[0])] == naive.running_means(levels, mean)
+    expected = means_before([levels], [mean])
+    assert [[256 * one] for one in (*found, int(running.mean[0]))] == rounded(expected)
     assert min([mean, *levels]) - 1 <= running.mean[0] <= max([mean, *levels]) + 1
 
 
@@ -68,14 +99,9 @@ def test_a_recorded_drive_is_coded_against_its_own_mean(seed, windows, contrast)
     counts = rng.integers(0, 300, (windows, 4)) * (rng.random((windows, 1)) > 0.2)
     code, usual = OwnMeanCode(contrast=contrast), 256 * 200
     paused = find_pauses(counts.sum(axis=1), usual)
-    moving = [row for row, pause in zip(counts.tolist(), paused, strict=True) if not pause]
-    moving = moving or counts.tolist()
     own = encode_own(descriptors(counts), code, usual)
-    means = []
-    for j in range(4):
-        levels = [naive.log_level(row[j]) for row in moving]
-        means.append((2 * sum(levels) + len(levels)) // (2 * len(levels)))
-    expected = [naive.own_mean_codes(row, means, 3, 1023, contrast) for row in counts.tolist()]
+    levels = [list(map(level_of, row)) for row in counts.tolist()]
+    expected = drive_codes(levels, paused.tolist(), 3, contrast)
     assert own.counts.tolist() == expected
     assert own.selected.tolist() == counts.sum(axis=1).tolist()
 
@@ -91,10 +117,10 @@ def test_a_robot_codes_each_window_by_what_came_before_it(seed, windows, cut, co
     counts = rng.integers(0, 300, (windows, 3))
     mean, code = np.array([500, 900, 0], np.int32), OwnMeanCode(contrast=contrast)
     found = encode_running(descriptors(counts), code, mean, 0).counts
-    levels = [[naive.log_level(c) for c in column] for column in counts.T.tolist()]
-    means = [naive.running_means(of, int(mean[j])) for j, of in enumerate(levels)]
-    for row, coded, *now in zip(counts.tolist(), found.tolist(), *means, strict=False):
-        assert coded == naive.own_mean_codes(row, now, 3, 1023, contrast)
+    levels = [[level_of(c) for c in column] for column in counts.T.tolist()]
+    means = means_before(levels, mean.tolist())
+    for row, coded, now in zip(counts.tolist(), found.tolist(), means, strict=False):
+        assert coded == codes_of(row, now, 3, 1023, contrast)
     # later windows change no earlier code
     first = encode_running(descriptors(counts[: max(cut, 1)]), code, mean, 0).counts
     assert np.array_equal(first, found[: len(first)])

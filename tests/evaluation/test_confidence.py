@@ -48,6 +48,7 @@ from edge_vpr.online.localiser import Localiser, filter_state
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import MOST_DELAY, PRESETS, SETTING_FIELDS, Settings
+from firmware_model.specification_drive import confidence_of
 
 SENSOR = Sensor(16, 12)
 outcomes = st.lists(st.tuples(st.integers(0, 8), st.booleans()), min_size=1, max_size=60)
@@ -509,7 +510,7 @@ def test_a_table_of_an_earlier_rule_of_trust_is_not_used(tmp_path, monkeypatch, 
 @given(trust=st.integers(0, 2**31), misfit=st.integers(-1, 1_000))
 def test_net_trust_is_that_of_the_oracle(trust, misfit):
     found = net_trust(np.array([trust]), np.array([misfit]))
-    assert found.tolist() == [naive.net_trust(trust, misfit)]
+    assert found.tolist() == [confidence_of(trust, misfit)]
 
 
 def test_a_state_that_was_saved_without_a_misfit_begins_with_that_of_a_usual_drive():

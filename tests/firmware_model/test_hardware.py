@@ -18,6 +18,7 @@ import pytest
 from edge_vpr_tools.cli import main
 
 from firmware_model import Design, ToolError, VectorError, cost
+from firmware_model.design import MARGIN_TOP, RESIDUAL_TOP, formats_of
 from firmware_model.hardware import (
     parameters as boards,
 )
@@ -38,9 +39,14 @@ from firmware_model.hardware.parameters import (
     tables,
 )
 from firmware_model.hardware.simulation import Conditions
-from firmware_model.model.comparator import row_of_costs
-from firmware_model.model.descriptor import ActivityModel, Event
-from firmware_model.model.design import MARGIN_TOP, RESIDUAL_TOP, formats_of, ilog
+from firmware_model.specification import (
+    Event,
+    activity_of,
+    ilog,
+    is_pause,
+    mean_activity_after,
+    row_of,
+)
 from firmware_model.vectors import (
     check_files,
     load_manifest,
@@ -1007,13 +1013,6 @@ def simulated(tmp_path, bench, units, **values):
     return [[int(word) for word in line] for line in lines]
 
 
-def usual_after(usual, events):
-    """The usual number behind a window of so many events."""
-    model = ActivityModel(usual)
-    model.update(events)
-    return model.usual
-
-
 @needs_iverilog
 def test_the_activity_is_that_of_the_model_though_the_number_of_events_saturates(tmp_path):
     """At 63, in a unit of 6 bits, by one event too many up to nearly eight times as many."""
@@ -1025,8 +1024,8 @@ def test_the_activity_is_that_of_the_model_though_the_number_of_events_saturates
     ]  # fmt: skip
     # or the second one is, behind one with an event that moves the usual number there
     for usual, second in ((1 << 12, 1), (2 << 12, 2), (3 << 12, 3)):
-        start = bisect_left(range(1 << 14), usual, key=lambda n: usual_after(n, 1))
-        assert usual_after(start, 1) == usual
+        start = bisect_left(range(1 << 14), usual, key=lambda n: mean_activity_after(n, 1))
+        assert mean_activity_after(start, 1) == usual
         cases.append((start, [1, second]))
     for start, first in cases:
         events = rng.choice([0, 1, 2, 3, 4, 5, 6, 7, 40, 62, 63, 64, 65, 127, 128, 300, 500], 120)
@@ -1038,12 +1037,12 @@ def test_the_activity_is_that_of_the_model_though_the_number_of_events_saturates
         units = ("vpr_rom.sv", "vpr_logarithm.sv", "vpr_activity.sv")
         small = {"WINDOW_EVENTS_BITS": 6, "FILTER": 1}
         returned_lines = simulated(tmp_path, text, units, **small)
-        model, expected = ActivityModel(start), []
+        usual, expected = start, []
         for counted in events.tolist():
             number = min(counted, 63)
-            pauses, relative = int(model.pauses(number)), model.relative(number)
-            model.update(number)
-            expected.append([pauses, model.usual, relative, 10 * 15 + 3])
+            pauses, relative = int(is_pause(number, usual)), activity_of(number, usual)
+            usual = mean_activity_after(usual, number)
+            expected.append([pauses, usual, relative, 10 * 15 + 3])
         assert returned_lines == expected
         assert {pauses for pauses, *_ in expected} == {0, 1}
 
@@ -1134,9 +1133,9 @@ def test_step_costs_are_those_of_the_models_table(tmp_path, table, restart):
     found = simulated(tmp_path, COSTS_BENCH.replace("STEPS", str(steps)), units, **values)
     assert len(found) == 16 * 737
     for place, window, *costs in found:
-        row = table[row_of_costs(window - place)]
+        row = table[row_of(window - place)]
         assert costs == [min(cost, restart) for cost in row]
-    assert {row_of_costs(window - place) for place, window, *_ in found} == set(range(17))
+    assert {row_of(window - place) for place, window, *_ in found} == set(range(17))
 
 
 @needs_iverilog

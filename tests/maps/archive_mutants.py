@@ -39,8 +39,8 @@ from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings, resolve_settings
+from firmware_model.design import Design
 from firmware_model.errors import DesignError
-from firmware_model.model.design import Design
 
 SENSOR = Sensor(6, 5)
 PIXELS = PixelMap(SENSOR, np.array([0, 5, 2, 1]), np.array([0, 4, 3, 0]))

@@ -23,6 +23,7 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
+from firmware_model.specification_drive import confidence_of
 
 Rows = list[list[int]]
 
@@ -91,7 +92,7 @@ def _query_codes(reference: ReferenceMap, counted: Rows) -> Rows:
     if settings.query_mean == "running" or (settings.query_mean == "auto" and at_once):
         begin = filter_oracle.begin_of(reference)
         return filter_oracle.running_codes(reference, counted, begin)
-    return filter_oracle.drive_codes(reference, counted)
+    return filter_oracle.codes_of_drive(reference, counted)
 
 
 def _cannot_match(reference: ReferenceMap, queries: int) -> bool:
@@ -158,7 +159,7 @@ def _compare_judged(reference: ReferenceMap, found: Matches) -> None:
     table, wanted = _table(reference), reference.settings.precision
     columns = found.trust, found.misfit, found.probability, found.lost
     for trust, misfit, p, gone in zip(*(column.tolist() for column in columns), strict=True):
-        value = naive.net_trust(trust, misfit)
+        value = confidence_of(trust, misfit)
         if table is None:
             assert p != p and not gone
             continue

@@ -21,6 +21,7 @@ from edge_vpr.matching.distances import (
     distance_matrix,
     typical_distances,
 )
+from firmware_model import specification_drive
 
 SEEDS = st.integers(0, 2**32)
 # the ends of each width, and steps over them
@@ -233,4 +234,6 @@ def test_each_processor_gets_its_own_instructions(kernel_ir, triple, cpu, instru
 )
 def test_what_is_typical_of_a_place_is_that_of_the_oracle(seed, places, pixels, largest):
     drawn = np.random.default_rng(seed).integers(0, largest + 1, (places, pixels)).astype(np.uint32)
-    assert typical_distances(drawn).tolist() == naive.typical(drawn.tolist())
+    assert typical_distances(drawn).tolist() == specification_drive.typical_distances(
+        drawn.tolist()
+    )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 
-import naive
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
@@ -27,7 +26,8 @@ from edge_vpr.route import MOST_MM, Odometry, Route
 from edge_vpr.settings import Settings
 from edge_vpr.simulation.drive import wheel_odometry
 from firmware_model.errors import DesignError
-from firmware_model.model.comparator import PlaceFilterModel
+from firmware_model.specification import Machine, advance, judge, search
+from firmware_model.specification_drive import anchored
 
 
 def write(folder, text, name="file.csv"):
@@ -115,7 +115,7 @@ def test_what_counts_of_a_drive_is_what_the_oracle_says(seed, spacing):
     found = [
         mm if is_known else None for mm, is_known in zip(travelled.tolist(), known, strict=True)
     ]
-    assert found == naive.counted_distances([0, spacing], driven)
+    assert found == anchored(driven, spacing)
     assert every.tolist() == [mm or 0 for mm in driven]
 
 
@@ -262,7 +262,7 @@ def test_fixed_costs_at_half_windows_follow_as_far_on_a_device():
     half = map_of_places(np.ones((40, len(PIXELS)), dtype=np.int64), places_per_window=2)
     fixed = half.matched_with(half.settings.replaced({"filter_steps": (1, 0)}, "test"))
     design, settings = design_of(fixed), fixed.settings
-    device = PlaceFilterModel(memories_of(fixed, design))
+    device = Machine(memories_of(fixed, design))
     costs, exclusion = TransitionCosts.of(settings), settings.exclusion_places
     ours = PlaceFilter(Transitions(40, costs, exclusion=exclusion))
     rng, places, followed = np.random.default_rng(4), [], []
@@ -270,12 +270,17 @@ def test_fixed_costs_at_half_windows_follow_as_far_on_a_device():
         distances = rng.integers(200, 230, 40).astype(np.int32)
         distances[place] = 0
         expected = ours.update(distances, 10)
-        found = device.match(window, 0, False, distances.tolist)
-        assert (found.place, found.sum, found.trust) == (
+        predicted = device.predictions(0)
+        advanced, evidence = advance(device.kept.filter, predicted, distances.tolist(), 8)
+        found = search(advanced.metrics, design.exclusion)
+        follows = window > 0 and 0 <= found.place - places[-1] <= costs.last
+        after, trust = judge(advanced, found, evidence[found.place], follows)
+        device.kept = replace(device.kept, filter=after)
+        assert (found.place, found.sum, trust.trust) == (
             expected.place, expected.metric, expected.trust,
         )  # fmt: skip
         places.append(found.place)
-        followed.append(device.kept > 0)
+        followed.append(trust.kept > 0)
     far = [b - a in (3, 4) for a, b in pairwise(places)]
     assert sum(far) > 5 and sum(np.array(far) & followed[1:]) > 5
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import naive
 import numpy as np
 import pytest
+from filter_oracle import costs_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import descriptors
@@ -26,7 +26,15 @@ from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.place_filter import METRIC_TOP, PlaceFilter, TransitionCosts, Transitions
 from edge_vpr.route import MOST_MM, Odometry
 from edge_vpr.settings import PRESETS, Settings
-from fixedpoint.activity import COSTS_BY_ACTIVITY, LOG_TOP, activity_costs
+from firmware_model import specification
+from firmware_model.specification import distance, ilog
+from firmware_model.specification_drive import (
+    Drive,
+    running_misfits,
+    smoothed_misfits,
+    typical_distances,
+)
+from fixedpoint.activity import COSTS_BY_ACTIVITY, EVENTS_TOP, LOG_TOP, activity_costs
 
 costs = st.builds(
     TransitionCosts,
@@ -59,52 +67,45 @@ def test_metrics_matches_and_trust_equal_the_oracle(
     distances = rng.integers(0, largest + 1, (windows, places))
     events = rng.choice(EVENTS, windows)
     pairs = random_jumps(rng, places, jumps)
-    along, travelled = random_distances(rng, places, windows, spacing)
+    along, driven = random_distances(rng, places, windows, spacing)
     seen = rng.integers(-128, 128, places).astype(np.int32)
     typical = rng.integers(-largest, largest + 1, places)
     transitions = Transitions(places, steps, seen, pairs, along, typical, exclusion)
     found = PlaceFilter(transitions, mean_activity)
-    driven = [mm and int(rng.integers(-spacing, 4 * spacing)) for mm in travelled]
-    weights = []
-    if along is not None:  # before the first window, there is no place to go on from
-        weights = naive.weights_by_distance(
-            along.tolist(), [None, *driven[1:]], steps.places_per_window
-        )
-    matched, misfits = [], []
-    expected = naive.place_filter(
-        distances.tolist(), events.tolist(), steps.forward, steps.back, steps.restart,
-        exclusion, mean_activity, jumps=pairs.tolist(),
-        along=[] if along is None else along.tolist(), travelled=travelled, places=seen.tolist(),
-        per_window=steps.places_per_window, weights=weights,
+    along_of = [] if along is None else along.tolist()
+    # before the first window, there is no place to go on from
+    page = Drive(
+        costs_of(steps), exclusion, distances.tolist(), events.tolist(), mean_activity,
+        seen.tolist(), per_window=steps.places_per_window, jumps=pairs.tolist(), along=along_of,
+        driven=[None, *driven[1:]],
     )  # fmt: skip
-    for row, count, distance, mm, (metric, best, second, trust) in zip(
-        distances, events, travelled, driven, expected, strict=True
-    ):
-        if distance is not None:
-            found.predict_travelled(distance, mm)
+    counted_mm = [driven[0], *page.driven[1:]]
+    matches = page.delayed()
+    misfits = running_misfits(page.misfits([m.place for m in matches], typical.tolist()))
+    for w, (row, count, expected) in enumerate(zip(distances, events, matches, strict=True)):
+        if driven[w] is not None:
+            found.predict_travelled(counted_mm[w], driven[w])
         found.match(row, int(rng.choice(EVENTS)))  # fewer events so far, or more
         before = found.match(row, int(count))
         match = found.update(row, int(count))
         assert before == match  # asking changes nothing
-        assert found.state.metric.tolist() == metric
-        assert (match.place, match.second, match.trust) == (best, second, trust)
-        assert match.ties == metric.count(metric[best]) - 1
-        assert max(metric) <= METRIC_TOP
-        matched.append(match.place)
-        misfits.append(match.misfit)
-    given = distances.tolist(), events.tolist(), mean_activity, matched, typical.tolist()
-    assert misfits == naive.misfit(naive.misfits_of_windows(*given, weights))
+        assert found.state.metric.tolist() == page.metrics[w]
+        assert (match.place, match.second, match.trust) == (
+            expected.place, -1 if expected.second is None else expected.second, expected.trust,
+        )  # fmt: skip
+        assert (match.ties, match.misfit) == (expected.ties, misfits[w])
+        assert max(page.metrics[w]) <= METRIC_TOP
 
 
 def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
     distances = np.array([[0, 10**6, 0, 0], [9, 5, 40, 7], [9, 5, 40, 7]])
     found = PlaceFilter(Transitions(4, TransitionCosts()))
-    expected = naive.place_filter(distances.tolist(), [50] * 3, None, (), 16, 3, 0)
-    for row, (metric, best, _, trust) in zip(distances, expected, strict=True):
+    page = Drive(costs_of(TransitionCosts()), 3, distances.tolist(), [50] * 3, 0, [0] * 4)
+    for row, metric, expected in zip(distances, page.metrics, page.delayed(), strict=True):
         match = found.update(row, 50)
         assert found.state.metric.tolist() == metric
-        assert (match.place, match.trust) == (best, trust)
-    assert len(set(expected[1][0])) > 1  # evidence counted, though the window before had none
+        assert (match.place, match.trust) == (expected.place, expected.trust)
+    assert len(set(page.metrics[1])) > 1  # evidence counted, though the window before had none
 
 
 @given(
@@ -127,11 +128,10 @@ def test_a_smoothed_drive_has_the_cost_of_the_best_path_through_each_place(
     events = rng.choice(EVENTS, windows)
     pairs = random_jumps(rng, places, jumps)
     along, travelled = random_distances(rng, places, windows, spacing)
-    odometry, weights = None if along is None else readings(travelled), []
-    if odometry is not None:
+    odometry, driven = None, [None] * windows
+    if along is not None:
+        odometry = readings(travelled)
         driven = [None, *np.diff(odometry.distance_mm).tolist()]
-        travelled = naive.counted_distances(along.tolist(), driven)
-        weights = naive.weights_by_distance(along.tolist(), driven, steps.places_per_window)
     chosen = Settings(
         matching="filter", pixels=3, smooth=delay is None, delay=delay or 0,
         filter_steps=steps.forward, filter_back=steps.back, filter_restart=steps.restart,
@@ -141,37 +141,27 @@ def test_a_smoothed_drive_has_the_cost_of_the_best_path_through_each_place(
     found = match_descriptors(
         mapped, counted, chosen, jumps=pairs, along_mm=along, odometry=odometry
     )
-    distances = [[naive.sad(p, q) for p in reference.tolist()] for q in queries.tolist()]
     number = steps.places_per_window
-    of_places = place_activity(mapped.selected_events, number).tolist()
-    mean_activity = activity_of_drive(mapped.selected_events[::number])
-    along_of = [] if along is None else along.tolist()
-
-    def smoothed(known):
-        """Smooth the drive as far as it is known."""
-        return naive.smoothed_filter(
-            distances[:known], events[:known].tolist(), steps.forward, steps.back,
-            steps.restart, mean_activity, pairs.tolist(), along_of, travelled[:known],
-            of_places, number, weights[:known],
+    page = Drive(
+        costs_of(steps), number,
+        [[distance(p, q) for p in reference.tolist()] for q in queries.tolist()],
+        events.tolist(), activity_of_drive(mapped.selected_events[::number]),
+        place_activity(mapped.selected_events, number).tolist(), per_window=number,
+        jumps=pairs.tolist(), along=[] if along is None else along.tolist(), driven=driven,
+    )  # fmt: skip
+    expected = page.smoothed() if delay is None else page.delayed(delay)
+    for w, match in enumerate(expected):
+        second = -1 if match.second is None else match.second
+        assert (found.place[w], found.second[w], found.ties[w]) == (
+            match.place, second, match.ties,
         )  # fmt: skip
-
-    expected, follow, evidence = smoothed(windows)
-    if delay is not None:
-        expected = [smoothed(j + delay + 1)[0][j] for j in range(windows)]
-    margins = []
-    for j, metric in enumerate(expected):
-        best, second, ties = naive.best_and_second(metric, number)
-        assert (found.place[j], found.second[j], found.ties[j]) == (best, second, ties)
-        assert found.distance_sum[j] == metric[best]
-        margins.append(metric[second] - metric[best] if second >= 0 else METRIC_TOP)
+        assert (found.distance_sum[w], found.trust[w]) == (match.sum, match.trust)
+        metric = page.whole(w, windows - 1 if delay is None else min(w + delay, windows - 1))
         nearest = sorted(range(places), key=lambda k: (metric[k], k))
-        assert found.candidates[j][: min(places, 25)].tolist() == nearest[:25]
-    trust = naive.smoothed_trust if delay is None else naive.delayed_trust
-    assert found.trust.tolist() == trust(found.place.tolist(), margins, follow, evidence)
-    misfit = naive.smoothed_misfit if delay is None else naive.misfit
-    given = distances, events.tolist(), mean_activity, found.place.tolist()
-    of_windows = naive.misfits_of_windows(*given, naive.typical(reference.tolist()), weights)
-    assert found.misfit.tolist() == misfit(of_windows)
+        assert found.candidates[w][: min(places, 25)].tolist() == nearest[:25]
+    misfits = smoothed_misfits if delay is None else running_misfits
+    of_windows = page.misfits(found.place.tolist(), typical_distances(reference.tolist()))
+    assert found.misfit.tolist() == misfits(of_windows)
 
 
 def readings(travelled):
@@ -376,17 +366,15 @@ def test_a_place_of_few_events_is_left_as_fast_with_few():
 
 @given(st.integers(0, 2**23 - 1) | st.integers(0, 400), st.integers(0, 256 * (2**23 - 1)))
 def test_the_activity_of_a_window_equals_the_oracle(events, usual):
-    assert log_activity(events) == naive.log_activity(events) <= LOG_TOP
-    assert activity_of(events, usual) == naive.activity(events, usual)
+    assert log_activity(events) == ilog(events) <= LOG_TOP
+    assert activity_of(events, usual) == specification.activity_of(events, usual)
     assert log_activity(2**23 - 1) == log_activity(2**40) == LOG_TOP
 
 
 @given(st.lists(st.integers(0, 2**24), min_size=1, max_size=20))
 def test_the_activity_of_a_place_is_a_byte(events):
     usual = min(256 * sum(events) // len(events), 256 * (2**23 - 1)) // 256
-    expected = [
-        min(max(naive.log_activity(n) - naive.log_activity(usual), -128), 127) for n in events
-    ]
+    expected = [min(max(ilog(min(n, EVENTS_TOP)) - ilog(usual), -128), 127) for n in events]
     assert place_activity(np.array(events)).tolist() == expected
     # of half windows, those that do not overlap make the usual number
     twice = np.repeat(events, 2)
@@ -397,8 +385,6 @@ def test_the_activity_of_a_place_is_a_byte(events):
 @pytest.mark.parametrize("number", COSTS_BY_ACTIVITY)
 def test_the_costs_by_activity_are_those_of_their_formula(number):
     assert activity_costs(number).tolist() == [list(row) for row in COSTS_BY_ACTIVITY[number]]
-    expected = [naive.step_costs(row, number) for row in range(17)]
-    assert expected == activity_costs(number).tolist()
 
 
 def test_a_pause_has_less_than_a_sixteenth_of_the_usual_events():
@@ -447,21 +433,20 @@ def test_matches_of_a_traverse_are_those_of_the_oracle(seed, places, queries):
     reference, query = rng.integers(0, 8, (places, 6)), rng.integers(0, 8, (queries, 6))
     chosen = replace(PRESETS["default"], smooth=False)
     found = match_descriptors(descriptors(reference), descriptors(query), chosen)
-    matrix = naive.distance_matrix(query.tolist(), reference.tolist())
-    expected = naive.place_filter(
-        matrix, query.sum(axis=1).tolist(), None, (), 16, 3,
-        256 * int(reference.sum()) // places,
-        places=place_activity(reference.sum(axis=1)).tolist(),
+    events = reference.sum(axis=1)
+    page = Drive(
+        costs_of(TransitionCosts()), 3,
+        [[distance(p, q) for p in reference.tolist()] for q in query.tolist()],
+        query.sum(axis=1).tolist(), 256 * int(reference.sum()) // places,
+        place_activity(events).tolist(),
     )  # fmt: skip
-    assert found.place.tolist() == [best for _, best, _, _ in expected]
-    assert found.distance_sum.tolist() == [metric[best] for metric, best, _, _ in expected]
-    assert found.trust.tolist() == [trust for *_, trust in expected]
-    of_windows = naive.misfits_of_windows(
-        matrix, query.sum(axis=1).tolist(), 256 * int(reference.sum()) // places,
-        found.place.tolist(), naive.typical(reference.tolist()),
-    )  # fmt: skip
-    assert found.misfit.tolist() == naive.misfit(of_windows)
+    expected = page.delayed()
+    assert found.place.tolist() == [match.place for match in expected]
+    assert found.distance_sum.tolist() == [match.sum for match in expected]
+    assert found.trust.tolist() == [match.trust for match in expected]
+    of_windows = page.misfits(found.place.tolist(), typical_distances(reference.tolist()))
+    assert found.misfit.tolist() == running_misfits(of_windows)
     assert found.query.tolist() == list(range(queries))
-    for i, (metric, *_) in enumerate(expected):
+    for i, metric in enumerate(page.metrics):
         nearest = sorted(range(places), key=lambda k: (metric[k], k))[:25]
         assert found.candidates[i][found.candidates[i] >= 0].tolist() == nearest

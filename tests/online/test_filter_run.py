@@ -8,7 +8,7 @@ from functools import partial
 import naive
 import numpy as np
 import pytest
-from filter_oracle import begin_of, forward_costs, place_activities, running_codes, zone_of
+from filter_oracle import begin_of, drive_of, row_of_match, running_codes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import config
@@ -24,6 +24,7 @@ from edge_vpr.online.localiser import KIND, Localiser, MatchSchedule, OdometryFe
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
+from firmware_model.specification_drive import running_misfits, typical_distances
 
 #: in plain Python, which takes a hundred times as long, the same properties with fewer draws
 EXAMPLES = 10 if config.DISABLE_JIT else 40
@@ -68,27 +69,13 @@ def oracle_after_each_event(reference, events):
         counted = [naive.lagged_counts(span, 0, 1, counters, 0, 10**9)[0] for span in spans]
         counted.append(naive.lagged_counts(selected, t + 1, 1, counters, tau, n)[0])
         coded = in_code(reference, counted)
-        distances = [[naive.sad(place, code) for place in places] for code in coded]
-        expected = naive.place_filter(
-            distances, list(map(sum, counted)), forward_costs(chosen), (), chosen.filter_restart,
-            zone_of(chosen), usual_of(reference), places=place_activities(reference),
-            per_window=chosen.places_per_window,
-        )  # fmt: skip
-        misfit = naive.misfit(
-            naive.misfits_of_windows(
-                distances, list(map(sum, counted)), usual_of(reference),
-                [one[1] for one in expected],
-                naive.typical(places),
-            )
-        )[-1]  # fmt: skip
-        metric, best, second, trust = expected[-1]
-        second_metric = metric[second] if second >= 0 else -1
-        rows.append((t, best, metric[best], second, second_metric, sum(counted[-1]), trust, misfit))
+        drive = drive_of(reference, coded, list(map(sum, counted)))
+        expected = drive.delayed()
+        of_windows = drive.misfits([one.place for one in expected], typical_distances(places))
+        *match, trust = row_of_match(expected[-1])
+        misfit = running_misfits(of_windows)[-1]
+        rows.append((t, *match, sum(counted[-1]), trust, misfit))
     return rows
-
-
-def usual_of(reference):
-    return begin_of(reference).mean_activity
 
 
 def in_code(reference, counted):

@@ -27,7 +27,7 @@ from edge_vpr.settings import resolve_settings
 from edge_vpr.simulation import simulate_pair
 from firmware_model import Design
 from firmware_model.image import image, kept_bytes, ram_bytes
-from firmware_model.model.comparator import MatchResult
+from firmware_model.specification import MatchResult
 from firmware_model.vectors import Case, in_order, records, to_binary
 from firmware_model.vectors.formats import case_header
 from firmware_model.vectors.random_cases import random_memories

@@ -11,7 +11,7 @@ from edge_vpr_tools.cli import main
 from edge_vpr_tools.estimate import core_area, targets
 from edge_vpr_tools.estimate.model import Mission, cost
 
-from firmware_model.model.design import Design
+from firmware_model.design import Design
 
 RATE = Mission(events_per_s=1e5, selected_share=0.01, matches_per_s=1)
 DOCUMENTED = core_area.FITTED_ON["sequences, 8 lanes"]

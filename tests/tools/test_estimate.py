@@ -1,4 +1,4 @@
-"""An estimate: counts as in a metered oracle, instructions as emulated, energy never invented."""
+"""An estimate: counts as in the specification, instructions as emulated, energy never invented."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ import argparse
 import csv
 import json
 import re
-from collections import Counter, deque
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 import pytest
-from designs import random_stream, wrapped
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands import estimate as estimate_arguments
 from edge_vpr_tools.commands.estimate import design_and_mission
@@ -39,15 +38,14 @@ from edge_vpr.matching.place_filter import TransitionCosts
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import to_json
 from edge_vpr.settings import PRESETS
-from firmware_model import Design, EventResult, Machine, WindowResult
+from firmware_model import Design
 from firmware_model.cost import memories
 from firmware_model.emulation.build import EMULATED, build
 from firmware_model.emulation.emulator import Emulator
 from firmware_model.emulation.instructions import DESIGN, FILTER, TABLE
 from firmware_model.image import image
-from firmware_model.model.comparator import DistanceModel, SearchModel
-from firmware_model.model.descriptor import DescriptorModel
-from firmware_model.model.memories import Lookup
+from firmware_model.specification import accepts, distance, sequence_sums
+from firmware_model.specification import search as search_sums
 from firmware_model.vectors.random_cases import (
     random_adaptive_design,
     random_design,
@@ -83,181 +81,29 @@ class Metered(int):
         return Metered(int(self) * int(other))
 
 
-class Shelf(list):
-    """A memory that counts its accesses, under the name of its own tally."""
-
-    def __init__(self, values, tally):
-        super().__init__(values)
-        self.tally = tally
-
-    def __getitem__(self, at):
-        self.tally["reads"] += 1
-        return super().__getitem__(at)
-
-    def __iter__(self):
-        for value in super().__iter__():
-            self.tally["reads"] += 1
-            yield value
-
-    def __setitem__(self, at, value):
-        self.tally["writes"] += 1
-        super().__setitem__(at, value)
-
-
-class Line(deque):
-    """The search's delay line, which counts its accesses."""
-
-    tally: ClassVar[Counter[str]] = Counter()
-
-    def append(self, value):
-        Line.tally["writes"] += 1
-        super().append(value)
-
-    def popleft(self):
-        Line.tally["reads"] += 1
-        return super().popleft()
-
-
-class MeteredDescriptor(DescriptorModel):
-    """Every memory that an event and a window's end touch, metered by name."""
-
-    def __init__(self, memories, tallies):
-        self._tallies = tallies
-        super().__init__(memories)
-        lookup = self.lookup
-        self.lookup = Lookup(
-            Shelf(lookup.displacement, tallies["displacement"]),
-            # row and slot stand in one entry: it is read once for both
-            Shelf(lookup.owner, tallies["lookup"]),
-            lookup.slot,
-        )
-
-    @property
-    def counts(self):
-        return self._counts
-
-    @counts.setter
-    def counts(self, values):
-        """The counters of a window just begun: each is cleared."""
-        self._counts = Shelf(values, self._tallies["counts"])
-        self._tallies["counts"]["writes"] += len(values)
-
-
-class MeteredComparator(DistanceModel):
-    """Counts the words of a place and of the query that are compared."""
-
-    words = 0
-
-    def steps(self, place, query):
-        for accumulated in super().steps(place, query):
-            MeteredComparator.words += 1
-            yield accumulated
-
-    def distance(self, place, query):
-        """The last of the steps, which the model computes at once."""
-        *_, last = self.steps(place, query)
-        return last
-
-
-class MeteredSearch(SearchModel):
-    """A search with a metered delay line, that counts the sums it takes."""
-
-    sums = 0
-
-    def __init__(self, design):
-        super().__init__(design)
-        self.delay = Line()
-
-    def take(self, place, total):
-        MeteredSearch.sums += 1
-        super().take(place, total)
-
-
-def metered(design, memories):
-    """A machine whose every memory counts its accesses, and the tallies by name."""
-    names = ("displacement", "lookup", "counts", "code", "table", "history")
-    tallies = {name: Counter() for name in names}
-    # frozen tables are wrapped in place
-    shelves = tuple(Shelf(table, tallies["code"]) for table in memories.codes)
-    object.__setattr__(memories, "codes", shelves)
-    object.__setattr__(memories, "tables", Shelf(memories.tables, tallies["table"]))
-    machine = Machine(memories)
-    machine.descriptor = MeteredDescriptor(memories, tallies)
-    machine.comparator = MeteredComparator(memories)
-    machine.comparator._places = [[Metered(code) for code in place] for place in memories.places]
-    history = machine.sequence.history
-    machine.sequence.history = [Shelf(row, tallies["history"]) for row in history]
-    return machine, tallies
-
-
-def same(tallies, work, names):
-    """Reads and writes of these memories are those that were counted without looking."""
-    for name in names:
-        told = work.traffic.get(name)
-        expected = (told.reads, told.writes) if told else (0, 0)
-        assert (tallies[name]["reads"], tallies[name]["writes"]) == expected, name
+def metered(rng, design, rows):
+    """Random codes that count what is done with them."""
+    drawn = rng.integers(0, design.code_max + 1, (rows, design.slots)).tolist()
+    return [list(map(Metered, row)) for row in drawn]
 
 
 @pytest.mark.parametrize("seed", range(25))
-def test_counts_are_those_of_a_metered_oracle(seed, monkeypatch):
-    """Every event, window's end and complete match of a random device and a random stream."""
-    monkeypatch.setattr("firmware_model.model.machine.SearchModel", MeteredSearch)
+def test_operations_are_those_that_the_specification_does(seed):
+    """Of a match of a random device, when the windows before have been compared."""
     rng = np.random.default_rng(seed)
     design = random_design(rng)
-    memories = random_memories(rng, design)
-    events = wrapped(random_stream(rng, memories, 300), design)
-    machine, tallies = metered(design, memories)
-    expected, ends = counts.match_work(design), counts.window_work(design)
-
-    def clear():
-        for tally in (*tallies.values(), Metered.tally, Line.tally):
-            tally.clear()
-        MeteredSearch.sums = MeteredComparator.words = 0
-
-    for event in events:
-        on_sensor = event.x < design.width and event.y < design.height
-        ended = False
-        clear()
-        for result in machine.descriptor.take(event):
-            if isinstance(result, EventResult):
-                hit = result.slot is not None
-                work = counts.event_work(design, selected=hit)
-                assert work.counter_updates == int(hit)
-                if on_sensor:
-                    same(tallies, work, ("displacement", "lookup"))
-                if not ended:
-                    # the oracle reads the counter once more, to tell it
-                    assert tallies["counts"]["reads"] == 2 * int(hit)
-                    assert tallies["counts"]["writes"] == int(hit)
-            if not isinstance(result, WindowResult):
-                continue
-            ended = True
-            clear()
-            codes = tuple(Metered(code) for code in result.codes)
-            match = machine.match(result._replace(codes=codes))
-            assert Metered.tally["absolute_differences"] == expected.absolute_differences
-            for name in ("query", "places"):
-                assert MeteredComparator.words == expected.traffic[name].reads
-            assert tallies["history"]["writes"] == expected.traffic["history"].writes
-            if match is not None:
-                assert Metered.tally["additions"] == expected.additions
-                assert 3 * MeteredSearch.sums + 1 == expected.comparisons
-                asked = expected.multiplications if match.second_sum else 0
-                assert Metered.tally["multiplications"] == asked
-                same(tallies, expected, ["history"])
-                for name, count in (("writes", MeteredSearch.sums), ("reads", None)):
-                    of_delay = getattr(expected.traffic["delay"], name)
-                    assert Line.tally[name] == of_delay
-                    assert count is None or count == of_delay
-            clear()
-    # at a window's end each counter is read, coded and cleared, and the codes written as words
-    clear()
-    ((_, _, codes, *_),) = machine.descriptor._end_window()
-    of_several = ["table"] * (len(design.full_scales) > 1)
-    same(tallies, ends, ["counts", "code", *of_several])
-    words = [codes[i : i + design.lanes] for i in range(0, len(codes), design.lanes)]
-    assert ends.traffic["query"].writes == len(words)
-    assert ends.traffic["query"].bytes_written >= len(codes) * design.code_bits / 8
+    query, *before = metered(rng, design, design.length)
+    places = metered(rng, design, design.places)
+    history = [[distance(codes, place) for place in places] for codes in before]
+    Metered.tally.clear()
+    newest = [distance(query, place) for place in places]
+    found = search_sums(sequence_sums([newest, *history]), design.exclusion)
+    accepts(design, found.sum, found.second_sum)
+    expected = counts.match_work(design)
+    assert Metered.tally["absolute_differences"] == expected.absolute_differences
+    assert Metered.tally["additions"] == expected.additions
+    asked = expected.multiplications if found.second_sum else 0
+    assert Metered.tally["multiplications"] == asked
 
 
 @pytest.mark.parametrize("seed", range(20))

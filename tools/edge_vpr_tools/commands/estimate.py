@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from edge_vpr_tools.estimate.model import Mission
     from edge_vpr_tools.estimate.targets import Constant
     from edge_vpr_tools.research.experiments.experiment import Drives
-    from firmware_model.model.design import Design
+    from firmware_model.design import Design
 
 
 #: rough number of events per second of a DAVIS346 on a street; printed with every estimate
@@ -233,8 +233,8 @@ def question_of(args: argparse.Namespace) -> Question:
     from edge_vpr_tools.estimate.estimation import Other, Question
     from edge_vpr_tools.estimate.search import Budget
     from edge_vpr_tools.estimate.targets import find, names
+    from firmware_model.design import Design
     from firmware_model.errors import DesignError
-    from firmware_model.model.design import Design
 
     targets = tuple(find(name) for name in args.target or names())
     evaluated = args.pareto is not None or args.accuracy_on is not None
@@ -283,7 +283,7 @@ def design_and_mission(args: argparse.Namespace) -> tuple[Design, Mission, float
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.estimate.model import Mission
     from edge_vpr_tools.estimate.of_map import design_of, event_rates, places_per_metre
-    from firmware_model.model.design import Design
+    from firmware_model.design import Design
 
     if args.map is not None and args.design is not None:
         raise UsageError("--map and --design both give a design: give only one")

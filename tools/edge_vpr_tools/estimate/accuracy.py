@@ -17,7 +17,7 @@ from edge_vpr_tools.estimate.show import matching
 from edge_vpr_tools.research.experiments.drives import simulated_pair
 from edge_vpr_tools.research.experiments.experiment import Drives
 from edge_vpr_tools.research.experiments.pairs import TOLERANCE_M, Pair
-from firmware_model.model.design import Design
+from firmware_model.design import Design
 
 #: J and bits that are tried, as far as the sensor has pixels and the code bits
 PIXELS = (10, 25, 50, 75, 100, 150, 250, 400)

@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from firmware_model.design import Design
 from firmware_model.hardware.parameters import ICEBREAKER
 from firmware_model.hardware.report import packed_cells
-from firmware_model.model.design import Design
 
 TABLE = Path(__file__).parent / "core_area.csv"
 

@@ -23,7 +23,7 @@ from edge_vpr_tools.estimate.search import (
     recommend,
 )
 from edge_vpr_tools.estimate.targets import Constant, Target
-from firmware_model.model.design import Design
+from firmware_model.design import Design
 
 # Two designs side by side in every layer: counts, bytes, instructions, time, modelled energy.
 

@@ -17,9 +17,9 @@ from edge_vpr_tools.estimate import core_area
 from edge_vpr_tools.estimate.emulation import predict
 from edge_vpr_tools.estimate.targets import Constant, Spread, Target, constants
 from firmware_model.cost import Memory, cycles, memories, operations
+from firmware_model.design import Design
 from firmware_model.emulation.instructions import TABLE
 from firmware_model.image import ALIGNMENT, HEADER_WORDS, ram_bytes, step_costs, stride
-from firmware_model.model.design import Design
 from fixedpoint.codes import packed_bytes
 
 # Exact counts of a design: operations, memory traffic and sizes, from its parameters alone.

@@ -10,9 +10,9 @@ from edge_vpr.descriptors.windows import narrow, place_activity
 from edge_vpr.matching.place_filter import TransitionCosts
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
+from firmware_model.design import Design, DeviceCode
 from firmware_model.errors import DesignError
-from firmware_model.model.design import Design, DeviceCode
-from firmware_model.model.memories import Memories
+from firmware_model.memories import Memories
 from fixedpoint.codes import CounterCode, PixelCodes
 
 

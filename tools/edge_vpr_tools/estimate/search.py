@@ -26,9 +26,9 @@ from edge_vpr_tools.estimate.model import (
 )
 from edge_vpr_tools.estimate.of_map import design_of, event_rates
 from edge_vpr_tools.estimate.targets import Constant, Target
+from firmware_model.design import Design
 from firmware_model.errors import DesignError
 from firmware_model.image import check_limits
-from firmware_model.model.design import Design
 
 # The largest design that stays within budgets of memory and power, and what limits it.
 

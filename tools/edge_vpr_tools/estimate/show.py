@@ -11,8 +11,8 @@ from edge_vpr_tools.estimate.model import Cost, EveryPixel, Mission, firmware, p
 from edge_vpr_tools.estimate.search import Candidate, DesignOnTarget, Fit, blocks_of, memory_bytes
 from edge_vpr_tools.estimate.targets import Constant, Spread, Target
 from edge_vpr_tools.report.page import quantity
+from firmware_model.design import Design
 from firmware_model.image import kept_bytes
-from firmware_model.model.design import Design
 
 # Designs and quantities in words: in suitable units, with low and high.
 

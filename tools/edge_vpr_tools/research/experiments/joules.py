@@ -20,7 +20,7 @@ from edge_vpr_tools.estimate.targets import find, names
 from edge_vpr_tools.report.style import CYCLE, panels
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
-from firmware_model.model.design import Design
+from firmware_model.design import Design
 
 PLACES, EVENTS_PER_S = 1_000, 100_000
 PIXELS = (150, 25)

@@ -14,7 +14,7 @@ from typing import Any, Literal, Self, get_args
 import numpy as np
 
 from firmware_model.errors import DesignError
-from fixedpoint.activity import COSTS_BY_ACTIVITY, EVENTS_TOP, WEIGHT_BITS
+from fixedpoint.activity import COSTS_BY_ACTIVITY, EVENTS_TOP, LOG_TOP, WEIGHT_BITS
 from fixedpoint.codes import CodeKind, CounterCode
 from fixedpoint.errors import FixedPointError
 from fixedpoint.formats import UnsignedFormat
@@ -36,8 +36,6 @@ TRUST_BITS = 4
 TRUST_TOP = MARGIN_TOP << TRUST_BITS
 #: fraction bits of the usual number of events in a window
 ACTIVITY_BITS = 8
-#: fraction bits of the logarithm of a number of events
-LOG_BITS = 4
 #: bits of the activity of a place, a number with sign
 PLACE_ACTIVITY_BITS = 8
 
@@ -126,7 +124,7 @@ class Design:
     places : int
         K.
     matching : {"sequence", "filter"}
-        Sequences of L windows, or the place filter (`firmware_model.model.comparator`).
+        Sequences of L windows, or the place filter (`firmware_model.specification`).
     length : int
         L, windows in a sequence; 0 takes 5. The filter has 1.
     activity_costs : {False, True, 2}
@@ -479,7 +477,7 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
         found |= {
             "window_events": holding(EVENTS_TOP),
             "activity": holding(EVENTS_TOP << ACTIVITY_BITS),
-            "event_log": holding(ilog(EVENTS_TOP)),
+            "event_log": holding(LOG_TOP),
         }
     if design.own_mean:
         found |= {"mean": holding(design.entry_max << MEAN_BITS)}
@@ -501,11 +499,6 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
             "trust": holding(TRUST_TOP),
         }
     return found
-
-
-def ilog(number: int) -> int:
-    """Return ``floor(16 log2(1 + number))``, exact."""
-    return int(((number + 1) ** (1 << LOG_BITS)).bit_length()) - 1
 
 
 def widths_of(design: Design) -> dict[str, int]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from firmware_model.design import ACTIVITY_BITS, PLACE_ACTIVITY_BITS, Design
 from firmware_model.errors import DesignError
-from firmware_model.model.design import ACTIVITY_BITS, PLACE_ACTIVITY_BITS, Design
 from fixedpoint.activity import EVENTS_TOP
 
 Pixel = tuple[int, int]

@@ -1,1 +1,0 @@
-"""What a device computes, bit for bit: descriptor, comparator, memories."""

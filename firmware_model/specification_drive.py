@@ -1,0 +1,338 @@
+"""What only a computer does with a drive: section 10 of docs/specification.md as a program.
+
+Smoothing, delay, odometry, jumps and misfit extend the place filter of `specification`, and the
+codes of a recorded drive are taken against its own means.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import groupby, pairwise, product
+from typing import NamedTuple
+
+from firmware_model.specification import (
+    Costs,
+    Filter,
+    Transitions,
+    activity_of,
+    advance,
+    differences_of,
+    distance,
+    is_pause,
+    judge,
+    margin_of,
+    mean_activity_after,
+    own_mean_code,
+    predict,
+    row_of,
+    search,
+    transitions_by_steps,
+    weight_of,
+    window_mean,
+)
+
+Rows = Sequence[Sequence[int]]
+
+
+class DriveMatch(NamedTuple):
+    """Match of a window by more than the windows before it; second is None if there is none."""
+
+    place: int
+    sum: int
+    second: int | None
+    second_sum: int | None
+    ties: int
+    trust: int
+
+
+def drive_codes(levels: Rows, pauses: Sequence[bool], bits: int, contrast: bool) -> list[list[int]]:
+    """Return the own-mean codes of a recorded drive, each against the mean of its counter.
+
+    Parameters
+    ----------
+    levels : sequences of int, shape (windows, slots)
+        Levels of all counters, in units of 1/256 octave.
+    pauses : sequence of bool, length windows
+        Windows that do not count for the means, unless all of them pause.
+    """
+    moving = [row for row, pause in zip(levels, pauses, strict=True) if not pause] or levels
+    number = len(moving)
+    # in units of 1/65,536 octave, as a device has them
+    means = [
+        256 * ((2 * sum(column) + number) // (2 * number)) for column in zip(*moving, strict=True)
+    ]
+    found = []
+    for row in levels:
+        differences = differences_of(row, means)
+        shared = window_mean(differences) if contrast else 0
+        found.append([own_mean_code(one - shared, bits) for one in differences])
+    return found
+
+
+# Odometry.
+
+
+def spacing_of(along: Sequence[int]) -> int:
+    """Return the mean distance between two places, at least 1, in millimetres."""
+    return max((along[-1] - along[0]) // max(len(along) - 1, 1), 1)
+
+
+def anchored(driven: Sequence[int | None], spacing: int) -> list[int | None]:
+    """Return the distances that count: short ones once they add up to a place.
+
+    Parameters
+    ----------
+    driven : sequence of int or None
+        Newest reading of each window less that of the window before, None without both.
+    """
+    found: list[int | None] = []
+    since_anchor = 0
+    for distance_mm in driven:
+        since_anchor = 0 if distance_mm is None else since_anchor + distance_mm
+        if distance_mm is None:
+            found.append(None)
+        elif 2 * abs(distance_mm) < spacing and abs(since_anchor) < spacing:
+            found.append(0)
+        else:
+            found.append(since_anchor)
+            since_anchor = 0
+    return found
+
+
+def transitions_by_distance(
+    along: Sequence[int], driven: int, per_window: int, jumps: Sequence[tuple[int, int]]
+) -> Transitions:
+    """Return the ways from every place to every place, with costs by the distance driven."""
+    spacing, last = spacing_of(along), len(along) - 1
+    rate = (1 << 19) // (spacing * per_window)
+
+    def cost(length: int) -> int:
+        return (abs(length - driven) * rate) >> 16
+
+    every = range(last + 1)
+    found = [(j, k, cost(along[k] - along[j])) for j in every for k in every]
+    for a, b in jumps:
+        for j in range(max(a - 7, 0), a + 1):
+            for k in range(b, min(b + 7, last) + 1):
+                length = along[a] - along[j] + spacing + along[k] - along[b]
+                found.append((j, k, cost(length)))
+    return found
+
+
+def most_weight(along: Sequence[int], driven: int, per_window: int) -> int:
+    """Return the largest weight of the evidence after a distance driven."""
+    window = spacing_of(along) * per_window
+    return min((8 * abs(driven) + window - 1) // window, 8)
+
+
+# Jumps.
+
+
+def steps_and_jumps(
+    costs: Costs,
+    activity: int,
+    place_activity: Sequence[int],
+    jumps: Sequence[tuple[int, int]],
+) -> Transitions:
+    """Return the steps of a window, also those that lead through a jump."""
+    found = transitions_by_steps(costs, activity, place_activity)
+    for k, of_place in enumerate(place_activity):
+        row = costs.rows[row_of(activity - of_place)]
+        for (a, b), step in product(jumps, range(1, len(row))):
+            origin = a - (step - 1 - (k - b))
+            if b <= k < b + step and origin >= 0:
+                found.append((origin, k, row[step]))
+    return found
+
+
+# Misfit.
+
+
+def typical_distances(places: Rows) -> list[int]:
+    """Return the mean distance of each place to all places, less the mean of these means."""
+    means = [sum(distance(a, b) for b in places) // len(places) for a in places]
+    return [mean - sum(means) // len(means) for mean in means]
+
+
+def running_misfits(of_windows: Sequence[int | None]) -> list[int]:
+    """Return the misfit after each window; `of_windows` has None for those without evidence."""
+    mean, found = -1280, []
+    for one in of_windows:
+        if one is not None:
+            mean += (256 * one - mean) >> 4
+        found.append(max((mean >> 4) + 80, 0))
+    return found
+
+
+def smoothed_misfits(of_windows: Sequence[int | None]) -> list[int]:
+    """Return the misfit of each window by up to 16 windows on each side of it."""
+    found = []
+    for w in range(len(of_windows)):
+        near = [one for one in of_windows[max(w - 16, 0) : w + 17] if one is not None]
+        found.append(max(16 * sum(near) // len(near) + 80, 0) if near else 0)
+    return found
+
+
+def confidence_of(trust: int, misfit: int) -> int:
+    """Return what the probability of a match depends on; sequences have a misfit of -1."""
+    return trust if misfit < 0 else min(trust, 368) - 4 * misfit
+
+
+# A drive.
+
+
+class Drive:
+    """A drive of n windows, matched to K places by the place filter.
+
+    Parameters
+    ----------
+    exclusion : int
+        Places on each side of the best one in which no second best is searched.
+    distances : sequences of int, shape (n, K)
+        Of each window to each place.
+    counted : sequence of int, length n
+        Events of each window.
+    mean_activity : int
+        Before the first window.
+    place_activity : sequence of int, length K
+    per_window : {1, 2}
+        Places per window.
+    along : sequence of int, length K, optional
+        Distance of each place on the reference drive.
+    driven : sequence of int or None, length n, optional
+        Distance between the newest readings of the odometer in a window and in the one before.
+    begin : Filter, optional
+        What was kept of windows before these.
+
+    Attributes
+    ----------
+    metrics, evidence : lists of lists of int, shape (n, K)
+    """
+
+    def __init__(
+        self,
+        costs: Costs,
+        exclusion: int,
+        distances: Rows,
+        counted: Sequence[int],
+        mean_activity: int,
+        place_activity: Sequence[int],
+        *,
+        per_window: int = 1,
+        jumps: Sequence[tuple[int, int]] = (),
+        along: Sequence[int] = (),
+        driven: Sequence[int | None] = (),
+        begin: Filter | None = None,
+    ) -> None:
+        self.costs, self.exclusion, self.jumps = costs, exclusion, jumps
+        raw = driven or [None] * len(distances)
+        self.driven = anchored(raw, spacing_of(along)) if along else raw
+        self.begin = begin or Filter([0] * len(place_activity))
+        self.metrics: list[Sequence[int]] = []
+        self.evidence: list[list[int]] = []
+        self.transitions: list[Transitions] = []
+        #: reciprocal times weight of each window, and how many eighths of it odometry leaves
+        self.scales: list[tuple[int, int]] = []
+        state, usual = self.begin, mean_activity
+        for row, count, of_anchor, mm in zip(distances, counted, self.driven, raw, strict=True):
+            paused, activity = is_pause(count, usual), activity_of(count, usual)
+            usual = mean_activity_after(usual, count)
+            whole = weight = weight_of(activity)
+            if of_anchor is None or mm is None:
+                ways = steps_and_jumps(costs, activity, place_activity, jumps)
+            else:
+                ways = transitions_by_distance(along, of_anchor, per_window, jumps)
+                weight = weight_of(activity, most_weight(along, mm, per_window))
+            predicted = [0] * len(place_activity)
+            if state.place is not None:
+                predicted = predict(state.metrics, ways, costs.restart)
+            before = state.reciprocal
+            state, evidence = advance(state, predicted, None if paused else row, weight)
+            # the first window has no place before it
+            state = state._replace(place=0)
+            self.transitions.append(ways)
+            self.metrics.append(state.metrics)
+            self.evidence.append(evidence)
+            scale = 0 if paused else (before or state.reciprocal) * weight
+            self.scales.append((scale, 8 * weight // whole if scale else 8))
+
+    def whole(self, w: int, last: int) -> list[int]:
+        """Return the cost of the whole path through each place in window w."""
+        onward = [0] * len(self.metrics[0])
+        for v in range(last, w, -1):
+            total = [e + g for e, g in zip(self.evidence[v], onward, strict=True)]
+            mirrored = [(k, j, cost) for j, k, cost in self.transitions[v]]
+            onward = predict(total, mirrored, self.costs.restart)
+        return [m + g for m, g in zip(self.metrics[w], onward, strict=True)]
+
+    def follows(self, w: int, before: int | None, place: int) -> bool:
+        """Return whether a match of window w follows the one before."""
+        if before is None:
+            return False
+        if self.driven[w] is not None:
+            return any(
+                (j, k) == (before, place) and cost < self.costs.restart
+                for j, k, cost in self.transitions[w]
+            )
+        if -len(self.costs.back) <= place - before <= self.costs.last:
+            return True
+        return any(
+            a >= before and place >= b and (a - before) + (place - b) < self.costs.last
+            for a, b in self.jumps
+        )
+
+    def smoothed(self) -> list[DriveMatch]:
+        """Return the match of each window by the whole drive."""
+        n = len(self.metrics)
+        best = [search(self.whole(w, n - 1), self.exclusion) for w in range(n)]
+        places, margins = [one.place for one in best], [margin_of(one) for one in best]
+        chained = [False, *(self.follows(w, *pair) for w, pair in enumerate(pairwise(places), 1))]
+        alike = [len(list(same)) for _, same in groupby(places)]
+        row = [size for size in alike for _ in range(size)]
+        terms = []
+        for size, margin in zip(row, margins, strict=True):
+            term = 16 * margin
+            for _ in range(size - 1):
+                term -= term >> 4
+            terms.append(term)
+        found = []
+        for w in range(n):
+            first, last = w, w
+            while first > max(w - 4, 0) and chained[first]:
+                first -= 1
+            while last < min(w + 4, n - 1) and chained[last + 1]:
+                last += 1
+            near = range(max(w - 4, 0), min(w + 4, n - 1) + 1)
+            worst = max(self.evidence[v][places[v]] for v in near)
+            trust = max(sum(terms[first : last + 1]) // 9 - 16 * worst, 0)
+            found.append(DriveMatch(*best[w], trust))
+        return found
+
+    def delayed(self, delay: int = 0) -> list[DriveMatch]:
+        """Return the match of each window by so many later ones; by none: as section 6."""
+        n = len(self.metrics)
+        costs = [self.whole(w, min(w + delay, n - 1)) for w in range(n)]
+        state, found = self.begin, []
+        for w, row in enumerate(costs):
+            one = search(row, self.exclusion)
+            follows = self.follows(w, state.place, one.place)
+            state, trust = judge(state, one, self.evidence[w][one.place], follows)
+            found.append(DriveMatch(*one, trust.trust))
+        return found
+
+    def misfits(self, places: Sequence[int], typical: Sequence[int]) -> list[int | None]:
+        """Return the misfit of each window matched to these places; None without evidence.
+
+        Parameters
+        ----------
+        typical : sequence of int, length K
+            See `typical_distances`.
+        """
+        found: list[int | None] = []
+        for evidence, place, (scale, share) in zip(self.evidence, places, self.scales, strict=True):
+            mean = sum(evidence) // len(evidence)
+            advantage = mean - evidence[place] + ((typical[place] * scale) >> 17)
+            against = min(8 * evidence[place] // share, 23) if share else 0
+            nearer = min(max(8 * advantage // share, -23), 23) if share else 0
+            found.append(against - nearer if scale else None)
+        return found
