@@ -292,6 +292,52 @@ class MapRecord(EqualByValue):
         kept = settings.of_trust == self.settings.of_trust
         return replace(self, settings=settings, confidence=self.confidence if kept else None)
 
+    def with_pixels(self, kept: npt.NDArray[np.bool_], pixel_map: PixelMap) -> Self:
+        """Return the map with some of its pixels, and with all that is stored for these.
+
+        Parameters
+        ----------
+        kept : ndarray of bool, shape (J,)
+            Which pixels are kept, at least one.
+        pixel_map : PixelMap
+            Their positions, in the same order.
+
+        Raises
+        ------
+        UsageError
+            If the codes are those of another package, which need not stand for pixels.
+        """
+        settings, places, left = self.settings, self.places, len(pixel_map)
+        if settings.plugin_code:
+            raise UsageError(
+                f"pixels cannot be taken from codes of {settings.counter_code}: make a new map"
+            )
+        counters = np.concatenate([kept, kept]) if settings.polarity else kept
+        # codes give roughly the share of events that the remaining counters had
+        counts = self.decoded(places).counts
+        events = max(1, int(counts[:, counters].sum(dtype=np.int64)))
+        share = min(1.0, events / max(1, int(counts.sum(dtype=np.int64))))
+        changes: dict[str, float] = {"pixels": left}
+        if settings.events_per_pixel is not None:  # so that a window covers the same distance
+            changes["events_per_pixel"] = settings.events_per_pixel * share * kept.size / left
+
+        def of_counters(values: npt.NDArray[Any] | None) -> npt.NDArray[Any] | None:
+            return None if values is None else np.ascontiguousarray(values[..., counters])
+
+        return replace(
+            self,
+            settings=settings.replaced(changes, "the pixels that are left"),
+            pixel_map=pixel_map,
+            places=replace(
+                places,
+                counts=np.ascontiguousarray(places.counts[:, counters]),
+                selected=np.rint(places.selected_events * share).astype(np.int64),
+            ),
+            full_scale=of_counters(self.full_scale),
+            mean=of_counters(self.mean),
+            learnt_mean=of_counters(self.learnt_mean),
+        )
+
     def check_asked(self, settings: Settings) -> None:
         """Check that other settings for matching ask for no table in place of the map's own.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from typing import Generic
 
@@ -190,7 +190,7 @@ def moved_map(reference: AnyMap, dx: int, dy: int) -> AnyMap:
     """
     if (dx, dy) == (0, 0):
         return reference
-    pixel_map, places = reference.pixel_map, reference.places
+    pixel_map = reference.pixel_map
     x, y = pixel_map.x.astype(np.int64) + dx, pixel_map.y.astype(np.int64) + dy
     width, height = pixel_map.sensor
     kept = (x >= 0) & (x < width) & (y >= 0) & (y < height)
@@ -199,27 +199,8 @@ def moved_map(reference: AnyMap, dx: int, dy: int) -> AnyMap:
         raise UsageError(
             f"no pixel of the map is left after a shift of ({dx}, {dy}): make a new map"
         )
-    settings, left = reference.settings, int(kept.sum())
-    counters = np.concatenate([kept, kept]) if settings.polarity else kept
-    # codes give roughly the share of events that the remaining counters had
-    counts = reference.decoded(places).counts
-    events = max(1, int(counts[:, counters].sum(dtype=np.int64)))
-    share = min(1.0, events / max(1, int(counts.sum(dtype=np.int64))))
-    changes: dict[str, float] = {"pixels": left}
-    if settings.events_per_pixel is not None:  # so that a window covers the same distance
-        changes["events_per_pixel"] = settings.events_per_pixel * share * len(pixel_map) / left
-    return replace(
-        reference,
-        settings=settings.replaced(changes, "the registration"),
-        pixel_map=PixelMap(pixel_map.sensor, x[kept].astype(np.uint16), y[kept].astype(np.uint16)),
-        places=replace(
-            places,
-            counts=np.ascontiguousarray(places.counts[:, counters]),
-            selected=np.rint(places.selected_events * share).astype(np.int64),
-        ),
-        full_scale=None if reference.full_scale is None else reference.full_scale[counters],
-        mean=None if reference.mean is None else reference.mean[counters],
-    )
+    moved = PixelMap(pixel_map.sensor, x[kept].astype(np.uint16), y[kept].astype(np.uint16))
+    return reference.with_pixels(kept, moved)
 
 
 def _first_images(

@@ -170,7 +170,7 @@ def _write_plain_values(new: Callable[[str, str], Path]) -> None:
 
 
 def plain_profile() -> dict[str, object]:
-    """Give what `edge-vpr profile` writes, with joules and one design."""
+    """Give what `edge-vpr profile` writes, with joules."""
     interval = [0.9, 1.2]
     sensor = {
         "name": "meter.csv", "kind": "power", "scope": "the board", "period_s": 0.1,
@@ -190,29 +190,18 @@ def plain_profile() -> dict[str, object]:
     }  # fmt: skip
     known = {"frequency_hz": 1e9, "temperature_c": 50.0}
     conditions = {field.name: known.get(field.name) for field in fields(Conditions)}
-    spread = {"value": 1e-6, "low": 0.9e-6, "high": 1.1e-6}
-    against = {
-        "sparse_pixels": 5, "all_pixels": 192, "places": 19, "unit": "a query",
-        "sparse_s": spread, "all_s": spread, "times": {"value": 1.0, "low": 0.9, "high": 1.1},
-    }  # fmt: skip
     speed = {
         "seconds": 1.0, "events_per_s": 1e6, "matches_per_s": 1e3, "times_real_time": 9.0,
         "latency_p50_s": 1e-4, "latency_p99_s": 1e-3, "calls_with_a_match": 99,
         "cpu_s_per_match": 1e-3, "cpu_share": 1.0, "peak_memory_bytes": 10**8,
         "events_a_round": 1000,
     }  # fmt: skip
-    design = {
-        "name": "3-bit", "pixels": 25, "counter_bits": 3, "precision_at_100_recall": 0.5,
-        "places": 19, "queries": 8, "bytes_per_place": 60, "cpu_s_per_match": 1e-3,
-        "cpu_s_per_match_interval": [9e-4, 1.1e-3], "energy": energy,
-    }  # fmt: skip
     moments = dict.fromkeys(("before", "loaded", "after"), conditions)
     versions = {"python": "3.11"}
     return {
         "schema": SCHEMA, "quick": True, "throughput": speed, "energy": energy,
         "map": {"places": 19, "pixels": 25, "bytes_per_place": 60, "sequence_length": 5},
-        "designs": [design], "conditions": {**moments, "void_because": ""},
-        "sparse_against_all": dict.fromkeys(("counting", "matching", "matching_paper"), against),
+        "conditions": {**moments, "void_because": ""},
         "load": {"recording": "query.npz", "packet": 512, "every": "window"},
         "provenance": {
             "board": None, "processor": "x86", "kernel": "6", "clock_hz": 1e9, "governor": None,

@@ -17,7 +17,7 @@ from edge_vpr.events import Sensor, make_events
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.registration import SEQUENCE, estimate_shift, moved_map, reach_of, register
-from edge_vpr.settings import Settings
+from edge_vpr.settings import PRESETS, Settings
 
 SENSOR = Sensor(32, 24)
 TAU = 1_000
@@ -155,6 +155,21 @@ def test_pixels_off_the_sensor_and_on_hot_pixels_are_dropped():
     assert moved.settings.pixels == kept.sum()
     with pytest.raises(UsageError, match="no pixel of the map is left"):
         moved_map(mapped, SENSOR.width, 0)
+
+
+def test_a_map_of_several_drives_is_moved_with_its_learnt_means():
+    """What is stored for each counter goes with its pixel, and the moved map can learn further."""
+    rng = np.random.default_rng(9)
+    images = seen(scenes(rng), 0, 0)
+    worlds = [drive(rng, images) for _ in range(2)]
+    chosen = PRESETS["default"].replaced({"tau_us": TAU, "pixels": 60, "remove_bursts": False}, "t")
+    mapped = ReferenceMap.build(worlds[0], chosen).update(worlds[1]).reference
+    moved = moved_map(mapped, 3, 0)
+    kept = mapped.pixel_map.x.astype(int) + 3 < SENSOR.width
+    assert 0 < kept.sum() < kept.size
+    assert np.array_equal(moved.learnt_mean, mapped.learnt_mean[:, kept])
+    assert np.array_equal(moved.mean, mapped.mean[kept])
+    assert len(moved.match(worlds[0]).matches)
 
 
 def test_what_cannot_be_registered_is_refused_with_a_remedy():

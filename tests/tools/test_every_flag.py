@@ -15,8 +15,6 @@ import pytest
 from edge_vpr_tools import cli
 from edge_vpr_tools.cli import GENERAL_FLAGS, VERBS, find_verb
 from edge_vpr_tools.estimate import accuracy
-from edge_vpr_tools.profile import profiling
-from edge_vpr_tools.profile.speed import Against, SparseAgainstAll, Timing
 from edge_vpr_tools.research.experiments import codes
 from edge_vpr_tools.research.experiments.experiment import Drives
 from streams import random_events
@@ -44,10 +42,7 @@ FILTER = (
     "--query-mean running --precision 0.5 --score auto --delay 0 --stays-on-map"
 )
 STREAM = "stream --port {f}/sent.bin --protocol evpr"
-PROFILE = (
-    "profile --map {f}/map.npz --recording {f}/query.npz --quick --window-s 0.1 --pairs 5 "
-    "--no-designs"
-)
+PROFILE = "profile --map {f}/map.npz --recording {f}/query.npz --quick --window-s 0.1 --pairs 5"
 
 #: command lines in an order in which they can run, each with the exit code that is expected of it;
 #: {f} is the folder
@@ -163,20 +158,20 @@ RUNS = [
     # the results that it names are of another case
     ("golden verify {f}/vectors --results {f}/none.csv --case corners/none --only match", 2),
     (f"{PROFILE} -o {{f}}/profile --sysroot {{f}}/board --sensor-name ina226@hwmon2 "
-     "--shunt-mohm 20 --packet 256 --every 20ms --mission-rate 2 --ground-truth {f}/truth.csv "
-     "--tolerance 0.2", 0),
+     "--shunt-mohm 20 --mission-rate 2", 0),
     (f"{PROFILE} -o {{f}}/profile --overwrite --no-figures --sysroot {{f}}/none --meter "
-     "--ground-truth {f}/truth.npy --rows reference --seed 1", 0),
-    (f"{PROFILE.replace('query.npz', 'table.txt')} {TABLE} -o {{f}}/refused --meter-port "
-     "{f}/no_meter", 1),
+     "--seed 1", 0),
+    # 2: there is no such sensor
+    (f"{PROFILE.replace('query.npz', 'table.txt')} {TABLE} -o {{f}}/refused --sysroot {{f}}/none "
+     "--sensor-name none", 2),
     (f"{PROFILE.replace('query.npz', 'query.h5')} --sensor 16x12 --topic left "
-     "-o {f}/refused --meter-port {f}/no_meter", 1),
+     "-o {f}/refused --sysroot {f}/none --sensor-name none", 2),
     (f"{PROFILE.replace('query.npz', 'frames.npz')} --frame-period 1/10 -o {{f}}/refused "
-     "--meter-port {f}/no_meter", 1),
+     "--sysroot {f}/none --sensor-name none", 2),
     ("profile compare {f}/profile/profile.json {f}/profile/profile.json --csv {f}/both.csv", 0),
     # 2: the meter's three readings need not follow the load
     ("profile trace {f}/profile/profile.json {f}/meter.csv --mission-rate 2 --voltage 5 "
-     "--no-figures", (0, 2)),
+     "--column time_s --no-figures", (0, 2)),
     # 2: nothing was resolved in so short a time
     ("estimate --calibrate {f}/profile/profile.json --target raspberry-pi-4", (0, 2)),
     ("experiment codes --data {f} --seeds 1 --workers 1 -o {f}/codes --figure {f}/codes.png", 0),
@@ -286,10 +281,7 @@ def rows_of_codes(draw):
 
 @pytest.fixture
 def small_loads(monkeypatch):
-    """Short streets, few designs, and no timing: what those give is the matter of other tests."""
-    against = Against("a query", 1, 2, 3, *[Timing(1.0, 1.0, 1.0)] * 3)
-    timed = SparseAgainstAll(against, against, against)
-    monkeypatch.setattr(profiling, "sparse_against_all", lambda *unused: timed)
+    """Short streets and few designs: what those give is the matter of other tests."""
     monkeypatch.setattr(accuracy, "PIXELS", (5,))
     monkeypatch.setattr("firmware_model.vectors.standard_suites", lambda *unused: {})
     pairs = [Drives(name, lambda seed: None) for name in "ab"]

@@ -311,7 +311,7 @@ def check_sensors(root: Path = ROOT) -> Iterator[Found]:
     for absent in missing:
         yield Found("absent", printable(str(absent)))
     if not sensors:
-        remedy = "give profile a --meter-port, or add a meter's trace with profile trace"
+        remedy = "add the CSV of a meter with edge-vpr profile trace"
         yield Found("absent", "none", remedy)
 
 

@@ -40,20 +40,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     load.add_argument("--map", metavar="MAP.npz", help="reference map from edge-vpr map")
     load.add_argument("--recording", metavar="QUERY", help="recording of the query drive")
     load.add_argument("--seed", type=int, default=0, help="seed of the simulated street")
-    load.add_argument(
-        "--every", metavar="WHEN", default="window",
-        help="when to match: window, event, change, a number of events, or a time such as 10ms",
-    )  # fmt: skip
-    load.add_argument(
-        "--ground-truth", nargs="+", metavar="FILE",
-        help="as for edge-vpr evaluate; with it, the accuracy of the map, and of smaller ones, "
-        "is measured too",
-    )  # fmt: skip
-    load.add_argument("--tolerance", type=float, metavar="T", help="as for edge-vpr evaluate")
-    load.add_argument("--rows", choices=("reference", "query"), help="as for edge-vpr evaluate")
-    load.add_argument(
-        "--packet", type=int, default=512, metavar="N", help="number of events in one call"
-    )
     how = parser.add_argument_group("measuring")
     how.add_argument(
         "--pairs", type=int, default=5, metavar="N",
@@ -67,7 +53,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--quick", action="store_true",
         help="use periods shorter than 10 s; the result is marked as quick",
     )  # fmt: skip
-    how.add_argument("--no-designs", action="store_true", help="do not compare other designs")
     how.add_argument(
         "--mission-rate", type=float, default=1.0, metavar="N",
         help="matches per second of the mission that the energy is stated for",
@@ -76,10 +61,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     sensor.add_argument(
         "--sensor-name", metavar="NAME", help="power sensor to use (default: the best one found)"
     )
-    sensor.add_argument(
-        "--meter-port", metavar="PORT",
-        help="serial port of a USB meter UM24C, UM25C or UM34C, for example /dev/rfcomm0",
-    )  # fmt: skip
     sensor.add_argument(
         "--shunt-mohm", type=float, metavar="R",
         help="resistance of the power monitor's shunt in milliohms, if its driver assumes another "
@@ -101,12 +82,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def load_of(args: argparse.Namespace) -> Load:
     """Open the map and the recording that the flags name, or simulate a street."""
     from edge_vpr.descriptors.counting import check_sensor, cleaned
-    from edge_vpr.map_record import describe_query
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.simulation import simulate_pair
     from edge_vpr_tools.inputs import open_from, tracked
-    from edge_vpr_tools.profile.workload import STREET_M, Load, of_map, street_load
-    from edge_vpr_tools.truth_files import TruthFiles
+    from edge_vpr_tools.profile.workload import STREET_M, Load, street_load
 
     if args.map is None:
         pair = simulate_pair(args.seed, length_m=STREET_M)
@@ -116,17 +95,8 @@ def load_of(args: argparse.Namespace) -> Load:
     reference = ReferenceMap.load(args.map)
     recording = open_from(args, args.recording, default_period=reference.frame_period)
     check_sensor(recording.sensor, reference.pixel_map.sensor)
-    truth_of = None
-    inputs = [args.map, args.recording]
-    if args.ground_truth is not None:
-        inputs += args.ground_truth
-        truth_of = TruthFiles(args.ground_truth, args.tolerance, args.rows, args.frame_period)
-        # so that a wrong ground truth is an error now, and not after minutes of measuring
-        queries = describe_query(reference, recording)
-        truth_of(reference.places.centre_us, queries.centre_us)
     events = list(cleaned(recording, reference.settings))
-    designs = of_map(reference)
-    return Load(args.recording, reference, events, recording, designs, truth_of, inputs)
+    return Load(args.recording, reference, events, [args.map, args.recording])
 
 
 def run(args: argparse.Namespace) -> None:
@@ -140,10 +110,6 @@ def run(args: argparse.Namespace) -> None:
 
     if (args.map is None) != (args.recording is None):
         raise UsageError("--map and --recording belong together: name both, or neither")
-    if args.ground_truth is not None and args.map is None:
-        raise UsageError("--ground-truth needs a recording: give --map and --recording too")
-    if args.meter and args.meter_port is not None:
-        raise UsageError("--meter reads a file later and --meter-port a meter now: give only one")
     plan = Plan.checked(args.pairs, args.window_s, args.quick)
     if not args.mission_rate > 0:
         raise UsageError(
@@ -151,18 +117,14 @@ def run(args: argparse.Namespace) -> None:
         )
     output = Path(args.output)
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
-    inputs = [args.map, args.recording, *(args.ground_truth or ())]
-    results.check_output_folder(output, args.overwrite, inputs)
+    results.check_output_folder(output, args.overwrite, [args.map, args.recording])
     with terminated_as_interrupted():
         root = Path(args.sysroot)
-        sensor, missing = choose_sensor(
-            root, name=args.sensor_name, meter_port=args.meter_port, shunt_mohm=args.shunt_mohm
-        )
+        sensor, missing = choose_sensor(root, name=args.sensor_name, shunt_mohm=args.shunt_mohm)
         try:
             found = profile(
-                load_of(args), plan, sensor, missing, every=args.every, packet=args.packet,
-                mission_rate=args.mission_rate, designs=not args.no_designs, meter=args.meter,
-                root=root,
+                load_of(args), plan, sensor, missing, mission_rate=args.mission_rate,
+                meter=args.meter, root=root,
             )  # fmt: skip
         finally:
             if sensor is not None:

@@ -241,26 +241,6 @@ def interval(differences: Floats) -> Estimate:
     return Estimate(value, value + wider * (low - value), value + wider * (high - value), n)
 
 
-def interval_of_times(seconds: Floats) -> Estimate:
-    """Return the median of repeated timings or ratios, and the interval from their logarithms.
-
-    Logarithms are used because disturbances multiply a timing, and no timing is below zero.
-
-    Parameters
-    ----------
-    seconds : ndarray of float64, shape (n,)
-        Above zero.
-
-    Raises
-    ------
-    UsageError
-        See `interval`.
-    """
-    of_logs = interval(np.log(seconds))
-    value, low, high = np.exp([of_logs.value, of_logs.low, of_logs.high]).tolist()
-    return Estimate(value, low, high, of_logs.pairs)
-
-
 def _small_sample(n: int) -> float:
     """Return the factor by which to widen a bootstrap interval of few values (Hesterberg, 2015).
 
@@ -364,7 +344,7 @@ class Energy:
     saturated_matches_per_s: float
     mission_matches_per_s: float
     figures: Figures | None  #: None if the machine was throttled, since figures would then mislead.
-    readings: Readings | None = None  #: None for a design other than the main load.
+    readings: Readings | None = None
     quick: bool = False  #: Whether windows were too short for a figure that can be published.
     #: cpu_s_per_match, sampler_cpu_share: processor time of a match, and share of a core that
     #: sampling took; not known with an external meter.
@@ -379,10 +359,6 @@ class Energy:
     def void(self) -> Energy:
         """Return the same without figures, because the machine was throttled."""
         return replace(self, figures=None)
-
-    def brief(self) -> Energy:
-        """Return the same without the readings, which are shown only for the main load."""
-        return replace(self, readings=None)
 
     def to_json(self) -> dict[str, Any]:
         """Return values that JSON can hold."""

@@ -1,18 +1,20 @@
 """The trace of an external meter: its table, and its place among the windows of a profile.
 
-The clock of the meter is aligned with that of the profile by the steps of the load.
+Columns are found by their names and units. The clock of the meter is aligned with that of the
+profile by the steps of the load.
 """
 
 from __future__ import annotations
 
+import codecs
 import csv
 import math
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple, TextIO
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -30,120 +32,439 @@ _FOLLOWING, _PAIRS_HIGHER = 5.0, 6.0
 MAX_TRACE_WATTS = 500.0
 #: most windows of a profile, and most seconds between its first and last one
 _MOST_WINDOWS, _MOST_S = 100_000, 1e6
-
-
-#: words in a column's name that say what it holds, and units with their factors
-_QUANTITIES = {
-    "time": ("timestamp", "datetime", "time", "elapsed", "t"),
-    "date": ("date",),
-    "power": ("power", "watts", "watt", "p"),
-    "voltage": ("voltage", "volts", "volt", "u", "v"),
-    "current": ("current", "amperes", "amps", "ampere", "amp", "i"),
-}
-_UNITS = {
-    "time": {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9,
-             "min": 60.0, "h": 3600.0},
-    "date": {},
-    "power": {"w": 1.0, "mw": 1e-3, "uw": 1e-6, "nw": 1e-9},
-    "voltage": {"v": 1.0, "mv": 1e-3, "uv": 1e-6},
-    "current": {"a": 1.0, "ma": 1e-3, "ua": 1e-6, "na": 1e-9},
-}  # fmt: skip
-#: words of columns that hold something else
-_OTHER_WORDS = frozenset({"shunt", "temp", "temperature", "c", "energy", "charge", "wh", "ah"})
+_DAY_S = 86_400.0
+#: a trace that seems longer has another unit of time
+_MOST_TRACE_S = 7 * _DAY_S
 #: rows before the header, in which programs write what they are
 _MOST_PREFACE = 50
-#: Unix times without a unit: as many milliseconds, or microseconds, have passed since 1970
-_UNIX_MS, _UNIX_US = 1e11, 1e14
-_DAY_S = 86_400.0
+#: Unix times without a unit: as many milliseconds, microseconds or nanoseconds since 1970
+_UNIX = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
 #: characters that are read at a time, and samples of a trace that are kept
 _BLOCK_CHARS, MOST_SAMPLES = 1 << 22, 1 << 20
 _DAY = re.compile(r"\d[-/]\d|\d\.\d+\.\d")
 _GERMAN_DAY = re.compile(r"^(\d{1,2})\.(\d{1,2})\.(\d{4})")
 
 
+# What the name of a column says: its quantity, its unit, and which of several values it is.
+
+
+def _set_of(words: str) -> frozenset[str]:
+    return frozenset(words.split())
+
+
+#: words of a quantity, in some languages of meters' programs
+_QUANTITIES = {
+    "time": _set_of(
+        """timestamp datetime time elapsed t seconds milliseconds zeit zeitstempel uhrzeit temps
+        heure horodatage tiempo hora tempo ora 时间 時間"""
+    ),
+    "date": _set_of("date datum fecha data 日期 日付"),
+    "power": _set_of("power pwr watts watt p leistung puissance potencia potenza 功率 電力"),
+    "voltage": _set_of(
+        "voltage volts volt u v spannung tension tensión voltaje tensione 电压 電圧"
+    ),
+    "current": _set_of(
+        "current curr amperes amps ampere amp i strom courant corriente corrente 电流 電流"
+    ),
+}
+_WORDS = {word: quantity for quantity, words in _QUANTITIES.items() for word in words}
+_UNITS = {
+    "time": {"s": 1.0, "sec": 1.0, "seconds": 1.0, "sekunden": 1.0, "ms": 1e-3, "msec": 1e-3,
+             "milliseconds": 1e-3, "us": 1e-6, "usec": 1e-6, "microseconds": 1e-6, "ns": 1e-9,
+             "nanoseconds": 1e-9, "min": 60.0, "minutes": 60.0, "h": 3600.0, "hours": 3600.0},
+    "date": {},
+    "power": {"w": 1.0, "watts": 1.0, "watt": 1.0, "kw": 1e3, "mw": 1e-3, "uw": 1e-6, "nw": 1e-9},
+    "voltage": {"v": 1.0, "volts": 1.0, "volt": 1.0, "mv": 1e-3, "uv": 1e-6},
+    "current": {"a": 1.0, "amps": 1.0, "amp": 1.0, "amperes": 1.0, "ampere": 1.0, "ma": 1e-3,
+                "ua": 1e-6, "na": 1e-9},
+}  # fmt: skip
+_BASE_UNIT = {"power": "W", "voltage": "V", "current": "A"}
+_AVERAGE = _set_of(
+    """avg average averaged mean mittel mittelwert mittlere mittlerer durchschnitt moyenne moyen
+    moy media medio promedio 平均 平均值"""
+)
+#: other values of a quantity, which are no mean
+_NO_MEAN = _set_of(
+    """min minimum minimal mini max maximum maximal maxi peak pk pp rms eff effektiv std stddev
+    stdev dev sd sigma var variance deviation median low lowest high highest spitze mínimo minimo
+    máximo maximo limit setpoint set range 最小 最大 最小值 最大值"""
+)
+#: words of columns that hold something else
+_NO_QUANTITY = _set_of(
+    """shunt d cc temp temperature c energy charge wh mwh kwh ah mah capacity factor apparent
+    reactive va ohm ohms resistance frequency hz ripple"""
+)
+#: words beside a time that say how it is written, and not in which unit
+_CLOCK_WORDS = _set_of("iso utc gmt local unix epoch posix hh h mm m ss s fff yyyy dd")
+_LAST_TIMES = _set_of("end stop finish ende fin")
+
+
 class _Column(NamedTuple):
-    """Column of a meter's file: its number, the factor to SI units, and whether it names a unit."""
+    """A column of a meter's file: its number, and what its name says."""
 
     at: int
-    factor: float
-    unit: str
+    name: str
+    quantity: str  #: "" if it is none that is needed.
+    unit: str  #: "" without one.
+    factor: float | None  #: To SI units; None if the unit is not known.
+    is_average: bool
+    is_no_mean: bool  #: Whether it is a minimum, a maximum, or the like.
+    rest: frozenset[str]  #: Other words, such as those of a channel.
+
+    def __str__(self) -> str:
+        taken = "" if self.unit else _BASE_UNIT.get(self.quantity, "")
+        return repr(self.name) + f" (taken as {taken})" * bool(taken)
 
 
-def read_csv(path: Path, voltage: float | None = None) -> tuple[Floats, Floats]:
-    """Read the times and watts that an external meter wrote.
+def _words(text: str) -> list[str]:
+    """Split a name into words of letters, and numbers."""
+    text = re.sub(r"(?<=[a-z]{2})(?=[A-Z])", " ", text)
+    text = re.sub(r"(?<![^\W_])([iuvp])(?=(avg|mean|min|max|rms)\b)", r"\1 ", text, flags=re.I)
+    return [word.lower() for word in re.findall(r"[^\W\d_]+|\d+", text)]
+
+
+def _column(at: int, name: str) -> _Column:
+    """Read what the name of a column says."""
+    name = name.strip().lstrip("#").strip()
+    text = name.replace("\u00b5", "u").replace("\u03bc", "u")
+    bracketed = [_words(part) for part in re.findall(r"[(\[{](.*?)[)\]}]", text)]
+    words = _words(re.sub(r"[(\[{].*?[)\]}]", " ", text))
+    named = list(dict.fromkeys(_WORDS[word] for word in words if word in _WORDS))
+    if {"time", "date"} <= set(named):
+        named.remove("date")
+    found = [*words, *(word for part in bracketed for word in part)]
+    quantity, unit, factor = named[0] if named else "", "", 1.0
+    # those in brackets first, then the last word; a letter alone is one beside a quantity only
+    for word in [word for part in bracketed for word in part] + words[::-1]:
+        alone = len(found) == 1 or word not in words or len(word) > 1
+        of = [
+            one for one, units in _UNITS.items()
+            if word in units and (one in named or (not named and alone and one != "time"))
+        ]  # fmt: skip
+        if of and not (word in _NO_MEAN and not named):
+            quantity, unit, factor = of[0], word, _UNITS[of[0]][word]
+            break
+    known = {*_WORDS, *_AVERAGE, *_NO_MEAN, unit}
+    is_factor_known = True
+    if quantity and not unit:
+        for part in bracketed:
+            others = [word for word in part if word not in known and not word.isdigit()]
+            channel = any(word.isdigit() for word in part)
+            clock = quantity in ("time", "date") and set(part) <= _CLOCK_WORDS
+            if others and not channel and not clock:
+                unit, is_factor_known = " ".join(part), False
+    if _NO_QUANTITY & set(found):
+        quantity = ""
+    left = set(found) - ({unit} if found.count(unit) == 1 else set())
+    return _Column(
+        at, name, quantity, unit, factor if is_factor_known else None, bool(left & _AVERAGE),
+        bool(left & _NO_MEAN), frozenset(left - known),
+    )  # fmt: skip
+
+
+class MeterFile:
+    """A table that a meter's program exported, and the columns of it that are read.
 
     Parameters
     ----------
     path : path
-        Table with commas, semicolons (then also decimal commas) or tabs between its cells, and a
-        header that names columns of time and of power, or of voltage and current, with or without
-        units: ``time_s,power_w``, ``Timestamp(ms),Current(uA)``, ``Date;Voltage (V);Current (A)``.
-        Rows before the header are skipped. Times are numbers, ISO 8601 or a time of day. Rows of
-        the same time, as of clocks with whole seconds, are averaged, and neighbours in a file of
-        more than `MOST_SAMPLES` rows.
+        Text in UTF-8, UTF-16 or Latin-1 with commas, semicolons or tabs between its cells, decimal
+        points or commas, and a header that names columns of time and of power, or of voltage and
+        current, with or without units: ``time_s,power_w``, ``Timestamp(ms),Current(uA)``,
+        ``Datum;Spannung (V);Strom (A)``. Rows before the header are skipped. Times are numbers,
+        ISO 8601 or a time of day.
     voltage : float, optional
-        Supply in volts, for a meter that writes current alone.
-
-    Returns
-    -------
-    time_s, watts : ndarray of float64, shape (n,)
-        Time begins with the meter's own clock if it is in numbers, else at 0.
+        Supply in volts, instead of a column of voltage.
+    named : sequence of str
+        Names of columns to take where several hold the same quantity.
 
     Raises
     ------
     UsageError
-        If columns are missing, a cell is not a number, time decreases, or the power is more than
-        any board takes.
+        If a column is missing, its unit is not known, or several may be meant.
     """
-    samples = _Samples(path)
-    with _opened(path) as file:
-        blocks = _blocks(path, file)
-        lines = next(blocks, [])
+
+    def __init__(self, path: Path, voltage: float | None = None, named: Sequence[str] = ()) -> None:
+        self._path, self._voltage, self._named = path, voltage, named
+        try:
+            with path.open("rb") as file:
+                self._encoding = _encoding_of(file.read(1 << 16))
+        except OSError as error:
+            raise self._error(str(error)) from error
+        lines = next(self._blocks(), [])
         if not lines:
-            raise UsageError(f"cannot read a power trace from {path}: it is empty")
-        header, delimiter, columns = _find_header(path, lines, voltage)
-        table = _Table(path, lines[header], delimiter, columns, voltage)
-        samples.add(*table.read(lines[header + 1 :]))
-        for lines in blocks:
-            samples.add(*table.read(lines))
-    if samples.read < 2:
-        raise UsageError(f"{path}: a power trace needs two samples or more")
-    when, watts = _averaged(*samples.kept())
-    if len(when) < 2:
-        raise UsageError(f"{path}: time does not increase from row to row")
-    typical = float(np.median(watts))
-    if not -1.0 <= typical <= MAX_TRACE_WATTS or watts.max() > MAX_WATTS:
-        raise UsageError(
-            f"{path}: its power is {typical:,.4g} W (median) and up to {watts.max():,.4g} W, which "
-            "no board of this kind takes: name the unit in the header, such as power_mw"
+            raise self._error("it is empty")
+        self._header, self._delimiter, columns = self._find_header(lines)
+        self._width = len(columns)
+        after = lines[self._header + 1 :]
+        self._columns = self._chosen(columns, self._cells(after[0]) if after else [])
+        self._before = 0  # rows of earlier blocks
+        self._factor: float | None = None  # of times in numbers; None of clocks
+        self._first_s = 0.0  # of clocks
+        self._clock_s, self._days = -math.inf, 0
+
+    def __str__(self) -> str:
+        """Name the columns that are read."""
+        names = list(map(str, self._columns.values()))
+        if self._voltage is not None and "power" not in self._columns:
+            names.append(f"{self._voltage:g} V as given")
+        return ", ".join(names[:-1]) + f" and {names[-1]}"
+
+    def read(self) -> tuple[Floats, Floats]:
+        """Read the times and watts.
+
+        Rows of the same time, as of clocks with whole seconds, are averaged, and neighbours in a
+        file of more than `MOST_SAMPLES` rows.
+
+        Returns
+        -------
+        time_s, watts : ndarray of float64, shape (n,)
+            Time begins with the meter's own clock if it is in numbers, else at 0.
+
+        Raises
+        ------
+        UsageError
+            If a cell is not a number, time decreases, or no board takes such a power.
+        """
+        samples, skipped = _Samples(self._path), self._header + 1
+        for lines in self._blocks():
+            samples.add(*self._rows(lines[skipped:]))
+            skipped = 0
+        if samples.read < 2:
+            raise UsageError(f"{self._path}: a power trace needs two samples or more")
+        when, watts = _averaged(*samples.kept())
+        if len(when) < 2:
+            raise UsageError(f"{self._path}: time does not increase from row to row")
+        if when[-1] - when[0] > _MOST_TRACE_S:
+            raise UsageError(
+                f"{self._path}: by its column {self._columns['time']} it covers "
+                f"{(when[-1] - when[0]) / _DAY_S:,.4g} days: name the unit of time in the header, "
+                "such as time_ms, or cut it to the measurement"
+            )
+        typical = float(np.median(watts))
+        if abs(typical) > MAX_TRACE_WATTS or np.abs(watts).max() > MAX_WATTS:
+            raise UsageError(
+                f"{self._path}: by its columns {self} its power is {typical:,.4g} W (median) and "
+                f"up to {np.abs(watts).max():,.4g} W, which no board of this kind takes: name the "
+                "unit in the header, such as power_mw"
+            )
+        if watts.mean() < 0:
+            raise UsageError(
+                f"{self._path}: by its columns {self} its power is {watts.mean():,.4g} W on "
+                "average: are the leads of the meter reversed? Swap them and record again, or "
+                "change the sign in the file"
+            )
+        return when, watts
+
+    def _error(self, what: str) -> UsageError:
+        return UsageError(
+            f"cannot read a power trace from {self._path}: {what}: name a CSV with a header of "
+            "time and power"
         )
-    return when, watts
 
-
-@contextmanager
-def _opened(path: Path) -> Iterator[TextIO]:
-    """Open a text, and report what cannot be read of it."""
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            yield file
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(
-            f"cannot read a power trace from {path}: {error}: name a CSV with a header of time "
-            "and power"
-        ) from error
-
-
-def _blocks(path: Path, file: TextIO) -> Iterator[list[str]]:
-    """Yield the lines of a text that are not empty, some at a time."""
-    rest = ""
-    while text := file.read(_BLOCK_CHARS):
-        *lines, rest = f"{rest}{text}".split("\n")
-        if len(rest) > _BLOCK_CHARS:
-            raise UsageError(f"cannot read a power trace from {path}: a line has no end")
-        if lines := _filled(lines):
+    def _blocks(self) -> Iterator[list[str]]:
+        """Yield the lines that are not empty, some at a time."""
+        rest = ""
+        with self._path.open(encoding=self._encoding, errors="replace") as file:
+            while text := file.read(_BLOCK_CHARS):
+                *lines, rest = f"{rest}{text}".split("\n")
+                if len(rest) > _BLOCK_CHARS:
+                    raise self._error("a line has no end")
+                if lines := _filled(lines):
+                    yield lines
+        if lines := _filled([rest]):
             yield lines
-    if lines := _filled([rest]):
-        yield lines
+
+    def _cells(self, line: str) -> list[str]:
+        try:
+            return [cell.strip() for cell in next(csv.reader([line], delimiter=self._delimiter))]
+        except csv.Error as error:
+            raise self._error(str(error)) from error
+
+    def _find_header(self, lines: Sequence[str]) -> tuple[int, str, list[_Column]]:
+        """Return the number of the header's last line, the delimiter, and all columns."""
+        for number, line in enumerate(lines[:_MOST_PREFACE]):
+            self._delimiter = max(";\t,", key=line.count)
+            names = self._cells(line)
+            units = self._cells(lines[number + 1]) if number + 1 < len(lines) else []
+            if len(units) == len(names) and not any(re.search(r"\d", cell) for cell in units):
+                # some programs write the units below the names
+                bare = [cell.strip("()[] ") for cell in units]
+                names = [f"{a} ({b})" if b else a for a, b in zip(names, bare, strict=True)]
+                number += 1
+            columns = [_column(at, name) for at, name in enumerate(names)]
+            found = {column.quantity for column in columns}
+            if {"time", "date"} & found and {"power", "current"} & found:
+                return number, self._delimiter, columns
+        raise UsageError(
+            f"{self._path} begins with {lines[0][:80]!a}: expected time_s, and power_w or "
+            "both voltage_v and current_a, or such names, in a header"
+        )
+
+    def _chosen(self, columns: Sequence[_Column], first: Sequence[str]) -> dict[str, _Column]:
+        """Choose a column of time, and of power or current and voltage; and a date to a time."""
+        named: dict[str, _Column] = {}
+        for name in self._named:
+            same = [one for one in columns if one.name.lower() == name.strip().lower()]
+            if len(same) != 1 or same[0].quantity in ("", *named):
+                known = ", ".join(repr(one.name) for one in columns if one.quantity)
+                raise UsageError(
+                    f"{self._path}: --column {name!r} is no column of a quantity, or a second one: "
+                    f"choose from {known}"
+                )
+            named[same[0].quantity] = same[0]
+
+        def of(quantity: str) -> list[_Column]:
+            return [one for one in columns if one.quantity == quantity]
+
+        chosen = {"time": named.get("time") or self._time_of(of("time"), of("date"), first)}
+        dates = [one for one in of("date") if one is not chosen["time"]]
+        cell = first[chosen["time"].at : chosen["time"].at + 1]
+        if dates and cell and _is_clock(cell[0]) and not _DAY.search(cell[0]):
+            chosen["date"] = dates[0]
+        if "power" in named or (of("power") and not {"current", "voltage"} & set(named)):
+            chosen["power"] = named.get("power") or self._only(of("power"))
+        else:
+            current = named.get("current") or self._only(of("current"))
+            chosen["current"] = current
+            if self._voltage is None:
+                volts = of("voltage")
+                if not volts:
+                    raise UsageError(
+                        f"{self._path} has time and current: give the supply by --voltage, such "
+                        "as --voltage 5"
+                    )
+                same = [one for one in volts if one.rest == current.rest]
+                chosen["voltage"] = named.get("voltage") or self._only(same or volts)
+        for column in chosen.values():
+            if column.factor is None:
+                expected = ", ".join(_UNITS[column.quantity])
+                raise UsageError(
+                    f"{self._path}: the unit {column.unit!r} of its column {column.name!r} is not "
+                    f"known: write one of {expected} into the header"
+                )
+        return chosen
+
+    def _only(self, columns: Sequence[_Column]) -> _Column:
+        """Return the only column of a mean; which one is meant is never guessed."""
+        means = [one for one in columns if not one.is_no_mean]
+        if len(means) == 1:
+            return means[0]
+        raise self._ask(means or columns)
+
+    def _ask(self, columns: Sequence[_Column]) -> UsageError:
+        names = ", ".join(repr(one.name) for one in columns)
+        return UsageError(
+            f"{self._path}: its {columns[0].quantity} is in {names}: which one is meant? Name it, "
+            f"such as --column {columns[0].name!r}"
+        )
+
+    def _time_of(
+        self, times: Sequence[_Column], dates: Sequence[_Column], first: Sequence[str]
+    ) -> _Column:
+        """Return the column of time: in numbers with a unit, else a clock, else bare numbers."""
+        times = [one for one in times if not one.rest & _LAST_TIMES] or times
+        clocks = [one for one in times if one.at < len(first) and _is_clock(first[one.at])]
+        units = [one for one in times if one.unit and one.factor and one not in clocks]
+        bare = [one for one in times if not one.unit and one not in clocks]
+        for group in (units, clocks, bare, times, dates):
+            if len(group) == 1:
+                return group[0]
+            if group:
+                raise self._ask(group)
+        raise AssertionError
+
+    def _rows(self, lines: Sequence[str]) -> tuple[Floats, Floats]:
+        """Return the times and watts of the next lines, which may be none."""
+        if not lines:
+            return np.empty(0), np.empty(0)
+        try:
+            rows = list(csv.reader(lines, delimiter=self._delimiter))
+        except csv.Error as error:
+            raise self._error(str(error)) from error
+        for number, row in enumerate(rows):
+            if len(row) < self._width or any(cell.strip() for cell in row[self._width :]):
+                raise self._bad_row(number, row)
+        cells = {
+            name: [row[column.at].strip() for row in rows] for name, column in self._columns.items()
+        }
+        clock = cells.pop("time")
+        if "date" in cells:
+            clock = [f"{day} {time}" for day, time in zip(cells.pop("date"), clock, strict=True)]
+        when = self._times(rows, clock)
+        found = {
+            name: self._numbers(rows, texts) * (self._columns[name].factor or 1.0)
+            for name, texts in cells.items()
+        }
+        self._before += len(rows)
+        watts = found.get("power")
+        if watts is None:
+            volts = found["voltage"] if self._voltage is None else self._voltage
+            watts = found["current"] * volts
+        return when, watts
+
+    def _bad_row(self, number: int, row: Sequence[str]) -> UsageError:
+        shown = ",".join(row)[:80]
+        return UsageError(
+            f"cannot read a power trace from {self._path}, sample {self._before + number + 1}, "
+            f"{shown!r}: expected numbers, and a time in numbers, as ISO 8601 or as a time of day"
+        )
+
+    def _numbers(self, rows: Sequence[Sequence[str]], cells: Sequence[str]) -> Floats:
+        with suppress(ValueError):
+            return np.array(cells, dtype=np.float64)
+        values = np.empty(len(cells))
+        for number, cell in enumerate(cells):
+            try:
+                values[number] = _number(cell)
+            except ValueError:
+                raise self._bad_row(number, rows[number]) from None
+        return values
+
+    def _times(self, rows: Sequence[Sequence[str]], cells: Sequence[str]) -> Floats:
+        """Return times in seconds: numbers in the column's unit, ISO 8601, or times of day."""
+        column = self._columns["time"]
+        if self._before == 0:
+            with suppress(ValueError):
+                first = _number(cells[0])
+                self._factor = column.factor
+                if not column.unit:
+                    self._factor = next((by for least, by in _UNIX if first > least), 1.0)
+        if self._factor is not None:
+            return self._numbers(rows, cells) * self._factor
+        values = np.empty(len(cells))
+        for number, cell in enumerate(cells):
+            try:
+                now_s = _clock(cell)
+            except ValueError:
+                raise self._bad_row(number, rows[number]) from None
+            # a time of day begins again at midnight
+            if ":" in cell and not _DAY.search(cell):
+                self._days += now_s - self._clock_s < -_DAY_S / 2
+                self._clock_s = now_s
+            values[number] = now_s + self._days * _DAY_S
+        if self._before == 0:
+            self._first_s = values[0]
+        return values - self._first_s
+
+
+def read_csv(path: Path, voltage: float | None = None) -> tuple[Floats, Floats]:
+    """Read the times and watts that an external meter wrote; see `MeterFile`."""
+    return MeterFile(path, voltage).read()
+
+
+def _encoding_of(head: bytes) -> str:
+    """Return the encoding of a text by its first bytes; of Windows if it is none of Unicode."""
+    for mark in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        if head.startswith(mark):
+            return "utf-16"
+    if b"\0" in head[:2]:
+        return "utf-16-be" if head[:1] == b"\0" else "utf-16-le"
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8-sig"
 
 
 def _filled(lines: list[str]) -> list[str]:
@@ -207,168 +528,20 @@ def _means(rows: Floats, each: int) -> Floats:
     return rows[:, : whole * each].reshape(2, whole, each).mean(axis=2)
 
 
-class _Table:
-    """Reads the rows of a meter's file, some at a time."""
-
-    def __init__(
-        self,
-        path: Path,
-        header: str,
-        delimiter: str,
-        columns: dict[str, _Column],
-        voltage: float | None,
-    ) -> None:
-        self._path, self._delimiter, self._voltage = path, delimiter, voltage
-        self._columns = columns
-        self._width = len(next(csv.reader([header], delimiter=delimiter)))
-        self._before = 0  # rows of earlier blocks
-        self._factor: float | None = None  # of times in numbers; None of clocks
-        self._first_s = 0.0  # of clocks
-        self._clock_s, self._days = -math.inf, 0
-
-    def read(self, lines: Sequence[str]) -> tuple[Floats, Floats]:
-        """Return the times and watts of the next lines, which may be none."""
-        if not lines:
-            return np.empty(0), np.empty(0)
-        try:
-            rows = list(csv.reader(lines, delimiter=self._delimiter))
-        except csv.Error as error:
-            raise UsageError(f"cannot read a power trace from {self._path}: {error}") from error
-        for number, row in enumerate(rows):
-            if len(row) < self._width or any(cell.strip() for cell in row[self._width :]):
-                raise self._bad_row(number, row)
-        cells = {
-            name: [row[column.at].strip() for row in rows] for name, column in self._columns.items()
-        }
-        clock = cells.pop("time")
-        if "date" in cells:
-            clock = [f"{day} {time}" for day, time in zip(cells.pop("date"), clock, strict=True)]
-        when = self._times(rows, clock)
-        decimal_comma = self._delimiter != ","
-        found = {
-            name: self._numbers(rows, texts, decimal_comma) * self._columns[name].factor
-            for name, texts in cells.items()
-        }
-        self._before += len(rows)
-        watts = found.get("power")
-        if watts is None:
-            volts = found["voltage"] if self._voltage is None else self._voltage
-            watts = found["current"] * volts
-        return when, watts
-
-    def _bad_row(self, number: int, row: Sequence[str]) -> UsageError:
-        shown = ",".join(row)[:80]
-        return UsageError(
-            f"cannot read a power trace from {self._path}, sample {self._before + number + 1}, "
-            f"{shown!r}: expected numbers, and a time in numbers, as ISO 8601 or as a time of day"
-        )
-
-    def _numbers(
-        self, rows: Sequence[Sequence[str]], cells: Sequence[str], decimal_comma: bool
-    ) -> Floats:
-        try:
-            return _as_numbers(cells, decimal_comma)
-        except ValueError:
-            for number, cell in enumerate(cells):
-                try:
-                    _number(cell, decimal_comma)
-                except ValueError:
-                    raise self._bad_row(number, rows[number]) from None
-            raise
-
-    def _times(self, rows: Sequence[Sequence[str]], cells: Sequence[str]) -> Floats:
-        """Return times in seconds: numbers in the column's unit, ISO 8601, or times of day."""
-        column = self._columns["time"]
-        if self._before == 0:
-            with suppress(ValueError):
-                first = float(_as_numbers(cells[:1], decimal_comma=True)[0])
-                self._factor = column.factor
-                if not column.unit and first > _UNIX_MS:
-                    self._factor = 1e-6 if first > _UNIX_US else 1e-3
-        if self._factor is not None:
-            return self._numbers(rows, cells, decimal_comma=True) * self._factor
-        values = np.empty(len(cells))
-        for number, cell in enumerate(cells):
-            try:
-                now_s = _clock(cell)
-            except ValueError:
-                raise self._bad_row(number, rows[number]) from None
-            # a time of day begins again at midnight
-            if ":" in cell and not _DAY.search(cell):
-                self._days += now_s - self._clock_s < -_DAY_S / 2
-                self._clock_s = now_s
-            values[number] = now_s + self._days * _DAY_S
-        if self._before == 0:
-            self._first_s = values[0]
-        return values - self._first_s
-
-
-def _find_header(
-    path: Path, lines: Sequence[str], voltage: float | None
-) -> tuple[int, str, dict[str, _Column]]:
-    """Return the number of the header's line, the delimiter, and the columns by quantity."""
-    best: tuple[str, ...] = ()
-    for number, line in enumerate(lines[:_MOST_PREFACE]):
-        delimiter = max(";\t,", key=line.count)
-        names = next(csv.reader([line.lstrip("# ")], delimiter=delimiter))
-        columns = _columns(names)
-        by_power = "power" in columns
-        by_current = "current" in columns and (voltage is not None or "voltage" in columns)
-        if "time" in columns and (by_power or by_current):
-            needed = ("power",) if by_power else ("current", "voltage")
-            needed = ("time", "date", *needed)
-            return number, delimiter, {name: columns[name] for name in needed if name in columns}
-        if len(columns) > len(best):
-            best = tuple(columns)
-            if {"time", "current"} <= set(columns):
-                raise UsageError(
-                    f"{path} has time and current: give the supply by --voltage, such as "
-                    "--voltage 5"
-                )
-    shown = lines[0][:80]
-    raise UsageError(
-        f"{path} begins with {shown!r}: expected time_s, and power_w or both voltage_v and "
-        "current_a, or such names, in a header"
-    )
-
-
-def _columns(names: Sequence[str]) -> dict[str, _Column]:
-    """Return the first column of each quantity that the names say."""
-    found: dict[str, _Column] = {}
-    for at, name in enumerate(names):
-        text = name.strip().lower().replace("\u00b5", "u").replace("\u03bc", "u")
-        words = re.findall(r"[a-z]+", text)
-        # a shunt's voltage is not the supply's, for example
-        if not words or _OTHER_WORDS & set(words):
-            continue
-        for quantity, known in _QUANTITIES.items():
-            unit = words[-1] if len(words) > 1 and words[-1] in _UNITS[quantity] else ""
-            if not set(words[:-1] if unit else words) & set(known):
-                # a unit alone names a quantity too, such as mW
-                alone = len(words) == 1 and words[0] in _UNITS[quantity] and quantity != "time"
-                if not alone:
-                    continue
-                unit = words[0]
-            if quantity not in found:
-                found[quantity] = _Column(at, _UNITS[quantity].get(unit, 1.0), unit)
-            break
-    # a date alone is a time too
-    if "time" not in found and "date" in found:
-        found["time"] = found.pop("date")
-    return found
-
-
-def _as_numbers(cells: Sequence[str], decimal_comma: bool) -> Floats:
-    if decimal_comma and any("," in cell for cell in cells):
-        return np.array([_number(cell, decimal_comma) for cell in cells])
-    return np.array(cells, dtype=np.float64)
-
-
-def _number(cell: str, decimal_comma: bool) -> float:
-    """Read a number; with a decimal comma, points are between thousands."""
-    if decimal_comma and "," in cell:
-        cell = cell.replace(".", "").replace(",", ".")
+def _number(cell: str) -> float:
+    """Read a number; of a point and a comma in it, the last one is before its decimals."""
+    if "," in cell:
+        thousands = "." if cell.rfind(",") > cell.rfind(".") else ","
+        cell = cell.replace(thousands, "").replace(",", ".")
     return float(cell)
+
+
+def _is_clock(cell: str) -> bool:
+    try:
+        _number(cell)
+    except ValueError:
+        return True
+    return False
 
 
 def _clock(cell: str) -> float:
@@ -442,7 +615,8 @@ def align(windows: Sequence[Window], time_s: Floats, watts: Floats) -> float:
     if not _follows(part, pattern, which, span / float(np.median(np.diff(time_s)))):
         raise UsageError(
             "the meter's trace does not rise and fall with the load of the profile, at any time: "
-            "is it of the same run, and of the board that ran it? If it is, take longer windows"
+            "is it of the same run, and of the board that ran it, and is its unit of time right? "
+            "If so, take longer windows"
         )
     return float(time_s[0] + best * step - start)
 

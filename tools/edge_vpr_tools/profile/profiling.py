@@ -15,7 +15,6 @@ import numpy as np
 
 from edge_vpr.errors import UsageError
 from edge_vpr.files import parse_errors, read_json
-from edge_vpr.online.localiser import MatchSchedule
 from edge_vpr.results import RecordError, RunRecord, from_json, run_record
 from edge_vpr_tools.console import note
 from edge_vpr_tools.profile.conditions import Conditions, void_because
@@ -29,7 +28,7 @@ from edge_vpr_tools.profile.measurement import (
     measure,
     take_turns,
 )
-from edge_vpr_tools.profile.meter_trace import align, check_turns, read_csv
+from edge_vpr_tools.profile.meter_trace import MeterFile, align, check_turns
 from edge_vpr_tools.profile.sensors.sensor import (
     ROOT,
     About,
@@ -38,14 +37,11 @@ from edge_vpr_tools.profile.sensors.sensor import (
     SensorError,
     read_text,
 )
-from edge_vpr_tools.profile.speed import SparseAgainstAll, sparse_against_all
 from edge_vpr_tools.profile.workload import (
-    PIXELS,
-    DesignResult,
+    PACKET,
     Load,
     Throughput,
     Workload,
-    compare,
     measure_throughput,
 )
 
@@ -128,12 +124,15 @@ class Profile:
     throughput: Throughput
     map: MapSize
     energy: Outcome
-    designs: tuple[DesignResult, ...]  #: Empty if no designs were compared.
     conditions: Moments
-    sparse_against_all: SparseAgainstAll
     load: LoadRecord
     provenance: Provenance
     run: RunRecord
+
+    @property
+    def drive_events_per_s(self) -> float:
+        """Events per second of the recording, as it was driven."""
+        return self.throughput.events_per_s / self.throughput.times_real_time
 
     @property
     def void(self) -> bool:
@@ -170,10 +169,7 @@ def profile(
     sensor: Sensor | None = None,
     missing: Sequence[Missing] = (),
     *,
-    every: str = "window",
-    packet: int = 512,
     mission_rate: float = 1.0,
-    designs: bool = True,
     meter: bool = False,
     root: Path = ROOT,
 ) -> Profile:
@@ -183,12 +179,6 @@ def profile(
     ----------
     sensor : Sensor, optional
         Sensor of power or energy; it is not closed.
-    every : str
-        Schedule of matches; see `MatchSchedule.parse`.
-    packet : int
-        Number of events in a call.
-    designs : bool
-        Whether to compare other designs, if the truth is known.
     meter : bool
         Whether to alternate idle and load for an external meter.
 
@@ -198,11 +188,10 @@ def profile(
         If the load gives no match within a window.
     """
     reference = load.reference
-    schedule = MatchSchedule.parse(every, reference.settings)
-    workload = Workload(reference, load.events, schedule, packet)
-    designs = load.truth_of is not None and designs
+    workload = Workload(reference, load.events)
     if sensor is not None:
-        _say_how_long(plan.for_period(sensor.about.period_s), designs)
+        longer = plan.for_period(sensor.about.period_s)
+        note(f"measuring energy takes about {_duration(longer.pairs * 2 * longer.window_s)}")
     before = Conditions.now(root)
     note(f"speed: {_duration(plan.window_s)}")
     throughput = measure_throughput(workload, plan.window_s)
@@ -215,24 +204,12 @@ def profile(
             energy = measure(sensor, plan, workload.run, mission_rate)
         except SensorError as error:
             energy = NotMeasured((f"{sensor.about.name}: {error}",))
-            sensor = None
     elif meter:
         energy = NotMeasured(because, tuple(take_turns(plan, workload.run)))
-    compared = []
-    if designs:
-        compared = compare(load, sensor, plan, mission_rate, energy)
     after = Conditions.now(root)
-    note("few pixels against all: some 10 s")
-    # measured last, since all pixels take memory that the method does not need
-    everything = np.concatenate(load.events)
-    sparse = sparse_against_all(everything, reference.pixel_map, len(reference))
     void = void_because(before, loaded, after)
     if void:
         energy = energy.void()
-        compared = [
-            replace(one, energy=None if one.energy is None else one.energy.void())
-            for one in compared
-        ]
     run = run_record(reference.settings.to_dict(), load.inputs)
     return Profile(
         quick=plan.quick,
@@ -242,19 +219,26 @@ def profile(
             reference.settings.sequence_length,
         ),
         energy=energy,
-        designs=tuple(compared),
         conditions=Moments(before, loaded, after, void),
-        sparse_against_all=sparse,
-        load=LoadRecord(load.name, every, packet),
+        load=LoadRecord(load.name, "window", PACKET),
         provenance=Provenance.of(root, loaded, energy, run),
         run=run,
     )  # fmt: skip
 
 
 def with_meter(
-    path: Path, meter: Path, mission_rate: float, voltage: float | None = None
+    path: Path,
+    meter: Path,
+    mission_rate: float,
+    voltage: float | None = None,
+    columns: Sequence[str] = (),
 ) -> Profile:
-    """Add the energy from an external meter's trace to a profile that was made for it.
+    """Give a profile that was made for an external meter the energy of that meter's trace.
+
+    Parameters
+    ----------
+    voltage, columns
+        See `MeterFile`.
 
     Raises
     ------
@@ -262,31 +246,27 @@ def with_meter(
         If the profile has no windows for a meter, or the trace does not contain them.
     """
     found = Profile.load_file(path)
-    windows = found.energy.windows if isinstance(found.energy, NotMeasured) else ()
+    # an earlier trace leaves its windows, so that the energy can be computed again
+    kept = found.energy if isinstance(found.energy, NotMeasured) else found.energy.readings
+    windows = () if kept is None else kept.windows
     if not windows:
         raise UsageError(f"{path} took no turns for a meter: make it with --meter")
     with parse_errors(path, "the turns of a profile", "make it again with edge-vpr profile"):
         check_turns(windows)
-    time_s, watts = read_csv(meter, voltage)
+    table = MeterFile(meter, voltage, columns)
+    time_s, watts = table.read()
     ahead = align(windows, time_s, watts)
     about = About(
         name=meter.name,
         kind="power",
         scope="what the external meter feeds",
         period_s=float(np.median(np.diff(time_s))),
-        detail=f"its clock is {ahead:.3f} s ahead, by its steps; its gain error is not known",
+        detail=f"from {table}; its clock is {ahead:.3f} s ahead, by its steps; its gain error is "
+        "not known",
     )
     energy = analyse(Trace.of_power(time_s - ahead, watts), windows, about, mission_rate)
-    return replace(found, energy=replace(energy, quick=found.quick))
-
-
-def _say_how_long(plan: Plan, designs: bool) -> None:
-    one = plan.pairs * 2 * plan.window_s
-    note(
-        f"measuring energy takes about {_duration(one)}"
-        + f", and {_duration(one * (len(PIXELS) + 1))} more for other designs (--no-designs: none)"
-        * designs
-    )
+    energy = replace(energy, quick=found.quick)
+    return replace(found, energy=energy.void() if found.void else energy)
 
 
 def _duration(seconds: float) -> str:
@@ -313,30 +293,14 @@ def numbers(found: Profile) -> Iterator[Number]:
     """Yield the numbers of a profile, in the same order and with the same names for each."""
     for name, value in asdict(found.throughput).items():
         yield Number(name, value)
-    for name, against in found.sparse_against_all.parts().items():
-        sides = (
-            ("sparse", against.sparse_pixels, against.sparse_s),
-            ("all", against.all_pixels, against.all_s),
-        )
-        for pixels, count, seconds in sides:
-            yield Number(f"{name}_{pixels}_pixels", count)
-            yield Number(f"{name}_{pixels}_s_per_{against.unit.split()[-1]}", *seconds)
-        yield Number(f"{name}_times_faster", *against.times)
     for name in BOUNDED:
-        yield _of_energy(found.energy, name, name, found.void)
-    for design in found.designs:
-        prefix = design.name
-        yield Number(f"{prefix}: precision_at_100_recall", design.precision_at_100_recall)
-        yield Number(f"{prefix}: bytes_per_place", design.bytes_per_place)
-        cpu = (design.cpu_s_per_match, *design.cpu_s_per_match_interval)
-        yield Number(f"{prefix}: cpu_s_per_match", *cpu)
-        yield _of_energy(design.energy, BOUNDED[0], f"{prefix}: {BOUNDED[0]}", found.void)
+        yield _of_energy(found.energy, name, found.void)
 
 
-def _of_energy(energy: Outcome | None, key: str, name: str, void: bool) -> Number:
-    if void or energy is None or energy.figures is None:
+def _of_energy(energy: Outcome, name: str, void: bool) -> Number:
+    if void or energy.figures is None:
         return Number(name, None, why=VOID if void else NOT_MEASURED)
-    bounded = energy.figures.bounded(key)
+    bounded = energy.figures.bounded(name)
     if bounded.value is None:
         return Number(name, None, why=NOT_RESOLVED)
     return Number(name, *bounded)

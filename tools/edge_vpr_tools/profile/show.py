@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,16 +22,13 @@ from edge_vpr_tools.profile.profiling import (
     Provenance,
     numbers,
 )
-from edge_vpr_tools.profile.workload import DesignResult
 from edge_vpr_tools.report.page import Page, add_run, plain, quantity
 from edge_vpr_tools.report.style import (
     BLUE,
-    CYCLE,
     GREEN,
     ORANGE,
     SKY,
     figure,
-    name_label,
     quantity_axis,
     save,
 )
@@ -41,9 +37,8 @@ from edge_vpr_tools.report.tables import write_spreadsheet
 # Text of a profile, with units: rows of its tables, and notes.
 
 
-#: one over the marginal energy, with the events of a match: the headline
+#: one over the marginal energy: the headline
 PER_JOULE = "matches per joule"
-DESIGNS = ("design", "P@100R", "bytes per place", "processor time per match", "marginal energy")
 
 
 def rows(found: Profile) -> list[tuple[str, str]]:
@@ -58,34 +53,27 @@ def rows(found: Profile) -> list[tuple[str, str]]:
         ("processor time per match, with its events", quantity(speed.cpu_s_per_match, "s")),
         ("peak memory of the process", f"{speed.peak_memory_bytes / 2**20:,.1f} MiB"),
     ]
-    for name, against in found.sparse_against_all.parts().items():
-        what = f"{name.partition('_')[0]}, {against.sparse_pixels:,} against "
-        what += f"{against.all_pixels:,} pixels"
-        if against.places:
-            what += f", {against.places:,} places"
-        if name.endswith("_paper"):
-            what += ", made up"
-        sparse, every = (quantity(one.value, "s") for one in (against.sparse_s, against.all_s))
-        seconds = f"{sparse} against {every} {against.unit}"
-        times = "{:.3g} ({:.3g} to {:.3g})".format(*against.times)
-        lines.append((what, f"{seconds}: {times} times"))
     # the headline first
-    energy = _energy_rows(found.energy, found.void)
+    energy = _energy_rows(found)
     return energy[:1] + lines + energy[1:]
 
 
-def _energy_rows(energy: Outcome, void: bool) -> list[tuple[str, str]]:
+def _energy_rows(found: Profile) -> list[tuple[str, str]]:
+    energy, rate = found.energy, f"{found.drive_events_per_s:,.3g}"
+    # what a figure includes, and at which rate of events, stands beside it
+    headline = f"{PER_JOULE}: what the work adds, at the drive's {rate} events/s"
     names = (
         "marginal energy of a match, with its events",
         "energy of a match, whole board, saturated",
         "energy of a match, whole board, at the mission",
     )
-    if void or energy.figures is None:
-        return [(name, VOID if void else NOT_MEASURED) for name in (PER_JOULE, *names)]
+    if found.void or energy.figures is None:
+        missing = VOID if found.void else NOT_MEASURED
+        return [(name, missing) for name in (headline, *names)]
     figures = energy.figures
     idle = quantity(figures.idle_w, "W", *figures.idle_w_interval, digits=4)
     return [
-        (PER_JOULE, _per_joule(figures)),
+        (headline, _per_joule(figures)),
         (names[0], _marginal(energy, figures)),
         (names[1], _joules(figures, "saturated_j_per_match")),
         (f"{names[2]}'s {energy.mission_matches_per_s:g} matches per second",
@@ -111,20 +99,6 @@ def _marginal(energy: Energy, figures: Figures) -> str:
     return f"{NOT_RESOLVED}: about {pairs} pairs ({minutes:.0f} min) would do"
 
 
-def designs(found: Profile) -> list[list[str]]:
-    """Return the accuracy of each design and the cost of its match, as rows of `DESIGNS`."""
-    lines = []
-    for one in found.designs:
-        joules = VOID if found.void else NOT_MEASURED
-        if isinstance(one.energy, Energy) and one.energy.figures is not None and not found.void:
-            joules = _marginal(one.energy, one.energy.figures)
-        lines.append(
-            [one.name, f"{one.precision_at_100_recall:.3f}", f"{one.bytes_per_place:,}",
-             quantity(one.cpu_s_per_match, "s", *one.cpu_s_per_match_interval), joules]
-        )  # fmt: skip
-    return lines
-
-
 def notes(found: Profile) -> list[str]:
     """Return notes on the figures."""
     notes = []
@@ -134,13 +108,6 @@ def notes(found: Profile) -> list[str]:
         notes.append(
             f"VOID: the board was throttled ({found.conditions.void_because}). Cool it, or give "
             "it a stronger supply, and run again."
-        )
-    if found.designs:
-        places = sorted({one.places for one in found.designs})
-        span = " to ".join(map(str, dict.fromkeys((places[0], places[-1]))))
-        notes.append(
-            f"P@100R of {found.load.recording}, among {span} places; it says nothing of "
-            "other drives."
         )
     speed, of = found.throughput, found.load
     notes += [
@@ -218,8 +185,6 @@ WIDTH = 110
 def show(found: Profile) -> None:
     """Print a profile."""
     table(("measured", ""), rows(found), title=found.run.machine.processor, width=WIDTH)
-    if found.designs:
-        table(DESIGNS, designs(found), width=WIDTH)
     for line in notes(found):
         say(line, width=WIDTH)
 
@@ -227,7 +192,7 @@ def show(found: Profile) -> None:
 def check_shown(found: Profile, path: Path) -> None:
     """Raise `UsageError` unless all shown parts of a profile are valid."""
     with parse_errors(path, "a profile", "make it again with edge-vpr profile"):
-        _ = rows(found), designs(found), notes(found)
+        _ = rows(found), notes(found)
         for number in numbers(found):
             for value in number[1:4]:
                 if value is not None and not math.isfinite(value):
@@ -253,19 +218,12 @@ def write_report(found: Profile, folder: Path) -> None:
     page.table(("measured", ""), rows(found))
     for line in notes(found):
         page.text(line)
-    if found.designs:
-        page.heading("Accuracy and cost of designs")
-        page.table(DESIGNS, designs(found))
-        caption = "Share of correct matches of each design against what a match of it took here."
-        page.picture(save(accuracy(found.designs), folder / "accuracy.png"), caption)
     energy = found.energy
     if energy.readings is not None and energy.figures is not None:
         page.heading("Energy")
         readings, of_match = energy.readings, energy.figures
         caption = "Power; idle and load windows are shaded."
         page.picture(save(power_trace(readings), folder / "power.png"), caption)
-        caption = "Load less idle of each pair."
-        page.picture(save(differences(readings), folder / "pairs.png"), caption)
         caption = "Energy of a match against the match rate: at low rates the board at rest is all."
         page.picture(save(against_rate(energy, of_match), folder / "rate.png"), caption)
     provenance = to_json(found.provenance)
@@ -285,9 +243,6 @@ def write_report(found: Profile, folder: Path) -> None:
 # Figures of a profile.
 
 
-_MARKERS = "os^vDPX"
-
-
 def power_trace(readings: Readings) -> Figure:
     """Draw power over time, with idle and load windows shaded."""
     with figure() as (drawing, axes):
@@ -299,19 +254,6 @@ def power_trace(readings: Readings) -> Figure:
             )  # fmt: skip
         axes.plot(readings.trace.time_s, readings.trace.watts, color=BLUE, lw=0.8)
         axes.set(title="Power over time", xlabel="time (s)", ylabel="power (W)")
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    return drawing
-
-
-def differences(readings: Readings) -> Figure:
-    """Draw the difference of each pair."""
-    with figure(7.5, 3.6) as (drawing, axes):
-        values = readings.differences_w
-        axes.plot(np.arange(1, len(values) + 1), values, "o", color=BLUE, label="pair")
-        axes.axhline(float(np.median(values)), color=ORANGE, label="median")
-        axes.axhline(0.0, color="black", lw=0.8)
-        axes.set(title="Load less idle, pair by pair", xlabel="pair", ylabel="power (W)")
-        axes.set_xticks(range(1, len(values) + 1))
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return drawing
 
@@ -338,43 +280,3 @@ def against_rate(energy: Energy, figures: Figures) -> Figure:
         quantity_axis(axes.yaxis, "J")
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return drawing
-
-
-def accuracy(designs: Sequence[DesignResult]) -> Figure:
-    """Draw the accuracy of each design against the measured cost of its match.
-
-    The cost is in joules if they were measured and resolved, else in processor time.
-    """
-    measured = [(one, _marginal_joules(one)) for one in designs]
-    joules = [(one, found) for one, found in measured if found is not None]
-    shown = joules or [
-        (one, (one.cpu_s_per_match, *one.cpu_s_per_match_interval)) for one in designs
-    ]
-    with figure(8.5, 4.8) as (drawing, axes):
-        for i, (one, (value, low, high)) in enumerate(shown):
-            axes.errorbar(
-                value, one.precision_at_100_recall,
-                xerr=[[max(value - low, 0.0)], [max(high - value, 0.0)]],
-                fmt=_MARKERS[i % len(_MARKERS)], color=CYCLE[i % len(CYCLE)], capsize=3,
-                label=name_label(one.name),
-            )  # fmt: skip
-        quantity_axis(axes.xaxis, "J" if joules else "s")
-        axes.margins(x=0.15)
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        axes.set_ylim(0.0, 1.08)
-        axes.set(
-            title="Accuracy against " + ("energy" if joules else "processor time: no joules"),
-            xlabel="marginal energy of a match and its events, measured"
-            if joules
-            else "processor time of a match and its events, measured; energy was not",
-            ylabel="P@100R",
-        )
-    return drawing
-
-
-def _marginal_joules(one: DesignResult) -> tuple[float, float, float] | None:
-    """Return the marginal energy of a match and its interval; None if it is not resolved."""
-    figures = None if one.energy is None else one.energy.figures
-    if figures is None or figures.marginal_j_per_match is None:
-        return None
-    return (figures.marginal_j_per_match, *figures.marginal_j_per_match_interval)

@@ -4,42 +4,25 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.counting import EventSource, cleaned
-from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Events
-from edge_vpr.map_record import describe_query
-from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.online.localiser import Localiser, MatchSchedule
+from edge_vpr.online.localiser import Localiser
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import SimulatedRecording
-from edge_vpr_tools.console import check_interrupted, note
-from edge_vpr_tools.profile.measurement import (
-    LEAST_PAIRS,
-    Bounds,
-    Energy,
-    Estimate,
-    NotMeasured,
-    Outcome,
-    Plan,
-    interval_of_times,
-    measure,
-)
-from edge_vpr_tools.profile.sensors.sensor import Sensor, SensorError
-from edge_vpr_tools.research.baselines import map_all_pixels
-from edge_vpr_tools.research.experiments.pairs import TruthOf, truth_of_pair
+from edge_vpr_tools.console import check_interrupted
 
 # The pipeline as a load: a recording is repeatedly fed to a localiser in packets.
 
 
+#: events in one call, as from a camera's driver
+PACKET = 512
 #: pause between two rounds of a recording, in microseconds
 _PAUSE_US = 1
 
@@ -51,8 +34,6 @@ class Workload:
     ----------
     events : iterable of ndarray
         Cleaned events of the recording; held in memory.
-    packet : int
-        Number of events in one call, as from a camera's driver.
 
     Attributes
     ----------
@@ -73,18 +54,14 @@ class Workload:
         self,
         reference: ReferenceMap,
         events: Iterable[Events],
-        every: MatchSchedule,
-        packet: int = 512,
     ) -> None:
-        if packet < 1:
-            raise UsageError(f"packets of {packet} events: expected 1 or more")
         pieces = list(events)
         whole = np.concatenate(pieces) if pieces else None
         if whole is None or whole.size == 0:
             raise UsageError("the recording holds no events: name another one")
-        self._packets = [whole[i : i + packet].copy() for i in range(0, whole.size, packet)]
+        self._packets = [whole[i : i + PACKET].copy() for i in range(0, whole.size, PACKET)]
         self._period = int(whole["t"][-1]) - int(whole["t"][0]) + _PAUSE_US
-        self._localiser = Localiser(reference, every=every)
+        self._localiser = Localiser(reference)
         self._next = 0
         self.recorded_s, self.events_a_round = self._period / 1e6, whole.size
         self.reset()
@@ -122,73 +99,6 @@ class Workload:
             self.latencies_s.append(took)
 
 
-# Designs to compare: maps of one drive with other numbers of pixels or fewer bits.
-
-
-#: numbers of pixels (J) of the designs, and codes of their counters
-PIXELS = (10, 25, 50, 150)
-CODED = {"counter_code": "log", "counter_bits": 3}
-
-
-@dataclass(frozen=True, eq=False)
-class Compared:
-    """A design: its name in tables and figures, and its map."""
-
-    name: str
-    reference: ReferenceMap
-
-
-def of_pair(drive: EventSource, main: ReferenceMap) -> Iterator[Compared]:
-    """Yield maps of a drive: with several numbers of pixels, with fewer bits, and with all pixels.
-
-    Fixed-count windows hold the average number of events in tau at the same pixels. A match
-    therefore covers the same length of the drive in all designs.
-    """
-    settings = main.settings.replaced({"events_per_pixel": None}, "designs")
-    for pixels in PIXELS:
-        mapped = main
-        if pixels != settings.pixels:
-            mapped = ReferenceMap.build(drive, settings.replaced({"pixels": pixels}, "designs"))
-        yield Compared(f"{pixels} px", mapped)
-    coded = ReferenceMap.build(drive, settings.replaced(CODED, "designs"))
-    yield Compared(f"{settings.pixels} px, 3-bit log", coded)
-    every = map_all_pixels(drive, settings, main.hot)
-    yield Compared(f"all {len(every.pixel_map):,} px", every)
-
-
-def of_map(reference: ReferenceMap) -> Iterator[Compared]:
-    """Yield maps with the first pixels of a map, and the map itself.
-
-    Pixels are stored in the order in which they were drawn, so that the first ones are a smaller
-    draw. Windows by count end by the events of all pixels; only the map itself is then yielded.
-    """
-    drawn, counts = reference.pixel_map, reference.places.counts
-    whole = len(drawn)
-    if reference.settings.window == "time":
-        for pixels in (p for p in PIXELS if p < whole):
-            kept = np.concatenate(
-                [np.arange(start, start + pixels) for start in range(0, counts.shape[1], whole)]
-            )
-            scale, mean = reference.full_scale, reference.mean
-            yield Compared(
-                f"{pixels} px",
-                replace(
-                    reference,
-                    settings=reference.settings.replaced({"pixels": pixels}, "designs"),
-                    pixel_map=PixelMap(drawn.sensor, drawn.x[:pixels], drawn.y[:pixels]),
-                    places=replace(
-                        reference.places,
-                        counts=np.ascontiguousarray(counts[:, kept]),
-                        # the number of events at these pixels cannot be computed from codes
-                        selected=reference.places.selected_events * pixels // whole,
-                    ),
-                    full_scale=None if scale is None else scale[kept],
-                    mean=None if mean is None else mean[kept],
-                ),
-            )
-    yield Compared(f"{whole} px", reference)
-
-
 # Drives of a profile: the user's map and drive, or a simulated street.
 
 
@@ -198,109 +108,19 @@ STREET_M = 400.0
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Load: a map, the events of a query drive and, if its truth is known, designs to compare."""
+    """Load: a map, and the events of a query drive."""
 
     name: str  #: Name of the recording.
     reference: ReferenceMap
     events: list[Events]  #: Cleaned events of the query drive.
-    query: EventSource
-    designs: Iterable[Compared]
-    #: Makes the ground truth from the times of places and queries; None where it is not known.
-    truth_of: TruthOf | None
     inputs: Sequence[str]
 
 
 def street_load(first: SimulatedRecording, query: SimulatedRecording) -> Load:
     """Map the first drive of a simulated street of `STREET_M`; the query drive is the load."""
-    # N is the average number of events in a window of tau
-    fixed_n = PRESETS["paper"].replaced({"window": "count", "events_per_pixel": None}, "profile")
-    reference = ReferenceMap.build(first, fixed_n)
+    reference = ReferenceMap.build(first)
     events = list(cleaned(query, reference.settings))
-    designs = of_pair(first, reference)
-    name = f"simulated street of {STREET_M:g} m"
-    return Load(name, reference, events, query, designs, truth_of_pair(first, query), [])
-
-
-# Accuracy and measured cost of several designs on the same drives.
-
-
-@dataclass(frozen=True, kw_only=True)
-class DesignResult:
-    """Accuracy of a design, and the cost of its match."""
-
-    name: str
-    pixels: int
-    counter_bits: int
-    bytes_per_place: int
-    places: int
-    precision_at_100_recall: float  #: Over `queries` matches.
-    queries: int
-    cpu_s_per_match: float  #: Processor time in seconds, with its 95 % interval.
-    cpu_s_per_match_interval: Bounds
-    energy: Outcome | None  #: None if there is no sensor.
-
-
-def compare(
-    load: Load, sensor: Sensor | None, plan: Plan, mission_rate: float, known: Outcome
-) -> list[DesignResult]:
-    """Evaluate each design of a load whose truth is known, and measure the cost of its match.
-
-    Parameters
-    ----------
-    sensor : Sensor, optional
-        Measures joules; without it, only processor time is measured.
-    known : NotMeasured or Energy
-        Energy of the load's own map, which has already been measured.
-    """
-    assert load.truth_of is not None
-    found = []
-    for design in load.designs:
-        note(f"design: {design.name}")
-        reference, settings = design.reference, design.reference.settings
-        queries = describe_query(reference, load.query)
-        matches = match_descriptors(reference.places, queries, settings)
-        truth = load.truth_of(reference.places.centre_us, queries.centre_us)
-        workload = Workload(reference, load.events, MatchSchedule.window(settings))
-        cpu = _cpu_s_per_match(workload, plan)
-        energy: Outcome | None = None
-        if sensor is not None:
-            measured = known if reference is load.reference else None
-            energy = measured or _energy(sensor, plan, workload, mission_rate)
-        found.append(
-            DesignResult(
-                name=design.name,
-                pixels=len(reference.pixel_map),
-                counter_bits=reference.counter_bits,
-                bytes_per_place=reference.packed_bytes_per_place,
-                places=len(reference),
-                precision_at_100_recall=evaluate(matches, truth).precision_at_100_recall,
-                queries=len(matches),
-                cpu_s_per_match=cpu.value,
-                cpu_s_per_match_interval=(cpu.low, cpu.high),
-                energy=energy.brief() if isinstance(energy, Energy) else energy,
-            )
-        )
-    return found
-
-
-def _cpu_s_per_match(load: Workload, plan: Plan) -> Estimate:
-    """Measure the processor time of a match in several short slices of load."""
-    slices: list[float] = []
-    while len(slices) < LEAST_PAIRS:
-        load.reset()
-        start = time.process_time()
-        # at least one match, even on a slow machine
-        while load.matches == 0:
-            load.run(plan.window_s / 10)
-        slices.append((time.process_time() - start) / load.matches)
-    return interval_of_times(np.array(slices))
-
-
-def _energy(sensor: Sensor, plan: Plan, load: Workload, mission_rate: float) -> Outcome:
-    try:
-        return measure(sensor, plan, load.run, mission_rate)
-    except SensorError as error:
-        return NotMeasured((str(error),))
+    return Load(f"simulated street of {STREET_M:g} m", reference, events, [])
 
 
 # Speed of the load on this machine: events, matches, latency, processor time and memory.

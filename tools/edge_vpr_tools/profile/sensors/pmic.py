@@ -83,7 +83,7 @@ def find(root: Path) -> tuple[list[Sensor], list[Missing]]:
     board = read_text(root / _BOARD).rstrip("\0")
     has_chip = any(name in board for name in _WITH_CHIP)
     if "Raspberry Pi" in board and not has_chip:
-        remedy = "wire an INA226, a UM25C (--meter-port) or a meter that writes CSV in the 5 V line"
+        remedy = "wire an INA226 in the 5 V line, or a meter that exports CSV (profile trace)"
         return [], [Missing("PMIC", f"{board} measures no current", remedy)]
     command = vcgencmd(root)
     if command is None:

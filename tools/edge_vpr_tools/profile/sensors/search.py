@@ -8,7 +8,6 @@ from pathlib import Path
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.profile.sensors import hwmon, pmic, powercap
 from edge_vpr_tools.profile.sensors.sensor import ROOT, Missing, Sensor
-from edge_vpr_tools.profile.sensors.um_meter import UmMeter
 
 Finder = Callable[[Path], tuple[list[Sensor], list[Missing]]]
 
@@ -34,10 +33,9 @@ def choose_sensor(
     root: Path = ROOT,
     *,
     name: str | None = None,
-    meter_port: str | None = None,
     shunt_mohm: float | None = None,
 ) -> tuple[Sensor | None, list[Missing]]:
-    """Open the meter at a port, else the sensor of a name, else the best sensor of the machine.
+    """Open the sensor of a name, else the best sensor of the machine.
 
     Returns
     -------
@@ -48,14 +46,8 @@ def choose_sensor(
     ------
     UsageError
         If there is no sensor of this name, or no monitor with a shunt.
-    SensorError
-        If the meter cannot be opened.
     """
     sensors, missing = find_sensors(root)
-    if meter_port is not None:
-        for unused in sensors:
-            unused.close()
-        sensors = [UmMeter(meter_port)]
     if name is not None:
         known = ", ".join(sensor.about.name for sensor in sensors) or "none"
         sensors = [sensor for sensor in sensors if sensor.about.name == name]
