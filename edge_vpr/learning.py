@@ -226,7 +226,7 @@ def _aligned_by_track(
     ):  # fmt: skip
         return None
     known = np.flatnonzero(np.isfinite(route.along_m))
-    spacing = float(route.along_m[known[-1]]) / max(known.size - 1, 1)
+    spacing = float(np.ptp(route.along_m[known[[0, -1]]])) / max(known.size - 1, 1)
     place = np.full(len(counted), -1, dtype=np.int64)
     for i, position in enumerate(track.at(counted.centre_us)):
         if np.isfinite(position).all():

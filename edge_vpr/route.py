@@ -55,8 +55,8 @@ class Route(EqualByValue):
     #: Shape (K, d): latitude and longitude in degrees (`kind` "geographic", d = 2), or metres (d =
     #: 1, 2 or 3); rows of NaN where the position is not known.
     position: npt.NDArray[np.float64]
-    #: Shape (K,): metres that the reference had driven there since the first known place; NaN where
-    #: the position is not known.
+    #: Shape (K,): metres that the reference had driven to the middle of the place, since the drive
+    #: or its track began; NaN where the position is not known.
     along_m: npt.NDArray[np.float64]
     kind: Kind = "metric"  #: {"metric", "geographic"}: what the positions are.
 
@@ -161,7 +161,7 @@ class Odometry(EqualByValue):
 
     >>> odometry = Odometry(np.array([0, 1_000_000]), np.array([0, 900]))
     >>> odometry.along(np.array([250_000, 500_000])).tolist()
-    [0, 225]
+    [225, 450]
 
     Attributes
     ----------
@@ -202,7 +202,7 @@ class Odometry(EqualByValue):
             )
 
     def along(self, time_us: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """Return the distance driven at times of the reference drive, from 0, shape (K,).
+        """Return the distance driven at times of the reference drive, since its start, shape (K,).
 
         Parameters
         ----------
@@ -215,8 +215,9 @@ class Odometry(EqualByValue):
         ndarray of int64, shape (K,)
             Millimetres; where the robot rolled back, the distance stays what it was.
         """
-        shown = np.rint(np.interp(time_us, self.time_us, self.distance_mm)).astype(np.int64)
-        return np.maximum.accumulate(shown) - shown[0]
+        since = np.concatenate([[0], time_us])
+        shown = np.rint(np.interp(since, self.time_us, self.distance_mm)).astype(np.int64)
+        return (np.maximum.accumulate(shown) - shown[0])[1:]
 
     def of_windows(
         self, end_us: npt.NDArray[np.int64], spacing_mm: int = 0

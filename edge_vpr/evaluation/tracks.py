@@ -792,6 +792,8 @@ def _numbers(
 def with_positions(reference: AnyMap, track: Track, start_us: int | None = None) -> AnyMap:
     """Give each place the position that the reference drive had in the middle of its window.
 
+    Metres along the route are counted from the beginning of the first window whose place is known.
+
     Parameters
     ----------
     track : Track
@@ -818,8 +820,9 @@ def with_positions(reference: AnyMap, track: Track, start_us: int | None = None)
     position[~np.isfinite(position).all(axis=1)] = np.nan
     along = np.full(len(position), np.nan)
     # distances are added between places, not between fixes: those would add the noise of the GPS
-    legs = distances(track.kind, position[known[:-1]], position[known[1:]])
-    along[known] = np.concatenate([[0.0], np.cumsum(legs)])
+    stops = np.concatenate([track.at(reference.places.start_us[known[:1]]), position[known]])
+    legs = distances(track.kind, stops[:-1], stops[1:])
+    along[known] = np.cumsum(np.nan_to_num(legs))  # a track may begin within that window
     return replace(reference, route=Route(position, along, track.kind))
 
 

@@ -668,6 +668,11 @@ class LinkReader:
         return self._link.remark
 
     @property
+    def live(self) -> bool:
+        """Whether the other side goes on without waiting for the host."""
+        return self._link.live
+
+    @property
     def ended(self) -> bool:
         """Whether the link has ended for good."""
         with self._changed:

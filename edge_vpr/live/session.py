@@ -12,6 +12,7 @@ import socket
 import stat
 import threading
 import time
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from io import FileIO
 from itertools import count
@@ -29,12 +30,13 @@ from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
 from edge_vpr.descriptors.counting import Removed
 from edge_vpr.errors import MapError, RecordingError, UsageError, as_path, expect, printable
 from edge_vpr.evaluation.tracks import save_odometry
-from edge_vpr.events import Events, Sensor, join_events
+from edge_vpr.events import EVENT_DTYPE, Events, Sensor, join_events
 from edge_vpr.files import check_output, work_folder
 from edge_vpr.learning import MapUpdate
 from edge_vpr.live.links import DescriptorLink, Link, LinkReader, SocketLink, UrlLink, open_link
 from edge_vpr.live.odometer import OdometerReader
-from edge_vpr.live.protocols import Decoder, Health, open_decoder
+from edge_vpr.live.position import Locator, PathPosition
+from edge_vpr.live.protocols import EXACT, Decoder, Health, open_decoder
 from edge_vpr.map_record import KIND as MAP_KIND
 from edge_vpr.online.localiser import (
     JUMP_US,
@@ -56,7 +58,10 @@ from edge_vpr.warm_up import WarmUpStep, localising_steps, synthetic_events, war
 
 
 _NEVER_US = 1 << 62
+_NO_EVENTS = np.empty(0, dtype=EVENT_DTYPE)
 _NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
+#: Interval at which losses are remembered, for how long of windows by number, and how many.
+LOSS_STEP_US, MOST_LOSS_US, MOST_LOSS_STEPS = 10_000, 60_000_000, 16_384
 
 
 class LiveResult(NamedTuple):
@@ -64,9 +69,73 @@ class LiveResult(NamedTuple):
 
     events: Events  #: Shape (n,): as decoded.
     matches: npt.NDArray[np.void]  #: Shape (m,): in the order of their windows.
-    incomplete: bool  #: Whether events are known to be missing from the windows of these matches.
     #: Time up to which the stream is known; with a delay, matches are of earlier windows.
     reached_us: int = 0
+    #: Of each match, the share of the events of its windows that is known to be lost.
+    missing: tuple[float, ...] = ()
+    #: Of each match, the place where the robot is at its time, see `PathPosition`.
+    at: tuple[float, ...] = ()
+    #: Of each match, how often the position has jumped until then.
+    jumps: tuple[int, ...] = ()
+
+
+class LossWatch:
+    """Remembers what was received and lost, to find what is missing in a window.
+
+    Parameters
+    ----------
+    health : Health
+        Of the stream.
+    """
+
+    def __init__(self, health: Health) -> None:
+        self._health = health
+        # losses that were noticed, bytes lost so far, and events that were in them
+        self._losses = self._bytes = self._of_bytes = 0
+        # time, events received, events lost, and losses of unknown size, each of them until then
+        self._seen: list[tuple[int, int, int, int]] = [(-1, 0, 0, 0)]
+
+    def note(self, reached_us: int, horizon_us: int) -> None:
+        """Take the counts of the present time; those older than the horizon are not needed."""
+        seen, counts = self._seen, (reached_us, *self._counts())
+        # what comes now may give matches from the time before on
+        if len(seen) > MOST_LOSS_STEPS or seen[len(seen) // 2][0] < seen[-1][0] - horizon_us:
+            del seen[: len(seen) // 2]
+        if len(seen) > 1 and reached_us - seen[-2][0] < LOSS_STEP_US:
+            seen[-1] = counts
+        else:
+            seen.append(counts)
+
+    def missing(self, begin_us: int) -> float:
+        """Return the share of events that is known to be lost from a time on.
+
+        Returns
+        -------
+        float
+            0 to 1; 1 if something of unknown size is missing, such as the time before a restart.
+        """
+        seen = self._seen
+        _, received, lost, unknown = seen[max(bisect_right(seen, (begin_us,)) - 1, 0)]
+        _, now, lost_now, unknown_now = seen[-1]
+        if unknown_now != unknown:
+            return 1.0
+        lost = lost_now - lost
+        return lost / (lost + max(now - received, 0)) if lost > 0 else 0.0
+
+    def _counts(self) -> tuple[int, int, int]:
+        health, lost = self._health, self._health.lost
+        if health.accounting != EXACT:
+            before = self._bytes
+            self._bytes = health.skipped_bytes + health.overrun_bytes + health.line_errors
+            # a device may send other things than events
+            if health.losses != self._losses:
+                events = (self._bytes - before) * health.decoded
+                self._of_bytes += -(-events // max(health.decoded_bytes, 1))
+            self._losses = health.losses
+            lost = max(lost, self._of_bytes)
+        lost += health.device_dropped + health.rejected
+        breaks = health.reopened + health.device_resets + health.clock_resets + health.clock_jumps
+        return health.events, lost, breaks
 
 
 class LiveLocaliser:
@@ -108,11 +177,8 @@ class LiveLocaliser:
         self._localiser: Localiser | None = None
         self._bursts: BurstFilter | CausalBurstFilter | None = None
         self._follower: Follower | None = None  # unless the burst filter holds events
-        self._losses = 0
-        # number of events at the selected pixels, in all and since the newest loss
-        self._selected = self._since = 0
-        self._whole_us = -1  # first time after the newest loss
-        self._reached = 0  # time of the decoder, after the newest piece
+        self._losses = LossWatch(decoder.health)
+        self._position: PathPosition | None = None
         self._time = 0  # time that the localiser has reached
         if reference is not None:
             sensor = reference.pixel_map.sensor
@@ -124,6 +190,7 @@ class LiveLocaliser:
             warm_up(self._warm_up_steps(reference, every, causal_bursts, odometry), show)
             self._localiser = Localiser(reference, every=every)
             self._settings = self._localiser.settings
+            self._position = PathPosition(self._settings.window_parts)
             # longest time that is matched in one step
             self._most_us = MOST_TICKS * self._localiser.every.interval_us or _NEVER_US
             self._bursts = _burst_filter(reference, causal_bursts)
@@ -199,13 +266,23 @@ class LiveLocaliser:
         found = self._clean(self.decoder.finish(), last=True)
         if self._localiser is None:
             return found
-        held = self._localiser.finish()
-        return found._replace(matches=np.concatenate([found.matches, held]))
+        held = self._located(self._localiser.finish())
+        return found._replace(
+            matches=np.concatenate([found.matches, held.matches]),
+            missing=found.missing + held.missing,
+            at=found.at + held.at,
+            jumps=found.jumps + held.jumps,
+        )
 
     @property
     def filled(self) -> float:
         """Share of the first match's windows that has passed; there are matches from 1 on."""
         return 0.0 if self._localiser is None else self._localiser.filled
+
+    @property
+    def _windows(self) -> int:
+        """Windows that a match compares."""
+        return self._settings.windows_per_match + self._settings.match_delay
 
     def _clean(self, events: Events, *, last: bool = False) -> LiveResult:
         """Remove bursts, and match the events that are known to be in none."""
@@ -220,10 +297,9 @@ class LiveLocaliser:
         """Match what is left of the events, up to the time that is known."""
         localiser, bursts = self._localiser, self._bursts
         if localiser is None or bursts is None:
-            return LiveResult(events, _NO_MATCHES, False)
+            return LiveResult(events, _NO_MATCHES)
         reached, matches, last_us, rest = step
-        before_us = self._time
-        if last_us > before_us:
+        if last_us > self._time:
             self._time = last_us
         for piece in rest:
             self._update(localiser, piece, matches)
@@ -238,9 +314,24 @@ class LiveLocaliser:
         found = _NO_MATCHES
         if matches:
             found = matches[0] if len(matches) == 1 else np.concatenate(matches)
-        moved, self._reached = len(events) > 0 or reached > self._reached, reached
-        incomplete = self._incomplete(localiser, before_us, moved)
-        return LiveResult(events, found, incomplete, reached)
+        span_us = self._settings.tau_us if self._settings.window == "time" else MOST_LOSS_US
+        self._losses.note(reached, (self._windows + 1) * span_us)
+        return self._located(found)._replace(events=events, reached_us=reached)
+
+    def _located(self, matches: npt.NDArray[np.void]) -> LiveResult:
+        """Return matches with what is missing in their windows, and where the robot is."""
+        position, losses, windows = self._position, self._losses, self._windows
+        missing, at, jumps = [], [], []
+        if matches.size and position is not None:
+            columns = (matches[name].tolist() for name in ("time_us", "start_us", "place"))
+            for time_us, start_us, place in zip(*columns, strict=True):
+                span_us = time_us - start_us
+                missing.append(losses.missing(time_us - windows * span_us))
+                at.append(position.update(time_us, span_us, place))
+                jumps.append(position.jumps)
+        return LiveResult(
+            _NO_EVENTS, matches, missing=tuple(missing), at=tuple(at), jumps=tuple(jumps)
+        )
 
     def _update(
         self, localiser: Localiser, events: Events, matches: list[npt.NDArray[np.void]]
@@ -271,30 +362,6 @@ class LiveLocaliser:
         while time_us - self._time > self._most_us:
             self._time += self._most_us
             matches.append(localiser.advance(self._time))
-
-    def _incomplete(self, localiser: Localiser, before_us: int, moved: bool) -> bool:
-        """Return whether there was a loss within the windows that are compared.
-
-        The flag can stay one piece too long, but is never removed too early. It is decided for the
-        first match of these pieces, which is not earlier than `before_us`, the time of the
-        localiser before them. `moved` says whether time or events came with them.
-        """
-        losses = self.decoder.health.losses
-        if losses == 0:
-            return False
-        if losses != self._losses:
-            self._losses, self._since, self._whole_us = losses, 0, -1
-        whole_us, since = self._whole_us, self._since
-        if whole_us < 0 and moved:
-            self._whole_us = self._reached
-        before, self._selected = self._selected, localiser.selected
-        if 0 <= whole_us <= before_us:
-            self._since += self._selected - before
-        settings = self._settings
-        windows = settings.windows_per_match + settings.match_delay
-        if settings.window == "time":
-            return whole_us < 0 or before_us - whole_us < windows * settings.tau_us
-        return since < windows * settings.events_per_window
 
 
 def _burst_filter(reference: ReferenceMap, causal: bool) -> BurstFilter | CausalBurstFilter:
@@ -331,9 +398,12 @@ _LOG = logging.getLogger("edge_vpr.live")
 class LiveMatch(NamedTuple):
     """One match of a live session, or a heartbeat.
 
+    `time_s`, the position and the interval are of the same moment: the end of the newest window.
+    What is not known is None, or NaN where the field is a number.
+
     A heartbeat says that no match came for the time that `heartbeat` names. Its `place` is -1, its
-    `probability` 0, its `along_m` None, and it is `lost`: a program that checks any of them slows
-    down without a branch of its own.
+    `probability` 0, its `missing` 1, it has no position, and it is `lost`: a program that checks
+    any of them slows down without a branch of its own.
 
     Attributes
     ----------
@@ -342,7 +412,7 @@ class LiveMatch(NamedTuple):
     query : int
         Matches of this session before this one.
     place : int
-        Best place of the map.
+        Best place of the map: that whose middle looks most like the newest window.
     distance : float
         Distance to it, per window.
     second : int
@@ -351,6 +421,10 @@ class LiveMatch(NamedTuple):
         Distance to that; NaN if there is none.
     ratio : float
         `distance` / `second_distance`; NaN if it is not known.
+    events : int
+        In the newest window, at the selected pixels.
+    start_s : float
+        When this window began, by the camera's clock.
     trust : int
         The higher, the more confident.
     misfit : int
@@ -359,14 +433,31 @@ class LiveMatch(NamedTuple):
     probability : float
         Of being correct; NaN if the map does not know it.
     lost : bool
-        Whether the match is below the precision that the settings ask for; never without one.
-    along_m : float or None
-        Metres along the route; None where the map has no position.
+        Whether the match is below the precision that the settings ask for, or older than the
+        session's `max_age`.
+    missing : float
+        Share of the events of its windows that is known to be lost, 0 to 1; 1 also after a gap of
+        unknown size.
+    age_s : float
+        How much time has passed since `time_s` when the match was given, by the clocks of camera
+        and host, less the shortest time that events have taken to arrive; NaN of files and pipes,
+        which wait for the host.
     host_us : int
-        Time at which the last bytes for this match arrived, by this machine's clock, in
-        microseconds since 1970.
-    incomplete : bool
-        Whether events are known to be missing from its windows.
+        `time_s` by this machine's clock, in microseconds since 1970; of files and pipes, when the
+        last bytes for this match were read.
+    jumps : int
+        How often the position has jumped until now. From one match to another with the same number,
+        it has moved with the path.
+    x_m, y_m, z_m, latitude, longitude : float or None
+        Position of the robot.
+    heading_deg : float or None
+        Direction of the route there, in degrees clockwise from north (in metres: from y towards x).
+    along_m : float or None
+        Metres along the route, from the start of the drive that the map was made of.
+    along_from_m, along_to_m : float or None
+        Interval of the same: the probability is that of being in it.
+    route_m : float or None
+        Length of the route.
     """
 
     time_s: float
@@ -376,13 +467,31 @@ class LiveMatch(NamedTuple):
     second: int
     second_distance: float
     ratio: float
+    events: int
+    start_s: float
     trust: int
     misfit: int
     probability: float
     lost: bool
-    along_m: float | None
+    missing: float
+    age_s: float
     host_us: int
-    incomplete: bool
+    jumps: int
+    x_m: float | None = None
+    y_m: float | None = None
+    z_m: float | None = None
+    latitude: float | None = None
+    longitude: float | None = None
+    heading_deg: float | None = None
+    along_m: float | None = None
+    along_from_m: float | None = None
+    along_to_m: float | None = None
+    route_m: float | None = None
+
+    @property
+    def incomplete(self) -> bool:
+        """Whether events are missing."""
+        return self.missing > 0
 
 
 class Message(NamedTuple):
@@ -416,6 +525,7 @@ class LiveStep(NamedTuple):
     #: Readings of the odometer since the step before: time in microseconds of the camera's clock,
     #: and metres.
     odometry: tuple[tuple[int, float], ...] = ()
+    matches: tuple[LiveMatch, ...] = ()
 
 
 class LiveStatus(NamedTuple):
@@ -495,6 +605,8 @@ class LiveSession:
         See `LinkReader`; by default files and pipes wait.
     max_lag : str
         Bytes that have waited longer than this for a host that is too slow are dropped.
+    max_age : str, optional
+        A match that is older than this when it is given is `lost`; by default two windows.
     on_message : callable, optional
         Called with each `Message`; by default problems go to the logger ``edge_vpr.live``.
     **changes
@@ -544,11 +656,14 @@ class LiveSession:
         overwrite: bool = False,
         on_overload: Literal["drop", "wait"] | None = None,
         max_lag: str = "500ms",
+        max_age: str | None = None,
         on_message: Callable[[Message], object] | None = None,
         **changes: Any,
     ) -> None:
         expect(protocol, str, "protocol", "its name, such as 'edvs'")
-        for name, text in (("every", every), ("heartbeat", heartbeat), ("max_lag", max_lag)):
+        for name, text in (
+            ("every", every), ("heartbeat", heartbeat), ("max_lag", max_lag), ("max_age", max_age)
+        ):  # fmt: skip
             if text is not None and not isinstance(text, MatchSchedule):
                 expect(text, str, name, "a text such as '500ms'")
         if odometry is not None:
@@ -587,6 +702,7 @@ class LiveSession:
         self._odometry = odometry
         self._heartbeat_s = math.inf if heartbeat is None else duration_us(heartbeat) / 1e6
         self._max_lag_s = duration_us(max_lag) / 1e6
+        self._max_age_s = None if max_age is None else duration_us(max_age) / 1e6
         paths = list(record) if isinstance(record, list | tuple) else [record]
         self._record = [as_path(path, "a file to record") for path in paths]
         self._overwrite = overwrite
@@ -611,12 +727,9 @@ class LiveSession:
         self.learnt: ReferenceMap | None = None
         self.update: MapUpdate[ReferenceMap] | None = None
         self.removed = Removed()
-        self._along: list[float | None] = []
-        if reference is not None and reference.route is not None:
-            along_m = reference.route.along_m.tolist()
-            self._along = [None if math.isnan(metres) else metres for metres in along_m]
+        self.locator = None if reference is None else Locator(reference)
         self._live: LiveLocaliser | None = None
-        self._given = 0
+        self._given = self._jumps = 0
         self._files = contextlib.ExitStack()
         self._opened = self._closed = self._raised = False
         self._readings: dict[int, int] = {}
@@ -703,7 +816,7 @@ class LiveSession:
         window_us = SILENT_S * 1e6
         if self.reference is not None and self.reference.settings.window == "time":
             window_us = self.reference.settings.tau_us
-        self._lag = _LagWatch(self.health, window_us, self._say)
+        self._lag = _LagWatch(self.health, window_us, self._say, live=self._reader.live)
         self._strange = False
         self._begin_s = self._beat_s = time.monotonic()
         self._opened = True
@@ -733,10 +846,10 @@ class LiveSession:
     def __iter__(self) -> Iterator[LiveMatch]:
         """Yield matches, and heartbeats if they were asked for, until the link ends."""
         for step in self.steps():
-            yield from self.matches_of(step)
+            yield from step.matches
             if (now := time.monotonic()) - self._beat_s >= self._heartbeat_s:
                 self._beat_s = now
-                yield _heartbeat(self._given)
+                yield _heartbeat(self._given, self._jumps)
 
     def poll(self) -> list[LiveMatch]:
         """Return the matches that are ready, without waiting.
@@ -757,13 +870,13 @@ class LiveSession:
                 break
             step = self._take(0.0)
             self._look(step)
-            found += self.matches_of(step)
+            found += step.matches
             if step.result is None:
                 break
         now = time.monotonic()
         if not found and now - self._beat_s >= self._heartbeat_s:
             self._beat_s = now
-            found.append(_heartbeat(self._given))
+            found.append(_heartbeat(self._given, self._jumps))
         return found
 
     def steps(self) -> Iterator[LiveStep]:
@@ -789,7 +902,10 @@ class LiveSession:
     @property
     def health(self) -> Health:
         """Counts of what was received and lost so far."""
-        return self.decoder.health
+        health = self.decoder.health
+        if self._opened and not self.ended:
+            health.silent_s = self._watch.silent_s
+        return health
 
     @property
     def status(self) -> LiveStatus:
@@ -808,26 +924,6 @@ class LiveSession:
     def address(self) -> str:
         """Address of the link; once it is open, with the port that the system chose."""
         return self._reader.address if self._opened else self._address
-
-    def matches_of(self, step: LiveStep) -> list[LiveMatch]:
-        """Return the matches of a step."""
-        result = step.result
-        if result is None or not result.matches.size or self.reference is None:
-            return []
-        self._beat_s = time.monotonic()
-        along, delayed = self._along, self.reference.settings.match_delay > 0
-        found = []
-        for row in result.matches.tolist():
-            t, place, best, second, after, ratio, _, _, trust, misfit, probability, lost = row
-            found.append(
-                LiveMatch(
-                    t / 1e6, self._given, place, best, second, after, ratio, trust, misfit,
-                    probability, lost, along[place] if along else None,
-                    step.host_us - (result.reached_us - t) * delayed, result.incomplete,
-                )
-            )  # fmt: skip
-            self._given += 1
-        return found
 
     # -- one step
 
@@ -853,7 +949,36 @@ class LiveSession:
         if result.matches.size:
             self._look_at_misfit(int(result.matches["misfit"][-1]))
         host_us = int(1e6 * (time.time() - (time.monotonic() - chunk.at_s)))
-        return LiveStep(result, chunk.at_s, host_us, self._new_readings())
+        found = self._matches(result, host_us)
+        return LiveStep(result, chunk.at_s, host_us, self._new_readings(), found)
+
+    def _matches(self, result: LiveResult, host_us: int) -> tuple[LiveMatch, ...]:
+        """Return the matches of a piece of bytes that came at `host_us`."""
+        reference, locator = self.reference, self.locator
+        if not result.matches.size or reference is None or locator is None:
+            return ()
+        self._beat_s = time.monotonic()
+        delay, found = reference.settings.match_delay, []
+        rows = zip(result.matches.tolist(), result.missing, result.at, result.jumps, strict=True)
+        for row, missing, at, jumps in rows:
+            time_us, place, distance, second, after, ratio, events, start_us, *rest = row
+            trust, misfit, probability, lost = rest
+            age_s = self._lag.age_s(time_us, self._beat_s)
+            then_us = host_us - (result.reached_us - time_us) * (delay > 0)
+            if not math.isnan(age_s):
+                then_us = int(1e6 * (time.time() - age_s))
+            if age_s > (self._max_age_s or (2 + delay) * (time_us - start_us) / 1e6):
+                lost = True
+            found.append(
+                LiveMatch(
+                    time_us / 1e6, self._given, place, distance, second, after, ratio, events,
+                    start_us / 1e6, trust, misfit, probability, lost, missing, age_s,
+                    then_us, jumps,
+                    *locator.locate(at), locator.route_m,
+                )
+            )  # fmt: skip
+            self._given, self._jumps = self._given + 1, jumps
+        return tuple(found)
 
     def _look(self, step: LiveStep) -> None:
         """Do what remains after a step: odometer, requests to the camera, and messages."""
@@ -900,7 +1025,7 @@ class LiveSession:
         self.decoder.health.line_errors = self._reader.line_errors
         for writer in self._writers:
             self._look_at(writer)
-        return nothing._replace(result=result)
+        return nothing._replace(result=result, matches=self._matches(result, nothing.host_us))
 
     def _raise_once(self) -> None:
         if self._raised or not self.ended:
@@ -1058,13 +1183,18 @@ class _LineWatch:
 
     def __init__(self, reader: LinkReader, decoder: Decoder, say: Callable[..., None]) -> None:
         self._reader, self._decoder, self._say = reader, decoder, say
-        self._heard_s = self._greeted_s = time.monotonic()
+        self._heard_s = self._greeted_s = self._newest_s = time.monotonic()
         self._silent = self._closed = False
         self._remark = self._senseless = self._stranger = ""
 
+    @property
+    def silent_s(self) -> float:
+        """Seconds since the newest bytes."""
+        return time.monotonic() - self._newest_s
+
     def heard(self, at_s: float) -> None:
         """Note that bytes have arrived."""
-        self._heard_s = at_s
+        self._heard_s = self._newest_s = at_s
         if self._silent:
             self._silent = False
             self._say("stalled", f"bytes come again from {self._reader.address}", over=True)
@@ -1114,10 +1244,14 @@ class _LagWatch:
         Lag that is reported.
     say : callable
         Takes the kind and the text of a message, and `over`.
+    live : bool
+        Whether the sender goes on without waiting for the host.
     """
 
-    def __init__(self, health: Health, limit_us: float, say: Callable[..., None]) -> None:
-        self._health, self._limit_us, self._say = health, limit_us, say
+    def __init__(
+        self, health: Health, limit_us: float, say: Callable[..., None], *, live: bool
+    ) -> None:
+        self._health, self._limit_us, self._say, self._live = health, limit_us, say, live
         self._behind = False
         self._newest_us, self._restarts = 0, -1
         self._since_s = 0.0
@@ -1151,6 +1285,13 @@ class _LagWatch:
         elif self._behind and lag_us < self._limit_us / 2:
             self._behind = False
             self._say("lag", "events are matched in time again", over=True)
+
+    def age_s(self, time_us: int, now_s: float) -> float:
+        """Return how long ago something happened by the camera's clock; NaN if it is not known."""
+        least_us = min(self._least_us, self._before_us)
+        if not self._live or least_us == math.inf:
+            return math.nan
+        return max(0.0, now_s - (time_us + least_us) / 1e6)
 
 
 def ends_early(path: str, error: OSError) -> str:
@@ -1186,11 +1327,12 @@ def _senseless_bytes(health: Health) -> str:
     return ""
 
 
-def _heartbeat(given: int) -> LiveMatch:
+def _heartbeat(given: int, jumps: int) -> LiveMatch:
     return LiveMatch(
         time_s=math.nan, query=given, place=-1, distance=math.nan, second=-1,
-        second_distance=math.nan, ratio=math.nan, trust=0, misfit=-1, probability=0.0,
-        lost=True, along_m=None, host_us=int(1e6 * time.time()), incomplete=True,
+        second_distance=math.nan, ratio=math.nan, events=0, start_s=math.nan, trust=0, misfit=-1,
+        probability=0.0, lost=True, missing=1.0, age_s=math.nan, host_us=int(1e6 * time.time()),
+        jumps=jumps,
     )  # fmt: skip
 
 

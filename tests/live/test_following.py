@@ -15,7 +15,7 @@ from edge_vpr.compiling import KernelState, kernel, specialise
 from edge_vpr.descriptors.cleaning import CausalBurstFilter
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.protocols import open_decoder, open_encoder
-from edge_vpr.live.session import LiveLocaliser
+from edge_vpr.live.session import LOSS_STEP_US, LiveLocaliser
 from edge_vpr.online.localiser import JUMP_US, MOST_TICKS, Localiser, MatchSchedule
 
 #: a camera that has more pixels than the map's sensor, with fields of the same widths
@@ -38,16 +38,16 @@ class Separate:
         self.bursts = CausalBurstFilter(SENSOR) if reference.settings.remove_bursts else None
         self.localiser = Localiser(reference, every=every)
         self.jump_us = max(JUMP_US, MOST_TICKS * every.interval_us or 1 << 62)
-        self.time = self.reached = self.losses = self.since = 0
-        self.whole_us = -1
+        self.time = 0
+        self.log = [(-1, 0)]  # time, and losses known until then
 
     def feed(self, data, lost):
         parts = [self.decoder.gap(lost)] if lost else []
         events = join_events([*parts, self.decoder.feed(data)])
-        return events, *self.match(events, self.decoder.reached_us)
+        return events, self.match(events, self.decoder.reached_us)
 
     def match(self, events, reached):
-        before_us, localiser, matches = self.time, self.localiser, []
+        localiser, matches = self.localiser, []
         kept = events if self.bursts is None else self.bursts.update(events)
         for i in range(kept.size):
             self.come_to(int(kept["t"][i]))
@@ -56,9 +56,8 @@ class Separate:
             self.come_to(reached)
             if localiser.next_match_us <= reached and localiser.every.interval_us:
                 matches.append(localiser.advance(reached))
-        moved, self.reached = events.size > 0 or reached > self.reached, reached
-        found = np.concatenate(matches) if matches else np.empty(0)
-        return found, self.incomplete(kept, before_us, moved)
+        self.log.append((reached, self.losses()))
+        return np.concatenate(matches) if matches else np.empty(0)
 
     def come_to(self, time_us):
         if time_us - self.time > self.jump_us:
@@ -66,21 +65,25 @@ class Separate:
             self.localiser.skip_ticks(time_us)
         self.time = time_us
 
-    def incomplete(self, kept, before_us, moved):
-        """Whether the first window compared may have begun before the newest loss."""
-        if self.decoder.health.losses != self.losses:
-            self.losses, self.since, self.whole_us = self.decoder.health.losses, 0, -1
-        whole_us, since, chosen = self.whole_us, self.since, self.reference.settings
-        if self.losses and whole_us < 0 and moved:
-            self.whole_us = self.reached
-        if 0 <= whole_us <= before_us:
-            self.since += sum((x, y) in PIXELS for x, y in kept[["x", "y"]].tolist())
-        windows = chosen.windows_per_match + chosen.match_delay
-        if chosen.window == "time":
-            whole = 0 <= whole_us <= before_us - windows * chosen.tau_us
-        else:
-            whole = since >= windows * chosen.events_per_window
-        return bool(self.losses) and not whole
+    def losses(self):
+        """What of the losses has a size, or means a gap."""
+        h = self.decoder.health
+        sized = h.lost + h.device_dropped + h.rejected
+        if h.accounting != "exact":
+            sized += h.skipped_bytes + h.overrun_bytes
+        return sized + h.device_resets + h.clock_resets + h.clock_jumps + h.reopened
+
+    def check_missing(self, match, missing):
+        """Whatever was lost after the windows began is missing, and what was long before is not."""
+        windows = self.reference.settings.windows_per_match + self.reference.settings.match_delay
+        begin_us = match["time_us"] - windows * (match["time_us"] - match["start_us"])
+        before, long_before = (
+            max(known for at, known in self.log if at <= time_us)
+            for time_us in (max(begin_us, -1), max(begin_us - LOSS_STEP_US, -1))
+        )
+        assert 0 <= missing <= 1
+        assert missing > 0 or self.log[-1][1] == before
+        assert missing == 0 or self.log[-1][1] > long_before
 
 
 def a_map(rng, kind, window, remove_bursts):
@@ -167,17 +170,18 @@ def test_one_call_gives_the_results_of_its_parts_whatever_comes_and_however_it_i
     for data in cut(rng, sent, whole):
         lost = int(rng.random() < 0.02)
         found = live.feed(data, 0, lost=lost)
-        events, matches, incomplete = separate.feed(data, lost)
+        events, matches = separate.feed(data, lost)
         assert found.events.tobytes() == events.tobytes()
         assert found.matches.tobytes() == matches.tobytes()
         assert live.decoder.health == separate.decoder.health
         assert live.decoder.health.balanced()
-        assert found.incomplete == incomplete
+        for match, missing in zip(matches, found.missing, strict=True):
+            separate.check_missing(match, missing)
     assert live.bursts_removed == (separate.bursts.removed if remove_bursts else 0)
     last = live.finish()
     events, found = (each.tobytes() for each in (last.events, last.matches))
     ended = separate.decoder.finish()
-    matches, _ = separate.match(ended, separate.decoder.reached_us)
+    matches = separate.match(ended, separate.decoder.reached_us)
     matches = matches.tobytes() + separate.localiser.finish().tobytes()
     assert (events, found) == (ended.tobytes(), matches)
     live._localiser.verify()

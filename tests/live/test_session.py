@@ -28,6 +28,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.bridge import Bridge, open_device_link
 from edge_vpr.live.links import LinkError
+from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording
@@ -165,8 +166,13 @@ def test_the_matches_of_every_protocol_are_those_of_the_recording(
     assert np.array_equal(seconds, expected["second_distance"], equal_nan=True)
     for name in ("second", "ratio", "trust", "lost"):
         assert [getattr(match, name) for match in found] == expected[name].tolist(), name
-    along = [3.0 * place if place < 25 else None for place in expected["place"].tolist()]
-    assert [match.along_m for match in found] == along
+    position, locator = PathPosition(1), Locator(route)
+    at = [
+        position.update(row["time_us"], row["time_us"] - row["start_us"], row["place"])
+        for row in expected
+    ]
+    assert [match.along_m for match in found] == [locator.locate(each).along_m for each in at]
+    assert found[-1].jumps == position.jumps > 0
     assert not any(match.incomplete for match in found)
     assert all(abs(match.host_us / 1e6 - time.time()) < 60 for match in found)
     assert session.health.events == 40_000

@@ -41,7 +41,7 @@ def test_a_place_is_where_the_drive_was_in_the_middle_of_its_window(tmp_path):
     assert route is not None and route.coordinates == ("x_m", "y_m")
     assert np.isnan(route.position[[0, 4]]).all() and np.isnan(route.along_m[[0, 4]]).all()
     assert route.position[1:4].tolist() == [[1.5, 2.0], [4.5, 6.0], [6.0, 8.0]]
-    assert route.along_m[1:4].tolist() == [0.0, 5.0, 7.5]
+    assert route.along_m[1:4].tolist() == [2.5, 7.5, 10.0]
 
 
 def test_a_track_of_another_drive_is_refused():

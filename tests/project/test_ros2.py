@@ -19,11 +19,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from edge_vpr_tools.live_view import MatchRows
+from edge_vpr_tools.live_view import row_of
 from edge_vpr_tools.publish import LineServer
 
-from edge_vpr.live.session import LiveResult
-from edge_vpr.online.localiser import MATCH_DTYPE
+from edge_vpr.live.session import LiveMatch
 
 ADAPTER = Path(__file__).parents[2] / "tools/adapters/ros2"
 
@@ -48,10 +47,12 @@ def dds_types(package):
 
 
 def row(**more):
-    matches = np.zeros(1, dtype=MATCH_DTYPE)
-    matches["probability"], matches["place"] = 0.875, 7
-    (line,) = MatchRows().lines(LiveResult(np.empty(0), matches, False), STAMP_US)
-    return {**json.loads(line), **more}
+    match = LiveMatch(
+        time_s=0.0, query=0, place=7, distance=0.0, second=0, second_distance=0.0, ratio=0.0,
+        events=0, start_s=0.0, trust=0, misfit=0, probability=0.875, lost=False, missing=0.0,
+        age_s=0.0, host_us=STAMP_US, jumps=0,
+    )  # fmt: skip
+    return {**json.loads(row_of(match)), **more}
 
 
 ALONG = {"along_m": 40.0, "along_from_m": 37.0, "along_to_m": 43.0, "route_m": 170.0}

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
 import numpy as np
-import numpy.typing as npt
 from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.progress_bar import ProgressBar
@@ -25,7 +24,8 @@ from rich.text import Text
 from edge_vpr.confidence import STRANGE, STRANGE_TEXT
 from edge_vpr.errors import MissingExtraError, printable
 from edge_vpr.events import Sensor
-from edge_vpr.live.session import SILENT_S, LiveResult, LiveStatus, ends_early
+from edge_vpr.live.position import Locator
+from edge_vpr.live.session import SILENT_S, LiveMatch, LiveResult, LiveStatus, LiveStep, ends_early
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.console import is_quiet, warning
 from edge_vpr_tools.publish import Publisher
@@ -122,71 +122,52 @@ class Panel:
 # Conversion of live matches to rows of JSON.
 
 
-class MatchRows:
-    """Makes rows of live matches.
+def row_of(match: LiveMatch, coordinates: Sequence[str] = ()) -> str:
+    """Return a live match as a line of JSON, without a line feed.
+
+    A reader waits for each row, and `json.dumps` would take three times as long.
 
     Parameters
     ----------
-    reference : ReferenceMap, optional
-        With positions, each row has that of its place, and the length of the route. With a delay,
-        each row has the host time of its own window.
+    match : LiveMatch
+        Its fields are the row's, but for the `query`.
+    coordinates : sequence of str
+        Names of the coordinates that the map has.
+
+    Returns
+    -------
+    str
+        What is not known is null: JSON has no not-a-number.
     """
-
-    def __init__(self, reference: ReferenceMap | None = None) -> None:
-        self._delayed = reference is not None and reference.settings.match_delay > 0
-        self._where: dict[str, npt.NDArray[np.float64]] = {}  # of each place
-        self._texts: dict[int, str] = {}  # of `_where`, made when a place is first matched
-        if reference is not None and reference.route is not None:
-            route, places = reference.route, np.arange(len(reference))
-            self._where = route.columns(places, reference.settings.exclusion_places)
-            self._where["route_m"] = np.full(len(reference), np.nanmax(route.along_m))
-
-    def lines(self, result: LiveResult, host_us: int) -> Iterator[str]:
-        """Yield the row of each match as JSON, without a line feed.
-
-        A reader waits for each row, and `json.dumps` would take three times as long.
-
-        Parameters
-        ----------
-        host_us : int
-            When the bytes came that gave these matches, in microseconds since 1970 by the clock of
-            this machine; `time_s` is the time of the event by the camera's.
-
-        Yields
-        ------
-        str
-            What is not known is null: JSON has no not-a-number.
-        """
-        incomplete = _FLAG[result.incomplete]
-        for values in result.matches.tolist():
-            time_us, place, distance, second, after, ratio, events, start, *rest = values
-            trust, misfit, chance, lost = rest
-            came_us = host_us - (result.reached_us - time_us) * self._delayed
-            yield (
-                f'{{"kind": "match", "time_s": {time_us / 1e6!r}, "place": {place}, '
-                f'"distance": {distance!r}, "second": {second}, '
-                f'"second_distance": {_number(after)}, "ratio": {_number(ratio)}, '
-                f'"events": {events}, "start_s": {start / 1e6!r}, "trust": {trust}, '
-                f'"misfit": {misfit}, "probability": {_number(chance)}, "lost": {_FLAG[lost]}, '
-                f'"incomplete": {incomplete}, "host_us": {came_us}'
-                f"{self._where_text(place) if self._where else ''}}}"
-            )
-
-    def _where_text(self, place: int) -> str:
-        text = self._texts.get(place)
-        if text is None:
-            known = {name: float(values[place]) for name, values in self._where.items()}
-            where = {name: value if value == value else None for name, value in known.items()}
-            text = self._texts[place] = f", {json.dumps(where)[1:-1]}"
-        return text
+    where = "".join(
+        f'"{name}": {_metres(getattr(match, name), _DIGITS.get(name, 3))}, ' for name in coordinates
+    )
+    return (
+        f'{{"kind": "match", "time_s": {match.time_s!r}, "place": {match.place}, '
+        f'"distance": {match.distance!r}, "second": {match.second}, '
+        f'"second_distance": {_number(match.second_distance)}, "ratio": {_number(match.ratio)}, '
+        f'"events": {match.events}, "start_s": {match.start_s!r}, "trust": {match.trust}, '
+        f'"misfit": {match.misfit}, "probability": {_number(match.probability)}, '
+        f'"lost": {_FLAG[match.lost]}, "missing": {match.missing!r}, '
+        f'"age_s": {_number(match.age_s)}, "host_us": {match.host_us}, "jumps": {match.jumps}, '
+        f'{where}"heading_deg": {_metres(match.heading_deg, 1)}, '
+        f'"along_m": {_metres(match.along_m)}, "along_from_m": {_metres(match.along_from_m)}, '
+        f'"along_to_m": {_metres(match.along_to_m)}, "route_m": {_metres(match.route_m)}}}'
+    )
 
 
+#: Decimals that are some 0.1 mm.
+_DIGITS = {"latitude": 9, "longitude": 9}
 #: As JSON has it.
 _FLAG = {True: "true", False: "false"}
 
 
 def _number(value: float) -> str:
     return repr(value) if value == value else "null"
+
+
+def _metres(value: float | None, digits: int = 3) -> str:
+    return "null" if value is None else repr(round(value, digits))
 
 
 # Output of a live run: a view on a terminal, plain lines in a pipe, JSON for programs.
@@ -238,7 +219,8 @@ class View:
         line_s: float | None = None,
     ) -> None:
         self._json, self._log, self._panel = as_json, log, panel
-        self._rows, self._publishers = MatchRows(reference), publishers
+        self._publishers = publishers
+        self._coordinates = () if reference is None else Locator(reference).names
         self._places = len(reference or ())
         self._quiet = is_quiet() or as_json
         self._goal = "match" if self._places else "event"
@@ -254,23 +236,17 @@ class View:
         self._last: str | None = None  # match, as JSON
         self.matched = 0
 
-    def matches(self, result: LiveResult, at_s: float, host_us: int) -> None:
-        """Count and write the matches of a piece of bytes.
-
-        Parameters
-        ----------
-        at_s : float
-            When the bytes came, on the clock of `time.monotonic`.
-        host_us : int
-            The same in microseconds since 1970.
-        """
+    def matches(self, step: LiveStep) -> None:
+        """Count and write the matches of a piece of bytes."""
+        if step.result is None:
+            return
         self._heard = time.monotonic()
-        lag_s = self._heard - at_s
-        if result.events.size:
+        lag_s = self._heard - step.at_s
+        if step.result.events.size:
             self._lag_s = lag_s
             self._lags.add(lag_s)
-        if result.matches.size:
-            lines = list(self._rows.lines(result, host_us))
+        if step.matches:
+            lines = [row_of(match, self._coordinates) for match in step.matches]
             if self._json:  # first: a program may wait at the other end of a pipe
                 self._print(*lines)
             self._last, self.matched = lines[-1], self.matched + len(lines)
@@ -356,7 +332,6 @@ class View:
             **asdict(status.health),
             "dead_s": status.dead_s,
             "rate": self._rate,
-            "silent_s": self._silent_s(),
             "lag_ms": 1e3 * self._lag_s,
             "lag_p50_ms": self._lags.percentile_ms(0.5),
             "lag_p99_ms": self._lags.percentile_ms(0.99),
@@ -388,8 +363,8 @@ class View:
                 texts["certainty"] += ", lost"
             if newest["misfit"] >= STRANGE:
                 texts["certainty"] += f", {STRANGE_TEXT}"
-            if newest["incomplete"]:
-                texts["certainty"] += ", incomplete: events were lost"
+            if newest["missing"]:
+                texts["certainty"] += f", {100 * newest['missing']:.0f} % of its events lost"
         elif self._places:
             texts["place"] = f"waiting for the first match: {100 * filled:.0f} %"
         if health.events:
@@ -515,7 +490,7 @@ class RerunView:
             if not np.isnan(match["probability"]):
                 probability = rerun.Scalars(float(match["probability"]))
                 self._recording.log("match/probability", probability)
-            self._recording.log("match/incomplete", rerun.Scalars(float(result.incomplete)))
+            self._recording.log("match/missing", rerun.Scalars(result.missing[-1]))
 
     def _send_picture(self, next_us: int) -> None:
         import rerun

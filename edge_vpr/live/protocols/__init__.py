@@ -43,7 +43,7 @@ __all__ = [
 EXACT, BOUND, UNKNOWN = "exact", "bound", "unknown"
 # counts that are no faults, or are included in other counts
 _NO_FAULTS = {"accounting", "bytes", "decoded_bytes", "pending_bytes", "frames", "decoded"}
-_NO_FAULTS |= {"events", "held", "wraps", "lag_us", "longest_lag_us"}
+_NO_FAULTS |= {"events", "held", "wraps", "lag_us", "longest_lag_us", "silent_s"}
 
 
 @dataclass
@@ -107,6 +107,7 @@ class Health:
     #: system for a host that was busy.
     lag_us: int = 0
     longest_lag_us: int = 0
+    silent_s: float = 0.0  #: Seconds since the newest bytes.
 
     @property
     def rejected(self) -> int:

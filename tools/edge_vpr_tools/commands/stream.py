@@ -89,6 +89,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --on-overload drop: drop the waiting bytes once the oldest has waited longer "
         "than this",
     )  # fmt: skip
+    line.add_argument(
+        "--max-age", metavar="TIME",
+        help="a match that is older than this when it is given is lost (default: two windows)",
+    )  # fmt: skip
     places = parser.add_argument_group("localising")
     places.add_argument("--map", metavar="MAP.npz", help="map to localise on")
     places.add_argument(
@@ -233,6 +237,7 @@ def run(args: argparse.Namespace) -> None:
         reconnect=not args.once, odometry=args.odometry, burst_filter=args.burst_filter,
         record=args.record, learn=args.output, settings=learnt_with,
         overwrite=args.overwrite, on_overload=args.on_overload, max_lag=args.max_lag,
+        max_age=args.max_age,
     )  # fmt: skip
     _show(args, session)
     if session.learnt is not None:
@@ -288,10 +293,9 @@ def _show_steps(session: LiveSession, view: View, rerun: RerunView | None) -> No
         for step in session.steps():
             for reading in step.odometry:
                 view.odometry(*reading)
-            if step.result is not None:
-                view.matches(step.result, step.at_s, step.host_us)
-                if rerun is not None:
-                    rerun.show(step.result)
+            view.matches(step)
+            if rerun is not None and step.result is not None:
+                rerun.show(step.result)
             view.tick(session.status)
             if view.unread:
                 session.stop()

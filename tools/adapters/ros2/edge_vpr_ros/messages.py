@@ -72,6 +72,7 @@ _FARTHEST_M, _LONGEST_S = 1e9, 1e9
 #: Least and largest value of each number that messages are made of.
 _RANGES = {
     "probability": (0.0, 1.0),
+    "missing": (0.0, 1.0),
     "latitude": (-90.0, 90.0),
     "longitude": (-180.0, 180.0),
     "silent_s": (0.0, _LONGEST_S),
@@ -207,12 +208,12 @@ class Translator:
 
     def _of_match(self, row: Mapping[str, Any], stamp_us: int) -> Iterator[Message]:
         frames, probability, lost = self._frames, _number(row, "probability"), _flag(row, "lost")
-        incomplete, variance = _flag(row, "incomplete"), variance_m2(row)
+        missing, variance = _number(row, "missing"), variance_m2(row)
         # lone surrogates and NUL are escaped in it
         text = json.dumps(row, allow_nan=False)
         yield Message("match", TOPICS["match"], {"data": text})
         if probability is not None:
-            flags = {"y": float(lost), "z": float(incomplete)}
+            flags = {"y": float(lost), "z": missing or 0.0}
             yield Message(
                 "certainty", TOPICS["certainty"],
                 {"header": _header(stamp_us, frames.map), "vector": {"x": probability, **flags}},

@@ -1,0 +1,250 @@
+"""Position of the robot now: at the end of the newest window, and steady from match to match.
+
+A match names the place whose middle looks like the newest window, and the robot has driven on by
+half a window since the middle of that. `PathPosition` turns the places of matches into the place
+where the robot is, in fractions of a place; `Locator` turns that into metres and coordinates.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.map_record import MapRecord
+
+#: Windows over which the speed along the path is measured: at most, and at least.
+MOST_WINDOWS, LEAST_WINDOWS = 8, 4
+#: Share of a window's advance by which the robot is ahead of the matched place: half a window, less
+#: an eighth by which the filter is ahead at the speed of the map.
+LEAD = 0.375
+#: Share of the difference to the newest match that is corrected within `STEADY_US`.
+GAIN, STEADY_US = 0.25, 50_000
+#: A match so many windows of the map away from the path is a jump.
+JUMP_WINDOWS = 3
+
+
+class PathPosition:
+    """Place where the robot is at the end of the newest window.
+
+    Parameters
+    ----------
+    places_per_window : int
+        Places by which a robot advances in a window at the speed of the map.
+
+    Attributes
+    ----------
+    jumps : int
+        How often the position has jumped. As long as it stays the same, the position has moved
+        with the path.
+    """
+
+    def __init__(self, places_per_window: int) -> None:
+        self.jumps = 0
+        self._usual, self._jump = places_per_window, JUMP_WINDOWS * places_per_window
+        self._ends: deque[tuple[int, int]] = deque(maxlen=MOST_WINDOWS + 1)  # time, place
+        self._at = math.nan
+        self._time_us = 0
+
+    def update(
+        self, time_us: int, window_us: int, place: int, driven: float | None = None
+    ) -> float:
+        """Return the place where the robot is at the time of a match.
+
+        Parameters
+        ----------
+        time_us : int
+            End of the newest window; rising from match to match.
+        window_us : int
+            Length of this window.
+        place : int
+            That is matched.
+        driven : float, optional
+            Places by which the robot has advanced in the newest window by its odometer.
+
+        Returns
+        -------
+        float
+            Number of the place, in fractions of a place; 0.5 is between the middles of the first
+            two.
+        """
+        window_us = max(window_us, 1)
+        advance = self._advance(time_us, window_us, place) if driven is None else driven
+        seen = place + LEAD * advance
+        if abs(seen - self._at) <= self._jump:
+            passed_us = time_us - self._time_us
+            self._at += advance * passed_us / window_us
+            self._at += (seen - self._at) * (1 - (1 - GAIN) ** (passed_us / STEADY_US))
+        else:
+            self.jumps += not math.isnan(self._at)
+            self._at = seen
+        self._time_us = time_us
+        return self._at
+
+    def _advance(self, time_us: int, window_us: int, place: int) -> float:
+        """Return the advance in a window, in places: that of the path, or at first of the map."""
+        ends = self._ends
+        if not ends or time_us - ends[-1][0] >= window_us:
+            if ends and abs(place - ends[-1][1]) > self._jump:
+                ends.clear()
+            ends.append((time_us, place))
+        if len(ends) <= LEAST_WINDOWS:
+            return self._usual
+        (first_us, first), (last_us, last) = ends[0], ends[-1]
+        return (last - first) * window_us / (last_us - first_us)
+
+
+class Located(NamedTuple):
+    """Position on the route; None where the map does not know it."""
+
+    x_m: float | None = None
+    y_m: float | None = None
+    z_m: float | None = None
+    latitude: float | None = None
+    longitude: float | None = None
+    heading_deg: float | None = None
+    along_m: float | None = None
+    along_from_m: float | None = None
+    along_to_m: float | None = None
+
+
+_NOWHERE = Located()
+
+
+class Locator:
+    """Positions along the route of a map, between its places too.
+
+    Parameters
+    ----------
+    reference : MapRecord
+        Without a track, only metres by its odometry are known; without odometry, nothing.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the coordinates: ``x_m``, ``y_m``, ... or ``latitude`` and ``longitude``; none
+        without a track.
+    route_m : float or None
+        Length of the route, to the end of its last window.
+    """
+
+    def __init__(self, reference: MapRecord) -> None:
+        route, along_mm = reference.route, reference.along_mm
+        self.names: tuple[str, ...] = () if route is None else route.coordinates
+        self.route_m: float | None = None
+        self._within = reference.settings.exclusion_places
+        along = None
+        if route is not None:
+            along = route.along_m
+        elif along_mm is not None:
+            along = along_mm / 1e3
+        self._along = self._filled = self._heading = None
+        self._columns: list[list[float]] = []
+        self._wraps = route is not None and route.kind == "geographic"
+        # windows of the map reach half a window beyond the middles of its places
+        self._beyond = reference.settings.window_parts / 2
+        if along is None:
+            return
+        known = np.flatnonzero(np.isfinite(along))
+        self._along = along.tolist()
+        self._filled = np.interp(np.arange(len(along)), known, along[known]).tolist()
+        self._first, self._last = int(known[0]), int(known[-1])
+        self.route_m = _between(self._filled, len(along) - 1 + self._beyond)
+        if route is not None:
+            columns = route.position.T.copy()
+            if self._wraps:  # so that no step between two places goes round the earth
+                columns[1, known] = np.unwrap(columns[1, known], period=360)
+            self._columns = columns.tolist()
+            self._heading = headings(along, columns, geographic=self._wraps)
+
+    def locate(self, at: float) -> Located:
+        """Return the position at a number of a place, which may be a fraction.
+
+        Parameters
+        ----------
+        at : float
+            See `PathPosition.update`.
+        """
+        if self._along is None or self._filled is None:
+            return _NOWHERE
+        last = len(self._along) - 1
+        lowest, highest = -self._beyond, last + self._beyond
+        at = min(max(at, lowest), highest)
+        from_at, to_at = max(at - self._within, lowest), min(at + self._within, highest)
+        from_m = to_m = None
+        if from_at <= self._last + self._beyond and to_at >= self._first - self._beyond:
+            from_m, to_m = (_between(self._filled, end) for end in (from_at, to_at))
+        along_m = _between(self._along, at)
+        coordinates: list[float | None] = [_between(column, at) for column in self._columns]
+        if not self._wraps:
+            coordinates += [None] * (5 - len(coordinates))
+        elif coordinates[1] is not None:
+            coordinates[1] = (coordinates[1] + 180) % 360 - 180
+        heading = None
+        if self._heading is not None and along_m is not None:
+            heading = self._heading[min(max(round(at), 0), last)]
+        if self._wraps:
+            coordinates = [None, None, None, *coordinates]
+        return Located._make((*coordinates, heading, along_m, from_m, to_m))
+
+
+def _between(values: list[float], at: float) -> float | None:
+    """Interpolate between the values of places, and extrapolate beyond the first and last.
+
+    Returns
+    -------
+    float or None
+        None if a value is not known (NaN).
+    """
+    if len(values) == 1:
+        return None if math.isnan(values[0]) else values[0]
+    before = min(max(math.floor(at), 0), len(values) - 2)
+    share = at - before
+    if share in (0, 1):
+        found = values[before + int(share)]
+    else:
+        found = values[before] + share * (values[before + 1] - values[before])
+    return None if math.isnan(found) else found
+
+
+def headings(
+    along_m: npt.NDArray[np.float64], columns: npt.NDArray[np.float64], *, geographic: bool
+) -> list[float | None] | None:
+    """Return the direction of a route at each of its places.
+
+    Parameters
+    ----------
+    along_m : ndarray of float64, shape (K,)
+        Rising; NaN where the position is not known.
+    columns : ndarray of float64, shape (d, K)
+        Latitude and longitude, which do not wrap, or metres east, north (and up).
+    geographic : bool
+        Whether they are latitude and longitude.
+
+    Returns
+    -------
+    list of (float or None)
+        Degrees clockwise from north (from y towards x in metres), 0 to 360, of the way from a metre
+        before the place to a metre after it, or from the place before to the one after. None where
+        it is not known; for a track without directions (d = 1) no list.
+    """
+    if len(columns) == 1:
+        return None
+    known = np.isfinite(along_m)
+    along, first = np.unique(along_m[known], return_index=True)
+    east, north = columns[:2]
+    if geographic:
+        latitude = columns[0]
+        north, east = latitude, columns[1] * np.cos(np.radians(latitude))
+    reach = max(1.0, float(np.median(np.diff(along)))) if along.size > 1 else 1.0
+    ways = [
+        np.interp(along_m + reach, along, axis[known][first])
+        - np.interp(along_m - reach, along, axis[known][first])
+        for axis in (east, north)
+    ]
+    degrees = np.degrees(np.arctan2(ways[0], ways[1])) % 360
+    stands = ~known | (np.hypot(*ways) == 0)
+    return [None if no else each for no, each in zip(stands, degrees.tolist(), strict=True)]
