@@ -20,7 +20,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from edge_vpr_tools.live_view import row_of
-from edge_vpr_tools.publish import LineServer
+from edge_vpr_tools.publish import MatchServer
 
 from edge_vpr.live.session import LiveMatch
 
@@ -275,7 +275,8 @@ def test_a_node_whose_thread_dies_ends(messages, dds_types, monkeypatch, capsys)
         def serve():
             sock, _ = server.accept()
             with sock:
-                sock.sendall(json.dumps(HEALTH).encode() + b"\n")
+                head = b"HTTP/1.0 200 OK\r\n\r\n"
+                sock.sendall(head + b"data: " + json.dumps(HEALTH).encode() + b"\n\n")
                 sock.recv(1)
 
         thread = threading.Thread(target=serve)
@@ -322,10 +323,10 @@ def test_rows_of_a_server_arrive_at_another_participant(messages, dds_types):
             for each in (row(**METRIC), row(**ON_EARTH), HEALTH):
                 server.send(each["kind"], json.dumps(each))
 
-    with LineServer("0") as server:
+    with MatchServer("0") as server:
         thread = threading.Thread(target=serve, args=(server,))
         thread.start()
-        address = server.address.removeprefix("tcp://")
+        address = server.address.removeprefix("http://").rstrip("/")
         node = started(domain, "--connect", address, "--once", "--tf")
         try:
             samples = dict.fromkeys(topics, ())
@@ -356,7 +357,7 @@ def test_a_node_without_a_server_says_so_and_ends_on_sigterm(messages, dds_types
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     with started(77, "--connect", f"127.0.0.1:{port}") as node:
-        assert "start edge-vpr stream --serve; trying again" in node.stderr.readline()
+        assert "start edge-vpr stream --http; trying again" in node.stderr.readline()
         node.send_signal(signal.SIGTERM)
         assert node.wait(10) == 0
 

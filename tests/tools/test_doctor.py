@@ -70,10 +70,10 @@ def test_an_extra_without_wheels_for_this_processor_is_not_offered(monkeypatch):
 
 
 def test_an_extra_whose_library_is_too_old_is_absent(monkeypatch):
-    requiring(monkeypatch, 'numpy>=99; extra == "mqtt"')
+    requiring(monkeypatch, 'numpy>=99; extra == "rerun"')
     (found,) = (each for each in doctor.check_extras() if each.state == "absent")
-    assert found.text.startswith("stream --mqtt: numpy is ") and ">=99" in found.text
-    assert "[mqtt]" in found.remedy
+    assert found.text.startswith("the viewer of stream --rerun: numpy is ") and ">=99" in found.text
+    assert "[rerun]" in found.remedy
 
 
 def test_every_extra_is_checked_but_those_for_work_on_the_project():

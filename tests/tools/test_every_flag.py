@@ -111,9 +111,8 @@ RUNS = [
      "--exclusion 1", 0),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --odometry udp://127.0.0.1:0", 0),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --burst-filter causal {FILTER}", 0),
-    (f"{STREAM} --map {{f}}/map.npz --once --serve 0 --status-every 2s", 0),
+    (f"{STREAM} --map {{f}}/map.npz --once --http 0 --status-every 2s", 0),
     # a broker that is not there: the run goes on; 2: the library is an extra
-    (f"{STREAM} --map {{f}}/map.npz --once --mqtt mqtt://127.0.0.1:9/rover", (0, 2)),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --smooth", 2),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --delay 3", 0),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --delay 3 --every 50ms", 2),

@@ -1,35 +1,30 @@
-"""Matches for other programs: the rows of --json over TCP and MQTT, at nobody's cost."""
+"""The rows of --json over HTTP: to everyone who may read them, at nobody's cost."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
 import errno
+import http.client
 import json
 import math
 import os
+import re
 import shutil
+import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
-from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from edge_vpr_tools import publish as line_server
+from edge_vpr_tools import publish
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.live_view import row_of
-from edge_vpr_tools.publish import (
-    LineServer,
-    MqttPublisher,
-    RareNotices,
-    open_mqtt,
-    parse_address,
-    parse_url,
-)
+from edge_vpr_tools.publish import MatchServer, parse_address
 from streams import Drive, random_events
 
 from edge_vpr.errors import UsageError
@@ -42,22 +37,48 @@ from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 
 SENSOR = Sensor(16, 12)
-ROOT = Path(__file__).parents[2]
+HEALTH = {"kind": "health", "silent_s": 0.0, "lost_link": "", "resyncs": 3}
 
 
-def connect(server: LineServer) -> socket.socket:
-    host, port = server.address.removeprefix("tcp://").rsplit(":", 1)
+def port_of(server: MatchServer) -> int:
+    return server.socket.getsockname()[1]
+
+
+def asked(server: MatchServer, request: str) -> bytes:
+    """The whole answer to bytes that are sent as they are."""
+    with socket.create_connection(("127.0.0.1", port_of(server)), timeout=60) as sock:
+        sock.sendall(request.encode())
+        with sock.makefile("rb") as answer:
+            return answer.read()
+
+
+def got(server: MatchServer, path: str, **headers: str) -> tuple[int, dict[str, str], bytes]:
+    connection = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=60)
+    with contextlib.closing(connection):
+        connection.request("GET", path, headers=headers)
+        answer = connection.getresponse()
+        return answer.status, dict(answer.getheaders()), answer.read()
+
+
+def listen(server: MatchServer) -> socket.socket:
+    """A reader of /events that the server knows."""
     known = len(server._readers)
-    sock = socket.create_connection((host, int(port)), timeout=60)
-    end = time.monotonic() + 10
-    while len(server._readers) == known and time.monotonic() < end:
-        time.sleep(0.001)
+    sock = socket.create_connection(("127.0.0.1", port_of(server)), timeout=60)
+    sock.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+    wait_until(lambda: len(server._readers) > known)
     return sock
+
+
+def wait_until(true) -> None:
+    end = time.monotonic() + 20
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.001)
 
 
 def rows_of(sock: socket.socket) -> list[dict]:
     with sock, sock.makefile(encoding="utf-8") as lines:
-        return [json.loads(line) for line in lines]
+        return [json.loads(line[6:]) for line in lines if line.startswith("data: ")]
 
 
 @pytest.fixture(scope="module")
@@ -105,79 +126,188 @@ def test_a_row_has_every_field_of_its_match():
 
 
 def test_readers_get_the_rows_that_json_prints(drive, capsys, monkeypatch):
-    servers, found = [], []
-    start = LineServer.__init__
+    servers, found, threads = [], [], []
+    enter = MatchServer.__enter__
 
-    def begin(server, address):
-        start(server, address)
+    def begin(server):
+        enter(server)
         servers.append(server)
-        socks = [connect(server), connect(server)]
-        threads = [threading.Thread(target=lambda s=s: found.append(rows_of(s))) for s in socks]
-        servers.extend(threads)
-        for thread in threads:
-            thread.start()
+        for sock in (listen(server), listen(server)):
+            threads.append(threading.Thread(target=lambda s=sock: found.append(rows_of(s))))
+            threads[-1].start()
+        return server
 
-    monkeypatch.setattr(LineServer, "__init__", begin)
+    monkeypatch.setattr(MatchServer, "__enter__", begin)
     before = time.time()
-    assert main(stream(drive, "--serve", "0")) == 0
-    for thread in servers[1:]:
+    assert main(stream(drive, "--http", "0")) == 0
+    for thread in threads:
         thread.join(10)
     printed = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert found == [printed, printed]
+    route, notice, *_ = printed
+    assert (route["kind"], route["places"]) == ("route", len(drive[1]))
+    assert route["along_m"][:3] == [None, 2.5, 5.0]
+    assert notice == {"kind": "http", "text": f"matches are at {servers[0].address}"}
+    assert servers[0].address.startswith("http://127.0.0.1:")
     matches = [row for row in printed if row["kind"] == "match"]
     assert len(matches) > 5
     assert before <= matches[0]["host_us"] / 1e6 <= time.time()
     assert abs(matches[-1]["along_m"] - matches[-1]["place"] * 2.5) < 3 * 2.5
-    (notice,) = (row for row in printed if row["kind"] == "serve")
-    assert notice["text"] == f"matches are at {servers[0].address}"
-    assert servers[0].address.startswith("tcp://127.0.0.1:")
 
 
-def test_a_slow_reader_loses_only_lines_of_its_own_and_is_told_how_many(monkeypatch):
-    monkeypatch.setattr(line_server, "WAITING_LINES", 50)
+def test_who_comes_later_gets_the_route_and_no_match_of_before():
+    """An old match would be taken for a new one."""
+    with MatchServer("0") as server:
+        for kind in ("route", "match", "health"):
+            server.send(kind, json.dumps({"kind": kind}))
+        late = listen(server)
+        server.send("match", json.dumps({"kind": "match", "place": 3}))
+    assert [row["kind"] for row in rows_of(late)] == ["route", "match"]
+
+
+def test_a_slow_reader_loses_only_rows_of_its_own_and_is_told_how_many(monkeypatch):
+    monkeypatch.setattr(publish, "WAITING_ROWS", 50)
     line = json.dumps({"kind": "match", "text": "x" * 1_000})
-    n = 10_000
-    with LineServer("0") as server:
-        slow, quick = connect(server), connect(server)
-        got = []
-        thread = threading.Thread(target=lambda: got.append(rows_of(quick)))
+    n, quick_rows = 10_000, []
+    with MatchServer("0") as server:
+        slow = listen(server)
+        (slow_reader,) = server._readers
+        quick = listen(server)
+        (quick_reader,) = server._readers - {slow_reader}
+        thread = threading.Thread(target=lambda: quick_rows.extend(rows_of(quick)))
         thread.start()
-        begin = time.process_time()
         for i in range(n):
             server.send("match", line)
-            while server._readers and i % 25 == 24:
-                # the quick one is given time; what is measured is that nobody waits for the slow
-                others = [r for r in server._readers if r.waits]
-                if len(others) <= 1:
-                    break
-                time.sleep(0.0005)
-        assert time.process_time() - begin < 30
+            if i % 25 == 24:  # the quick one is given time, the slow one none
+                wait_until(lambda: not quick_reader._rows)
         late = []
-        reading = threading.Thread(target=lambda: late.append(rows_of(slow)))
+        reading = threading.Thread(target=lambda: late.extend(rows_of(slow)))
         reading.start()
     thread.join(10)
     reading.join(10)
-    rows = late[0]
-    left_out = sum(row["lines"] for row in rows if row["kind"] == "left_out")
+    left_out = sum(row["lines"] for row in late if row["kind"] == "left_out")
     assert left_out > n // 2
-    assert left_out + sum(row["kind"] == "match" for row in rows) == n
-    assert [row["kind"] for row in got[0]] == ["match"] * n
+    assert left_out + sum(row["kind"] == "match" for row in late) == n
+    assert [row["kind"] for row in quick_rows] == ["match"] * n
 
 
-def test_a_reader_that_vanishes_is_forgotten_and_one_too_many_is_turned_away(monkeypatch):
-    monkeypatch.setattr(line_server, "MOST_READERS", 1)
-    with LineServer("0") as server:
-        first = connect(server)
-        host, port = server.address.removeprefix("tcp://").rsplit(":", 1)
-        with socket.create_connection((host, int(port)), timeout=10) as second:
-            assert second.recv(1) == b""
-        assert [good for _, good in server.notices()] == [True, False]
+def test_a_reader_that_vanishes_is_forgotten_and_one_too_many_is_told_so(monkeypatch):
+    monkeypatch.setattr(publish, "MOST_READERS", 1)
+    with MatchServer("0") as server:
+        first = listen(server)
+        status, _, body = got(server, "/events")
+        assert (status, body) == (503, b"503 1 readers are there: close one\n")
         first.close()
-        end = time.monotonic() + 10
-        while server._readers and time.monotonic() < end:
-            time.sleep(0.001)
-        assert not server._readers
-        server.send("match", "{}")
+
+        def is_forgotten() -> bool:
+            server.send("health", json.dumps(HEALTH))
+            return not server._readers
+
+        wait_until(is_forgotten)
+        assert got(server, "/health")[0] == 200
+
+
+def test_connections_are_bounded_and_those_that_ask_nothing_are_closed(monkeypatch):
+    monkeypatch.setattr(publish, "MOST_CONNECTIONS", 2)
+    monkeypatch.setattr(publish, "_REQUEST_S", 0.5)
+    with MatchServer("0") as server, contextlib.ExitStack() as stack:
+        address = ("127.0.0.1", port_of(server))
+        idle = [stack.enter_context(socket.create_connection(address, 60)) for _ in range(2)]
+        idle[0].sendall(b"GET / HT")
+        wait_until(lambda: len(server._connections) == 2)
+        with socket.create_connection(address, timeout=60) as third:
+            assert third.recv(100).startswith(b"HTTP/1.0 503")
+        answers = [each.makefile("rb").read() for each in idle]
+        assert all(answer.startswith(b"HTTP/1.0 408 ") for answer in answers)
+        wait_until(lambda: not server._connections)
+        assert got(server, "/")[0] == 200
+
+
+def test_a_request_that_comes_byte_by_byte_has_no_more_time_than_another(monkeypatch):
+    monkeypatch.setattr(publish, "_REQUEST_S", 0.5)
+    with MatchServer("0") as server:
+        sock = socket.create_connection(("127.0.0.1", port_of(server)), timeout=60)
+        with sock, contextlib.suppress(ConnectionError):
+            for _ in range(1_000):
+                sock.sendall(b"x")
+                time.sleep(0.02)
+            pytest.fail("it may go on")
+        wait_until(lambda: not server._connections)
+
+
+@pytest.fixture(scope="module")
+def running():
+    with MatchServer("0") as server:
+        server.send("health", json.dumps(HEALTH))
+        yield server
+
+
+@pytest.mark.parametrize(
+    ("request_", "status"),
+    [
+        ("GET /health HTTP/1.1\nHost: LOCALHOST:99\n\n", 200),
+        ("GET /health?now HTTP/1.0\r\nHost: [::1]:7000\r\n\r\n", 200),
+        ("GET /health HTTP/1.1\r\nHost: 10.0.0.5\r\nOrigin: http://10.0.0.5\r\n\r\n", 200),
+        ("GET /health HTTP/1.1\r\nHost: rover.evil.example\r\n\r\n", 403),
+        ("GET /health HTTP/1.1\r\nHost: localhost.evil.example:7000\r\n\r\n", 403),
+        ("GET /health HTTP/1.1\r\nHost: \r\n\r\n", 403),
+        ("GET /health HTTP/1.1\r\n\r\n", 400),
+        ("GET /health HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n\r\n", 400),
+        ("GET /events HTTP/1.1\r\nHost: localhost\r\nOrigin: http://evil.example\r\n\r\n", 403),
+        ("GET /events HTTP/1.1\r\nHost: localhost\r\nOrigin: null\r\n\r\n", 403),
+        ("POST /health HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2\r\n\r\n{}", 405),
+        ("HEAD / HTTP/1.1\r\nHost: localhost\r\n\r\n", 405),
+        ("OPTIONS * HTTP/1.1\r\nHost: localhost\r\n\r\n", 405),
+        ("GET /../../etc/passwd HTTP/1.1\r\nHost: localhost\r\n\r\n", 404),
+        ("GET http://evil.example/ HTTP/1.1\r\nHost: localhost\r\n\r\n", 404),
+        ("GET / HTTP/9.9\r\nHost: localhost\r\n\r\n", 505),
+        ("GET\r\n\r\n", 400),
+        ("\x16\x03\x01\x02\x00\r\n\r\n", 400),
+        ("GET /" + 9_000 * "x", 431),
+        ("GET / HTTP/1.1\r\n" + 200 * "A: b\r\n" + "Host: localhost\r\n\r\n", 431),
+    ],
+)
+def test_only_a_get_under_a_name_of_this_machine_is_answered(running, request_, status):
+    answer = asked(running, request_)
+    head, _, body = answer.partition(b"\r\n\r\n")
+    assert head.startswith(b"HTTP/1.0 %d " % status)
+    assert status == 200 or body.startswith(b"%d " % status)
+    assert b"\x16" not in answer
+    assert got(running, "/")[0] == 200  # goes on
+
+
+def test_nothing_of_the_page_may_be_stored_or_framed_and_it_reads_no_other_address(running):
+    _, headers, page = got(running, "/")
+    assert headers["Cache-Control"] == "no-store"
+    policy = headers["Content-Security-Policy"]
+    assert "default-src 'none'" in policy
+    assert "frame-ancestors 'none'" in policy
+    assert "connect-src 'self'" in policy
+    # the only one is a name, which nobody asks for
+    assert set(re.findall(rb"\w+://[^\"]*", page)) == {b"http://www.w3.org/2000/svg"}
+
+
+def test_health_is_for_a_watchdog(monkeypatch):
+    with MatchServer("0") as server:
+
+        def asked_health():
+            status, _, body = got(server, "/health")
+            found = json.loads(body)
+            assert found["ok"] is (status == 200)
+            return status, found["why"], found["match"]
+
+        assert asked_health() == (503, "edge-vpr has only just begun", None)
+        server.send("health", json.dumps(HEALTH))
+        assert asked_health() == (200, "", None)
+        server.send("match", json.dumps({"kind": "match", "place": 7, "age_s": 100.0}))
+        status, _, match = asked_health()
+        assert (status, match["place"]) == (200, 7) and match["age_s"] >= 100
+        server.send("health", json.dumps({**HEALTH, "silent_s": 3.2}))
+        assert asked_health()[:2] == (503, "nothing came for 3 s")
+        server.send("health", json.dumps({**HEALTH, "lost_link": "port: gone"}))
+        assert asked_health()[:2] == (503, "the link is lost: port: gone")
+        monkeypatch.setattr(publish, "STUCK_S", 0.0)
+        assert "stands still" in asked_health()[1]
 
 
 def test_without_a_free_descriptor_the_server_pauses_and_goes_on_later(monkeypatch):
@@ -188,48 +318,15 @@ def test_without_a_free_descriptor_the_server_pauses_and_goes_on_later(monkeypat
         calls.append(sock)
         raise OSError(errno.EMFILE, "Too many open files")
 
-    monkeypatch.setattr(line_server, "_PAUSE_S", 0.2)
-    with LineServer("0") as server:
+    monkeypatch.setattr(publish, "_PAUSE_S", 0.2)
+    with MatchServer("0") as server:
         monkeypatch.setattr(socket.socket, "accept", exhausted)
-        host, port = server.address.removeprefix("tcp://").rsplit(":", 1)
-        with socket.create_connection((host, int(port)), timeout=10) as waiting:
+        with socket.create_connection(("127.0.0.1", port_of(server)), timeout=10) as waiting:
             time.sleep(0.5)
             assert 1 <= len(calls) <= 4
             monkeypatch.setattr(socket.socket, "accept", real)
-            end = time.monotonic() + 10
-            while not server._readers and time.monotonic() < end:
-                time.sleep(0.01)
-            server.send("match", "{}")
-            assert waiting.recv(10) == b"{}\n"
-        texts = [text for text, _ in server.notices()]
-        assert texts[1:] == ["no reader can connect: Too many open files"]
-
-
-def test_a_thousand_refused_connections_are_one_line_and_a_count_a_minute(monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr(line_server, "MOST_READERS", 0)
-    with LineServer("0") as server:
-        server._notices._clock = lambda: now[0]
-        address = server.address.removeprefix("tcp://").rsplit(":", 1)
-        for _ in range(1_000):
-            with socket.create_connection((address[0], int(address[1])), timeout=10) as sock:
-                assert sock.recv(1) == b""
-        refusal = "0 readers are there, another is refused"
-        assert [text for text, _ in server.notices()][1:] == [refusal]
-        now[0] = 59.0
-        assert list(server.notices()) == []
-        now[0] = 61.0
-        assert list(server.notices()) == [(f"{refusal} (999 times in 61 s)", False)]
-        now[0] = 200.0
-        assert list(server.notices()) == []
-
-
-def test_notices_of_many_texts_take_little_memory():
-    notices = RareNotices()
-    for i in range(10_000):
-        notices.add(str(i), True)
-    assert len(list(notices.take())) == 100
-    assert len(notices._given) <= 100
+            waiting.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            assert waiting.recv(12) == b"HTTP/1.0 200"
 
 
 @pytest.mark.parametrize("wrong", ["", "x", "host:", "1:2:3", "70000", "-1", "tcp://h:1", "::1:70"])
@@ -239,257 +336,77 @@ def test_an_address_to_serve_on_that_is_none_is_refused(wrong):
 
 
 def test_a_port_that_is_taken_is_told_with_its_remedy(drive, capsys):
-    with LineServer("0") as server:
-        port = server.address.rsplit(":", 1)[1]
-        assert main(stream(drive, "--serve", port)) == 1
+    with MatchServer("0") as server:
+        assert main(stream(drive, "--http", str(port_of(server)))) == 1
         assert "a port that is free" in capsys.readouterr().err
         with pytest.raises(LinkError, match="an address of this machine"):
-            LineServer("203.0.113.7:0")
+            MatchServer("203.0.113.7:0")
 
 
-@pytest.mark.parametrize(
-    "wrong", ["localhost/x", "mqtt://host", "mqtt://host/", "mqtt://h:0/x", "mqtt://h:99999/x",
-              "mqtt://h/a/+", "mqtt://h/a%23", "mqtt://u:secret@h/x", "mqtt://h/x?qos=2",
-              "mqtt://h/x?ca=a.pem", "mqtts://h/x?colour=1"],
-)  # fmt: skip
-def test_an_address_of_a_broker_that_is_none_is_refused(wrong):
-    with pytest.raises(UsageError, match="--mqtt"):
-        parse_url(wrong)
+@pytest.mark.skipif(shutil.which("curl") is None, reason="curl is not installed")
+def test_curl_reads_the_rows(running):
+    def send():
+        while len(lines) < 4:
+            running.send("match", json.dumps({"kind": "match", "place": 3}))
+            time.sleep(0.01)
 
-
-def test_parts_of_a_brokers_address_are_found():
-    plain = ("::1", 99, "a/b c", "rover", False, None, 0)
-    assert parse_url("mqtt://rover@[::1]:99/a/b%20c") == plain
-    secret = ("h", 8883, "x", None, True, "/a b.pem", 1)
-    assert parse_url("mqtts://h/x?ca=/a%20b.pem&qos=1") == secret
-
-
-@pytest.fixture
-def paho():
-    return pytest.importorskip("paho.mqtt.client", reason="paho-mqtt is an extra")
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as sock:
-        return sock.getsockname()[1]
-
-
-@contextlib.contextmanager
-def running_broker(paho, folder, more=""):
-    """A broker's port, and what is published there under `rover`."""
-    program = shutil.which("mosquitto", path="/usr/sbin:/usr/bin:/usr/local/sbin:/usr/local/bin")
-    if program is None:
-        pytest.skip("mosquitto is not installed")
-    port = free_port()
-    settings = folder / "broker.conf"
-    settings.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n{more}")
-    broker = subprocess.Popen([program, "-c", str(settings)], stderr=subprocess.DEVNULL)
-    try:
-        listener = paho.Client(paho.CallbackAPIVersion.VERSION2)
-        came, ready = [], threading.Event()
-        listener.on_connect = lambda client, *rest: client.subscribe("rover/#")
-        listener.on_subscribe = lambda *rest: ready.set()
-        listener.on_message = lambda client, data, message: came.append(
-            (message.topic, json.loads(message.payload))
-        )
-        listener.reconnect_delay_set(1, 1)
-        listener.connect_async("127.0.0.1", port)
-        listener.loop_start()
-        assert ready.wait(20)
-        yield port, came
-        listener.disconnect()
-        listener.loop_stop()
-    finally:
-        broker.terminate()
-        broker.wait(10)
-
-
-@pytest.fixture
-def mosquitto(paho, tmp_path):
-    with running_broker(paho, tmp_path) as found:
-        yield found
-
-
-def test_a_broker_of_mqtt_gets_the_rows_that_json_prints(drive, mosquitto, capsys):
-    port, came = mosquitto
-    assert main(stream(drive, "--mqtt", f"mqtt://127.0.0.1:{port}/rover")) == 0
-    printed = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    end = time.monotonic() + 10
-    while len(came) < len(printed) and time.monotonic() < end:
-        time.sleep(0.01)
-    rows = [row for _, row in came]
-    assert [row["status"] for row in rows if row["kind"] == "status"] == ["online", "ended"]
-    assert [row for row in rows if row["kind"] != "status"] == printed
-    assert {topic for topic, row in came if row["kind"] == "match"} == {"rover"}
-    assert [topic for topic, _ in came[-2:]] == ["rover/summary", "rover/status"]
-
-
-def wait_for_status(came, status):
-    end = time.monotonic() + 30
-    while ("rover/status", {"kind": "status", "status": status}) not in came:
-        assert time.monotonic() < end, came[-3:]
-        time.sleep(0.02)
-
-
-def test_a_dead_stream_is_told_from_a_lost_robot(drive, paho, mosquitto):
-    """The broker itself says so, also to who comes later."""
-    port, came = mosquitto
-    words = stream(drive, "--mqtt", f"mqtt://127.0.0.1:{port}/rover?qos=1")
-    words[words.index("--port") + 1] = "-"
-    with subprocess.Popen(
-        [sys.executable, "-m", "edge_vpr_tools.cli", *words],
-        stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
-        env={**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"},
-    ) as run:  # fmt: skip
-        wait_for_status(came, "online")
-        run.kill()
-    wait_for_status(came, "lost")
-    late, seen = paho.Client(paho.CallbackAPIVersion.VERSION2), []
-    late.on_connect = lambda client, *rest: client.subscribe("rover/status")
-    late.on_message = lambda client, data, message: seen.append(
-        (message.retain, json.loads(message.payload)["status"])
-    )
-    late.connect("127.0.0.1", port)
-    end = time.monotonic() + 20
-    while not seen and time.monotonic() < end:
-        late.loop(0.1)
-    late.disconnect()
-    assert seen == [(True, "lost")]
-
-
-# paho does not close the socket of a broker whose certificate it refuses
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_a_broker_is_reached_by_tls_and_its_certificate_is_checked(drive, paho, tmp_path, capsys):
-    openssl, files = shutil.which("openssl"), [tmp_path / "broker.pem", tmp_path / "broker.key"]
-    if openssl is None:
-        pytest.skip("openssl, which makes the certificate, is not installed")
-    command = [openssl, "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj"]
-    command += ["/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1", "-out", str(files[0])]
-    subprocess.run([*command, "-keyout", str(files[1])], check=True, capture_output=True)
-    for file in files:
-        file.chmod(0o644)
-    tls_port = free_port()
-    more = f"listener {tls_port} 127.0.0.1\ncertfile {files[0]}\nkeyfile {files[1]}\n"
-    with running_broker(paho, tmp_path, f"{more}user root\n") as (_, came):
-        url = f"mqtts://127.0.0.1:{tls_port}/rover?qos=1"
-        assert main(stream(drive, "--mqtt", f"{url}&ca={files[0]}")) == 0
-        wait_for_status(came, "ended")
-        assert any(row["kind"] == "match" for _, row in came)
-        before = len(came)
-        capsys.readouterr()
-        assert main(stream(drive, "--mqtt", url)) == 0
-        assert "none whose certificate is valid" in capsys.readouterr().out
-        assert len(came) == before
-        assert main(stream(drive, "--mqtt", f"{url}&ca={files[0]}x")) == 2
-        assert "certificate cannot be read" in capsys.readouterr().err
-
-
-def test_a_broker_that_is_not_there_costs_the_run_nothing_but_a_notice(drive, paho, capsys):
-    begin = time.monotonic()
-    assert main(stream(drive, "--mqtt", f"mqtt://127.0.0.1:{free_port()}/rover")) == 0
-    assert time.monotonic() - begin < 30
-    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert [row["text"].split(";")[1] for row in rows if row["kind"] == "mqtt"] == [" trying again"]
-    assert any(row["kind"] == "match" for row in rows)
-
-
-def test_what_waits_for_a_broker_that_hangs_is_bounded(paho, monkeypatch):
-    """The system takes some MB for a socket that nobody reads; of the rest a thousand wait."""
-    with socket.create_server(("127.0.0.1", 0)) as broker, ThreadedBroker(broker):
-        port = broker.getsockname()[1]
-        with open_mqtt(f"mqtt://127.0.0.1:{port}/rover") as publisher:
-            assert isinstance(publisher, MqttPublisher)
-            for _ in range(3_000):
-                publisher.send("match", "x" * 10_000)
-            assert 0 < len(publisher._client._out_packet) <= 1_000
-            (text,) = [text for text, good in publisher.notices() if not good]
-            assert text.startswith("1,000 messages wait for 127.0.0.1")
-            begin = time.monotonic()
-        assert time.monotonic() - begin < 5
-
-
-def test_what_is_kept_for_a_broker_that_never_acknowledges_and_leaves_is_bounded(paho):
-    """With QoS 1 the client keeps what is not acknowledged over all connections."""
-    with socket.create_server(("127.0.0.1", 0)) as broker:
-        leave = [threading.Event() for _ in range(3)]
-
-        def connections():
-            for gone in leave:
-                sock, _ = broker.accept()
-                with sock:
-                    sock.recv(1000)
-                    sock.sendall(bytes([0x20, 2, 0, 0]))  # CONNACK
-                    gone.wait(30)
-
-        thread = threading.Thread(target=connections)
+    lines: list[str] = []
+    command = ["curl", "-sN", f"{running.address}events"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as curl:
+        assert curl.stdout is not None
+        thread = threading.Thread(target=send)
         thread.start()
-        with open_mqtt(f"mqtt://127.0.0.1:{broker.getsockname()[1]}/rover?qos=1") as publisher:
-            publisher._client.reconnect_delay_set(1, 1)
-            for gone in leave:
-                assert publisher._there.wait(30)
-                for _ in range(3_000):
-                    publisher.send("match", "x" * 100)
-                assert 0 < len(publisher._client._out_messages) <= 1_000
-                gone.set()
-                end = time.monotonic() + 30
-                while publisher._there.is_set() and time.monotonic() < end:
-                    time.sleep(0.01)
-        thread.join(30)
+        lines.extend(curl.stdout.readline() for _ in range(4))
+        thread.join()
+        curl.terminate()
+    assert lines == 2 * ['data: {"kind": "match", "place": 3}\n', "\n"]
 
 
-@pytest.mark.parametrize(
-    "hostile",
-    [
-        bytes([0x30, 0xFF, 0xFF, 0xFF, 0x7F]),  # a message of 256 MB
-        bytes([0x20, 0xFF, 0xFF, 0xFF, 0x7F]),  # an answer of 256 MB
-        bytes([0x34, 9, 0, 1]) + b"a" + bytes(6),  # QoS 2: stored until it is released
-        bytes([0x50, 2, 0, 1]),  # each is answered
-        bytes([0xC0, 0]),
-    ],
-)
-def test_a_broker_that_sends_what_was_not_asked_for_is_left(paho, hostile):
-    """It filled the memory: 980 MB in 15 s."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        sent = []
+def test_rows_go_on_to_mqtt_by_the_line_of_the_page(running, tmp_path):
+    names = ("mosquitto", "mosquitto_pub", "mosquitto_sub", "curl")
+    missing = [name for name in names if which(name) is None]
+    if missing:
+        pytest.skip(f"{', '.join(missing)} is not installed")
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    settings = tmp_path / "broker.conf"
+    settings.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n")
+    page = (Path(__file__).parents[2] / "docs/interfaces.md").read_text()
+    line = page[page.index("curl -sN") :].partition("\n```")[0]
+    line = line.replace("http://127.0.0.1:7000/", running.address)
+    line = line.replace("-h BROKER", f"-h 127.0.0.1 -p {port}")
+    with contextlib.ExitStack() as stack:
 
-        def broker():
-            sock, _ = server.accept()
-            with sock, suppress(OSError):
-                sock.settimeout(10)
-                sock.recv(1000)
-                sock.sendall(bytes([0x20, 2, 0, 0]) + hostile)  # CONNACK
-                for _ in range(64):
-                    sock.sendall(bytes(1 << 20) if hostile[1] == 0xFF else hostile * 200_000)
-                    sent.append(1)
+        def started(*words: Any, **more: Any) -> subprocess.Popen[str]:
+            run = subprocess.Popen(words, text=True, start_new_session=True, **more)
+            stack.enter_context(run)  # waits for its end, and closes its pipe
+            stack.callback(os.killpg, run.pid, signal.SIGKILL)
+            return run
 
-        thread = threading.Thread(target=broker)
-        thread.start()
-        with open_mqtt(f"mqtt://127.0.0.1:{server.getsockname()[1]}/rover") as publisher:
-            thread.join()
-            kept = publisher._client
-            assert len(kept._in_packet["packet"]) < 1_000
-            assert not kept._in_messages and len(kept._out_packet) < 2
-        assert len(sent) < 32  # the client has left
+        started(which("mosquitto"), "-c", str(settings), stderr=subprocess.DEVNULL)
+        answered = False
+        while not answered:
+            with (
+                contextlib.suppress(ConnectionError),
+                socket.create_connection(("127.0.0.1", port), 10),
+            ):
+                answered = True
+        sub = ["mosquitto_sub", "-h", "127.0.0.1", "-p", str(port), "-t", "rover/#", "-v"]
+        listener = started(*sub, stdout=subprocess.PIPE)
+        started("sh", "-c", line)
+        came: list[str] = []
+        assert listener.stdout is not None
+        reading = threading.Thread(target=lambda: came.append(listener.stdout.readline()))
+        reading.start()
+
+        def arrives() -> bool:
+            running.send("match", json.dumps({"kind": "match", "place": 3}))
+            return bool(came)
+
+        wait_until(arrives)
+        reading.join()
+    assert came == ['rover/match {"kind": "match", "place": 3}\n']
 
 
-class ThreadedBroker:
-    """Answers a connection, and reads nothing of what follows."""
-
-    def __init__(self, server: socket.socket) -> None:
-        self._server = server
-        self._thread = threading.Thread(target=self._answer)
-        self._done = threading.Event()
-
-    def _answer(self) -> None:
-        sock, _ = self._server.accept()
-        with sock:
-            sock.recv(1000)
-            sock.sendall(bytes([0x20, 2, 0, 0]))  # CONNACK
-            self._done.wait(30)
-
-    def __enter__(self) -> None:
-        self._thread.start()
-
-    def __exit__(self, *error: object) -> None:
-        self._done.set()
-        self._thread.join(10)
+def which(name: str) -> str | None:
+    return shutil.which(name, path=f"{os.environ['PATH']}:/usr/sbin")

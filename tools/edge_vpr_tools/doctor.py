@@ -349,7 +349,6 @@ EXTRAS = {
     "dask": "sweep --scheduler",
     "baselines": "histograms of oriented gradients in experiment rivals",
     "models": "networks in ONNX files as baselines",
-    "mqtt": "stream --mqtt",
     "rerun": "the viewer of stream --rerun",
     "dds": "the node for ROS 2 (--dds)",
     "hardware": "placing the hardware core on an ECP5, and its bench in Python",

@@ -28,7 +28,7 @@ from edge_vpr.live.position import Locator
 from edge_vpr.live.session import SILENT_S, LiveMatch, LiveResult, LiveStatus, LiveStep, ends_early
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.console import is_quiet, warning
-from edge_vpr_tools.publish import Publisher
+from edge_vpr_tools.publish import MatchServer
 
 # The full-screen view of a live run on a terminal.
 
@@ -158,6 +158,21 @@ def row_of(match: LiveMatch, coordinates: Sequence[str] = ()) -> str:
 
 #: Decimals that are some 0.1 mm.
 _DIGITS = {"latitude": 9, "longitude": 9}
+
+
+def route_row(reference: ReferenceMap) -> dict[str, Any]:
+    """Return the first row of a run on a map: its number of places, and where they are if known."""
+    locator = Locator(reference)
+    row: dict[str, Any] = {"kind": "route", "places": len(reference)}
+    if locator.route_m is not None:
+        places = [locator.locate(place) for place in range(len(reference))]
+        for name in (*locator.names, "along_m", "heading_deg"):
+            values = (getattr(place, name) for place in places)
+            digits = _DIGITS.get(name, 3)
+            row[name] = [None if value is None else round(value, digits) for value in values]
+    return row
+
+
 #: As JSON has it.
 _FLAG = {True: "true", False: "false"}
 
@@ -204,7 +219,7 @@ class View:
     as_json : bool
         JSON lines on standard output.
     log : text file or None
-        Gets each row as a line of JSON, as the publishers do.
+        Gets each row as a line of JSON, as the server does.
     line_s : float, optional
         Interval of status lines where there is neither a panel nor JSON.
     """
@@ -215,11 +230,11 @@ class View:
         log: TextIO | None,
         reference: ReferenceMap | None,
         panel: Panel | None,
-        publishers: Sequence[Publisher] = (),
+        server: MatchServer | None = None,
         line_s: float | None = None,
     ) -> None:
         self._json, self._log, self._panel = as_json, log, panel
-        self._publishers = publishers
+        self._server = server
         self._coordinates = () if reference is None else Locator(reference).names
         self._places = len(reference or ())
         self._quiet = is_quiet() or as_json
@@ -235,6 +250,10 @@ class View:
         self._lags = Lags()
         self._last: str | None = None  # match, as JSON
         self.matched = 0
+        if reference is not None:
+            self._write(route_row(reference))
+        if server is not None:
+            self.say("http", f"matches are at {server.address}", over=True)
 
     def matches(self, step: LiveStep) -> None:
         """Count and write the matches of a piece of bytes."""
@@ -271,9 +290,6 @@ class View:
 
     def tick(self, status: LiveStatus) -> None:
         """Update the view, if it is time to."""
-        for publisher in self._publishers:
-            for text, good in publisher.notices():
-                self.say(publisher.name, text, over=good)
         now = time.monotonic()
         since = now - self._shown
         if since < (_LINE_S if self._panel is None else _REFRESH_S):
@@ -331,6 +347,7 @@ class View:
             "kind": "health",
             **asdict(status.health),
             "dead_s": status.dead_s,
+            "lost_link": status.lost_link,
             "rate": self._rate,
             "lag_ms": 1e3 * self._lag_s,
             "lag_p50_ms": self._lags.percentile_ms(0.5),
@@ -394,9 +411,9 @@ class View:
             self._print(text)
 
     def _hand_on(self, kind: str, text: str) -> None:
-        """Pass a row to the publishers and to the log."""
-        for publisher in self._publishers:
-            publisher.send(kind, text)
+        """Pass a row to the server and to the log."""
+        if self._server is not None:
+            self._server.send(kind, text)
         if self._log is not None:
             try:
                 self._log.write(text + "\n")
@@ -428,7 +445,7 @@ def open_view(
     as_json: bool,
     log: str | None,
     reference: ReferenceMap | None,
-    publishers: Sequence[Publisher],
+    server: MatchServer | None,
     line_s: float | None,
 ) -> Iterator[View]:
     """Open a view and its log until the block ends; a terminal shows its other screen."""
@@ -440,7 +457,7 @@ def open_view(
             live = Live("waiting for events", auto_refresh=False, screen=True)
             live.start(refresh=True)
             panel = Panel(live)
-        yield View(as_json, file, reference, panel, publishers, line_s)
+        yield View(as_json, file, reference, panel, server, line_s)
     finally:
         if panel is not None:
             panel.close()

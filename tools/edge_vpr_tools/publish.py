@@ -1,111 +1,46 @@
-"""Publishing of live matches: TCP lines and MQTT."""
+"""Live matches over HTTP: a page, rows as server-sent events, and health for a watchdog."""
 
 from __future__ import annotations
 
+import base64
 import errno
+import hashlib
+import io
+import ipaddress
 import json
-import os
 import re
-import selectors
 import socket
 import threading
 import time
-from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.resources import files
 from typing import Any, NamedTuple, Self
-from urllib.parse import parse_qsl, unquote
 
-from edge_vpr.errors import MissingExtraError, UsageError
-from edge_vpr.live.links import address_of, listening_socket
+from edge_vpr.errors import UsageError, printable
+from edge_vpr.live.links import bracketed, listening_socket
 
+#: Largest number of readers of ``/events``, and of connections in all; others are refused.
+MOST_READERS, MOST_CONNECTIONS = 32, 64
+#: Largest number of rows that wait for a reader; beyond it, its oldest rows are left out.
+WAITING_ROWS = 1_000
+#: Longest request, its line and headers, in bytes; and the time it may take to come, in seconds.
+_LONGEST_REQUEST, _REQUEST_S = 8_192, 5.0
+#: A reader that takes nothing for this time is disconnected, in seconds.
+_STUCK_S = 60.0
+#: Bytes that are sent at once, and the system's buffer for a slow reader.
+_SENT_BYTES, _SYSTEM_BYTES = 16_384, 65_536
 #: Time at the end for readers to read what waits for them, in seconds.
 _LAST_S = 1.0
-
-
-# Notices that would come too often are counted, and shown once a minute.
-
-
-#: Shortest time between two notices of the same text, in seconds.
-PAUSE_S = 60.0
-#: Largest number of notices that wait, and of different texts whose last time is known.
-_MOST = 100
-
-
-class RareNotices:
-    """Notices of a publisher; a text that comes again and again is given once a minute.
-
-    Otherwise a program that connects, or a broker that answers and leaves, a hundred times a second
-    would fill the log. One thread may add notices while another one takes them.
-    """
-
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
-        self._new: deque[tuple[str, bool]] = deque(maxlen=_MOST)
-        #: by text: when it was last given, whether it is good news, how often it came since
-        self._given: dict[str, tuple[float, bool, int]] = {}
-
-    def add(self, text: str, good: bool) -> None:
-        """Add a notice, and whether it is good news."""
-        now = self._clock()
-        last, _, more = self._given.get(text, (now - PAUSE_S, good, 0))
-        if more == 0 and now - last >= PAUSE_S:
-            if len(self._given) >= _MOST:
-                self._given.clear()
-            self._given[text] = now, good, 0
-            self._new.append((text, good))
-        else:
-            self._given[text] = last, good, more + 1
-
-    def take(self) -> Iterator[tuple[str, bool]]:
-        """Yield what is to be shown since the last call."""
-        while self._new:
-            yield self._new.popleft()
-        now = self._clock()
-        for text, (last, good, more) in list(self._given.items()):
-            if more and now - last >= PAUSE_S:
-                self._given[text] = now, good, 0
-                yield f"{text} ({more:,} times in {now - last:.0f} s)", good
-
-
-class Publisher(ABC):
-    """Sends rows to readers, without ever waiting for a reader."""
-
-    name: str  #: Kind of the row that its notices are.
-
-    def __init__(self) -> None:
-        self._notices = RareNotices()
-
-    @abstractmethod
-    def send(self, kind: str, line: str) -> None:
-        """Send a row of JSON.
-
-        Parameters
-        ----------
-        kind : str
-            The row's own.
-        line : str
-            Without a line feed.
-        """
-
-    def notices(self) -> Iterator[tuple[str, bool]]:
-        """Yield what happened since the last call, and whether it is good news."""
-        return self._notices.take()
-
-
-# Server that sends rows of JSON, one in each line, to every program that connects.
-
-
-#: Largest number of lines that wait for a reader; beyond it, its oldest lines are left out.
-WAITING_LINES = 1_000
-#: Largest number of readers; others are refused.
-MOST_READERS = 32
-#: Buffer of the system for a slow reader, in bytes.
-_SYSTEM_BYTES = 65_536
 #: Pause after a connection that could not be accepted for want of these, in seconds.
 _PAUSE_S = 1.0
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+#: Silence of the camera, and of `stream` itself, that is an error for a watchdog, in seconds.
+SILENT_S, STUCK_S = 2.0, 5.0
+_BLANK_LINE = re.compile(rb"\r?\n\r?\n")
 _ADDRESS = re.compile(r"(?:(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:\[\]]*)):)?(?P<port>\d{1,5})")
 
 
@@ -125,54 +60,57 @@ def parse_address(address: str) -> tuple[str, int]:
     found = _ADDRESS.fullmatch(address)
     if found is None or int(found["port"]) > 65_535:
         raise UsageError(
-            f"--serve {address}: expected a port, as 7000, or an address to listen on with a port, "
+            f"--http {address}: expected a port, as 7000, or an address to listen on with a port, "
             "as 0.0.0.0:7000"
         )
     return found["six"] or found["host"] or "127.0.0.1", int(found["port"])
 
 
 class _Reader:
-    """A connection and the lines that wait for it."""
+    """The rows that wait for a reader of ``/events``."""
 
-    def __init__(self, sock: socket.socket) -> None:
-        self.socket = sock
-        self.lines: deque[bytes] = deque()
-        self.left_out = 0
-        self._rest = b""
+    def __init__(self, *rows: bytes) -> None:
+        self._rows = deque(rows)
+        self._left_out = 0
 
-    def add(self, line: bytes) -> None:
-        """Add a line, in place of the oldest if too many wait."""
-        if len(self.lines) == WAITING_LINES:
-            self.lines.popleft()
-            self.left_out += 1
-        self.lines.append(line)
+    def add(self, row: bytes) -> None:
+        """Add a row, in place of the oldest if too many wait."""
+        if len(self._rows) >= WAITING_ROWS:
+            self._rows.popleft()
+            self._left_out += 1
+        self._rows.append(row)
 
-    @property
-    def waits(self) -> bool:
-        """Whether something is to be sent."""
-        return bool(self._rest or self.lines)
-
-    def next_bytes(self) -> bytes:
-        """Return the next bytes to send; the number of lines left out is sent in their place."""
-        if not self._rest:
-            if self.left_out:
-                note = {"kind": "left_out", "lines": self.left_out}
-                self.lines.appendleft(json.dumps(note).encode() + b"\n")
-                self.left_out = 0
-            self._rest = b"".join(self.lines)
-            self.lines.clear()
-        return self._rest
-
-    def was_sent(self, n: int) -> None:
-        """Take note that `n` bytes of `next_bytes` are sent."""
-        self._rest = self._rest[n:]
+    def take(self) -> bytes:
+        """Return the oldest rows, and before them the number of rows that were left out."""
+        taken, size = [], 0
+        if self._left_out:
+            taken.append(_event(json.dumps({"kind": "left_out", "lines": self._left_out})))
+            self._left_out = 0
+        while self._rows and size < _SENT_BYTES:
+            taken.append(self._rows.popleft())
+            size += len(taken[-1])
+        return b"".join(taken)
 
 
-class LineServer(Publisher):
-    """Sends each row to every reader; bytes from readers are ignored.
+def _event(line: str) -> bytes:
+    """Return a row as a server-sent event."""
+    return b"data: " + line.encode() + b"\n\n"
 
-    A slow reader loses only its own lines, and gets a row ``{"kind": "left_out", "lines": n}`` in
-    their place. Rows are not stored for readers that connect later.
+
+class _Newest(NamedTuple):
+    """The newest row of a kind."""
+
+    at_s: float  #: When it was sent, on the monotonic clock.
+    line: str
+
+
+class MatchServer(ThreadingHTTPServer):
+    """Serves the rows of a live run, read-only; matching never waits for a reader.
+
+    ``/`` is a page, ``/events`` sends each row as a server-sent event from the moment of the
+    connection, and before them the ``route`` row; ``/health`` is the newest health and match, with
+    status 503 if the camera or `stream` itself is silent. A slow reader loses its oldest rows, and
+    gets a row ``{"kind": "left_out", "lines": n}`` in their place.
 
     Parameters
     ----------
@@ -187,340 +125,285 @@ class LineServer(Publisher):
         If it cannot be listened on.
     """
 
-    name = "serve"
+    daemon_threads = True
 
     def __init__(self, address: str) -> None:
-        super().__init__()
-        self._server = listening_socket(*parse_address(address), "serve on ")
-        #: Where readers connect to, as ``tcp://HOST:PORT``.
-        self.address = address_of("tcp", self._server)
-        self._notices.add(f"matches are at {self.address}", True)
-        self._readers: frozenset[_Reader] = frozenset()
-        self._lock = threading.Lock()  # of the readers and their lines
-        self._woken, self._wake = socket.socketpair()
-        self._wake.setblocking(False)
-        self._selector = selectors.DefaultSelector()
-        self._selector.register(self._server, selectors.EVENT_READ)
-        self._selector.register(self._woken, selectors.EVENT_READ)
-        self._paused_until_s: float | None = None
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="serve", daemon=True)
-        self._thread.start()
-
-    def send(self, kind: str, line: str) -> None:
-        """See `Publisher.send`."""
-        if not self._readers:
-            return
-        data = line.encode() + b"\n"
-        with self._lock:
-            for reader in self._readers:
-                reader.add(data)
-        self._rouse()
+        host, port = parse_address(address)
+        super().__init__((host, port), _Request, bind_and_activate=False)
+        self.socket.close()
+        self.socket = listening_socket(host, port, "serve on ")
+        own = socket.gethostname().lower()
+        #: Names under which a browser may ask; any address is one too.
+        self.names = {"localhost", host.lower(), own, f"{own}.local"}
+        shown = own if host in ("0.0.0.0", "::") else bracketed(host)
+        #: Where a browser finds the page.
+        self.address = f"http://{shown}:{self.socket.getsockname()[1]}/"
+        self._changed = threading.Condition()  # of all below
+        self._newest: dict[str, _Newest] = {}
+        self._readers: set[_Reader] = set()
+        self._connections: set[socket.socket] = set()
+        self._closing = False
+        self._thread = threading.Thread(target=self.serve_forever, name="http", daemon=True)
 
     def __enter__(self) -> Self:
+        self._thread.start()
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Give readers a second to read waiting lines, then close."""
-        self._closing.set()
-        self._rouse()
+        """Give readers a second to read waiting rows, then close."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+            self._changed.wait_for(lambda: not self._readers, _LAST_S)
+            for connection in self._connections:
+                with suppress(OSError):
+                    connection.shutdown(socket.SHUT_RDWR)
+        self.shutdown()
         self._thread.join()
+        self.server_close()
 
-    def _rouse(self) -> None:
-        # full: the thread will wake up anyway
-        with suppress(BlockingIOError):
-            self._wake.send(b"\0")
-
-    def _run(self) -> None:
-        end_s = None
-        while end_s is None or (
-            time.monotonic() < end_s and any(reader.waits for reader in self._readers)
-        ):
-            if end_s is None and self._closing.is_set():
-                end_s = time.monotonic() + _LAST_S
-            if self._paused_until_s is not None and time.monotonic() >= self._paused_until_s:
-                self._paused_until_s = None
-                self._selector.register(self._server, selectors.EVENT_READ)
-            wait_s = None if self._paused_until_s is None else _PAUSE_S
-            for key, ready in self._selector.select(wait_s if end_s is None else 0.05):
-                if key.fileobj is self._server:
-                    self._accept()
-                elif key.fileobj is self._woken:
-                    self._woken.recv(4096)
-                else:
-                    self._serve(key.data, ready)
-            for reader in self._readers:
-                self._listen_to(reader)
-        for sock in (*(r.socket for r in self._readers), self._server, self._woken, self._wake):
-            sock.close()
-        self._selector.close()
-
-    def _accept(self) -> None:
-        try:
-            sock, _ = self._server.accept()
-        except OSError as error:
-            if error.errno in _EXHAUSTED:
-                # the program still waits to be accepted: without a pause, this would run in circles
-                self._selector.unregister(self._server)
-                self._paused_until_s = time.monotonic() + _PAUSE_S
-                self._notices.add(f"no reader can connect: {error.strerror}", False)
-            return  # else it is gone again
-        if len(self._readers) >= MOST_READERS:
-            self._notices.add(f"{MOST_READERS} readers are there, another is refused", False)
-            sock.close()
-            return
-        sock.setblocking(False)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SYSTEM_BYTES)
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        reader = _Reader(sock)
-        self._selector.register(sock, selectors.EVENT_READ, reader)
-        with self._lock:
-            self._readers |= {reader}
-
-    def _serve(self, reader: _Reader, ready: int) -> None:
-        try:
-            if ready & selectors.EVENT_READ and not reader.socket.recv(4096):
-                self._leave(reader)
-            elif ready & selectors.EVENT_WRITE:
-                with self._lock:
-                    data = reader.next_bytes()
-                reader.was_sent(reader.socket.send(data))
-        except BlockingIOError:
-            pass
-        except OSError:
-            self._leave(reader)
-
-    def _listen_to(self, reader: _Reader) -> None:
-        """Wait for the socket to be ready to send only while lines wait."""
-        wanted = selectors.EVENT_READ | (selectors.EVENT_WRITE if reader.waits else 0)
-        if self._selector.get_key(reader.socket).events != wanted:
-            self._selector.modify(reader.socket, wanted, reader)
-
-    def _leave(self, reader: _Reader) -> None:
-        self._selector.unregister(reader.socket)
-        with self._lock:
-            self._readers -= {reader}
-        reader.socket.close()
-
-
-# Publisher that sends rows of JSON to an MQTT broker.
-
-
-#: Largest number of messages that wait for the broker; beyond it, the newest are left out.
-WAITING_MESSAGES = 1_000
-#: Environment variable with the password; other users could read an argument.
-PASSWORD = "EDGE_VPR_MQTT_PASSWORD"
-_KEEP_ALIVE_S = 10
-#: Kinds of packets that a broker sends to a client without subscriptions: CONNACK, PUBACK (with
-#: QoS 1) and PINGRESP; and the length of the longest in bytes.
-_EXPECTED, _LONGEST_PACKET = (0x20, 0x40, 0xD0), 2
-_URL = re.compile(
-    r"mqtt(?P<tls>s?)://(?:(?P<user>[^@/:]+)@)?(?P<host>\[[^\]/]+\]|[^@:/\[\]]+)"
-    r"(?::(?P<port>\d{1,5}))?/(?P<topic>[^?]+)(?:\?(?P<options>.*))?"
-)
-
-
-class Broker(NamedTuple):
-    """Address of a broker, and topic of the messages."""
-
-    host: str
-    port: int
-    topic: str  #: Of matches; other rows go to ``TOPIC/KIND``, and ``TOPIC/status`` is retained.
-    user: str | None = None
-    tls: bool = False  #: Encrypt the connection, and check the certificate of the broker.
-    #: File with the certificate that the broker's is checked with; None: those of the system.
-    authority: str | None = None
-    qos: int = 0  #: 0, or 1: messages are sent again until the broker has acknowledged them.
-
-
-def parse_url(url: str) -> Broker:
-    """Parse ``mqtt://[USER@]HOST[:PORT]/TOPIC[?qos=1]``, or ``mqtts://...[?ca=FILE]`` for TLS.
-
-    Raises
-    ------
-    UsageError
-        If it is no such address.
-
-    Examples
-    --------
-    >>> parse_url("mqtt://localhost/rover/match")[:4]
-    ('localhost', 1883, 'rover/match', None)
-    """
-    found = _URL.fullmatch(url)
-    port = int((found and found["port"]) or (8883 if found and found["tls"] else 1883))
-    if found is None or not 0 < port < 65_536:
-        raise UsageError(
-            f"--mqtt {url}: expected mqtt://HOST/TOPIC, as mqtt://localhost/rover/match; a "
-            f"password is taken from {PASSWORD}"
-        )
-    topic = unquote(found["topic"])
-    if set("+#\0") & set(topic) or len(topic.encode()) > 60_000:
-        raise UsageError(f"--mqtt {url}: a topic has no +, # or NUL and at most 60,000 bytes")
-    user = unquote(found["user"]) if found["user"] else None
-    options = dict(parse_qsl(found["options"] or "", keep_blank_values=True))
-    qos, authority = options.pop("qos", "0"), options.pop("ca", None)
-    if qos not in ("0", "1") or options or (authority is not None and not found["tls"]):
-        raise UsageError(f"--mqtt {url}: expected ?qos=0 or 1, and ?ca=FILE with mqtts:// only")
-    tls = bool(found["tls"])
-    return Broker(found["host"].strip("[]"), port, topic, user, tls, authority, int(qos))
-
-
-class MqttPublisher(Publisher):
-    """Passes rows to a client of paho-mqtt, which reconnects by itself.
-
-    While there is no broker, messages are not stored. ``TOPIC/status`` is retained, and is
-    ``online``, ``ended`` or, by the will that the broker has, ``lost``.
-    """
-
-    name = "mqtt"
-
-    def __init__(self, client: Any, broker: Broker) -> None:
-        super().__init__()
-        self._client, self._broker = client, broker
-        self._there, self._tried = threading.Event(), threading.Event()
-        self._said = ""
-        client.will_set(f"{broker.topic}/status", _status("lost"), qos=1, retain=True)
-        client.on_connect = self._connected
-        client.on_disconnect = self._lost
-        client.on_connect_fail = self._failed
+    # rows, from the thread that matches
 
     def send(self, kind: str, line: str) -> None:
-        """See `Publisher.send`."""
-        if not self._there.is_set():
-            return
-        if self._client.waiting >= WAITING_MESSAGES:
-            text = (
-                f"{WAITING_MESSAGES:,} messages wait for {self._where()}, newer ones are left out"
-            )
-            self._notices.add(text, False)
-            return
-        topic = self._broker.topic if kind == "match" else f"{self._broker.topic}/{kind}"
-        self._client.publish(topic, line.encode(), qos=self._broker.qos)
+        """Send a row of JSON to each reader.
 
-    def wait_for_broker(self, seconds: float) -> None:
-        """Wait until the broker answers or cannot be reached, so that the first rows are sent."""
-        self._tried.wait(seconds)
+        Parameters
+        ----------
+        kind : str
+            The row's own.
+        line : str
+            Without a line feed.
+        """
+        with self._changed:
+            self._newest[kind] = _Newest(time.monotonic(), line)
+            if self._readers:
+                row = _event(line)
+                for reader in self._readers:
+                    reader.add(row)
+                self._changed.notify_all()
 
-    def close(self) -> None:
-        """Give the broker a second to receive waiting messages, then disconnect."""
-        end = time.monotonic() + _LAST_S
-        self._wait_until_sent(end)
-        if self._there.is_set():
-            self._publish_status("ended")
-        self._wait_until_sent(end)
-        hangs = self._client.waiting > 0
-        self._client.on_disconnect = None
-        self._client.disconnect()
-        if hangs and (sock := self._client.socket()) is not None:
-            # otherwise the client would wait for a hanging broker until a ping times out
-            with suppress(OSError):
-                sock.shutdown(socket.SHUT_RDWR)
-        self._client.loop_stop()
-        # without this circle the client is freed, and closes its sockets, when the publisher is
-        self._client.on_connect = self._client.on_connect_fail = None
+    # requests, from a thread each
 
-    def _wait_until_sent(self, end_s: float) -> None:
-        while self._there.is_set() and self._client.waiting and time.monotonic() < end_s:
-            time.sleep(0.01)
-
-    def _publish_status(self, status: str) -> None:
-        # with QoS 1 the client would keep one more of each connection of a broker that never
-        # acknowledges; one that is lost with its connection is followed by the will
-        self._client.publish(f"{self._broker.topic}/status", _status(status), retain=True)
-
-    def _say(self, text: str, good: bool) -> None:
-        if text != self._said:  # each attempt fails in the same way
-            self._said = text
-            self._notices.add(text, good)
-        self._tried.set()
-
-    def _where(self) -> str:
-        return f"{self._broker.host}:{self._broker.port}"
-
-    def _connected(self, client: Any, data: Any, flags: Any, reason: Any, more: Any) -> None:
-        if reason.is_failure:
-            self._say(f"the broker at {self._where()} refuses: {reason}", False)
-            return
-        if not self._there.is_set():  # a broker may say it more than once
-            self._publish_status("online")
-        self._there.set()
-        self._say(f"matches go to {self._where()}, topic {self._broker.topic}", True)
-
-    def _lost(self, client: Any, data: Any, flags: Any, reason: Any, more: Any) -> None:
-        if self._there.is_set():
-            self._there.clear()
-            self._say(f"the broker at {self._where()} is lost; trying again", False)
-
-    def _failed(self, client: Any, data: Any) -> None:
-        other = ", or none whose certificate is valid" if self._broker.tls else ""
-        self._say(f"no broker at {self._where()}{other}; trying again", False)
-
-
-def _status(status: str) -> str:
-    """Return what a subscriber reads of the stream itself."""
-    return json.dumps({"kind": "status", "status": status})
-
-
-def _guarded(client: Any) -> Any:
-    """Return a class of clients that leave a broker which sends what nobody asked for.
-
-    The library accepts packets of 256 MB. It also stores messages that were not subscribed to, and
-    answers to requests, until the broker reads them.
-    """
-
-    class GuardedClient(client):  # type: ignore[misc]
-        @property
-        def waiting(self) -> int:
-            """Number of messages to be sent, or to be acknowledged in this or a later connection.
-
-            One that is to be sent and acknowledged counts twice.
-            """
-            return len(self._out_packet) + len(self._out_messages)
-
-        def _sock_recv(self, size: int) -> Any:
-            packet = self._in_packet
-            kind = packet["command"] & 0xF0
-            if kind and (kind not in _EXPECTED or packet["remaining_length"] > _LONGEST_PACKET):
-                raise ConnectionAbortedError("the broker sends what was not asked for")
-            return super()._sock_recv(size)
-
-    return GuardedClient
-
-
-@contextmanager
-def open_mqtt(url: str) -> Iterator[MqttPublisher]:
-    """Connect to a broker; if it cannot be reached, try again during the run.
-
-    Raises
-    ------
-    UsageError
-        If it is no such address, or the file of the certificate cannot be read.
-    MissingExtraError
-        If the library is not installed.
-    """
-    broker = parse_url(url)
-    try:
-        from paho.mqtt import client as paho
-        from paho.mqtt import enums
-    except ImportError as error:
-        raise MissingExtraError("--mqtt", "paho-mqtt", "mqtt") from error
-    client = _guarded(paho.Client)(enums.CallbackAPIVersion.VERSION2)
-    client.reconnect_delay_set(1, 10)
-    if broker.user is not None:
-        client.username_pw_set(broker.user, os.environ.get(PASSWORD))
-    if broker.tls:
+    @contextmanager
+    def reader(self) -> Iterator[_Reader | None]:
+        """Add a reader until the block ends; None if there are too many."""
+        with self._changed:
+            if len(self._readers) >= MOST_READERS or self._closing:
+                reader = None
+            else:
+                route = self._newest.get("route")
+                reader = _Reader(*([] if route is None else [_event(route.line)]))
+                self._readers.add(reader)
         try:
-            client.tls_set(ca_certs=broker.authority)
-        except (OSError, ValueError) as error:
-            raise UsageError(
-                f"--mqtt {url}: the certificate cannot be read: {error}: name a file in PEM"
-            ) from error
-    publisher = MqttPublisher(client, broker)
-    client.connect_async(broker.host, broker.port, keepalive=_KEEP_ALIVE_S)
-    client.loop_start()
-    try:
-        publisher.wait_for_broker(2.0)
-        yield publisher
-    finally:
-        publisher.close()
+            yield reader
+        finally:
+            with self._changed:
+                self._readers -= {reader}
+                self._changed.notify_all()
+
+    def rows_for(self, reader: _Reader) -> Iterator[bytes]:
+        """Yield what a reader is to be sent, until the server closes."""
+        while True:
+            with self._changed:
+                rows = reader.take()
+                while not rows and not self._closing:
+                    self._changed.wait()
+                    rows = reader.take()
+            if not rows:
+                return
+            yield rows
+
+    def health(self) -> dict[str, Any]:
+        """Return the newest health and match, whether all is well, and else why not."""
+        with self._changed:
+            health, match = (self._newest.get(kind) for kind in ("health", "match"))
+        now = time.monotonic()
+        found = {} if health is None else json.loads(health.line)
+        since_s = 0.0 if health is None else now - health.at_s
+        why = ""
+        if health is None:
+            why = "edge-vpr has only just begun"
+        elif since_s > STUCK_S:
+            why = f"edge-vpr stands still for {since_s:.0f} s"
+        elif found["lost_link"]:
+            why = f"the link is lost: {found['lost_link']}"
+        elif found["silent_s"] > SILENT_S:
+            why = f"nothing came for {found['silent_s']:.0f} s"
+        newest = None
+        if match is not None:
+            newest = json.loads(match.line)
+            newest["age_s"] = (newest.get("age_s") or 0.0) + now - match.at_s
+        return {"ok": not why, "why": why, "health": found or None, "match": newest}
+
+    # connections
+
+    def get_request(self) -> tuple[socket.socket, Any]:
+        """Accept a connection."""
+        try:
+            return super().get_request()
+        except OSError as error:
+            if error.errno in _EXHAUSTED:
+                # it still waits to be accepted: without a pause, this would run in circles
+                time.sleep(_PAUSE_S)
+            raise
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer in a thread, unless there are too many."""
+        with self._changed:
+            full = len(self._connections) >= MOST_CONNECTIONS
+            if not full:
+                self._connections.add(request)
+        if full:
+            with suppress(OSError):
+                request.send(b"HTTP/1.0 503 Service Unavailable\r\n\r\ntoo many connections\n")
+            self.shutdown_request(request)
+        else:
+            super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        """Close a connection."""
+        with self._changed:
+            self._connections.discard(request)
+        super().shutdown_request(request)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Ignore connections that end in the middle, and a system that has no thread left."""
+
+
+class _Request(BaseHTTPRequestHandler):
+    """Answers one request, of which nothing but a GET of a known path is accepted."""
+
+    server: MatchServer
+    timeout = _STUCK_S
+    default_request_version = "HTTP/1.0"  # else an error for a request of two words has no status
+
+    def handle(self) -> None:
+        """Read the request, and answer it."""
+        self.request_version, self.requestline = self.default_request_version, ""
+        head, why_not = self._head()
+        if why_not is not None:
+            self.send_error(why_not)
+            return
+        self.raw_requestline, _, rest = head.partition(b"\n")
+        self.rfile.close()
+        self.rfile = io.BytesIO(rest)
+        if not self.parse_request():
+            return
+        if refusal := self._refusal():
+            self.send_error(*refusal)
+            return
+        path = self.path.partition("?")[0]
+        if path == "/":
+            self._answer(HTTPStatus.OK, "text/html", _PAGE)
+        elif path == "/health":
+            found = self.server.health()
+            status = HTTPStatus.OK if found["ok"] else HTTPStatus.SERVICE_UNAVAILABLE
+            self._answer(status, "application/json", json.dumps(found).encode() + b"\n")
+        elif path == "/events":
+            self._events()
+        else:
+            self.send_error(HTTPStatus.NOT_FOUND, "there are /, /events and /health")
+
+    def _head(self) -> tuple[bytes, HTTPStatus | None]:
+        """Read the request line and headers, and return why they are refused, if they are.
+
+        A body, which no GET needs, is ignored.
+        """
+        head, end_s = b"", time.monotonic() + _REQUEST_S
+        while (found := _BLANK_LINE.search(head)) is None:
+            left_s = end_s - time.monotonic()
+            if len(head) >= _LONGEST_REQUEST:
+                return head, HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE
+            if left_s <= 0:
+                return head, HTTPStatus.REQUEST_TIMEOUT
+            self.connection.settimeout(left_s)
+            with suppress(TimeoutError):
+                part = self.connection.recv(_LONGEST_REQUEST - len(head))
+                if not part:
+                    return head, HTTPStatus.BAD_REQUEST
+                head += part
+        self.connection.settimeout(_STUCK_S)
+        return head[: found.end()], None
+
+    def _refusal(self) -> tuple[HTTPStatus, str] | None:
+        """Return why a request is refused; a page of another site must not read this one."""
+        hosts = self.headers.get_all("Host", [])
+        if self.command != "GET":
+            return HTTPStatus.METHOD_NOT_ALLOWED, "only GET: this is read-only"
+        if len(hosts) != 1:
+            return HTTPStatus.BAD_REQUEST, "expected one Host header"
+        if not self._is_own(hosts[0]):
+            name = printable(hosts[0], 80)
+            own = ", ".join(sorted(self.server.names))
+            return HTTPStatus.FORBIDDEN, f"{name} is no name of this machine: use {own}"
+        origin = self.headers.get("Origin")
+        if origin is not None and origin.partition("://")[2] != hosts[0]:
+            return HTTPStatus.FORBIDDEN, "another site may not read this"
+        return None
+
+    def _is_own(self, host: str) -> bool:
+        """Return whether a Host header has an address or a name of this machine.
+
+        Any other name can be made by its owner to lead here, so that a page of theirs reads ours.
+        """
+        name = re.sub(r":\d*$", "", host).lower().rstrip(".")
+        try:
+            ipaddress.ip_address(name.strip("[]"))
+        except ValueError:
+            return name in self.server.names
+        return True
+
+    def _answer(self, status: HTTPStatus, kind: str, body: bytes) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def _events(self) -> None:
+        with self.server.reader() as reader:
+            if reader is None:
+                text = f"{MOST_READERS} readers are there: close one"
+                self.send_error(HTTPStatus.SERVICE_UNAVAILABLE, text)
+                return
+            self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SYSTEM_BYTES)
+            self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self.send_response(HTTPStatus.OK)
+            self.send_header("Content-Type", "text/event-stream")
+            self.end_headers()
+            for rows in self.server.rows_for(reader):
+                self.wfile.write(rows)
+
+    def end_headers(self) -> None:
+        """End the headers with those that each answer has."""
+        self.send_header("Allow", "GET")
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("Content-Security-Policy", _POLICY)
+        self.send_header("Cross-Origin-Resource-Policy", "same-origin")
+        self.send_header("X-Content-Type-Options", "nosniff")
+        super().end_headers()
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
+        """Send an error as one line of text; a message may contain any text of the request."""
+        status = HTTPStatus(code)
+        body = f"{status:d} {printable(message or status.phrase)}\n".encode()
+        self._answer(status, "text/plain", body)
+
+    def version_string(self) -> str:
+        """Return what the Server header says."""
+        return "edge-vpr"
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Write nothing: requests are no events of the run."""
+
+
+_PAGE = files("edge_vpr_tools").joinpath("live_page.html").read_bytes()
+_script = re.search(rb"<script>(.*?)</script>", _PAGE, re.DOTALL)
+assert _script is not None
+_HASH = base64.b64encode(hashlib.sha256(_script[1]).digest()).decode()
+#: The page runs its own script and reads its own server, and nothing else.
+_POLICY = (
+    f"default-src 'none'; script-src 'sha256-{_HASH}'; style-src 'unsafe-inline'; "
+    "connect-src 'self'; img-src data:; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.settings import Settings
     from edge_vpr_tools.live_view import RerunView, View
-    from edge_vpr_tools.publish import Publisher
 
 EXAMPLES = """\
   edge-vpr stream --port /dev/ttyACM0 --protocol openmv --map monday.npz
@@ -130,16 +129,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "and when the link or the place is lost or found again (default: 1s)",
     )  # fmt: skip
     output.add_argument(
-        "--serve", metavar="[HOST:]PORT",
-        help="send the lines of --json to every program that connects to this TCP port; without "
-        "HOST, only programs on this machine can connect (default: none)",
+        "--http", metavar="[HOST:]PORT",
+        help="show the run on a page for a browser, and send the lines of --json to other "
+        "programs; without HOST, only this machine can connect (default: none)",
     )  # fmt: skip
-    output.add_argument(
-        "--mqtt",
-        metavar="mqtt://HOST/TOPIC",
-        help="send the lines of --json to an MQTT broker; mqtts:// for TLS, ?qos=1 to have them "
-        "acknowledged",
-    )
     output.add_argument("--overwrite", action="store_true", help="replace files that exist")
     learning = parser.add_argument_group("learning")
     learning.add_argument(
@@ -159,7 +152,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def check_arguments(args: argparse.Namespace) -> None:
     """Check the arguments before the camera is opened or a file is written."""
-    from edge_vpr_tools.publish import parse_address, parse_url
+    from edge_vpr_tools.publish import parse_address
 
     if args.learn == (args.output is None):
         raise UsageError("--learn and -o MAP.npz belong together: give both, or neither")
@@ -173,10 +166,8 @@ def check_arguments(args: argparse.Namespace) -> None:
     if args.baud is not None and args.baud < 1:
         raise UsageError(f"--baud {args.baud}: expected the speed of a serial port, such as 921600")
     _check_odometry(args)
-    if args.serve is not None:
-        parse_address(args.serve)
-    if args.mqtt is not None:
-        parse_url(args.mqtt)
+    if args.http is not None:
+        parse_address(args.http)
     _check_files(args)
 
 
@@ -255,7 +246,7 @@ def run(args: argparse.Namespace) -> None:
 def _show(args: argparse.Namespace, session: LiveSession) -> None:
     """Open a session, show it to its end, and close everything in any case, the session last."""
     from edge_vpr_tools.live_view import open_rerun, open_view
-    from edge_vpr_tools.publish import LineServer, open_mqtt
+    from edge_vpr_tools.publish import MatchServer
 
     line_s = duration_us(args.status_every) / 1e6 if args.status_every else None
     session.on_message = lambda message: None  # the command itself says that it compiles
@@ -265,17 +256,15 @@ def _show(args: argparse.Namespace, session: LiveSession) -> None:
             if args.rerun is not None:
                 viewer = stack.enter_context(open_rerun(args.rerun, session.sensor))
             stack.enter_context(stopped_by_signals(session.stopping))
-            publishers: list[Publisher] = []
-            if args.serve is not None:
-                publishers.append(stack.enter_context(LineServer(args.serve)))
-            if args.mqtt is not None:
-                publishers.append(stack.enter_context(open_mqtt(args.mqtt)))
+            server = None
+            if args.http is not None:
+                server = stack.enter_context(MatchServer(args.http))
             with status("kernels") as shown:
                 session.warm_up(shown)
             session.open()
             # opened last, so that a missing camera does not overwrite the run before
             view = stack.enter_context(
-                open_view(args.json, args.log, session.reference, publishers, line_s)
+                open_view(args.json, args.log, session.reference, server, line_s)
             )
             _show_steps(session, view, viewer)
     finally:

@@ -1,1 +1,1 @@
-"""Matches of `edge-vpr stream --serve` as messages of ROS 2."""
+"""Matches of `edge-vpr stream --http` as messages of ROS 2."""

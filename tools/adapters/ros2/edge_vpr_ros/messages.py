@@ -1,4 +1,4 @@
-"""Messages of ROS 2 for the rows of `edge-vpr stream --serve`.
+"""Messages of ROS 2 for the rows of `edge-vpr stream --http`.
 
 A row is checked here: what a row holds can end neither the node nor its messages.
 """

@@ -1,4 +1,4 @@
-"""Publish the matches of `edge-vpr stream --serve` to ROS 2.
+"""Publish the matches of `edge-vpr stream --http` to ROS 2.
 
 It is a node where ROS 2 (rclpy) is installed; with ``--dds`` it needs cyclonedds alone, and nodes
 of ROS 2 on the same domain read it all the same.
@@ -10,18 +10,22 @@ import argparse
 import json
 import os
 import signal
-import socket
 import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import fields
+from http import HTTPStatus
+from http.client import HTTPConnection, HTTPException
 from typing import Any, Protocol
 
 from edge_vpr_ros.messages import TOPICS, Frames, Message, Translator, host_us_of
 
 #: A longer line is none of ours.
-_LONGEST = 1 << 20
+_LONGEST = 1 << 24
+#: Silence of the server in seconds after which it is asked again.
+_QUIET_S = 5.0
 _RETRY_S = 1.0
 _CONNECT = "127.0.0.1:7000"
 
@@ -179,17 +183,25 @@ class DdsBackend:
 
 
 def lines_from(host: str, port: int) -> Iterator[bytes]:
-    """Yield the lines that a server sends, until it closes; a longer one in pieces.
+    """Yield the rows that a server sends, until it closes; a longer one in pieces.
 
     Raises
     ------
     OSError
-        If it cannot be reached, or is lost.
+        If it cannot be reached, is lost, or sends nothing, not even the health of each second.
     """
-    with socket.create_connection((host, port), timeout=5) as sock, sock.makefile("rb") as lines:
-        sock.settimeout(None)
-        while line := lines.readline(_LONGEST):
-            yield line
+    with closing(HTTPConnection(host, port, timeout=_QUIET_S)) as connection:
+        try:
+            connection.request("GET", "/events")
+            answer = connection.getresponse()
+            if answer.status != HTTPStatus.OK:
+                raise ConnectionError(answer.read(200).decode(errors="replace").strip())
+            while line := answer.readline(_LONGEST):
+                name, _, row = line.partition(b": ")
+                if name == b"data":
+                    yield row
+        except HTTPException as error:
+            raise ConnectionError(f"it answers as no edge-vpr: {type(error).__name__}") from error
 
 
 def row_of(line: bytes) -> dict[str, Any]:
@@ -233,7 +245,7 @@ def follow_server(backend: Backend, once: bool, ended: threading.Event) -> None:
                 said = ""
             text = "edge-vpr has ended"
         except OSError as error:
-            text = f"no matches from {backend.connect}: {error}: start edge-vpr stream --serve"
+            text = f"no matches from {backend.connect}: {error}: start edge-vpr stream --http"
         if once:
             break
         if text != said:

@@ -10,6 +10,7 @@ import select
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -66,10 +67,11 @@ class Browser:
                 return answer["result"]
             self._note(answer)
 
-    def open(self, path: Path) -> None:
-        """Load a file and wait until all of it is there."""
+    def open(self, page: Path | str) -> None:
+        """Load a file or an address, and wait until all of it is there."""
         self._events.clear()
-        found = self.call("Page.navigate", url=path.absolute().as_uri())
+        url = page if isinstance(page, str) else page.absolute().as_uri()
+        found = self.call("Page.navigate", url=url)
         assert "errorText" not in found, found["errorText"]
         while not any(event.get("method") == "Page.loadEventFired" for event in self._events):
             self._note(self._next())
@@ -88,6 +90,13 @@ class Browser:
         found = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
         assert "exceptionDetails" not in found, found
         return found["result"].get("value")
+
+    def wait_for(self, expression: str) -> None:
+        """Wait until an expression of JavaScript is true."""
+        end = time.monotonic() + _TIMEOUT_S
+        while not self.value(f"!!({expression})"):
+            assert time.monotonic() < end, f"{expression}: {self.value('document.body.innerText')}"
+            time.sleep(0.05)
 
     def screenshot(self, path: Path, *, whole: bool = True) -> None:
         """Save the page, or what of it fits the window, as PNG."""
