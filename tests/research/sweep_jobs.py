@@ -49,3 +49,11 @@ def slow_trial(trial):
 
     time.sleep(0.3)
     return run_trial(trial)
+
+
+def wait_for_ever(folder):
+    """Leave this worker's number, and take longer than any test."""
+    import time
+
+    (Path(folder) / f"{os.getpid()}").touch()
+    time.sleep(3_600)

@@ -9,6 +9,8 @@ import re
 import signal
 import subprocess
 import sys
+import time
+from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -397,6 +399,37 @@ def test_a_worker_of_this_machine_may_die(tmp_path):
         assert found[3].error.startswith("a third job needs the library no_library, which is not")
     with pytest.raises(UsageError, match="1 or more"), processes(0):
         pass
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM, signal.SIGKILL])
+def test_workers_end_with_the_process_that_started_them(tmp_path, number):
+    """They stayed for ever, busy or not."""
+    code = (
+        "import sweep_jobs\n"
+        "from edge_vpr_tools.research.trials import processes\n"
+        "with processes(2) as workers:\n"
+        "    workers.submit(sweep_jobs.double, 1).result()\n"
+        f"    workers.submit(sweep_jobs.wait_for_ever, {str(tmp_path)!r})\n"
+        f"    workers.submit(sweep_jobs.wait_for_ever, {str(tmp_path)!r}).result()\n"
+    )
+    paths = f"{ROOT}:{ROOT / 'tools'}:{ROOT / 'tests/research'}"
+    # what is left of the run keeps the pipe open
+    with subprocess.Popen(
+        [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": paths},
+        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True,
+    ) as run:  # fmt: skip
+        try:
+            end = time.monotonic() + 60
+            while len(list(tmp_path.iterdir())) < 2 and time.monotonic() < end:
+                time.sleep(0.05)
+            assert len(list(tmp_path.iterdir())) == 2
+            run.send_signal(number)
+            out, _ = run.communicate(timeout=60)
+            assert out == b""
+            assert run.returncode == -number
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(run.pid, signal.SIGKILL)
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ import hashlib
 import json
 import multiprocessing
 import os
+import threading
 import time
 import traceback
 from abc import ABC, abstractmethod
@@ -52,6 +53,21 @@ class Workers(ABC):
         """
 
 
+def _end_with_this_process() -> None:
+    """End this worker when the process that started it ends, whatever ends it.
+
+    A pool whose process is killed does not tell its workers, which would wait for ever.
+    """
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, name="parent", daemon=True).start()
+
+
 class _Processes(Workers):
     def __init__(self, workers: int) -> None:
         self.count = self.at_once = workers
@@ -61,7 +77,9 @@ class _Processes(Workers):
     def _new(self) -> ProcessPoolExecutor:
         # spawned, since a fork would copy locks of Numba's and Dask's threads in any state
         context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(self.at_once, mp_context=context)
+        return ProcessPoolExecutor(
+            self.at_once, mp_context=context, initializer=_end_with_this_process
+        )
 
     def submit(self, run: Callable[[Job], Result], job: Job) -> Future[Result]:
         if self._broken:
