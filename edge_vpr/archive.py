@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import EdgeVprError, MapError, as_path, printable
-from edge_vpr.files import replacing
+from edge_vpr.files import open_input, replacing
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -52,10 +52,9 @@ def archive_errors(path: str | Path, remedy: str, kind: str = "file") -> Iterato
         yield
     except FileNotFoundError as error:
         raise MapError(f"there is no {kind} at {path}: check the path") from error
-    except PermissionError as error:
-        raise MapError(f"{path} may not be read: check its permissions") from error
-    except IsADirectoryError as error:
-        raise MapError(f"{path} is a folder, where a {kind} is expected: name the file") from error
+    except OSError as error:
+        reason = error.strerror or error
+        raise MapError(f"{path} cannot be read: {reason}: name a {kind} that can") from error
     except EdgeVprError as error:
         raise MapError(f"{path}: {error}: {remedy}") from error
     except KeyError as error:
@@ -97,7 +96,7 @@ def write_archive(
 def archive_kind(path: str | Path) -> str | None:
     """Return the kind of a file that `write_archive` wrote, or None for any other file."""
     try:
-        with zipfile.ZipFile(path) as archive:
+        with open_input(path) as file, zipfile.ZipFile(file) as archive:
             member = archive.getinfo(f"{_HEADER}.npy")
             if member.file_size > _LONGEST_HEADER:
                 return None
@@ -151,7 +150,7 @@ def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
 
 def _is_foreign(path: str | Path) -> bool:
     """Return whether a file is not an archive of ours, for example a recording."""
-    with Path(path).open("rb") as file:
+    with open_input(path) as file:
         if file.read(2) != b"PK":
             return True
         with zipfile.ZipFile(file) as archive:
@@ -174,7 +173,7 @@ def read_members(path: str | Path) -> Arrays:
     Exception
         Whatever the libraries raise for a broken file: see `archive_errors`.
     """
-    with Path(path).open("rb") as file, zipfile.ZipFile(file) as archive:
+    with open_input(path) as file, zipfile.ZipFile(file) as archive:
         members = archive.infolist()
         names = [member.filename for member in members]
         if len(members) > _MEMBERS or len(set(names)) < len(names):
@@ -196,7 +195,7 @@ def read_members(path: str | Path) -> Arrays:
 
 def read_npy(path: str | Path) -> npt.NDArray[Any]:
     """Read an ``.npy`` with the checks and errors of `read_members`."""
-    with Path(path).open("rb") as file:
+    with open_input(path) as file:
         return _read_array(file, "in it", os.fstat(file.fileno()).st_size)
 
 

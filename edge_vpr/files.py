@@ -32,6 +32,7 @@ import stat
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
@@ -339,6 +340,41 @@ def _sync(path: Path) -> None:
         os.close(handle)
 
 
+# Opening of input files.
+
+
+def open_input(path: str | Path) -> BufferedReader:
+    """Open a file to read from; every file that a user names is opened here.
+
+    Raises
+    ------
+    OSError
+        As `check_is_file`, or if it may not be read.
+    """
+    check_is_file(path)
+    return Path(path).open("rb")
+
+
+def check_is_file(path: str | Path) -> None:
+    """Refuse what has no end, would be waited for, or cannot be read twice, also behind a link.
+
+    Called by itself where a library opens the file.
+
+    Raises
+    ------
+    OSError
+        If there is nothing at `path`, or a folder, pipe, device or socket; `strerror` says which.
+    """
+    mode = Path(path).stat().st_mode
+    if not stat.S_ISREG(mode):
+        kind = _KINDS.get(stat.S_IFMT(mode), "device")
+        number = errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL
+        raise OSError(number, f"it is a {kind}, not a file", str(path))
+
+
+_KINDS = {stat.S_IFDIR: "folder", stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket"}
+
+
 # Reading of TOML and JSON files; any fault in them raises one `UsageError`.
 
 
@@ -391,7 +427,7 @@ def _read(
 ) -> dict[str, Any]:
     fault = f"cannot read {what} from {path}"
     try:
-        with Path(path).open("rb") as file:
+        with open_input(path) as file:
             raw = file.read(most + 1)
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         reason = getattr(error, "strerror", None) or error

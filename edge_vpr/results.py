@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from edge_vpr.errors import EdgeVprError, UsageError
-from edge_vpr.files import check_absent, check_output, replacing, replacing_folder
+from edge_vpr.files import check_absent, check_output, open_input, replacing, replacing_folder
 from edge_vpr.run_log import command_line, warnings_so_far
 
 # Folders of results, which are written whole or not at all.
@@ -422,7 +422,7 @@ def _files(path: Path) -> list[Path]:
 def hash_input(path: Path) -> InputFile:
     """Return the size and hash of a file."""
     size = path.stat().st_size
-    with path.open("rb") as file:
+    with open_input(path) as file:
         digest = hashlib.sha256(file.read(_HASHED_BYTES)).hexdigest()
     covers = "file" if size <= _HASHED_BYTES else f"first {_HASHED_BYTES} bytes"
     return InputFile(str(path), size, digest, covers)

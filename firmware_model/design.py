@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import numbers
 import tomllib
@@ -425,15 +426,29 @@ class Design:
             If it cannot be read, or is no design.
         """
         try:
-            with Path(path).open("rb") as file:
-                raw = file.read(_MOST_BYTES)
-            values = tomllib.loads(raw.decode("utf-8-sig"))
+            values = tomllib.loads(read_file(path, _MOST_BYTES).decode("utf-8-sig"))
         # the parser also raises other errors for deep nesting, long numbers and invalid dates
         except Exception as error:
+            reason = getattr(error, "strerror", None) or str(error)[:200]
             raise DesignError(
-                f"cannot read a design from {path}: {str(error)[:200]}: name a TOML file"
+                f"cannot read a design from {path}: {reason}: name a TOML file"
             ) from error
         return cls.from_dict(values, str(path))
+
+
+def read_file(path: str | Path, most: int = -1) -> bytes:
+    """Read a file, up to `most` bytes of it; a pipe or device, or a link to one, has no end.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read, or is no file.
+    """
+    path = Path(path)
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "it is no file", str(path))
+    with path.open("rb") as file:
+        return file.read(most)
 
 
 # Widths of all quantities of a device, computed from the largest values that can occur.

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from edge_vpr.compiling import KernelState, kernel
 from edge_vpr.errors import RecordingError, UsageError, as_path, expect
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor, check_event_array, join_events
+from edge_vpr.files import open_input
 
 # Removal of bursts, moments at which most pixels fire at once, from a stream of events.
 
@@ -453,7 +454,7 @@ def load_pixels(path: str | Path, sensor: Sensor, what: str) -> npt.NDArray[np.i
     """
     sensor, path = Sensor.of(sensor), as_path(path, f"a {what}")
     try:
-        with path.open("rb") as file:  # a device has no size
+        with open_input(path) as file:
             raw = file.read(_LONGEST_LIST + 1)
         if len(raw) > _LONGEST_LIST:
             raise RecordingError(
@@ -463,7 +464,8 @@ def load_pixels(path: str | Path, sensor: Sensor, what: str) -> npt.NDArray[np.i
         lines = raw.decode().splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(
-            f"cannot read the {what} {path}: {error}: name a file with a line x, y for each"
+            f"cannot read the {what} {path}: {getattr(error, 'strerror', None) or error}: name a "
+            "file with a line x, y for each"
         ) from error
     pixels = []
     for number, line in enumerate(lines, 1):

@@ -23,6 +23,7 @@ from edge_vpr.evaluation.tracks import (
     read_table,
     unix_remedy,
 )
+from edge_vpr.files import open_input
 from edge_vpr.route import Kind
 
 #: Number of distances that are computed at a time: a few arrays of 8 MB.
@@ -685,9 +686,9 @@ def load_matrix(path: str | Path) -> npt.NDArray[np.generic]:
     matrix: npt.NDArray[Any] | None
     try:
         if suffix == ".csv":
-            with warnings.catch_warnings():
+            with open_input(path) as file, warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # a file without numbers is refused below
-                matrix = np.loadtxt(path, delimiter=",", ndmin=2)
+                matrix = np.loadtxt(file, delimiter=",", ndmin=2)
         elif suffix == ".npy":
             matrix = read_npy(path)
         else:

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from edge_vpr.archive import EqualByValue
 from edge_vpr.errors import GroundTruthError, UsageError, as_path, kind_of
 from edge_vpr.events import TIME_LIMIT_US
-from edge_vpr.files import replacing
+from edge_vpr.files import open_input, replacing
 from edge_vpr.map_record import AnyMap
 from edge_vpr.route import MOST_MM, Kind, Odometry, Route
 
@@ -302,7 +302,7 @@ def read_text(path: Path) -> str:
         If the file cannot be read, or is too long to be a log.
     """
     try:
-        with path.open("rb") as file:
+        with open_input(path) as file:
             raw = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise GroundTruthError(

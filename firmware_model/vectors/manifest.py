@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from firmware_model.design import Design
+from firmware_model.design import Design, read_file
 from firmware_model.errors import DesignError, VectorError
 
 T = TypeVar("T")
@@ -249,9 +249,10 @@ def load_manifest(folder: str | Path) -> Manifest:
     """
     path = Path(folder) / MANIFEST
     try:
-        values = _object(json.loads(path.read_text(encoding="utf-8")), "a manifest")
+        values = _object(json.loads(read_file(path)), "a manifest")
     except (OSError, ValueError, RecursionError) as error:
-        raise VectorError(f"cannot read {path}: {error}: name a folder of vectors") from error
+        reason = getattr(error, "strerror", None) or error
+        raise VectorError(f"cannot read {path}: {reason}: name a folder of vectors") from error
     if values.get("schema") != SCHEMA:
         raise VectorError(
             f"{path} has schema {values.get('schema')!r} and this version reads {SCHEMA}: make "
@@ -280,7 +281,7 @@ def read_case_file(folder: Path, place: str, case: CaseEntry, name: str) -> byte
     """
     path = folder / place / name
     try:
-        data = path.read_bytes()
+        data = read_file(path)
     except OSError as error:
         raise VectorError(
             f"cannot read {path}: {error.strerror}: make the vectors again"

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from firmware_model.design import read_file
 from firmware_model.errors import VectorError
 from firmware_model.specification import MatchResult
 from firmware_model.vectors.case import KINDS, NONE, Record, from_binary
@@ -49,10 +50,11 @@ def read_results(path: str | Path) -> list[Record]:
         )
     try:
         if path.suffix.lower() != ".csv":
-            return list(from_binary(path.read_bytes(), str(path)))
-        text = path.read_text(encoding="ascii")
+            return list(from_binary(read_file(path), str(path)))
+        text = read_file(path).decode("ascii")
     except (OSError, UnicodeDecodeError) as error:
-        raise VectorError(f"cannot read results from {path}: {error}") from error
+        reason = getattr(error, "strerror", None) or error
+        raise VectorError(f"cannot read results from {path}: {reason}: name a file") from error
     return [
         _from_line(line, f"{path}, line {number}")
         for number, line in enumerate(text.splitlines(), 1)

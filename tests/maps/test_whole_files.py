@@ -6,16 +6,35 @@ import errno
 import os
 import shutil
 import signal
+import socket
 import stat
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from edge_vpr_tools.profile import meter_trace
+from edge_vpr_tools.report.tables import read_rows
+from edge_vpr_tools.research.baselines.networks import read_state_dict
+from edge_vpr_tools.research.sweep.plan import read_plan
 
 from edge_vpr import files as whole_files
-from edge_vpr.errors import UsageError
-from edge_vpr.files import check_output, clear_dead_runs, replacing, replacing_folder
+from edge_vpr.descriptors.cleaning import load_hot_pixels
+from edge_vpr.descriptors.pixels import load_pixel_map
+from edge_vpr.errors import EdgeVprError, UsageError
+from edge_vpr.evaluation.ground_truth import load_alignment, load_matrix
+from edge_vpr.evaluation.tracks import load_jumps, load_odometry, load_track
+from edge_vpr.events import Sensor
+from edge_vpr.files import check_output, clear_dead_runs, read_json, replacing, replacing_folder
+from edge_vpr.live.protocols import open_decoder
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import resolve_settings
+from firmware_model.design import Design
+from firmware_model.errors import DesignError, VectorError
+from firmware_model.vectors.verify import read_results
+
+SENSOR = Sensor(32, 32)
 
 
 def write(path, text):
@@ -75,6 +94,69 @@ def test_what_is_not_a_file_is_not_replaced(tmp_path):
     with pytest.raises(UsageError, match="there is a file of this name"):
         write_folder(tmp_path / "file", "x")
     assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
+
+
+INPUTS = {
+    "a map": (".npz", ReferenceMap.load),
+    "settings": (".toml", lambda path: resolve_settings(config=path)),
+    "metrics": (".json", lambda path: read_json(path, "metrics", "match again")),
+    "hot pixels": (".csv", lambda path: load_hot_pixels(path, SENSOR)),
+    "a pixel map": (".npz", lambda path: load_pixel_map(path, SENSOR)),
+    "a track": (".csv", load_track),
+    "a log": (".nmea", load_track),
+    "poses": (".tum", load_track),
+    "odometry": (".csv", load_odometry),
+    "jumps": (".csv", lambda path: load_jumps(path, 5)),
+    "pairs": (".csv", load_alignment),
+    "a matrix": (".csv", load_matrix),
+    "a matrix of NumPy": (".npy", load_matrix),
+    "an archive of one": (".npz", load_matrix),
+    "a meter": (".csv", meter_trace.read_csv),
+    "rows": (".csv", read_rows),
+    "weights": (".pth", read_state_dict),
+    "a plan": (".toml", read_plan),
+    "a layout": (".toml", lambda path: open_decoder(f"aer:layout={path}", SENSOR)),
+    "a design": (".toml", Design.load),
+    "results of a device": (".csv", read_results),
+    "words of a device": (".bin", read_results),
+}
+
+
+@pytest.mark.parametrize("what", INPUTS)
+@pytest.mark.parametrize("kind", ["pipe", "device", "socket", "folder"])
+def test_an_input_is_a_file_and_nothing_else_is_waited_for(tmp_path, what, kind):
+    """Also behind a link, as an archive may hold it: a pipe hung, /dev/zero filled the memory."""
+    suffix, read = INPUTS[what]
+    path = tmp_path / f"a{suffix}"
+    with socket.socket(socket.AF_UNIX) as listener:
+        if kind == "pipe":
+            os.mkfifo(path)
+        elif kind == "device":
+            path.symlink_to(os.devnull)
+        elif kind == "socket":
+            listener.bind(str(path))
+        else:
+            path.mkdir()
+        with interrupted_after(20), pytest.raises((EdgeVprError, DesignError, VectorError)) as told:
+            read(path)
+    assert str(path) in str(told.value)
+    assert f"it is a {kind}, not a file" in str(told.value) or "it is no file" in str(told.value)
+
+
+@contextmanager
+def interrupted_after(seconds):
+    """Fail where reading would wait."""
+
+    def hang(*_):
+        raise TimeoutError("it waits")
+
+    before = signal.signal(signal.SIGALRM, hang)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def test_the_longest_name_that_a_folder_takes_can_be_written(tmp_path):

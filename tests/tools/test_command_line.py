@@ -11,7 +11,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,7 +25,6 @@ from edge_vpr_tools.cli import (
     takes_value,
 )
 from edge_vpr_tools.research.intensity import open_intensity
-from edge_vpr_tools.research.sweep.plan import content_hash
 from streams import random_events
 
 import edge_vpr
@@ -435,7 +433,6 @@ def test_a_recording_is_a_file_or_a_folder(tmp_path, capsys, kind):
         lambda: open_recording(path, sensor=SENSOR, format="evt3"),
         lambda: open_recording(path),
         lambda: open_intensity(path),
-        lambda: content_hash(Path(path)),
         lambda: open_recording(bag),
         lambda: open_intensity(bag),
     ):

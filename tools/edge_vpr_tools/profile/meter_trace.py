@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
+from edge_vpr.files import open_input
 from edge_vpr_tools.profile.measurement import Floats, Window
 from edge_vpr_tools.profile.sensors.sensor import MAX_WATTS
 
@@ -187,10 +188,10 @@ class MeterFile:
     def __init__(self, path: Path, voltage: float | None = None, named: Sequence[str] = ()) -> None:
         self._path, self._voltage, self._named = path, voltage, named
         try:
-            with path.open("rb") as file:
+            with open_input(path) as file:
                 self._encoding = _encoding_of(file.read(1 << 16))
         except OSError as error:
-            raise self._error(str(error)) from error
+            raise self._error(error.strerror or str(error)) from error
         lines = next(self._blocks(), [])
         if not lines:
             raise self._error("it is empty")

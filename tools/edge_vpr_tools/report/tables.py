@@ -11,12 +11,13 @@ import csv
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from io import TextIOWrapper
 from pathlib import Path
 
 import numpy as np
 
 from edge_vpr.errors import UsageError, did_you_mean, printable
-from edge_vpr.files import replacing
+from edge_vpr.files import open_input, replacing
 
 SEED = "seed"
 #: cell of a page where nothing was measured
@@ -86,7 +87,7 @@ def read_rows(path: Path) -> list[dict[str, str]]:
         If it is missing or has no rows.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with TextIOWrapper(open_input(path), newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
     except OSError as error:
         raise UsageError(f"{path} cannot be read ({error.strerror}): check the path") from error

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import EdgeVprError, MissingExtraError, UsageError, WeightsError, printable
+from edge_vpr.files import open_input
 from edge_vpr_tools.research.baselines.baseline import Described, Images
 from edge_vpr_tools.research.baselines.dense import CosineBaseline, mean_cells
 
@@ -72,7 +73,7 @@ def read_state_dict(path: str | Path) -> dict[str, npt.NDArray[Any]]:
     """
     path = Path(path)
     try:
-        with zipfile.ZipFile(path) as archive:
+        with open_input(path) as file, zipfile.ZipFile(file) as archive:
             values = _read(archive, _MOST_EXPANSION * path.stat().st_size)
     except EdgeVprError:
         raise
@@ -499,8 +500,10 @@ class ModelDescriptor(CosineBaseline):
         options.log_severity_level = 4
         self._path = path
         try:
+            with open_input(path) as file:
+                model = file.read()
             self._session = runtime.InferenceSession(
-                path.read_bytes(), options, providers=["CPUExecutionProvider"]
+                model, options, providers=["CPUExecutionProvider"]
             )
         except OSError as error:
             raise WeightsError(

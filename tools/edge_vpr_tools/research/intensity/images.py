@@ -7,6 +7,7 @@ import re
 import struct
 from collections.abc import Iterator
 from fractions import Fraction
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +16,7 @@ import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.files import open_input
 from edge_vpr.recordings.frames import MOST_PIXELS, number_key, read_metadata, read_png
 from edge_vpr.recordings.hdf5 import CheckedDataset, load_h5py, open_hdf5
 from edge_vpr.recordings.reading import ArrayStream, foreign_errors
@@ -86,7 +88,7 @@ class ImageFolder:
 
 
 def _listed(listing: Path, images: int) -> npt.NDArray[np.int64]:
-    with foreign_errors(listing), listing.open(encoding="utf-8") as file:
+    with foreign_errors(listing), TextIOWrapper(open_input(listing), encoding="utf-8") as file:
         lines = file.read(_LONGEST_TIMES).split()
     if len(lines) != images:
         raise RecordingError(
@@ -109,7 +111,7 @@ def _microseconds(text: str, path: Path) -> int:
 def _read(path: Path) -> Image:
     if path.suffix == ".png":
         return to_grey(read_png(path), blue_first=False)
-    with path.open("rb") as file:
+    with open_input(path) as file:
         stream = ArrayStream(file, str(path))
         shape, dtype = stream.shape, stream.dtype
         colours = len(shape) == 3 and shape[2] in (3, 4)

@@ -16,7 +16,7 @@ from typing import Any
 import edge_vpr
 from edge_vpr.errors import UsageError, did_you_mean
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
-from edge_vpr.files import read_toml
+from edge_vpr.files import open_input, read_toml
 from edge_vpr.recordings import Recording, crop_of, open_recording
 from edge_vpr.reference_map import MatchMetrics, ReferenceMap
 from edge_vpr.results import RecordError, from_json
@@ -340,9 +340,7 @@ def content_hash(path: Path) -> str:
     """
     try:
         if not path.is_dir():
-            if path.exists() and not path.is_file():
-                raise UsageError(f"{path} is neither a file nor a folder: write it to a file first")
-            with path.open("rb") as file:
+            with open_input(path) as file:
                 return hashlib.file_digest(file, "sha256").hexdigest()
         whole = hashlib.sha256()
         for inner in sorted(file for file in path.rglob("*") if file.is_file()):
