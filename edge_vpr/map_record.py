@@ -417,20 +417,18 @@ class MapRecord(EqualByValue):
 
     @property
     def bytes_text(self) -> str:
-        """Size of a descriptor for messages: packed as on a device, and in memory if it differs."""
-        packed, stored = self.packed_bytes_per_place, self.bytes_per_place
-        if packed == stored:
-            return f"{stored} bytes per place"
-        return f"{packed} bytes per place packed at {self.counter_bits} bits ({stored} in memory)"
+        """Size of a place for messages, packed as in the FPGA core."""
+        return f"{self.packed_bytes_per_place} bytes per place"
 
     @property
     def packed_bytes_per_place(self) -> int:
-        """Size of a descriptor with codes packed without gaps, in bytes."""
-        return packed_bytes(self.places.counts.shape[1], self.counter_bits)
+        """Size of a place in bytes: codes packed without gaps, and the filter's activity."""
+        codes = packed_bytes(self.places.counts.shape[1], self.counter_bits)
+        return codes + (self.settings.matching == "filter")
 
     @property
     def packed_bytes_per_window(self) -> int:
-        """Size of the packed descriptors of all places that begin in a window, in bytes."""
+        """Packed size of all places that begin in a window, in bytes."""
         return self.packed_bytes_per_place * self.settings.window_parts
 
     def save(self, path: str | Path) -> None:

@@ -278,9 +278,10 @@ def test_map_prints_the_packed_size_and_records_every_input(folder, tmp_path, ca
     assert main(words) == 0
     said = capsys.readouterr().out
     made = ev.ReferenceMap.load(tmp_path / "map.npz")
-    assert made.packed_bytes_per_place == 2 and made.bytes_per_place == 5
-    assert made.packed_bytes_per_window == 4
-    size = "2 bytes per place packed at 3 bits (5 in memory)"
+    # 5 codes of 3 bits, and the activity
+    assert made.packed_bytes_per_place == 2 + 1 and made.bytes_per_place == 5
+    assert made.packed_bytes_per_window == 6
+    size = "3 bytes per place"
     assert f"{len(made)} places (at half windows) at 5 pixels of 16x12, {size}" in said
     # half windows overlap: their events are not counted twice, and the last one is not counted
     counted = made.places.events[::2].sum()

@@ -97,11 +97,6 @@ def aedat2(chip: str, addresses: list[tuple[int, int]]) -> bytes:
     return header + b"".join(struct.pack(">II", address, t) for address, t in addresses)
 
 
-def aedat2_sample(x: int, up: int, kind: int, value: int) -> int:
-    """Address of a sample of a DAVIS; `up`: row from below, `kind`: 0 for reset, 1 for signal."""
-    return 1 << 31 | up << 22 | x << 12 | kind << 10 | value
-
-
 def aedat3(*packets: bytes, sources: str = "#Source 0: DAVIS240C", form: str = "RAW") -> bytes:
     """AEDAT 3.1 file of finished packets."""
     lines = ("#!AER-DAT3.1", f"#Format: {form}", sources, "#Start-Time: 2016-06-07", "#!END-HEADER")

@@ -16,10 +16,8 @@ from edge_vpr_tools.report.tables import SEED
 from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.experiments import (
     EXPERIMENTS,
-    burst_filters,
     calibration,
     drives,
-    event_speed,
     places_per_window,
     plots,
     simulated,
@@ -36,7 +34,7 @@ from in_process import rows_of
 from edge_vpr.confidence import DEFAULT_TABLES, LEARNT_DELAYS, LIVE_ON_MAP, SMOOTHED, TABLES
 from edge_vpr.evaluation.calibration import reliability
 from edge_vpr.settings import PRESETS
-from edge_vpr.simulation import CAMERAS, simulate_pair
+from edge_vpr.simulation import simulate_pair
 
 FEW = {"pixels": 10, "sigma": 1.0}
 STREET = partial(simulate_pair, sensor="tiny", length_m=30.0)
@@ -140,39 +138,6 @@ def test_variants_that_draw_nothing_are_run_once(walks, monkeypatch):
     assert dots(axes[0])[0] == [mean_of(rows, "P@100R", variant=name) for name in ("few", "top")]
     # differences to 29 places, since the last window is not known to be complete
     assert rows[0]["operations per query"] == 10 * 29
-
-
-def test_burst_filters_are_drawn_as_the_table_says(walks, monkeypatch):
-    few = PRESETS["default"].replaced(FEW, "test")
-    monkeypatch.setattr(burst_filters, "PRESETS", {"default": few})
-    monkeypatch.setattr(burst_filters, "RATES", (0.0, 10.0))
-    rows, (right, same) = measured(burst_filters, walks, 1)
-    assert (right.get_xlabel(), same.get_xlabel()) == (burst_filters.RIGHT, burst_filters.SAME)
-    assert [label.get_text() for label in right.get_yticklabels()] == ["0", "10"]
-    for i, name in enumerate(burst_filters.FILTERS):
-        for axes, measure in ((right, burst_filters.RIGHT), (same, burst_filters.SAME)):
-            drawn = [
-                mean_of(rows, measure, **{"burst filter": name, "flashes per second": rate})
-                for rate in ("0", "10")
-            ]
-            assert dots(axes)[i] == drawn
-    assert dots(same)[0] == [1.0, 1.0] and dots(same)[2][1] < 1
-
-
-def test_events_at_each_speed_are_shares_of_those_at_the_lowest(monkeypatch):
-    noisy = {"tiny": (CAMERAS["tiny"], {}), "still": (CAMERAS["tiny"], {"traffic_per_km": 0.0})}
-    monkeypatch.setattr(event_speed, "cases", lambda: noisy)
-    monkeypatch.setattr(event_speed, "LENGTH_M", 10.0)
-    rows, (axes,) = measured(event_speed)
-    assert len(rows) == 2 * 2 * len(event_speed.SPEEDS_MPS)
-    events = {(row["camera"], row["speed (m/s)"], row["seed"]): row["events"] for row in rows}
-    for row in rows:
-        lowest = events[row["camera"], event_speed.SPEEDS_MPS[0], row["seed"]]
-        assert row[event_speed.SHARE] == row["events"] / lowest
-    (line, *_), *_ = (bars.lines for bars in axes.containers)
-    assert line.get_ydata()[1] == mean_of(
-        rows, event_speed.SHARE, camera="tiny", **{"speed (m/s)": event_speed.SPEEDS_MPS[1]}
-    )
 
 
 @pytest.fixture

@@ -98,140 +98,6 @@ def test_the_frames_of_a_real_davis_show_a_scene(shared_data):
     assert abs(first - second).mean() < 5 and first.std() > 30
 
 
-def test_frames_of_aedat3_are_those_written_in_the_middle_of_their_exposure(tmp_path):
-    path = tmp_path / "a.aedat"
-    rgba = np.dstack([COLOUR, np.full((4, 6), 9, np.uint8)])
-    low = rng.integers(0, 256, (4, 6))  # lost: 16 bits become 8
-    frames = [
-        files.aedat3_frame((100, 141), GREY[0].astype(int) << 8 | low, spare=48),
-        files.aedat3_frame((200, 240), GREY[1].astype(int) << 8, valid=False, spare=48),
-        files.aedat3_frame((300, 340), COLOUR.astype(int) << 8),
-    ]
-    later = files.aedat3_frame((7, 9), rgba.astype(int) << 8)
-    path.write_bytes(
-        files.aedat3(
-            files.aedat3_packet(2, frames, 16),
-            files.aedat3_polarity([(60, 1, 2, True)]),
-            files.aedat3_packet(2, [later], 16, wraps=2),
-            files.aedat3_packet(2, [later], 16, source=1),
-        )
-    )
-    found = open_intensity(path)
-    assert found.has_events and found.start_us == 60 == open_recording(path).start_us
-    assert times_and_images(found) == (
-        [120, 320, (2 << 31) + 8],
-        [GREY[0].tolist(), LUMA.tolist(), LUMA.tolist()],
-    )
-    path.write_bytes(files.aedat3(files.aedat3_packet(2, [later], 16)))
-    assert not open_intensity(path).has_events and open_intensity(path).start_us == 8
-
-
-@pytest.mark.parametrize(
-    ("frame", "says"),
-    [
-        (files.aedat3_frame((1, 2), GREY[0])[:-2], "46 bytes for 6x4 pixels of 2 bytes"),
-        (files.aedat3_frame((1, 2), GREY[0])[:30], "frames of 30 bytes"),
-        (files.aedat3_frame((1, 2), GREY[0, :, :0]), "a frame of 0x4 pixels"),
-        (files.aedat3_frame((1, 2), COLOUR[..., :2]), "2 channels are neither grey"),
-        (files.aedat3_frame((1, 2), GREY[0], roi=1), "several regions of interest"),
-        (files.aedat3_frame((1, 2), GREY[0], position=(0, 4)), "several regions of interest"),
-    ],
-)
-def test_a_damaged_frame_of_aedat3_names_its_packet(frame, says, tmp_path):
-    path = tmp_path / "a.aedat"
-    packets = [[files.aedat3_frame((1, 2), GREY[0])], [frame]]
-    path.write_bytes(files.aedat3(*(files.aedat3_packet(2, packet, 16) for packet in packets)))
-    with pytest.raises(RecordingError, match=f"damaged in the packet at byte .*{says}"):
-        list(open_intensity(path))
-
-
-WIDTH = HEIGHT = 128
-
-
-def samples_of(values, start_us=0, columns=None, shutter="global", lag=3):
-    """Samples (address, time) of one frame, a microsecond each.
-
-    Parameters
-    ----------
-    values : ndarray of int, shape (2, height, width)
-        Reset and signal reads, the top row first.
-    columns : sequence of int
-        Order of the columns.
-    shutter : {"global", "rolling"}
-        All reset reads before all signal reads, or signal reads `lag` columns behind.
-    """
-    columns = list(range(WIDTH)) if columns is None else columns
-    order = [(0, x) for x in columns] + [(1, x) for x in columns]
-    if shutter == "rolling":
-        order = [(0, x) for x in columns[:lag]]
-        for i, x in enumerate(columns):
-            order += [(1, x)] + [(0, later) for later in columns[i + lag : i + lag + 1]]
-    reads = [(kind, x, up) for kind, x in order for up in reversed(range(HEIGHT))]
-    return [
-        (files.aedat2_sample(x, up, kind, int(values[kind, HEIGHT - 1 - up, x])), start_us + i)
-        for i, (kind, x, up) in enumerate(reads)
-    ]
-
-
-def difference(values):
-    """The image of the reads, of 8 bits."""
-    return np.maximum(values[0] - values[1], 0) // 4
-
-
-@pytest.mark.parametrize("shutter", ["global", "rolling"])
-@pytest.mark.parametrize("order", [1, -1])
-def test_frames_of_aedat2_are_reset_less_signal_in_any_order_of_readout(
-    shutter, order, tmp_path, monkeypatch
-):
-    values = np.random.default_rng(2).integers(0, 1024, (3, 2, HEIGHT, WIDTH))
-    columns = list(range(WIDTH))[::order]
-    pairs = [(2 << 22 | 5 << 12 | 1 << 11, 0xFFFFFF00)]  # an event, before the clock wraps
-    for i, reads in enumerate(values):
-        pairs += samples_of(reads, 100_000 * (i + 1), columns, shutter)
-        pairs.insert(-9, (3 << 10 | 1 << 31 | 200 << 22, pairs[-9][1]))  # the IMU
-        pairs.insert(-30, (7 << 22 | 9 << 12, pairs[-30][1]))  # an OFF event
-    path = tmp_path / "a.aedat"
-    path.write_bytes(files.aedat2("eu.seebetter.ini.chips.davis.Davis128", pairs))
-    found = open_intensity(path)
-    assert found.has_events and found.start_us == 0xFFFFFF00
-    times, images = times_and_images(found)
-    assert images == [difference(reads).tolist() for reads in values]
-    # 2 x 16,384 reads from 100 ms on: their mean time is between the two in the middle
-    assert [time - (1 << 32) for time in times] == [100_000 * i + 16_383 for i in (1, 2, 3)]
-    monkeypatch.setattr("edge_vpr_tools.research.intensity.aedat.CHUNK_EVENTS", 1_000)
-    assert times_and_images(open_intensity(path)) == (times, images)
-
-
-@pytest.mark.parametrize("shutter", ["global", "rolling"])
-@pytest.mark.parametrize("lost", [slice(0, 1), slice(0, 300), slice(9_000, 9_001), slice(-1, None)])
-def test_a_frame_of_aedat2_that_lacks_samples_is_left_out_and_no_other(shutter, lost, tmp_path):
-    values = np.random.default_rng(2).integers(0, 1024, (4, 2, HEIGHT, WIDTH))
-    parts = [samples_of(reads, 100_000 * i, None, shutter) for i, reads in enumerate(values)]
-    del parts[1][lost]
-    path = tmp_path / "a.aedat"
-    path.write_bytes(files.aedat2("Davis128", [pair for part in parts for pair in part]))
-    found = open_intensity(path)
-    assert not found.has_events and found.start_us == 16_383
-    assert times_and_images(found)[1] == [difference(values[i]).tolist() for i in (0, 2, 3)]
-
-
-@pytest.mark.parametrize(
-    ("chip", "pairs", "says"),
-    [
-        ("DVS128", [(1, 1)], "whose frames are not read"),
-        ("Davis346redColor", [(1, 1)], "whose frames are not read"),
-        ("Davis128", [(files.aedat2_sample(128, 0, 0, 5), 1)], "column 128, row 0 from below"),
-        ("Davis128", [(files.aedat2_sample(0, 200, 1, 5), 1)], "column 0, row 200 from below"),
-        ("Davis128", [(files.aedat2_sample(0, 0, 2, 5), 1)], "second signal reads at 1 us"),
-    ],
-)
-def test_samples_of_aedat2_that_are_not_understood_are_refused(chip, pairs, says, tmp_path):
-    path = tmp_path / "a.aedat"
-    path.write_bytes(files.aedat2(chip, pairs))
-    with pytest.raises(RecordingError, match=says):
-        list(open_intensity(path))
-
-
 def ros_image(ros, encoding, pixels, stamp_us, big_endian=False, padding=0):
     """`sensor_msgs/Image`, serialised."""
     out = bytearray()
@@ -504,20 +370,12 @@ def test_an_image_is_exposed_to_a_mean_whatever_the_light():
     assert images.shape == (2, *reversed(Sensor(32, 32))) and images.std() > 10
 
 
-@pytest.mark.parametrize("kind", ["aedat2", "aedat3", "aedat4", "bag", "h5", "png"])
+@pytest.mark.parametrize("kind", ["aedat4", "bag", "h5", "png"])
 def test_damaged_images_raise_our_errors_alone(kind, tmp_path):
     """Bytes of a good file changed at random, some hundred times."""
     path = tmp_path / f"a.{kind}"
     if kind == "aedat4":
         path.write_bytes(aedat4([(5, 0, GREY[0]), (9, 16, COLOUR)], events=[[(1, 1, 2, True)]]))
-    elif kind == "aedat3":
-        grey = files.aedat3_packet(2, [files.aedat3_frame((5, 9), GREY[0])], 16)
-        colours = files.aedat3_packet(2, [files.aedat3_frame((15, 19), COLOUR)] * 2, 16)
-        events = files.aedat3_polarity([(1, 1, 2, True)])
-        path.write_bytes(files.aedat3(events, grey, colours))
-    elif kind == "aedat2":
-        values = np.random.default_rng(3).integers(0, 1024, (2, 128, 128))
-        path.write_bytes(files.aedat2("Davis128", [(1 << 11, 0), *samples_of(values)]))
     elif kind == "bag":
         images = [ros_image(1, "mono8", GREY[0], START), ros_image(1, "rgb8", COLOUR, START)]
         write_bag(path, 1, [("/image", IMAGE, image) for image in images])

@@ -6,11 +6,10 @@ import hashlib
 from dataclasses import replace
 from functools import partial
 
-import h5py
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.research import catalogue, datasets
+from edge_vpr_tools.research import datasets
 from edge_vpr_tools.research.experiments import (
     calibration,
     codes,
@@ -19,13 +18,10 @@ from edge_vpr_tools.research.experiments import (
     pairs,
     rivals,
     trust,
-    window_length,
 )
 from edge_vpr_tools.research.experiments import (
     drives as drive_pairs,
 )
-from edge_vpr_tools.research.experiments.experiment import Draw
-from edge_vpr_tools.research.experiments.variants import Variant
 from in_process import rows_of
 from test_datasets import brisbane, qcr, write_bag, write_log, write_parquet
 
@@ -75,9 +71,6 @@ def small(monkeypatch):
     few = PRESETS["paper"].replaced({"pixels": 25, "sequence_length": 3, "sigma": 1.0}, "test")
     for module in (drive_pairs, fixed_number):
         monkeypatch.setattr(module, "simulate_pair", street)
-    monkeypatch.setattr(window_length, "PRESETS", {"paper": few})
-    monkeypatch.setattr(window_length, "WINDOWS_S", (0.5, 1.0))
-    monkeypatch.setattr(window_length, "SPANS_S", (3.0, 4.0))
     monkeypatch.setattr(fixed_number, "LENGTH_M", 40.0)
     monkeypatch.setattr(fixed_number, "SPEEDS", (2.0,))
     variants = [v for v in fixed_number.VARIANTS if v.changes["pixels"] == 25]
@@ -124,30 +117,6 @@ def test_qcr_traverses_are_pairs_too(tmp_path):
     # an event a second, from 2 s to 165 s and from 7.7 s to 72.2 s
     assert (reference.events, fast.events) == (163, 65)
     assert fast.duration_us / reference.duration_us == pytest.approx(64 / 162)
-
-
-def test_windows_and_sequences_are_varied_on_published_traverses(downloads, small):
-    rows = rows_of(window_length, downloads, 1)
-    own = [row for row in rows if row["drives"] == PAIR]
-    assert [row["P@100R"] for row in own if row["window (s)"] == "1"] == [1.0, 1.0]
-    assert len(window_length.figure(rows).axes) == 2
-
-
-def test_spans_that_share_their_windows_are_what_single_trials_give(downloads, small):
-    (pair,) = drive_pairs.whole_pairs(downloads)
-    found = {
-        (row["window (s)"], row["match (s)"]): row["P@100R"]
-        for row in window_length.measure(Draw(pair, 0, True))
-    }
-    few = replace(pair, settings=window_length.PRESETS["paper"])
-    expected = {
-        (f"{window:g}", f"{span:g}"): Variant("", window_length.changes(window, span))
-        .of(few, 0)
-        .correct()
-        for window in window_length.WINDOWS_S
-        for span in window_length.SPANS_S
-    }
-    assert found == expected
 
 
 def test_fixed_number_and_fixed_time_are_compared_on_published_traverses(downloads, small):
@@ -215,8 +184,7 @@ def test_a_lone_traverse_is_no_pair_and_what_to_download_is_said(downloads, tmp_
     (tmp_path / recording.name).symlink_to(recording)
     says = (
         r"holds no pair, only Brisbane sunset1: name a folder .* \(such as .*parquet \(1.93 GB\), "
-        r".*nmea \(395 kB\) of https://huggingface.co/.*, QCR-.*zenodo.*, NSAVP \(such as "
-        r"R0_FA0_dvxplorer_left.h5, R0_FA0_applanix.h5 of https://umauto.*nsavp\) .*--dry-run"
+        r".*nmea of https://huggingface.co/.*, QCR-.*zenodo.* under their published .*--dry-run"
     )
     with pytest.raises(UsageError, match=says):
         drive_pairs.check_data(tmp_path)
@@ -231,75 +199,6 @@ def test_a_missing_log_is_an_error_before_any_work(downloads, tmp_path, capsys, 
     monkeypatch.setattr(rivals, "measure", None)  # is not called
     assert main(["experiment", "rivals", "--data", str(tmp_path)]) == 1
     assert "no GPS log of sunset1" in capsys.readouterr().err
-
-
-def write_nsavp(folder, name, begin_s, seconds=30, per_second=400):
-    """Write a drive in the layout of nsavp_tools, `documentation/data_format.md`."""
-    times = begin_s * SECOND + np.arange(seconds * per_second) * (SECOND // per_second)
-    second = (times - times[0]) // SECOND
-    with h5py.File(folder / f"{name}_dvxplorer_left.h5", "w") as file:
-        events = file.create_group("events")
-        events.attrs.update(height=480, width=640, ros_message_type="dvs_msgs/EventArray")
-        columns = {
-            "x_coordinates": (13 * second + times // 2_500 % 7).astype(np.uint16),
-            "y_coordinates": (times // 2_500 % 11).astype(np.uint16),
-            "polarities": np.ones(times.size, np.uint8),
-            "timestamps": (times * 1_000).astype(np.uint64),
-        }
-        for column, values in columns.items():
-            events.create_dataset(column, data=values, chunks=(1_024,), compression="gzip")
-        events["timestamps"].attrs["units"] = "nanoseconds"
-    # poses begin 2 s before the events, with 10 m a second along one axis of the Earth
-    at_ns = ((begin_s - 2) * 10 + np.arange((seconds + 4) * 10)).astype(np.uint64) * 100_000_000
-    along = np.arange(at_ns.size) - 20.0
-    with h5py.File(folder / f"{name}_applanix.h5", "w") as file:
-        poses = file.create_group("pose_base_link")
-        poses["positions"] = (
-            np.array([512_123.0, -4_698_109.0, 4_269_242.0]) + [[0, 0, 1]] * along[:, None]
-        )
-        poses["quaternions"] = np.tile([0.0, 0.0, 0.0, 1.0], (at_ns.size, 1))
-        poses["timestamps"] = at_ns
-
-
-def test_drives_of_nsavp_are_pairs_by_the_poses_of_the_vehicle(tmp_path, capsys):
-    write_nsavp(tmp_path, "R0_FA0", 1_650_000_000)
-    write_nsavp(tmp_path, "R0_FN0", 1_650_090_000, seconds=25)
-    write_nsavp(tmp_path, "R0_RA0", 1_650_050_000)  # the other way: no pair with those
-    (pair,) = drive_pairs.whole_pairs(tmp_path)
-    assert pair.drives == "NSAVP forward, R0_FN0 against R0_FA0"
-    assert not list(datasets.published_pairs(tmp_path, ("bag",)))  # as for intensity frames
-    assert pair.reference.sensor == (640, 480)
-    times = np.concatenate(list(pair.reference))["t"]
-    assert (times[0], times[-1]) == (0, 29_997_500)
-    assert pair.tracks.reference.time_us[[0, -1]].tolist() == [-2 * SECOND, 31_900_000]
-    centres = np.arange(25) * SECOND + SECOND // 2
-    truth = pair.truth_of(centres, centres)
-    # 10 m between windows, so that 25 m are two places on both sides
-    assert np.array_equal(truth.correct, abs(centres[:, None] - centres) <= 2 * SECOND)
-    (tmp_path / "R0_FN0_applanix.h5").write_bytes(b"no HDF5")
-    with pytest.raises(GroundTruthError, match=r"R0_FN0_applanix.h5 cannot be read"):
-        drive_pairs.check_logs(tmp_path)
-    with h5py.File(tmp_path / "R0_FN0_applanix.h5", "w") as file:
-        file["pose_base_link/positions"] = np.zeros((3, 3))
-    with pytest.raises(GroundTruthError, match=r"no poses as NSAVP has them .*timestamps"):
-        drive_pairs.check_logs(tmp_path)
-    (tmp_path / "R0_FN0_applanix.h5").unlink()
-    assert main(["experiment", "fixed-number", "--data", str(tmp_path)]) == 1
-    assert "no poses of R0_FN0" in capsys.readouterr().err
-
-
-def test_poses_that_begin_after_the_events_begin_the_drive(tmp_path):
-    write_nsavp(tmp_path, "R0_RA0", 1_650_000_000)
-    with h5py.File(tmp_path / "R0_RA0_applanix.h5", "r+") as file:
-        poses = file["pose_base_link"]
-        for name in ("positions", "timestamps"):
-            late = poses[name][50:]  # 3 s after the first event
-            del poses[name]
-            poses[name] = late
-    drive = datasets.open_drive(datasets.NSAVP_REVERSE[0], tmp_path / "R0_RA0_dvxplorer_left.h5")
-    assert drive.track.time_us[0] == 0
-    events = np.concatenate(list(drive.recording))
-    assert (events["t"][0], events["x"][0] // 13) == (0, 3)
 
 
 def test_a_recording_that_begins_after_its_track_has_the_positions_of_its_times(tmp_path):
@@ -325,13 +224,10 @@ def test_a_dry_run_lists_every_file_and_finds_those_that_are_not_the_published_o
     assert "speck-walks: cannot run: the folder speck_walks, two walks with" in shown
     for line in (
         "  missing: dvs_vpr_2020-04-22-17-24-21_no_hot_pixels_nobursts_denoised.parquet (2.78 GB)",
-        "NSAVP, R0_FN0 (https://umautobots.github.io/nsavp)",
-        "  missing: R0_FN0_applanix.h5 (size not known)",
-        "NYC-Event-VPR (https://huggingface.co/datasets/ai4ce/NYC-Event-VPR)",
-        "  missing: speck_walks/query.npz (5.9 MB)",
+        "QCR-Event-VPR, fast1 (https://zenodo.org/records/10494919)",
+        "  missing: speck_walks/query.npz",
     ):
         assert line in shown.splitlines()
-    assert "not opened: each archive has events of a DAVIS346" in shown
     # the small files of these tests have the published names, and not the published sizes
     assert main(["experiment", "rivals", "--data", str(downloads), "--dry-run"]) == 2
     shown = capsys.readouterr()
@@ -340,9 +236,11 @@ def test_a_dry_run_lists_every_file_and_finds_those_that_are_not_the_published_o
     recording = next(downloads.glob("dvs_vpr_2020-04-21*.parquet"))
     content = recording.read_bytes()
     for sha256, code in ((hashlib.sha256(content).hexdigest(), 0), ("0" * 64, 2)):
-        known = dict.fromkeys(catalogue._BRISBANE_PARQUET, (None, "", ""))
-        known["2020-04-21-17-03-03"] = (len(content), "", sha256)
-        monkeypatch.setattr(catalogue, "_BRISBANE_PARQUET", known)
+        first, *others = (
+            replace(each, size=None, sha256="") for each in datasets.BRISBANE_TRAVERSES
+        )
+        known = (replace(first, size=len(content), sha256=sha256), *others), datasets.BRISBANE_M
+        monkeypatch.setitem(datasets.DATA_SETS, "Brisbane", known)
         assert main(["experiment", "rivals", "--data", str(downloads), "--dry-run"]) == code
         assert ("another SHA-256 than published" in capsys.readouterr().err) == bool(code)
 

@@ -12,8 +12,7 @@ from functools import partial
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.research.catalogue import stand_in_text
-from edge_vpr_tools.research.experiments import EXPERIMENTS, STREETS_ONLY, rivals, window_length
+from edge_vpr_tools.research.experiments import EXPERIMENTS, STREETS_ONLY, fixed_number, rivals
 from edge_vpr_tools.research.experiments.experiment import Drives, Experiment
 from edge_vpr_tools.research.experiments.plots import dots
 from streams import random_events
@@ -214,8 +213,8 @@ def test_a_map_from_a_newer_version(drive, capsys, tmp_path, monkeypatch):
 
 #: what an experiment says of a folder without drives
 WITHOUT = {
-    **dict.fromkeys(("speck-walks", "burst-filters"), stand_in_text("speck_walks")),
-    **dict.fromkeys(("codes", "mount-shift", "trust", "place-filter"), "records/10494919"),
+    "speck-walks": "two walks with a Speck, 128 x 128, in short frames",
+    **dict.fromkeys(("codes", "mount-shift", "trust"), "records/10494919"),
 }
 
 
@@ -253,15 +252,15 @@ def declared(name, ran):
 
 def test_experiments_are_written_and_no_trial_is_run_twice(capsys, tmp_path, monkeypatch):
     ran = []
-    for module, name in ((rivals, "rivals"), (window_length, "window-length")):
+    for module, name in ((rivals, "rivals"), (fixed_number, "fixed-number")):
         monkeypatch.setattr(module, "EXPERIMENT", declared(name, ran))
     page = tmp_path / "page.html"
     results = ("--workers", "1", "-o", str(tmp_path / "results"))
-    arguments = ["experiment", "rivals", "window-length", "--seeds", "2", *results]
+    arguments = ["experiment", "rivals", "fixed-number", "--seeds", "2", *results]
     assert main([*arguments, "--report", str(page)]) == 0
     shown = capsys.readouterr().out
     assert "rivals:\n\nstreet, ± over 2 seeds:\n\n| system | P@100R | change |" in shown
-    assert "| one | 0.550 ± 0.071 | -0.250 ± 0.000 |" in shown and "window-length:\n" in shown
+    assert "| one | 0.550 ± 0.071 | -0.250 ± 0.000 |" in shown and "fixed-number:\n" in shown
     assert len(ran) == 2 * 3
     written = (tmp_path / "results/rivals.csv").read_text().splitlines()
     assert (
@@ -275,7 +274,7 @@ def test_experiments_are_written_and_no_trial_is_run_twice(capsys, tmp_path, mon
     # a third seed is all that is new
     ran.clear()
     assert main([*arguments[:-6], "--seeds", "3", *results]) == 0
-    assert [draw[:2] for draw in ran] == [("rivals 2", 2), ("window-length 2", 2)]
+    assert [draw[:2] for draw in ran] == [("rivals 2", 2), ("fixed-number 2", 2)]
     ran.clear()
     systems = ["--with", "hog", "--with", "model:a.onnx"]
     assert main(["experiment", "rivals", "--seeds", "1", *systems, *results]) == 0
@@ -283,7 +282,7 @@ def test_experiments_are_written_and_no_trial_is_run_twice(capsys, tmp_path, mon
     capsys.readouterr()
     refused(capsys, *arguments, "--figure", "a.png", code=2, says="use --report")
     # before any of them is run
-    refused(capsys, "experiment", "window-length", "--with", "hog", code=2, says="leave --with out")
+    refused(capsys, "experiment", "fixed-number", "--with", "hog", code=2, says="leave --with out")
 
 
 def test_a_trial_that_fails_is_named_and_the_others_are_kept(capsys, tmp_path, monkeypatch):

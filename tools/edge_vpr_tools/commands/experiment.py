@@ -90,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Run experiments, write their tables and figures, and print the tables as Markdown."""
     from edge_vpr.results import check_parent
-    from edge_vpr_tools.research.catalogue import damaged_files
+    from edge_vpr_tools.research.datasets import damaged_files
     from edge_vpr_tools.research.experiments.drives import check_logs, downloads
 
     start = time.perf_counter()
@@ -140,7 +140,7 @@ def run(args: argparse.Namespace) -> None:
 
 def _list_files(names: list[str], args: argparse.Namespace, data: Path | None) -> None:
     """Print what would run, and the files of all data sets."""
-    from edge_vpr_tools.research.catalogue import damaged_files, listing
+    from edge_vpr_tools.research.datasets import damaged_files, listing
     from edge_vpr_tools.research.experiments.drives import downloads
     from edge_vpr_tools.research.experiments.experiment import trials_of
 

@@ -185,7 +185,7 @@ def _filter_traffic(design: Design) -> dict[str, Traffic]:
 class Sizes:
     """Memory that a design takes."""
 
-    place_bytes: int  #: One descriptor, its codes packed without gaps.
+    place_bytes: int  #: One place: its codes packed without gaps, and the filter's activity.
     packed_bytes: int  #: All memories of the device, without gaps.
     #: flash_bytes, ram_bytes: image and arrays of the reference firmware in C, which keeps a byte a
     #: code; without its code, structures and stack.
@@ -200,7 +200,7 @@ def sizes(design: Design) -> Sizes:
         sized = {name: memory for name, memory in sized.items() if name not in _LOOKUP}
     bits = sum(memory.bits for memory in sized.values())
     return Sizes(
-        place_bytes=packed_bytes(design.slots, design.code_bits),
+        place_bytes=packed_bytes(design.slots, design.code_bits) + design.activity_costs,
         packed_bytes=-(-bits // 8),
         flash_bytes=flash_bytes(design),
         ram_bytes=ram_bytes(design),

@@ -116,7 +116,7 @@ def _described(reference: ReferenceMap, matches: Matches) -> str:
     return (
         f"{len(matches):,} matches with {reference.places_text} {by}, at "
         f"{len(reference.pixel_map)} of {reference.pixel_map.sensor.pixels:,} pixels; "
-        f"{reference.bytes_per_place} bytes per place ({reference.packed_bytes_per_place} packed)."
+        f"{reference.bytes_text}."
     )
 
 

@@ -1,53 +1,135 @@
-"""The published traverses of Brisbane-Event-VPR, QCR-Event-VPR and NSAVP: clocks and positions.
+"""The drives that experiments read: files, addresses, clocks and positions.
 
-Addresses, sizes and hashes of the files are in `research.catalogue`, with the data sets that are
-not opened. The figures are facts stated by the data sets' authors in
+Nothing is downloaded, since the files are gigabytes, and the user must accept their licences. The
+figures of Brisbane-Event-VPR and QCR-Event-VPR are facts stated by the data sets' authors in
 
 - https://github.com/Tobias-Fischer/sparse-event-vpr, ``src/sparse_event_vpr/constants.py``
 - https://github.com/Tobias-Fischer/ensemble-event-vpr,
   ``correspondence-event-camera-frame-camera.py``
-- https://github.com/umautobots/nsavp_tools, ``documentation/data_format.md``
 
 A file belongs to a traverse if its name is exactly one of the traverse's names.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from edge_vpr.errors import GroundTruthError, UsageError
-from edge_vpr.evaluation.tracks import MAX_GAP_S, Track, load_track
+from edge_vpr.evaluation.tracks import Track, load_track
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import Recording, TimeCrop, open_recording
-from edge_vpr.recordings.hdf5 import CheckedDataset, load_h5py
-from edge_vpr_tools.research.catalogue import (
-    BRISBANE_BAGS_PAGE,
-    BRISBANE_PAGE,
-    NSAVP_PAGE,
-    QCR_PAGE,
-    Download,
-    PublishedFile,
-    brisbane_download,
-    nsavp_download,
-)
 
-#: DAVIS346 of Brisbane-Event-VPR and QCR-Event-VPR, and DVXplorer of NSAVP.
-SENSOR, NSAVP_SENSOR = Sensor(346, 260), Sensor(640, 480)
+# Published files.
+
+
+BRISBANE_PAGE = "https://huggingface.co/datasets/TobiasRobotics/brisbane-event-vpr"
+BRISBANE_BAGS_PAGE = "https://zenodo.org/records/4302805"
+QCR_PAGE = "https://zenodo.org/records/10494919"
+
+
+class PublishedFile(NamedTuple):
+    """A file of a data set."""
+
+    name: str  #: Path in the folder of the data.
+    size: int | None = None  #: In bytes; None if it is not known.
+    sha256: str = ""  #: In hexadecimal digits; empty if it is not known.
+
+    @property
+    def text(self) -> str:
+        """Name and published size for messages."""
+        return self.name if self.size is None else f"{self.name} ({self.size / 1e9:.2f} GB)"
+
+    def is_in(self, folder: Path) -> bool:
+        """Return whether a folder holds a file of this name."""
+        return (folder / self.name).is_file()
+
+    def damage(self, folder: Path, *, hashed: bool = False) -> str:
+        """Return how the file in a folder differs from the published one; empty if it does not.
+
+        Parameters
+        ----------
+        hashed : bool
+            Also compare the hash, for which the whole file is read.
+        """
+        path = folder / self.name
+        found = path.stat().st_size
+        if self.size is not None and found != self.size:
+            return f"{found:,} bytes, of {self.size:,} published"
+        if hashed and self.sha256:
+            with path.open("rb") as file:
+                if hashlib.file_digest(file, "sha256").hexdigest() != self.sha256:
+                    return "another SHA-256 than published"
+        return ""
+
+
+class Download(NamedTuple):
+    """Files of one drive, or of the drives of one folder, from one address."""
+
+    title: str  #: Data set, and drive.
+    address: str
+    files: tuple[PublishedFile, ...]
+
+    @property
+    def text(self) -> str:
+        """Names and sizes of the files, and the address, for messages."""
+        return f"{', '.join(file.text for file in self.files)} of {self.address}"
+
+
+def damaged_files(
+    folder: Path, downloads: Iterable[Download], *, hashed: bool = False
+) -> Iterator[str]:
+    """Yield a sentence on each file that is there and is not the published one."""
+    for download in downloads:
+        for file in download.files:
+            if file.is_in(folder) and (damage := file.damage(folder, hashed=hashed)):
+                yield f"{folder / file.name}: {damage}: download it again from {download.address}"
+
+
+def listing(downloads: Iterable[Download], folder: Path | None) -> Iterator[str]:
+    """Yield a line on each file: whether it is in a folder, its size and its address."""
+    for download in downloads:
+        yield f"{download.title} ({download.address})"
+        for file in download.files:
+            there = folder is not None and file.is_in(folder)
+            yield f"  {'there' if there else 'missing'}: {file.text}"
+
+
+_LENS_PAGE = "https://github.com/AdamDHines/LENS"
+#: folders of counts and short frames that were made of published files, by their name
+STAND_INS = {
+    folder: Download(title, address, tuple(PublishedFile(f"{folder}/{name}") for name in names))
+    for folder, title, address, names in (
+        ("brisbane_sparse49", "event counts at 49 pixels of Brisbane-Event-VPR, sunset 1 and 2",
+         BRISBANE_BAGS_PAGE, ("sunset1.npz", "sunset2.npz", "sunset1.nmea", "sunset2.nmea")),
+        ("brisbane_lens49", "the same drives at 49 other pixels, and weights of LENS trained with "
+         "them", _LENS_PAGE, ("sunset1.npz", "sunset2.npz")),
+        ("speck_indoor", "two walks with a Speck, 80 x 80, one frame a second",
+         _LENS_PAGE, ("reference.npz", "query.npz")),
+        ("speck_walks", "two walks with a Speck, 128 x 128, in short frames",
+         _LENS_PAGE, ("reference.npz", "query.npz", "ground_truth.csv")),
+    )
+}  # fmt: skip
+
+# Traverses: clocks and positions.
+
+
+#: DAVIS346 of both data sets
+SENSOR = Sensor(346, 260)
 
 #: Length of the route of QCR-Event-VPR in metres (How Many Events Do You Need?, section I).
 QCR_ROUTE_M = 160.0
 
-Files = Literal["parquet", "bag", "hdf5"]
+Files = Literal["parquet", "bag"]
 #: in order of preference
-_EVERY_KIND: tuple[Files, ...] = ("parquet", "bag", "hdf5")
+KINDS: tuple[Files, ...] = ("parquet", "bag")
 #: of files that do not state theirs
-TIME_UNITS = {".parquet": "us", ".h5": "ns"}
+TIME_UNITS = {".parquet": "us"}
 Landmarks = Literal["common", "released-code"]
 
 
@@ -69,9 +151,11 @@ class BrisbaneTraverse:
     #: Unix time at the first second of the log on Hugging Face; None if there is no such log.
     beginning_s: float | None
     complete_beginning_s: float  #: Unix time at the first second of the log on Zenodo.
+    #: size, sha256: of the parquet file of commit 4e0e9bf of its page, if they were published.
+    size: int | None = None
+    sha256: str = ""
 
-    sensor = SENSOR
-    kinds: ClassVar[tuple[Files, ...]] = ("parquet", "bag")
+    pages: ClassVar[Mapping[Files, str]] = {"parquet": BRISBANE_PAGE, "bag": BRISBANE_BAGS_PAGE}
 
     def file_name(self, kind: Files) -> str:
         """Return the published name of the recording's file."""
@@ -82,12 +166,14 @@ class BrisbaneTraverse:
     @property
     def downloads(self) -> tuple[Download, ...]:
         """Files of the traverse from each page, any of which will do."""
-        title, bag = f"Brisbane-Event-VPR, {self.name}", PublishedFile(self.file_name("bag"))
-        log = PublishedFile(f"{self.video}_concat.nmea")
-        bags = Download(title, BRISBANE_BAGS_PAGE, (bag, log))
-        return (bags,) if self.beginning_s is None else (
-            brisbane_download(self.name, self.recording), bags
-        )  # fmt: skip
+        title = f"Brisbane-Event-VPR, {self.name}"
+        bag, log = self.file_name("bag"), f"{self.video}_concat.nmea"
+        bags = Download(title, BRISBANE_BAGS_PAGE, (PublishedFile(bag), PublishedFile(log)))
+        if self.beginning_s is None:
+            return (bags,)
+        parquet = PublishedFile(self.file_name("parquet"), self.size, self.sha256)
+        log = f"{self.recording}.nmea"
+        return Download(title, BRISBANE_PAGE, (parquet, PublishedFile(log))), bags
 
     @property
     def logs(self) -> dict[str, float]:
@@ -124,8 +210,7 @@ class QCRTraverse:
     #: Times at which it passed each of the eleven landmarks, in seconds after it set off.
     landmarks_s: tuple[float, ...]
 
-    sensor = SENSOR
-    kinds: ClassVar[tuple[Files, ...]] = ("parquet", "bag")
+    pages: ClassVar[Mapping[Files, str]] = {"parquet": QCR_PAGE, "bag": QCR_PAGE}
 
     def file_name(self, kind: Files) -> str:
         """Return the published name of the recording's file."""
@@ -136,7 +221,7 @@ class QCRTraverse:
         """Files of the traverse, any of which will do."""
         title = f"QCR-Event-VPR, {self.name}"
         return tuple(
-            Download(title, QCR_PAGE, (PublishedFile(self.file_name(kind)),)) for kind in self.kinds
+            Download(title, QCR_PAGE, (PublishedFile(self.file_name(kind)),)) for kind in KINDS
         )
 
     def origin(self, folder: Path, start_us: int) -> tuple[Track, int]:
@@ -171,81 +256,16 @@ class QCRTraverse:
         return Track(np.round(time_s * 1e6).astype(np.int64), route[:, None])
 
 
-@dataclass(frozen=True)
-class NSAVPTraverse:
-    """One drive of NSAVP, by the left event camera (DVXplorer), with poses of the vehicle.
-
-    Events and poses have one clock (TAI, in nanoseconds). The poses are those of the vehicle's rear
-    axle in an Earth-fixed frame; the camera, which looks forward, is some metres ahead, in all
-    drives of one direction alike.
-    """
-
-    name: str
-
-    sensor = NSAVP_SENSOR
-    kinds: ClassVar[tuple[Files, ...]] = ("hdf5",)
-
-    def file_name(self, kind: Files) -> str:
-        """Return the published name of the recording's file, which is of one kind."""
-        return f"{self.name}_dvxplorer_left.h5"
-
-    @property
-    def downloads(self) -> tuple[Download, ...]:
-        """Files of the traverse."""
-        return (nsavp_download(self.name),)
-
-    def origin(self, folder: Path, start_us: int) -> tuple[Track, int]:
-        """Return the poses as a track of three metric coordinates, and the time of its time 0.
-
-        Time 0 is that of the first pose.
-
-        Raises
-        ------
-        GroundTruthError
-            If the file of poses is missing or of another form.
-        """
-        path = folder / f"{self.name}_applanix.h5"
-        if not path.is_file():
-            raise GroundTruthError(
-                f"{folder} holds no poses of {self.name} ({path.name}): download them from "
-                f"{NSAVP_PAGE}"
-            )
-        with _poses_of(path) as file:
-            try:
-                group = file["pose_base_link"]
-                position, time_ns = (
-                    CheckedDataset(path, group[name]).read(slice(0, len(group[name])))
-                    for name in ("positions", "timestamps")
-                )
-                time_us = time_ns.astype(np.int64) // 1_000
-            except (KeyError, TypeError, ValueError, OSError) as error:
-                raise GroundTruthError(
-                    f"{path} has no poses as NSAVP has them ({error}): download it again"
-                ) from error
-        zero = int(time_us[0]) if time_us.size else start_us
-        kept = np.diff(time_us, prepend=-1) > 0
-        track = Track(time_us[kept] - zero, position[kept], max_gap_us=round(MAX_GAP_S * 1e6))
-        return track, zero
-
-
-@contextmanager
-def _poses_of(path: Path) -> Iterator[Any]:
-    """Open a file of poses."""
-    try:
-        file = load_h5py().File(path, "r", locking=False)
-    except OSError as error:
-        raise GroundTruthError(f"{path} cannot be read ({error}): download it again") from error
-    with file:
-        yield file
-
-
 BRISBANE_TRAVERSES = (
     BrisbaneTraverse("sunset1", "dvs_vpr_2020-04-21-17-03-03", "20200421_170039-sunset1",
-                     1587452593.35, 1587452582.35),
+                     1587452593.35, 1587452582.35, 1_925_019_428,
+                     "f22ab3da46fc87263649d13d71a586ffcdddefb9a5af81279e95084dd6dcfeb9"),
     BrisbaneTraverse("sunset2", "dvs_vpr_2020-04-22-17-24-21", "20200422_172431-sunset2",
-                     1587540271.65, 1587540271.65),
+                     1587540271.65, 1587540271.65, 2_779_116_068,
+                     "8c71331cb09732b0a89591ba258982f6b7bbdfc4fec331c17a480006843068b8"),
     BrisbaneTraverse("daytime", "dvs_vpr_2020-04-24-15-12-03", "20200424_151015-daytime",
-                     1587705136.80, 1587705130.80),
+                     1587705136.80, 1587705130.80, 2_082_849_662,
+                     "5931a88e5a995e97f0785ad8de23ac8ddb0bb5c59bde7e153a3f955bdd3c6ae1"),
     # published only as a bag, and not evaluated in either paper
     BrisbaneTraverse("night", "dvs_vpr_2020-04-27-18-13-29", "20200427_181204-night",
                      None, 1587975221.10),
@@ -272,10 +292,6 @@ QCR_TRAVERSES = (
                 (0, 15.5, 30, 63.5, 110, 141, 185, 217, 246.5, 256, 263)),
 )  # fmt: skip
 
-#: forward and reverse along one route, in the afternoon, at sunset and at night
-NSAVP_FORWARD = tuple(NSAVPTraverse(f"R0_F{light}0") for light in "ASN")
-NSAVP_REVERSE = tuple(NSAVPTraverse(f"R0_R{light}0") for light in "ASN")
-
 #: Metres along the route of each landmark; see `QCRTraverse.track`.
 QCR_LANDMARKS_M = QCR_ROUTE_M * np.median(
     [np.array(t.landmarks_s) / t.landmarks_s[-1] for t in QCR_TRAVERSES], axis=0
@@ -291,16 +307,12 @@ QCR_LANDMARKS_M.setflags(write=False)
 
 #: largest distance of a correct match in metres (paper, IV-B)
 BRISBANE_M, QCR_M = 70.0, 3.0
-#: in NSAVP: its tools evaluate 5 to 30 m
-NSAVP_M = 25.0
-Traverse = BrisbaneTraverse | QCRTraverse | NSAVPTraverse
+Traverse = BrisbaneTraverse | QCRTraverse
 #: not evaluated in either paper
 _LEFT_OUT = ("night",)
 DATA_SETS: Mapping[str, tuple[tuple[Traverse, ...], float]] = {
     "Brisbane": (BRISBANE_TRAVERSES, BRISBANE_M),
     "QCR": (QCR_TRAVERSES, QCR_M),
-    "NSAVP forward": (NSAVP_FORWARD, NSAVP_M),
-    "NSAVP reverse": (NSAVP_REVERSE, NSAVP_M),
 }
 
 
@@ -324,16 +336,14 @@ class PublishedPair:
     tolerance_m: float
 
 
-def published_pairs(
-    folder: Path, files: tuple[Files, ...] = _EVERY_KIND
-) -> Iterator[PublishedPair]:
+def published_pairs(folder: Path, files: tuple[Files, ...] = KINDS) -> Iterator[PublishedPair]:
     """Open the pairs whose files are in a folder, one after another.
 
     Parameters
     ----------
     folder : Path
         Holds recordings and GPS logs under their published names.
-    files : tuple of {"parquet", "bag", "hdf5"}
+    files : tuple of {"parquet", "bag"}
         Kinds of files to use, in order of preference.
 
     Raises
@@ -355,7 +365,7 @@ def published_pairs(
 
 
 def found_traverses(
-    folder: Path, files: tuple[Files, ...] = _EVERY_KIND
+    folder: Path, files: tuple[Files, ...] = KINDS
 ) -> dict[str, list[tuple[Traverse, Path]]]:
     """Return the traverses whose recordings are in a folder, in order, by their data set.
 
@@ -377,7 +387,7 @@ def found_traverses(
 def find_file(traverse: Traverse, folder: Path, files: tuple[Files, ...]) -> Path | None:
     """Return the recording of a traverse; None if the folder does not hold it."""
     for kind in files:
-        if kind in traverse.kinds and (path := folder / traverse.file_name(kind)).is_file():
+        if (path := folder / traverse.file_name(kind)).is_file():
             return path
     return None
 
@@ -392,10 +402,10 @@ def open_drive(traverse: Traverse, path: Path) -> PublishedDrive:
     RecordingError
         If the recording cannot be read.
     GroundTruthError
-        If the GPS log or the poses are missing or cannot be read.
+        If the GPS log is missing or cannot be read.
     """
     unit = TIME_UNITS.get(path.suffix)
-    recording = open_recording(path, sensor=traverse.sensor, on_fault="drop", time_unit=unit)
+    recording = open_recording(path, sensor=SENSOR, on_fault="drop", time_unit=unit)
     track, beginning_us = traverse.origin(path.parent, recording.start_us)
     late_us = max(0, recording.start_us - beginning_us)
     if late_us:

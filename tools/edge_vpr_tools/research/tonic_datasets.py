@@ -1,14 +1,14 @@
 """The method's two data sets as `tonic.Dataset`s, with ground truth; needs the extra ``tonic``.
 
 Nothing is downloaded, since the files are gigabytes, and the user must accept their licences.
-`edge_vpr_tools.research.catalogue` states the pages, and the names and sizes of the files.
+`edge_vpr_tools.research.datasets` states the pages, and the names and sizes of the files.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import EVENT_DTYPE, Events
 from edge_vpr.recordings import cropped_events, open_recording
-from edge_vpr_tools.research.catalogue import BRISBANE_BAGS_PAGE, BRISBANE_PAGE, QCR_PAGE
 from edge_vpr_tools.research.datasets import (
     BRISBANE_TRAVERSES,
     QCR_TRAVERSES,
@@ -55,8 +54,6 @@ class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has
     ordering = EVENT_DTYPE.names
 
     _known: tuple[Traverse, ...]
-    #: where to download files of each kind
-    _pages: ClassVar[Mapping[Files, str]]
 
     def __init__(
         self,
@@ -77,7 +74,8 @@ class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has
             raise UsageError(f"files={files!r} is unknown: use parquet or bag")
         self._files: Files = files
         self._on_fault = on_fault
-        known, page = {traverse.name: traverse for traverse in self._known}, self._pages[files]
+        known = {traverse.name: traverse for traverse in self._known}
+        page = self._known[0].pages[files]
         for name in traverses or ():
             if name not in known:
                 raise UsageError(f"traverse {name!r} is unknown: choose from {', '.join(known)}")
@@ -195,7 +193,6 @@ class BrisbaneEventVPR(_Traverses[BrisbaneTraverse]):
     """
 
     _known = BRISBANE_TRAVERSES
-    _pages: ClassVar[Mapping[Files, str]] = {"parquet": BRISBANE_PAGE, "bag": BRISBANE_BAGS_PAGE}
 
 
 class QCREventVPR(_Traverses[QCRTraverse]):
@@ -220,7 +217,6 @@ class QCREventVPR(_Traverses[QCRTraverse]):
     """
 
     _known = QCR_TRAVERSES
-    _pages: ClassVar[Mapping[Files, str]] = {"parquet": QCR_PAGE, "bag": QCR_PAGE}
 
     def __init__(self, *given: Any, landmarks: Landmarks = "common", **options: Any) -> None:
         super().__init__(*given, **options)

@@ -6,14 +6,12 @@ Each is a module of this package that declares an `experiment.Experiment` as ``E
 #: names on the command line; the module of each has underscores in place of hyphens
 EXPERIMENTS = (
     "simulated", "speck-walks", "codes", "place-filter", "sensitivity", "calibration", "trust",
-    "mount-shift", "rivals", "frames", "pixel-number", "agreement", "event-speed",
-    "burst-filters", "window-length", "fixed-number", "joules", "several-drives",
+    "mount-shift", "rivals", "frames", "pixel-number", "fixed-number", "joules", "several-drives",
     "places-per-window",
 )  # fmt: skip
 
 #: experiments that simulate all of their drives, with those that do the same on recorded drives
 STREETS_ONLY = {
     "simulated": "fixed-number, rivals and pixel-number",
-    "event-speed": "fixed-number",
     "calibration": "trust",
 }

@@ -18,8 +18,13 @@ from edge_vpr.evaluation.tracks import load_track
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import QUERY, Drive, Light, SimulatedRecording, simulate_pair
-from edge_vpr_tools.research.catalogue import NOT_OPENED, STAND_INS, Download, stand_in_text
-from edge_vpr_tools.research.datasets import DATA_SETS, found_traverses, published_pairs
+from edge_vpr_tools.research.datasets import (
+    DATA_SETS,
+    STAND_INS,
+    Download,
+    found_traverses,
+    published_pairs,
+)
 from edge_vpr_tools.research.experiments.experiment import Drives
 from edge_vpr_tools.research.experiments.pairs import (
     SIMULATED,
@@ -134,13 +139,10 @@ def downloads(data: Path | None) -> list[Download]:
             kinds = traverse.downloads
             there = [
                 one for one in kinds
-                if data is not None and (data / one.files[0].name).is_file()
+                if data is not None and one.files[0].is_in(data)
             ]  # fmt: skip
             found.append(there[0] if there else kinds[0])
-    for folder, one in STAND_INS.items():
-        files = tuple(replace(file, name=f"{folder}/{file.name}") for file in one.files)
-        found.append(replace(one, files=files))
-    return [*found, *NOT_OPENED]
+    return [*found, *STAND_INS.values()]
 
 
 def without_pairs(data: Path | None, folders: Collection[str] = tuple(STAND_INS)) -> str:
@@ -164,7 +166,7 @@ def _published_text() -> str:
     found: dict[str, str] = {}
     for traverses, _ in DATA_SETS.values():
         one = traverses[0].downloads[0]
-        found.setdefault(one.title.partition(",")[0], f"{one.names} of {one.address}")
+        found.setdefault(one.title.partition(",")[0], one.text)
     return ", ".join(f"{title} (such as {files})" for title, files in found.items())
 
 
@@ -378,9 +380,10 @@ def walks(data: Path | None) -> Drives:
         If they are not there.
     """
     if data is None or not (data / WALKS).is_dir():
+        title, files = STAND_INS[WALKS].title, STAND_INS[WALKS].text
         raise UsageError(
-            f"the folder {WALKS}, {stand_in_text(WALKS)}, is not in {data or 'any folder given'}"
-            ": name the folder that holds it with --data"
+            f"the folder {WALKS}, {title} ({files}), is not in {data or 'any folder given'}: name "
+            "the folder that holds it with --data"
         )
     (pair,) = (pair for pair in whole_pairs(data) if pair.files == (data / WALKS,))
     return _declared([pair])[0]

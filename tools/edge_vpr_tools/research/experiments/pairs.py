@@ -62,10 +62,13 @@ def truth_of_pair(reference: SimulatedRecording, query: SimulatedRecording) -> T
     return truth_of_tracks(reference.track, query.track, TOLERANCE_M)
 
 
+#: column of the share of windows matched correctly, of those that every row of a table matches;
+#: ``P@100R`` is the share of all windows that a row matches, as `edge-vpr evaluate` prints it
+INNER = "P@100R (inner windows)"
+
+
 def inner_windows(truth: GroundTruth, longest: int) -> GroundTruth:
     """Leave out the windows at both ends, which the longest sequences do not match.
-
-    What is compared with sequences is then evaluated on the same windows.
 
     Parameters
     ----------
@@ -77,6 +80,11 @@ def inner_windows(truth: GroundTruth, longest: int) -> GroundTruth:
     known[:before] = False
     known[len(known) - (longest - 1 - before) :] = False
     return GroundTruth(truth.correct & known, known, truth.description)
+
+
+def inner_share(matches: Matches, truth: GroundTruth, longest: int) -> float:
+    """Return the share of correct matches, of the windows that the longest sequences match."""
+    return evaluate(matches, inner_windows(truth, longest)).precision_at_100_recall
 
 
 # Two drives as they were recorded or simulated.

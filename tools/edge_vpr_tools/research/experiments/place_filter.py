@@ -1,15 +1,15 @@
 """What the place filter, its code and its measure of trust bring, each on its own.
 
 Parameters were chosen on the real drives and on simulated streets of the seeds 0 to 4 and 30 to 49.
-The streets here have other seeds, and light that was not tried before. All rows are evaluated on
-the windows that sequences of 10 match. Where events were recorded, the robot's and the default's
-maps have places at half windows, as by default; all other rows have places at whole windows.
+The streets here have other seeds, and light that was not tried before. Each row is evaluated on
+every window that it matches, and on those that sequences of 10 match. Where events were recorded,
+the robot's and the default's maps have places at half windows, as by default; all other rows have
+places at whole windows.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
-from edge_vpr.settings import PRESETS, Score
+from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from edge_vpr.simulation.drive import wheel_odometry
 from edge_vpr_tools.report.tables import TableView
@@ -34,7 +34,13 @@ from edge_vpr_tools.research.experiments.experiment import (
     Rows,
 )
 from edge_vpr_tools.research.experiments.nulls import BY_AUTHORS, BY_US, null_rows
-from edge_vpr_tools.research.experiments.pairs import MappedPair, Pair, inner_windows, truth_of_pair
+from edge_vpr_tools.research.experiments.pairs import (
+    INNER,
+    MappedPair,
+    Pair,
+    inner_share,
+    truth_of_pair,
+)
 from edge_vpr_tools.research.experiments.plots import dots
 
 # Settings that the place filter is compared by.
@@ -57,12 +63,6 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "place filter, 3-bit log": {**_FILTER, **_LOG},
     "place filter, own mean": {**_FILTER, **_OWN, **_DRIVE_MEAN},
     "place filter, contrast": {**_FILTER, **_CONTRAST, **_DRIVE_MEAN},
-    "place filter, contrast, steps 1,0,1": {
-        **_FILTER,
-        **_CONTRAST,
-        **_DRIVE_MEAN,
-        "filter_steps": (1, 0, 1),
-    },
 }
 ROBOT = "place filter, running mean (robot)"
 BEST = "place filter, contrast, smoothed (default)"
@@ -73,7 +73,6 @@ DEFAULTS: Mapping[str, Mapping[str, Any]] = {
     BEST: {**_FILTER, **_CONTRAST, **_SMOOTH},
 }
 AT_WHOLE = ", places at whole windows"
-SCORES: tuple[Score, ...] = ("distance", "ratio", "margin", "trust")
 #: windows of the longest sequences
 LONGEST = 10
 FIRST_SEED = 10
@@ -130,16 +129,13 @@ def driven_street(seed: int, kinds: Sequence[str] = tuple(STREETS)) -> Iterator[
 def measure(draw: Draw) -> Iterator[Row]:
     """Match with every variant, and with the filter on what shows nothing of the route."""
     for name, at_whole, at_half, odometry in driven(draw):
-        whole, default = (
-            replace(pair, truth=inner_windows(pair.truth, LONGEST))
-            for pair in (at_whole, at_half or at_whole)
-        )
+        default = at_half or at_whole
         tried: list[tuple[str, MappedPair, Mapping[str, Any], Odometry | None]] = [
-            *((method, whole, changes, None) for method, changes in VARIANTS.items()),
+            *((method, at_whole, changes, None) for method, changes in VARIANTS.items()),
             *((method, default, changes, None) for method, changes in DEFAULTS.items()),
         ]
         if at_half is not None:
-            tried += [(each + AT_WHOLE, whole, DEFAULTS[each], None) for each in DEFAULTS]
+            tried += [(each + AT_WHOLE, at_whole, DEFAULTS[each], None) for each in DEFAULTS]
         if odometry is not None:
             tried += [
                 (f"{each}, odometry", default, DEFAULTS[each], odometry) for each in (ROBOT, BEST)
@@ -155,15 +151,10 @@ def measure(draw: Draw) -> Iterator[Row]:
                 "method": method,
                 CHOSEN_ON: BY_AUTHORS if method == PAPER else BY_US,
                 "P@100R": found.precision_at_100_recall,
+                INNER: inner_share(matches, pair.truth, LONGEST),
                 "R@99P": found.recall_at_99_precision,
                 "accepted at 0.99": float(accepted.mean()),
                 "correct of accepted": float(correct[accepted].mean()) if accepted.any() else None,
-                **{
-                    f"R@99P by {score}": evaluate(
-                        matches, pair.truth, score=score
-                    ).recall_at_99_precision
-                    for score in SCORES
-                },
             }
         for variant, ending in ((ROBOT, ""), (BEST, ", smoothed")):
             rng = np.random.default_rng(draw.seed)
@@ -172,9 +163,9 @@ def measure(draw: Draw) -> Iterator[Row]:
 
 
 def drives(data: Path | None) -> list[Drives]:
-    """Return the recorded pairs of a folder, and streets that chose no parameter."""
+    """Return the recorded pairs of a folder if one is given, and streets that chose nothing."""
     streets = Drives("streets", lambda seed: driven_street(FIRST_SEED + seed), varied=True)
-    return [*recorded_drives(data), streets]
+    return [*(recorded_drives(data) if data is not None else ()), streets]
 
 
 #: pairs of drives in the figure
@@ -187,7 +178,7 @@ SHOWN = (
 def figure(rows: Rows) -> Figure:
     """Draw correct matches of every method, on some pairs of drives where there are these."""
     shown = [row for row in rows if row[DRIVES] in SHOWN] or rows
-    return dots(shown, measures=("P@100R",), row="method")
+    return dots(shown, measures=("P@100R", INNER), row="method")
 
 
 EXPERIMENT = Experiment(

@@ -146,7 +146,7 @@ def _figures(drive: MappedPair, found: Matches, truths: Sequence[GroundTruth]) -
     confidence = reference.acceptance.confidence
     assert confidence is not None
     accepted = known & (found.trust >= confidence.least_trust(PRECISION))
-    place_bytes = reference.packed_bytes_per_place + 1
+    place_bytes = reference.packed_bytes_per_place
     error = reliability(found.probability[known], wide[known]).expected_calibration_error
     row = {
         "P@100R": None,

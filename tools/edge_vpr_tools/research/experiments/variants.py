@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from edge_vpr_tools.research.baselines import map_all_pixels
 from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.experiments.experiment import CHOSEN_ON, Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.nulls import BY_AUTHORS, BY_US, null_rows
-from edge_vpr_tools.research.experiments.pairs import MappedPair, Pair, inner_windows
+from edge_vpr_tools.research.experiments.pairs import INNER, MappedPair, Pair, inner_share
 from edge_vpr_tools.research.experiments.plots import dots
 
 #: matching of the default: the place filter with contrast codes
@@ -82,12 +82,12 @@ class VariantResult:
     matching_s: float
 
     @classmethod
-    def of(cls, pair: MappedPair, longest: int = 1) -> VariantResult:
-        """Match, and evaluate the windows that sequences of `longest` windows match too."""
+    def of(cls, pair: MappedPair) -> VariantResult:
+        """Match, and evaluate every window that is matched."""
         queries = pair.reference.coded(pair.counted)
         matches, matching_s = fastest(lambda: match_query(pair.reference, queries))
-        truth = inner_windows(pair.truth, longest)
-        return cls(pair.reference, queries, matches, truth, evaluate(matches, truth), matching_s)
+        found = evaluate(matches, pair.truth)
+        return cls(pair.reference, queries, matches, pair.truth, found, matching_s)
 
     @property
     def microseconds_per_match(self) -> float:
@@ -129,7 +129,8 @@ def variants_experiment(
 ) -> Experiment:
     """Declare an experiment that compares variants, and null baselines of one of them.
 
-    All are evaluated on the windows that the sequences of the pair's settings match.
+    Each is evaluated on every window that it matches, and on those that the sequences of the pair's
+    settings match.
 
     Parameters
     ----------
@@ -154,8 +155,8 @@ def _measure(variants: Sequence[Variant], default: str, draw: Draw) -> Iterator[
         if not (draw.is_new or variant.drawn):
             continue
         mapped = variant.of(pair, draw.seed)
-        found = VariantResult.of(mapped, pair.settings.sequence_length)
-        yield {"variant": variant.name, CHOSEN_ON: variant.chosen_on, **found.row()}
+        found = VariantResult.of(mapped)
+        inner = inner_share(found.matches, found.truth, pair.settings.sequence_length)
+        yield {"variant": variant.name, CHOSEN_ON: variant.chosen_on, **found.row(), INNER: inner}
         if variant.name == default:
-            rng = np.random.default_rng(draw.seed)
-            yield from null_rows(replace(mapped, truth=found.truth), rng, "variant")
+            yield from null_rows(mapped, np.random.default_rng(draw.seed), "variant")

@@ -35,7 +35,7 @@ def open_intensity(
     Parameters
     ----------
     path : str or Path
-        AEDAT 2, 3.1 or 4 with frames, a ROS bag with ``sensor_msgs/Image``, HDF5 with ``NAME`` and
+        AEDAT 4 with frames, a ROS bag with ``sensor_msgs/Image``, HDF5 with ``NAME`` and
         ``NAME_ts`` as in MVSEC, or a folder of PNG or ``.npy`` (see
         `edge_vpr_tools.research.intensity.images.ImageFolder` for its times).
     topic : str, optional
@@ -53,8 +53,6 @@ def open_intensity(
     path = Path(path)
     check_file_or_folder(path)
     readers: dict[str, Callable[[], IntensityFrames]] = {
-        "aedat2": lambda: aedat.Aedat2Frames(path),
-        "aedat3": lambda: aedat.Aedat3Frames(path, topic),
         "aedat4": lambda: aedat.Aedat4Frames(path, topic),
         "rosbag1": lambda: images.BagImages(path, 1, topic),
         "rosbag2": lambda: images.BagImages(path, 2, topic),
@@ -67,6 +65,6 @@ def open_intensity(
         if name in readers:
             return Guarded(path, readers[name]())
     raise RecordingError(
-        f"{path} is {name}, which holds no images that are read: name an AEDAT file, a ROS bag, "
-        "HDF5, or a folder of PNG or .npy"
+        f"{path} is {name}, which holds no images that are read: name an AEDAT 4 file (DV converts "
+        "older ones), a ROS bag, HDF5, or a folder of PNG or .npy"
     )
