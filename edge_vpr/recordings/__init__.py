@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import io
+import math
 import os
 import stat
 from collections.abc import Generator, Iterable, Iterator
@@ -199,10 +200,6 @@ def cropped_events(chunks: Iterator[Events], start_us: int, end_us: int | None) 
 # A recording: an iterable of checked event arrays, for any number of passes.
 
 
-#: Lowest and highest rate of a moving camera in events/s, and fewest events for a check.
-_SLOWEST, _FASTEST, _FEWEST = 1_000.0, 2e9, 1_000
-
-
 class Recording:
     r"""Iterable of event arrays that are never empty, in time order, and inside the sensor.
 
@@ -226,7 +223,8 @@ class Recording:
     faults : Faults
         Entries that the newest pass has dropped so far.
     remark : str
-        Reason why the unit of the times is implausible, if the file does not state it; else "".
+        What is implausible: the unit of the times, if the file does not state it, or values of the
+        polarity; else "".
     frame_period : Fraction or None
         Seconds per frame of counts, as the file states or as given; None if the file holds events.
     """
@@ -289,6 +287,7 @@ class Recording:
                 events = log.admit(columns)
                 if events.size:
                     yield events
+            log.finish()
 
     def _cropped(self, log: FaultLog) -> Generator[Events, None, None]:
         start, end = self._span
@@ -317,30 +316,77 @@ class Recording:
                 f"{self.path} holds no events of a {self.sensor} sensor{lost}: "
                 + (log.first_unreadable or "check the file, its format and its sensor")
             )
-        self._source.position = 0.0 if self._source.position is not None else None
         assert log.origin_us is not None
         start = self._source.start_us
         if start is not None and abs(start) > TIME_LIMIT_US:
             raise RecordingError(
                 f"{self.path} begins at {start} us, beyond 2**60 us: copy or record it again"
             )
-        if self._source.unit_assumed:
-            self.remark = _doubt(first)
+        if log.assumed_unit is not None:
+            log.remark(_doubt(first, self._source.position, self.sensor, log.assumed_unit))
+        self.remark = "; ".join(filter(None, log.remarks))
+        self._source.position = 0.0 if self._source.position is not None else None
         return log.origin_us, log.origin_us if start is None else start
 
 
-def _doubt(events: Events) -> str:
-    """Return why the rate of the first events is implausible; "" if it is plausible."""
+#: Fewest events for a check of the unit of time.
+_FEWEST = 1_000
+_US_PER_UNIT = {
+    "s": Fraction(10**6),
+    "ms": Fraction(1000),
+    "us": Fraction(1),
+    "ns": Fraction(1, 1000),
+}
+#: Usual rate of a moving camera in events/s a pixel, and lowest one in events/s; shortest and
+#: longest usual recording in s.
+_USUAL_RATE, _SLOWEST, _SHORTEST, _LONGEST = 3.0, 1_000.0, 1.0, 3_600.0
+#: A unit is doubted if another one is more usual by this many powers of ten, or if times come in
+#: longer steps; a unit beyond so many powers of ten is not proposed.
+_DOUBTFUL, _LONGEST_STEP_US, _IMPOSSIBLE = 2.0, 10_000, 4.0
+
+
+def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str) -> str:
+    """Return why the unit of the times is implausible; "" if it is plausible.
+
+    Parameters
+    ----------
+    events : ndarray of EVENT_DTYPE, shape (n,)
+        The first events.
+    share : float or None
+        Share of the file that they are.
+    assumed : str
+        Unit in which they were read.
+    """
     n, duration_us = events.size, int(events["t"][-1] - events["t"][0])
-    if n < _FEWEST or not duration_us:
+    if n < _FEWEST:
         return ""
+    steps = np.diff(events["t"])
+    step_us = int(steps[steps > 0].min(initial=TIME_LIMIT_US))
+
+    def oddness(factor: Fraction) -> float:
+        """Return by how many powers of ten rate and duration are unusual, if times are longer."""
+        if step_us * factor > _LONGEST_STEP_US:
+            return math.inf
+        seconds = float(duration_us * factor) / 1e6
+        total = seconds / min(max(share or 1.0, 1e-6), 1.0)
+        rate = abs(math.log10(n / seconds / sensor.pixels / _USUAL_RATE))
+        return rate + max(0.0, math.log10(_SHORTEST / total), math.log10(total / _LONGEST))
+
+    odd = {unit: oddness(us / _US_PER_UNIT[assumed]) for unit, us in _US_PER_UNIT.items()}
+    best = min(odd, key=lambda unit: odd[unit])
+    if odd[best] > _IMPOSSIBLE and odd[assumed] == math.inf:
+        return (
+            f"among the first {n:,} events there are {np.unique(events['t']).size:,} different "
+            "times: save them as whole microseconds or float64, since float32 has too few digits "
+            "for times since 1970"
+        )
     rate = n * 1e6 / duration_us
-    if _SLOWEST <= rate <= _FASTEST:
+    if best == assumed or (odd[assumed] < odd[best] + _DOUBTFUL and rate >= _SLOWEST):
         return ""
     return (
-        f"the first {n:,} events take {duration_us / 1e6:,.6g} s if times are in microseconds, "
-        f"which is {rate:,.3g} events/s: if they are in another unit, pass --time-unit "
-        f"{'ns' if rate < _SLOWEST else 's or ms'}"
+        f"the first {n:,} events take {duration_us / 1e6:,.6g} s if times are in {assumed}, as "
+        f"assumed, which is {rate:,.3g} events/s: if they are in {best}, which is more likely, "
+        f"pass --time-unit {best}"
     )
 
 
@@ -590,7 +636,9 @@ def sniff(path: Path) -> str:
     if name is None:
         suffix = path.suffix.lower()
         # these formats have no signature; the first bytes identify all others
-        if suffix in (".csv", ".txt") and b"\0" not in head:
+        if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+            raise RecordingError(f"{path} is text in UTF-16: save it as UTF-8")
+        if suffix in (".csv", ".txt", ".tsv") and b"\0" not in head:
             return "csv"
         if suffix == ".dat" and head.startswith(b"%"):
             return "dat"
@@ -624,7 +672,7 @@ def _sniff_bytes(path: Path, head: bytes) -> str | None:
         if head.startswith(magic):
             return name
     if head.startswith(b"% "):
-        return encoding_of(head)
+        return encoding_of(path)
     if head.startswith(b"#!AER-DAT"):
         version = head[9:12].decode("ascii", "replace").strip()
         raise RecordingError(
@@ -643,9 +691,9 @@ def _dimensions(head: bytes, path: Path) -> int:
 
 def _sniff_zip(path: Path) -> str:
     with Archive(path) as archive:
+        if archive.table is not None:
+            return "npz"
         members = set(archive.names)
-    if "events" in members or {"t", "x", "y"} <= members:
-        return "npz"
     if members & {"frames", "counts"}:
         return "frames"
     raise RecordingError(

@@ -12,7 +12,7 @@ from typing import IO, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import RecordingError
+from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings.reading import (
     LIMIT_BYTES,
@@ -24,6 +24,7 @@ from edge_vpr.recordings.reading import (
     Wording,
     choose_stream,
     in_chunks,
+    is_text,
     lz4,
     read_records,
     zstd,
@@ -64,8 +65,9 @@ class _Layout(NamedTuple):
 _DAVIS = _Layout(12, 0x3FF, 22, 0x1FF, 11, 1, 1 << 31 | 1 << 10)
 _DVS128 = _Layout(1, 0x7F, 8, 0x7F, 0, 0, 1 << 15)
 
+_DVS128_SIZE = Sensor(128, 128)
 _CHIPS = {
-    r"dvs128": Sensor(128, 128),
+    r"dvs128": _DVS128_SIZE,
     r"davis240": Sensor(240, 180),
     r"davis(rgb)?346": Sensor(346, 260),
     r"davis(rgb)?640": Sensor(640, 480),
@@ -106,13 +108,22 @@ class Aedat2Source(Source):
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._skip, chip = read_header(path)
         size = chip_size(chip)
-        if size is None:
+        if size is None and chip:
             raise RecordingError(
-                f"{path} was recorded by the chip {chip or '(its header does not say)'}, whose "
-                "addresses are not known here: convert it with jAER or DV to AEDAT 4"
+                f"{path} was recorded by the chip {chip}, whose addresses are not known here: "
+                "convert it with jAER or DV to AEDAT 4"
             )
-        self._sensor = size
-        self._layout = _DVS128 if "dvs128" in chip.lower() else _DAVIS
+        self._sensor = size or options.sensor or Sensor(0, 0)
+        if self._sensor not in _CHIPS.values():
+            known = ", ".join(sorted({str(each) for each in _CHIPS.values()}))
+            raise UsageError(
+                f"{path} does not name the chip that recorded it: pass --sensor, one of {known}, "
+                "of which 128x128 is a DVS128 and each other one a DAVIS"
+            )
+        # without a name, 128x128 is the older and far more common chip
+        self._layout = (
+            _DAVIS if "davis" in chip.lower() or self._sensor != _DVS128_SIZE else _DVS128
+        )
         super().__init__(path, options, size)
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
@@ -136,7 +147,8 @@ def read_header(path: Path) -> tuple[int, str]:
     """Return the length of the header, and the chip that it names; "" if it names none."""
     n, chip = 0, ""
     with path.open("rb") as file:
-        while (line := file.readline(1 << 16)).startswith(b"#"):
+        # data may begin with the byte of "#", too
+        while (line := file.readline(1 << 16)).startswith(b"#") and is_text(line):
             n += len(line)
             if match := re.match(rb"#\s*AEChip:\s*(\S+)", line):
                 chip = match[1].decode("ascii", "replace")

@@ -505,7 +505,7 @@ class Hdf5Source(Source):
                 raise UsageError(
                     f"{path} holds events in {', '.join(places)}: choose one with --topic"
                 )
-            ((self._place, self._fields),) = places.items()
+            ((self._place, (self._fields, stated)),) = places.items()
             sensor = _sensor(file, file[self._place])
             self._offset_us = self._offset(file, file[self._place].parent)
             if abs(self._offset_us) > TIME_LIMIT_US:
@@ -517,11 +517,13 @@ class Hdf5Source(Source):
                 _chunk_bytes(item) for item in self._datasets(file[self._place]).values()
             )
         super().__init__(path, options, sensor, None if start is None else int(start))
-        self.unit_assumed = start is None and options.time_unit is None
+        self._unit = options.time_unit or stated or (None if start is None else "us")
 
-    def _places(self, file: Any, options: ReadOptions) -> dict[str, dict[str, Any]]:
-        """Return the place of t, x, y and p in each group or dataset of events."""
-        places: dict[str, dict[str, Any]] = {}
+    def _places(
+        self, file: Any, options: ReadOptions
+    ) -> dict[str, tuple[dict[str, Any], str | None]]:
+        """Return where t, x, y and p are in each group or dataset of events, and the unit."""
+        places: dict[str, tuple[dict[str, Any], str | None]] = {}
 
         def visit(name: str, item: Any) -> None:
             if isinstance(item, self._h5py.Group):
@@ -534,7 +536,7 @@ class Hdf5Source(Source):
                 if fields := match_columns(item.dtype.names):
                     places[name] = fields
             elif item.ndim == 2 and options.columns and item.shape[1] == len(options.columns):
-                places[name] = {c: i for i, c in enumerate(options.columns) if c != "-"}
+                places[name] = {c: i for i, c in enumerate(options.columns) if c != "-"}, None
 
         visit("/", file)
         file.visititems(visit)  # does not follow links
@@ -567,7 +569,7 @@ class Hdf5Source(Source):
                         f"{self.path} cannot be read at event {first:,} ({error}): it is damaged; "
                         "copy or record it again"
                     ) from error
-                t, x, y, p = tidy(columns, self.options.time_unit, log, first)
+                t, x, y, p = tidy(columns, self._unit, log, first)
                 # both are below 2**60, so that the sum does not overflow
                 yield Columns(t + self._offset_us if self._offset_us else t, x, y, p)
 

@@ -18,7 +18,7 @@ from edge_vpr.archive import archive_kind
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.recordings.reading import ArrayStream, Columns, FaultLog, ReadOptions, Source
-from edge_vpr.recordings.table import match_columns, tidy
+from edge_vpr.recordings.table import Named, check_order, match_columns, tidy
 
 # ``.npy``: a structured array, or four columns; read and written as a stream.
 
@@ -37,43 +37,53 @@ class NpySource(Source):
     def __init__(self, path: Path, options: ReadOptions) -> None:
         with path.open("rb") as file:
             stream = ArrayStream(file, str(path))
-            _column_names(stream, options.columns)
+            _check_array(stream, path, options)
             sensor, start_us = _read_trailer(file, stream)
         super().__init__(path, options, sensor, start_us)
-        self.unit_assumed = sensor is None and options.time_unit is None
+        self._unit = None if sensor is None else "us"
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
         with self.path.open("rb") as file:
-            yield from _array_chunks(self, ArrayStream(file, str(self.path)), log)
+            yield from _array_chunks(self, ArrayStream(file, str(self.path)), log, self._unit)
 
 
-def _array_chunks(source: Source, stream: ArrayStream, log: FaultLog) -> Iterator[Columns]:
+def _check_array(stream: ArrayStream, path: Path, options: ReadOptions) -> None:
+    """Refuse an array that holds no events, or whose columns seem to be in another order."""
+    if options.columns is None and len(stream.shape) == 2 and stream.dtype.kind in "iuf":
+        check_order(path, stream.read(1_000)[0])
+    _named(stream, options.columns)
+
+
+def _array_chunks(
+    source: Source, stream: ArrayStream, log: FaultLog, unit: str | None
+) -> Iterator[Columns]:
     """Yield the events of one array of events, and set the position of `source`."""
-    names = _column_names(stream, source.options.columns)
+    names, stated = _named(stream, source.options.columns)
+    unit = source.options.time_unit or stated or unit
     for rows in stream.blocks(source.options.chunk_events, log, "event {:,} of {:,}"):
         source.position = stream.rows_read / stream.shape[0]
         columns = {
             name: rows[field] if isinstance(field, str) else rows[:, field]
             for name, field in names.items()
         }
-        yield tidy(columns, source.options.time_unit, log, stream.rows_read - len(rows))
+        yield tidy(columns, unit, log, stream.rows_read - len(rows))
 
 
-def _column_names(stream: ArrayStream, order: str | None) -> dict[str, str | int]:
-    """Map t, x, y, p to fields or column numbers of an array of events."""
+def _named(stream: ArrayStream, order: str | None) -> tuple[dict[str, str | int], str | None]:
+    """Map t, x, y, p to fields or column numbers of an array of events; return the unit, too."""
     if stream.dtype.names is not None and len(stream.shape) == 1:
-        fields = match_columns(stream.dtype.names)
-        if fields is None:
+        found = match_columns(stream.dtype.names)
+        if found is None:
             raise RecordingError(
                 f"{stream.name} has the fields {', '.join(stream.dtype.names)}, and not "
                 "t, x, y, p: rename them"
             )
-        return dict(fields)
+        return dict(found.fields), found.unit
     if len(stream.shape) == 2 and stream.dtype.kind in "iuf":
-        wanted = order or "txyp"
+        wanted = order or ("txy" if stream.shape[1] == 3 else "txyp")
         if stream.shape[1] == len(wanted):
-            return {name: i for i, name in enumerate(wanted) if name != "-"}
+            return {name: i for i, name in enumerate(wanted) if name != "-"}, None
     raise RecordingError(
         f"{stream.name} has shape {stream.shape} and dtype {stream.dtype}, which are no events: "
         "save a structured array with fields t, x, y, p, or columns in that order (or --columns)"
@@ -181,6 +191,17 @@ class Archive:
             self._opened = stack.pop_all()
         self.names = {Path(name).stem: name for name in self._zip.namelist()}
 
+    @property
+    def table(self) -> str | Named | None:
+        """Name of the array of events, or names of their columns; None if there are no events."""
+        if "events" in self.names:
+            return "events"
+        if len(self.names) == 1 and not {"frames", "counts"} & set(self.names):
+            (name,) = self.names
+            only = self.stream(name)
+            return name if only.dtype.names or len(only.shape) == 2 else None
+        return match_columns(self.names)
+
     def __enter__(self) -> Archive:
         return self
 
@@ -242,35 +263,36 @@ class NpzSource(Source):
                     f"{path} has event schema {schema}, and this edge-vpr knows {SCHEMA}: upgrade "
                     "it"
                 )
-            if "events" in archive.names:
-                _column_names(archive.stream("events"), options.columns)
-            elif match_columns(archive.names) is None:
+            table = archive.table
+            if table is None:
                 raise RecordingError(
                     f"{path} holds {', '.join(sorted(archive.names))}: events need the arrays t, "
                     "x, y (and p), or events"
                 )
+            if isinstance(table, str):
+                _check_array(archive.stream(table), path, options)
+            self._table = table
             start = None if schema is None else archive.scalar("start_us")
             start_us = None if start is None else int(start)
             super().__init__(path, options, archive.sensor(), start_us)
-        self.unit_assumed = schema is None and options.time_unit is None
+        self._unit = None if schema is None else "us"
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
         with Archive(self.path) as archive:
             try:
-                if "events" in archive.names:
-                    yield from _array_chunks(self, archive.stream("events"), log)
+                if isinstance(self._table, str):
+                    yield from _array_chunks(self, archive.stream(self._table), log, self._unit)
                 else:
-                    yield from self._columns(archive, log)
+                    yield from self._columns(archive, self._table, log)
             except (zipfile.BadZipFile, zlib.error, EOFError) as error:
                 raise RecordingError(
                     f"{self.path} is damaged after event {log.entries:,} ({error}): copy it again"
                 ) from error
 
-    def _columns(self, archive: Archive, log: FaultLog) -> Iterator[Columns]:
-        names = match_columns(archive.names)
-        assert names is not None  # `sniff` has found t, x and y
-        streams = {column: archive.stream(name) for column, name in names.items()}
+    def _columns(self, archive: Archive, table: Named, log: FaultLog) -> Iterator[Columns]:
+        streams = {column: archive.stream(name) for column, name in table.fields.items()}
+        unit = self.options.time_unit or table.unit or self._unit
         shapes = {stream.shape for stream in streams.values()}
         if len(shapes) != 1 or len(next(iter(shapes))) != 1:
             sizes = ", ".join(f"{name} {stream.shape}" for name, stream in streams.items())
@@ -286,7 +308,7 @@ class NpzSource(Source):
             if n:
                 self.position = min(1.0, (entry + n) / total)
                 columns = {name: rows[:n] for name, (rows, _) in read.items()}
-                yield tidy(columns, self.options.time_unit, log, entry)
+                yield tidy(columns, unit, log, entry)
             expected = min(step, total - entry)
             short = [name for name, (rows, _) in read.items() if len(rows) < expected]
             entry += n

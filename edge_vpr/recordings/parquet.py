@@ -227,14 +227,14 @@ class ParquetSource(Source):
             raise RecordingError(
                 f"{path} has the columns {', '.join(schema.names)}, and not t, x, y, p: rename them"
             )
-        self._names = found
+        self._names = found.fields
         self._check_types(path, schema)
         self._check_pages(path)
         facts = schema.metadata or {}
         sensor = Sensor.parse(facts[_SENSOR].decode()) if _SENSOR in facts else None
         stated = sensor is not None and _START in facts
         super().__init__(path, options, sensor, int(facts[_START]) if stated else None)
-        self.unit_assumed = sensor is None and options.time_unit is None
+        self._unit = options.time_unit or found.unit or (None if sensor is None else "us")
 
     def _open(self, path: Path) -> Any:
         try:
@@ -283,7 +283,7 @@ class ParquetSource(Source):
                         for name, field in self._names.items()
                     }
                     self.position = min(1.0, (entry + batch.num_rows) / max(1, self._rows))
-                    yield tidy(columns, self.options.time_unit, log, entry)
+                    yield tidy(columns, self._unit, log, entry)
                     entry += batch.num_rows
             except self._pyarrow.ArrowException as error:
                 raise RecordingError(

@@ -20,6 +20,7 @@ from edge_vpr.recordings.reading import (
     Source,
     Unwrapper,
     empty_columns,
+    is_text,
     read_records,
 )
 
@@ -37,6 +38,8 @@ _PLUGINS = (
 )
 _VERSIONS = {"2": "evt2", "2.0": "evt2", "2.1": "evt21", "3": "evt3", "3.0": "evt3"}
 _FORMATS = {"EVT2": "evt2", "EVT21": "evt21", "EVT3": "evt3"}
+
+_LONGEST_LINE, _LONGEST_HEADER = 1 << 20, 1 << 24
 
 #: Header field in which our writers store ``start_us``; with it, times count from the start.
 START_FIELD = "edge_vpr_start_us"
@@ -89,36 +92,34 @@ class Header(NamedTuple):
         return dict(part.split("=", 1) for part in parts if "=" in part)
 
 
-def _parse_header(head: bytes) -> Header:
-    """Read the header lines at the beginning of a file.
+def read_header(path: Path) -> Header:
+    """Read the header lines of a file.
 
     Header lines are text and begin with ``%``. The header ends before the first other line, or
     after ``% end``.
     """
     fields: dict[str, str] = {}
     at = 0
-    while head[at : at + 2] == b"% ":
-        line, newline, _ = head[at:].partition(b"\n")
-        # data may begin with the byte of "%", but no header line has such a length or such bytes
-        if not newline or not line.rstrip(b"\r").isascii() or b"\0" in line:
-            break
-        at += len(line) + 1
-        key, _, value = line[1:].decode("ascii").strip().partition(" ")
-        if key == "end":
-            break
-        fields[key] = value.strip()
+    with path.open("rb") as file:
+        while (line := file.readline(_LONGEST_LINE)).startswith(b"% "):
+            # data may begin with the byte of "%", too
+            if not is_text(line):
+                break
+            at += len(line)
+            if at > _LONGEST_HEADER:
+                raise RecordingError(
+                    f"{path} is damaged: its header has more than {_LONGEST_HEADER:,} bytes"
+                )
+            key, _, value = line[1:].decode("utf-8", "replace").strip().partition(" ")
+            if key == "end":
+                break
+            fields[key] = value.strip()
     return Header(fields, at)
 
 
-def read_header(path: Path) -> Header:
-    """Read the header lines of a file."""
-    with path.open("rb") as file:
-        return _parse_header(file.read(1 << 16))
-
-
-def encoding_of(head: bytes) -> str | None:
+def encoding_of(path: Path) -> str | None:
     """Return the format of a file that begins with ``%``; None if its header does not state it."""
-    header = _parse_header(head)
+    header = read_header(path)
     if header.encoding is None and ("format" in header.fields or "evt" in header.fields):
         named = header.fields.get("format") or header.fields.get("evt")
         raise RecordingError(

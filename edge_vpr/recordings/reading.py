@@ -5,6 +5,7 @@ from __future__ import annotations
 import bz2
 import io
 import math
+import re
 import sys
 import warnings
 from abc import ABC, abstractmethod
@@ -54,6 +55,12 @@ def in_chunks(columns: Columns, number: int) -> Iterator[Columns]:
 
 
 _REMEDY = "read with --on-fault drop (on_fault='drop') to leave {them} out and count {them}"
+#: Share of faulty entries from which on dropping them is no remedy.
+_NEARLY_ALL = 0.9
+_CHECKS = (
+    "check --sensor, --columns, --time-unit and --format, and whether a time before them is far "
+    "too late"
+)
 
 
 @dataclass
@@ -123,6 +130,9 @@ class FaultLog:
         self.faults = Faults()
         self.entries = 0  #: events of the file seen so far, good or bad
         self.first_unreadable = ""  #: the first entry that is no event, and why
+        self.assumed_unit: str | None = None  #: of times whose unit nobody states
+        self.remarks: list[str] = []  #: what is implausible
+        self._good = 0
         self._last_us: int | None = None
 
     def admit(self, columns: Columns) -> Events:
@@ -145,6 +155,7 @@ class FaultLog:
         if t.size and not self._clean(columns):
             t, x, y, p = self._sift(columns)
         self.entries += columns.t.size
+        self._good += t.size
         events = np.empty(t.size, EVENT_DTYPE)
         if t.size:
             if self.origin_us is None:
@@ -155,6 +166,27 @@ class FaultLog:
             events["p"] = p if p.dtype == np.bool_ else p > 0
         return events
 
+    def finish(self) -> None:
+        """End the pass over all of a file.
+
+        Raises
+        ------
+        RecordingError
+            If nearly all entries were dropped, so that those that are left mean nothing.
+        """
+        faults = self.faults
+        bad = faults.backwards + faults.off_sensor + faults.unreadable
+        if self._good and bad > _NEARLY_ALL * (bad + self._good):
+            raise RecordingError(
+                f"{self.path}: nearly all of its entries are faulty ({faults}; {self._good:,} are "
+                f"good): {_CHECKS}"
+            )
+
+    def remark(self, text: str) -> None:
+        """Keep a remark, once."""
+        if text not in self.remarks:
+            self.remarks.append(text)
+
     def truncated(self, n_bytes: int, where: str) -> None:
         """Report a cut-off end, with `n_bytes` left over at `where`."""
         if not self.drop:
@@ -164,12 +196,18 @@ class FaultLog:
             )
         self.faults.truncated += n_bytes
 
-    def unreadable(self, n: int, where: str) -> None:
-        """Report `n` entries that are not events, the first of them at `where`."""
+    def unreadable(self, n: int, where: str, total: int) -> None:
+        """Report `n` of `total` entries that are not events, the first of them at `where`."""
         if not self.drop:
-            raise RecordingError(f"{self.path}: {where}: " + _REMEDY.format(them="such entries"))
+            raise RecordingError(f"{self.path}: {where}: {self._remedy(n, total, 'such entries')}")
         self.first_unreadable = self.first_unreadable or where
         self.faults.unreadable += n
+
+    def _remedy(self, bad: int, total: int, them: str) -> str:
+        """Return what to do about `bad` of the next `total` entries."""
+        if bad > _NEARLY_ALL * (self._good + total):
+            return f"and so are {bad:,} of {total:,} entries there: {_CHECKS}"
+        return _REMEDY.format(them=them)
 
     def undated(self, n: int) -> None:
         """Report `n` events before the first time word; never an error."""
@@ -211,10 +249,8 @@ class FaultLog:
             what = f"time {t[i]} us lies beyond 2**60 us{unit_remedy(int(t[i]))}"
             self.first_unreadable = self.first_unreadable or what
         if not self.drop:
-            raise RecordingError(
-                f"{self.path}: event {self.entries + i:,}: {what}: "
-                + _REMEDY.format(them="such events")
-            )
+            remedy = self._remedy(int(np.count_nonzero(~good)), good.size, "such events")
+            raise RecordingError(f"{self.path}: event {self.entries + i:,}: {what}: {remedy}")
         self.faults.unreadable += int(np.count_nonzero(~known))
         self.faults.off_sensor += int(np.count_nonzero(~on & known))
         self.faults.backwards += int(np.count_nonzero(late))
@@ -297,14 +333,11 @@ class Source(ABC):
         True if the times already count from the start.
     position : float or None
         Share of the file that has been read, 0 to 1; None if it is not known.
-    unit_assumed : bool
-        True if neither the file nor the caller states the unit of the times.
     """
 
     start_us: int | None = None
     relative: bool = False
     position: float | None = 0.0
-    unit_assumed: bool = False
 
     def __init__(
         self,
@@ -572,6 +605,11 @@ class ArrayStream:
 
 
 # Files that are records of one size behind a header.
+
+
+def is_text(line: bytes) -> bool:
+    """Return whether bytes are a line of a header, in ASCII, UTF-8 or Latin-1."""
+    return line.endswith(b"\n") and not re.search(rb"[\0-\x08\x0b\x0c\x0e-\x1f\x7f]", line)
 
 
 def read_records(

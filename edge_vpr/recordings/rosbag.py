@@ -7,11 +7,11 @@ import os
 import struct
 import tempfile
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from importlib import import_module
 from pathlib import Path, PurePath
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +37,7 @@ from edge_vpr.recordings.reading import (
     zstd,
     zstd_decompressor,
 )
+from edge_vpr.recordings.table import match_columns, tidy
 
 # The encoding ``libcaer_cmp`` of ``event_camera_msgs/EventPacket``: iniVation events, compressed.
 #
@@ -150,13 +151,15 @@ class Cursor:
             self._data = self._data[4:]
 
     def number(self, kind: str) -> int:
-        """Read one integer; `kind` is its format character of :mod:`struct`."""
-        size = struct.calcsize(kind)
-        if self.ros == 2:
-            self._at += -self._at % size
+        """Read one number; `kind` is its format character of :mod:`struct`."""
+        self._at = self.aligned(self._at, kind)
         (value,) = struct.unpack_from(self.order + kind, self._data, self._at)
-        self._at += size
+        self._at += struct.calcsize(kind)
         return int(value)
+
+    def aligned(self, at: int, kind: str) -> int:
+        """Return the position of a number that follows position `at`."""
+        return at + (-at % struct.calcsize(kind) if self.ros == 2 else 0)
 
     def text(self) -> str:
         """Read a string."""
@@ -171,9 +174,40 @@ class Cursor:
         self._at += length
         return octets
 
-    def rest(self) -> memoryview:
-        """Return all remaining bytes."""
-        return self._data[self._at :]
+    def structures(self, fields: Mapping[str, str]) -> dict[str, npt.NDArray[Any]]:
+        """Read a sequence of structures, as columns.
+
+        Parameters
+        ----------
+        fields : dict of str to str
+            Format characters of :mod:`struct` by the names of the fields.
+        """
+        n = self.number("I")
+        # in CDR the first structure may be aligned in another way than the others, which are alike
+        ends, places = [self._at], list[list[int]]()
+        for _ in range(3):
+            at, found = ends[-1], []
+            for kind in fields.values():
+                found.append(self.aligned(at, kind))
+                at = found[-1] + struct.calcsize(kind)
+            ends.append(at)
+            places.append(found)
+        stride = ends[3] - ends[2]
+        end = ends[min(n, 2)] + max(n - 2, 0) * stride
+        if end > len(self._data):
+            left = len(self._data) - self._at
+            raise struct.error(f"{n:,} events announced in {left:,} bytes")
+        columns = {}
+        for i, (name, kind) in enumerate(fields.items()):
+            dtype = np.dtype(self.order + kind.replace("?", "B"))
+            column = np.empty(n, dtype.newbyteorder("="))
+            if n:
+                column[0] = np.ndarray(1, dtype, self._data, places[0][i])[0]
+            if n > 1:
+                column[1:] = np.ndarray(n - 1, dtype, self._data, places[1][i], (stride,))
+            columns[name] = column
+        self._at = end
+        return columns
 
 
 class Preamble(NamedTuple):
@@ -194,34 +228,119 @@ def read_preamble(cursor: Cursor) -> Preamble:
     return Preamble(seconds * 1_000_000 + nanoseconds // 1_000, height, width)
 
 
+#: Fields of ``dvs_msgs/Event`` and ``prophesee_event_msgs/Event``.
+_EVENT = {"x": "H", "y": "H", "ts.sec": "I", "ts.nanosec": "I", "polarity": "?"}
+
+
 def read_event_array(cursor: Cursor) -> Columns:
-    """Read the events of ``dvs_msgs/EventArray``; times are wall-clock microseconds.
+    """Read the events of ``dvs_msgs/EventArray``; times are wall-clock microseconds."""
+    events = cursor.structures(_EVENT)
+    return Columns(_stamps_us(events, "ts"), events["x"], events["y"], events["polarity"] > 0)
 
-    In CDR, the column of the next event (2-byte aligned) directly follows the 13 bytes of an event.
-    In strides of 16 bytes, event i + 1 therefore has its column in the last 2 bytes of one stride,
-    its row in the first 2 bytes of the next, and its other fields where event 0 has them.
+
+def _stamps_us(events: Mapping[str, npt.NDArray[Any]], name: str) -> npt.NDArray[np.int64]:
+    seconds, nanoseconds = events[f"{name}.sec"], events[f"{name}.nanosec"]
+    return seconds.astype(np.int64) * 1_000_000 + nanoseconds // 1_000
+
+
+# Event arrays of other packages, such as ``dv_ros_msgs``, by the definition that the bag holds.
+
+
+_KINDS = {
+    "bool": "?", "octet": "B", "byte": "B", "char": "B", "float32": "f", "float64": "d",
+    **{f"{sign}int{bits}": kind.upper() if sign else kind
+       for sign in ("", "u") for bits, kind in ((8, "b"), (16, "h"), (32, "i"), (64, "q"))},
+}  # fmt: skip
+_STAMPS = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+
+
+class ArrayLayout:
+    """Layout of a message with a sequence of events.
+
+    Parameters
+    ----------
+    types : dict
+        Types by their names, as rosbags parses them: lists of fields, each with name and kind.
+    name : str
+        Type of the message.
+
+    Raises
+    ------
+    KeyError
+        If the message has no sequence of structures with column, row and time, or a type is not
+        defined.
     """
-    n = cursor.number("I")
-    stride = 13 if cursor.ros == 1 else 16
-    data = bytes(cursor.rest())
-    needed = stride * (n - 1) + 13 if n else 0
-    if len(data) < needed:
-        raise struct.error(f"{n:,} events announced in {len(data):,} bytes")
-    rows = np.frombuffer(data[:needed].ljust(stride * n, b"\0"), np.uint8).reshape(n, stride)
 
-    def column(offset: int, kind: str) -> npt.NDArray[np.int64]:
-        size = struct.calcsize(kind)
-        octets = np.ascontiguousarray(rows[:, offset : offset + size])
-        values = octets.view(np.dtype(cursor.order + kind)).reshape(n)
-        return values.astype(np.int64)
+    def __init__(self, types: Mapping[str, Any], name: str) -> None:
+        self._types = types
+        self._before: list[tuple[str, Any]] = []
+        for field, kind in types[name][1]:
+            node, what = kind
+            if node.name == "SEQUENCE" and what[0][0].name == "NAME":
+                events = self._flat(what[0])
+                named = match_columns(dict.fromkeys(each.split(".")[0] for each in events))
+                if named is not None:
+                    self._events, self._named = events, named
+                    return
+            self._before.append((field, kind))
+        raise KeyError(f"{name} has no events")
 
-    t = column(4, "I") * 1_000_000 + column(8, "I") // 1_000
-    if cursor.ros == 1 or n == 0:
-        return Columns(t, column(0, "H"), column(2, "H"), rows[:, 12] > 0)
-    x, y = column(0, "H"), column(0, "H")
-    y[0] = column(2, "H")[0]
-    x[1:] = column(14, "H")[:-1]
-    return Columns(t, x, y, rows[:, 12] > 0)
+    def _flat(self, kind: Any, name: str = "") -> dict[str, str]:
+        """Return the numbers that a field of a structure consists of, by their dotted names."""
+        node, what = kind
+        if node.name == "BASE":
+            return {name: _KINDS[what[0]]}
+        if node.name != "NAME":
+            raise KeyError(f"{name} has no fixed size")
+        if what in _STAMPS:
+            return {f"{name}.sec": "I", f"{name}.nanosec": "I"}
+        flat: dict[str, str] = {}
+        for field, inner in self._types[what][1]:
+            flat |= self._flat(inner, f"{name}.{field}" if name else field)
+        return flat
+
+    def read_before(self, cursor: Cursor) -> Sensor | None:
+        """Read the fields before the events, and return the size of the sensor, if it is there."""
+        found = {field: self._read(cursor, kind) for field, kind in self._before}
+        sides = [found.get(name) for name in ("width", "height")]
+        width, height = (side if isinstance(side, int) else 0 for side in sides)
+        return Sensor(width, height) if width else None
+
+    def _read(self, cursor: Cursor, kind: Any) -> Any:
+        node, what = kind
+        if node.name == "BASE":
+            text = what[0] in ("string", "wstring")
+            return cursor.text() if text else cursor.number(_KINDS[what[0]])
+        if node.name == "NAME":
+            if what in _STAMPS:
+                return cursor.number("I"), cursor.number("I")
+            return [self._read(cursor, inner) for _, inner in self._types[what][1]]
+        n = what[1] if node.name == "ARRAY" else cursor.number("I")
+        return [self._read(cursor, what[0]) for _ in range(n)]
+
+    def read_events(self, cursor: Cursor, unit: str | None, log: FaultLog) -> Columns:
+        """Read the events; times of no stated unit are microseconds, or seconds with a fraction."""
+        events = cursor.structures(self._events)
+        columns = {}
+        for column, field in self._named.fields.items():
+            if f"{field}.sec" in events:
+                columns[column], unit = _stamps_us(events, field), "us"
+            else:
+                columns[column] = events[field]
+        return tidy(columns, unit or self._named.unit, log, log.entries)
+
+
+def _layout_of(connection: Any) -> ArrayLayout | None:
+    """Return the layout of the messages of a connection, if they are arrays of events."""
+    from rosbags.typesys import get_types_from_idl, get_types_from_msg
+
+    definition, name = connection.msgdef, connection.msgtype
+    try:
+        if definition.format.name == "IDL":
+            return ArrayLayout(get_types_from_idl(definition.data), name)
+        return ArrayLayout(get_types_from_msg(definition.data, name), name)
+    except Exception:  # the parsers of rosbags raise exceptions of many kinds
+        return None
 
 
 class PacketDecoder:
@@ -362,19 +481,89 @@ _LONGEST_METADATA = 1 << 22
 class _BoundedFile(io.BufferedReader):
     """File whose reads are limited to the rest of the file: rosbags trusts announced sizes."""
 
+    def __init__(self, raw: io.RawIOBase, size: int) -> None:
+        super().__init__(raw)
+        self._size = size
+
     def read(self, size: int | None = -1, /) -> bytes:
-        left = max(0, os.fstat(self.fileno()).st_size - self.tell())
+        left = max(0, self._size - self.tell())
         return super().read(left if size is None or size < 0 else min(size, left))
 
 
+_MCAP_MAGIC = b"\x89MCAP0\r\n"
+_DATA_END = 15  # the last kind of records; a summary follows it
+#: Record that ends a file without a summary, which rosbags then reads record by record.
+_MCAP_FOOTER = struct.pack("<BQQQI", 2, 20, 0, 0, 0) + _MCAP_MAGIC
+
+
+def _mcap_end(file: IO[bytes], size: int) -> tuple[int, bool] | None:
+    """Return where the whole records of a cut-off MCAP file end, and whether its data do.
+
+    None if the file has an end, or is of another format.
+    """
+    if file.read(8) != _MCAP_MAGIC or size < len(_MCAP_FOOTER):
+        return None
+    file.seek(-8, 2)
+    if file.read(8) == _MCAP_MAGIC:
+        return None
+    at = 8
+    while True:
+        file.seek(at)
+        head = file.read(9)
+        kind, length = struct.unpack("<BQ", head) if len(head) == 9 else (0, 0)
+        if not 0 < kind < _DATA_END or length > size - at - 9:
+            return at, kind == _DATA_END
+        at += 9 + length
+
+
+class _MendedFile(io.RawIOBase):
+    """Beginning of a cut-off MCAP file, followed by a footer."""
+
+    def __init__(self, file: IO[bytes], end: int) -> None:
+        self._file, self._end, self._at = file, end, 0
+
+    def readable(self) -> bool:
+        """Return True."""
+        return True
+
+    seekable = readable
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET, /) -> int:
+        """Move to `offset` bytes from the start, the current place, or the end."""
+        self._at = offset + (0, self._at, self._end + len(_MCAP_FOOTER))[whence]
+        return self._at
+
+    def readinto(self, buffer: Any, /) -> int:
+        """Read from the file, or from the footer."""
+        view = memoryview(buffer).cast("B")
+        if self._at < self._end:
+            self._file.seek(self._at)
+            data = self._file.read(min(len(view), self._end - self._at))
+        else:
+            data = _MCAP_FOOTER[self._at - self._end :][: len(view)]
+        view[: len(data)] = data
+        self._at += len(data)
+        return len(data)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+        super().close()
+
+
 class _BoundedPath(type(Path())):  # type: ignore[misc]  # of the platform's own kind
-    """Path that opens its files as :class:`_BoundedFile`."""
+    """Path that opens its files as :class:`_BoundedFile`, and cut-off MCAP files as mended."""
 
     def open(self, mode: str = "r", *args: Any, **options: Any) -> Any:
         """Open the file; reads of bytes are bounded."""
         if mode != "rb":
             return super().open(mode, *args, **options)
-        return _BoundedFile(super().open(mode, buffering=0))
+        file = super().open(mode, buffering=0)
+        size = os.fstat(file.fileno()).st_size
+        if (cut := _mcap_end(file, size)) is not None:
+            return _BoundedFile(_MendedFile(file, cut[0]), cut[0] + len(_MCAP_FOOTER))
+        file.seek(0)
+        return _BoundedFile(file, size)
 
 
 class Bag:
@@ -426,10 +615,30 @@ class Bag:
             raise
         except Exception as error:
             remedy = "rosbag reindex" if self.ros == 1 else "ros2 bag reindex"
+            if self.mcaps:
+                remedy = f"mcap recover {self.mcaps[0].name} -o NEW.mcap"
             raise RecordingError(
                 f"{self.path} is cut off, damaged or no ROS {self.ros} bag "
                 f"({' '.join(str(error).split())}): try {remedy}, or copy it again"
             ) from error
+
+    @property
+    def mcaps(self) -> list[Path]:
+        """Files of the bag in MCAP."""
+        if self._place.is_dir():
+            return sorted(self._place.glob("*.mcap"))
+        return [self._place] if self._place.suffix == ".mcap" else []
+
+    def report_cut(self, log: FaultLog) -> None:
+        """Report cut-off MCAP files, of which the whole records have been read."""
+        for path in self.mcaps:
+            with path.open("rb") as file:
+                size = path.stat().st_size
+                cut = _mcap_end(file, size)
+            if cut is not None and not cut[1]:
+                log.truncated(
+                    size - cut[0], f"byte {cut[0]:,} of {path.name}, which mcap recover can mend"
+                )
 
     def _take_over(self, reader: Any) -> Callable[[bytes], bytes]:
         """Return the function that decompresses messages; rosbags would do it without a limit."""
@@ -517,20 +726,27 @@ class BagSource(Source):
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._bag = Bag(path, 1 if options.format == "rosbag1" else 2)
         with self._bag.errors(), self._bag.open() as reader:
-            connection = _choose(reader.connections, options.topic, path)
+            connection, self._layout = _choose(reader.connections, options.topic, path)
             self._topic = connection.topic
             self._packets = connection.msgtype in _PACKETS
             self._total = sum(c.msgcount for c in reader.connections if c.topic == self._topic)
-            preamble = self._first(reader)
-        size = Sensor(preamble.width, preamble.height) if preamble and preamble.width else None
+            cursor = self._first(reader)
+            size, stamp_us = (None, None) if cursor is None else self._begin(cursor)
         super().__init__(path, options, size)
-        if self._packets and preamble is not None:
-            self.start_us = preamble.stamp_us
+        if self._packets:
+            self.start_us = stamp_us
 
-    def _first(self, reader: Any) -> Any:
+    def _first(self, reader: Any) -> Cursor | None:
         for data in self._bag.messages(reader, self._topic):
-            return read_preamble(Cursor(data, self._bag.ros))
+            return Cursor(data, self._bag.ros)
         return None
+
+    def _begin(self, cursor: Cursor) -> tuple[Sensor | None, int | None]:
+        """Read a message up to its events; return the size of the sensor, and the time stamp."""
+        if self._layout is not None:
+            return self._layout.read_before(cursor), None
+        stamp_us, height, width = read_preamble(cursor)
+        return Sensor(width, height) if width else None, stamp_us
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events, a message at a time; see :class:`Source`."""
@@ -539,8 +755,13 @@ class BagSource(Source):
             for message, data in enumerate(self._bag.messages(reader, self._topic), 1):
                 try:
                     cursor = Cursor(data, self._bag.ros)
-                    read_preamble(cursor)
-                    columns = packets.read(cursor) if self._packets else read_event_array(cursor)
+                    self._begin(cursor)
+                    if self._layout is not None:
+                        columns = self._layout.read_events(cursor, self.options.time_unit, log)
+                    elif self._packets:
+                        columns = packets.read(cursor)
+                    else:
+                        columns = read_event_array(cursor)
                 except struct.error as error:
                     raise RecordingError(
                         f"{self.path}: message {message:,} on {self._topic} is cut off "
@@ -549,20 +770,26 @@ class BagSource(Source):
                 self.position = message / max(1, self._total)
                 yield from in_chunks(columns, self.options.chunk_events)
                 log.undated(packets.take_undated())
+        self._bag.report_cut(log)
 
 
-def _choose(connections: Any, wanted: str | None, path: Path) -> Any:
-    known = [c for c in connections if c.msgtype in _ARRAYS + _PACKETS]
-    if wanted is not None:
-        known = [c for c in known if c.topic == wanted]
+def _choose(connections: Any, wanted: str | None, path: Path) -> tuple[Any, ArrayLayout | None]:
+    """Return the connection to read, and its layout if that is not one of those known here."""
+    known = list[tuple[Any, ArrayLayout | None]]()
+    for connection in connections:
+        ours = connection.msgtype in _ARRAYS + _PACKETS
+        layout = None if ours else _layout_of(connection)
+        if (ours or layout is not None) and wanted in (None, connection.topic):
+            known.append((connection, layout))
     topics = {c.topic: c.msgtype for c in connections}
     if not known:
         listed = ", ".join(f"{topic} ({kind})" for topic, kind in topics.items()) or "none"
         raise RecordingError(
-            f"{path} has no events on {wanted or 'any topic'}; its topics are: {listed}: "
-            "name one of dvs_msgs/EventArray or event_camera_msgs/EventPacket with --topic"
+            f"{path} has no events on {wanted or 'any topic'}; its topics are: {listed}: events "
+            "are in dvs_msgs/EventArray, event_camera_msgs/EventPacket, and in other messages "
+            "whose definition is in the bag, with a list of x, y and time"
         )
-    names = list(dict.fromkeys(c.topic for c in known))
+    names = list(dict.fromkeys(c.topic for c, _ in known))
     if len(names) > 1:
         raise UsageError(f"{path} has events on {', '.join(names)}: choose one with --topic")
     return known[0]

@@ -3,24 +3,38 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from fractions import Fraction
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import RecordingError
+from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.recordings.reading import Columns, FaultLog, unit_remedy
 
 #: Other names of the columns in published files.
 ALIASES = {
-    "t": ("t", "ts", "time", "times", "timestamp", "timestamps", "t_us", "time_us"),
+    "t": ("t", "ts", "time", "times", "timestamp", "timestamps", "time_stamp", "time_stamps"),
     "x": ("x", "xs", "col", "column", "x_coordinate", "x_coordinates"),
     "y": ("y", "ys", "row", "y_coordinate", "y_coordinates"),
     "p": ("p", "ps", "pol", "polarity", "polarities", "on"),
 }
+#: Names of the units of time.
+UNITS = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
+    **dict.fromkeys(
+        ("ms", "msec", "msecs", "milli", "millis", "millisecond", "milliseconds"), "ms"
+    ),
+    **dict.fromkeys(
+        ("us", "usec", "usecs", "micro", "micros", "microsecond", "microseconds"), "us"
+    ),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nano", "nanos", "nanosecond", "nanoseconds"), "ns"),
+}
+_PIXELS = ("px", "pixel", "pixels")
 
 _NS_PER_UNIT = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 _NS_PER_DATETIME = {
@@ -35,18 +49,119 @@ _NS_PER_DATETIME = {
 }
 #: Coordinates must be whole numbers below this.
 _FARTHEST = float(1 << 31)
+#: Fewest rows that show the order of columns.
+_FEWEST_ROWS = 20
+#: Steps between two times in a narrow float, in us, from which on windows would suffer.
+_COARSE_US = 1_000
 
 
-def match_columns(names: Iterable[str]) -> dict[str, str] | None:
-    """Map t, x, y (and p, if present) to the names in a table; None if one of t, x, y is absent."""
-    by_lower = {name.strip().lower(): name for name in names}
-    found = {}
-    for column, aliases in ALIASES.items():
-        for alias in aliases:
-            if alias in by_lower:
-                found[column] = by_lower[alias]
-                break
-    return found if {"t", "x", "y"} <= found.keys() else None
+class Named(NamedTuple):
+    """Columns of a table that are named.
+
+    Attributes
+    ----------
+    fields : dict of str to str
+        Names in the table of t, x, y and perhaps p.
+    unit : {"s", "ms", "us", "ns"} or None
+        Unit of the times, if their name states it.
+    """
+
+    fields: dict[str, str]
+    unit: str | None
+
+
+def match_columns(names: Iterable[str]) -> Named | None:
+    """Find t, x, y (and p, if present) among the names in a table; None if t, x or y is absent.
+
+    Names may state a unit, as in ``timestamp [us]``, ``t_ns`` or ``timeMs``.
+
+    Raises
+    ------
+    RecordingError
+        If there are times in several units, which may be the parts of one time.
+    """
+    found: dict[str, tuple[int, str]] = {}
+    times: dict[str, str] = {}
+    for name in names:
+        base, unit = _parse_name(name)
+        for column, aliases in ALIASES.items():
+            if base in aliases:
+                found[column] = min(found.get(column, (99, "")), (aliases.index(base), name))
+                if column == "t" and unit is not None:
+                    times[name] = unit
+    if len(set(times.values())) > 1:
+        raise RecordingError(
+            f"the columns {', '.join(times)} are all times: leave out all but one, or in text name "
+            "the order of all columns with --columns"
+        )
+    fields = {column: name for column, (_, name) in found.items()}
+    if not {"t", "x", "y"} <= fields.keys():
+        return None
+    return Named(fields, times.get(fields["t"]))
+
+
+def _parse_name(name: str) -> tuple[str, str | None]:
+    """Return the name of a column in small letters without its unit, and the unit of time."""
+    name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name.strip("\ufeff#%\"' "))
+    name, *brackets = re.split(
+        r"[\[({<]", name.lower().replace("\u00b5", "u").replace("\u03bc", "u")
+    )
+    words = [word for word in re.split(r"[\s_./:\-]+", name) if word]
+    last = re.sub(r"[^a-z]", "", brackets[0]) if brackets else ""
+    if len(words) > 1 and (words[-1] in UNITS or words[-1] in _PIXELS):
+        last = words.pop()
+    return "_".join(words), UNITS.get(last)
+
+
+def likely_order(rows: npt.NDArray[np.float64]) -> str:
+    """Return in which order the columns of a table without names seem to be.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, k)
+        First rows of the table.
+
+    Returns
+    -------
+    str
+        As ``"xytp"``, with "-" for a column that counts the rows; "" if the order may be
+        ``t, x, y, p``, or the rows do not show it.
+    """
+    n, k = rows.shape
+    if n < _FEWEST_ROWS or not 3 <= k <= 5:
+        return ""
+    steps = np.diff(rows, axis=0)
+    rises = (steps >= 0).all(axis=0) & (rows[-1] > rows[0])
+    order = ["-" if k > 3 and (each == 1).all() and rises.sum() > 1 else "" for each in steps.T]
+    times = [i for i in range(k) if rises[i] and not order[i]]
+    if not times:
+        return ""
+    order[max(times, key=lambda i: float(rows[-1, i]))] = "t"
+    left = [i for i in range(k) if not order[i]]
+    if len(left) == 3:
+        two = [i for i in left if np.unique(rows[:, i]).size <= 2]
+        if len(two) != 1:
+            return ""
+        order[two[0]] = "p"
+    for i, name in zip((i for i in range(k) if not order[i]), "xy", strict=True):
+        order[i] = name
+    found = "".join(order)
+    return "" if found == "txyp"[:k] else found
+
+
+def check_order(path: Path, rows: npt.NDArray[Any]) -> None:
+    """Refuse rows of a table without names whose columns seem to be in another order than txyp.
+
+    Raises
+    ------
+    UsageError
+        With the order that they seem to have.
+    """
+    if order := likely_order(rows.astype(np.float64)):
+        raise UsageError(
+            f"{path} names no columns, and they do not look like {', '.join('txyp'[: len(order)])} "
+            f"but like {', '.join(order)}: pass --columns={order}, or the order that they have"
+        )
 
 
 def microseconds(
@@ -133,6 +248,8 @@ def tidy(
                 f"{log.path}: column {name} has dtype {column.dtype} and {column.ndim} "
                 "dimensions: events need one whole number or fraction each"
             )
+    if unit is None and columns["t"].dtype.kind in "iuf":
+        log.assumed_unit = "s" if columns["t"].dtype.kind == "f" else "us"
     try:
         t, known = microseconds(columns["t"], unit)
     except ValueError as error:
@@ -151,18 +268,31 @@ def tidy(
         what = f"entry {entry + first:,} is no event ({values})"
         if not known[first] and columns["t"].dtype.kind in "iuf":
             what += unit_remedy(columns["t"][first].item())
-        log.unreadable(int(np.count_nonzero(~good)), what)
+        log.unreadable(int(np.count_nonzero(~good)), what, good.size)
         columns = {name: column[good] for name, column in columns.items()}
         t = t[good]
     x, y = (
         columns[name].astype(np.int64) if columns[name].dtype.kind in "fb" else columns[name]
         for name in "xy"
     )
-    return Columns(t, x, y, _on(columns["p"]))
+    return Columns(t, x, y, on_events(columns["p"], log))
 
 
-def _on(polarity: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+def on_events(polarity: npt.NDArray[Any], log: FaultLog) -> npt.NDArray[np.bool_]:
+    """Return which events are ON: those whose polarity is above 0.
+
+    Several such values in the first events are remarked on: 1 and 2, for example, or 255 for -1.
+    """
     # a byte of a file may be neither 0 nor 1, which NumPy does not handle in booleans
     if polarity.dtype.kind == "b":
         polarity = np.ascontiguousarray(polarity).view(np.uint8)
-    return polarity > 0
+    on = np.asarray(polarity > 0)
+    if log.entries == 0 and on.any():
+        values = np.unique(polarity[on])
+        if values.size > 1:
+            log.remark(
+                f"polarity has the values {', '.join(f'{v:g}' for v in values[:5].tolist())}, and "
+                "each above 0 is ON: counts of events are right, but for shares of ON and for "
+                "--polarity write OFF as 0 or -1"
+            )
+    return on

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -14,7 +15,7 @@ from edge_vpr.compiling import kernel
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
-from edge_vpr.recordings.table import match_columns
+from edge_vpr.recordings.table import check_order, match_columns, on_events
 
 # Kernel that parses lines of decimal numbers.
 
@@ -24,10 +25,17 @@ GOOD, FRACTION, BLANK, STRANGE = range(4)
 
 
 @kernel
-def _parse_lines(buffer, order, digits_to_us, out, starts, status):  # type: ignore[no-untyped-def]
+def _separates(c, point):  # type: ignore[no-untyped-def]
+    """Return whether a byte is a blank, a tab, CR, a quote, ``,`` or ``;``, and not the point."""
+    return c == 32 or c == 9 or c == 13 or c == 34 or ((c == 44 or c == 59) and c != point)
+
+
+@kernel
+def _parse_lines(buffer, order, point, digits_to_us, out, starts, status):  # type: ignore[no-untyped-def]
     """Parse whole lines into ``out[field, line]``, and set where each line begins and its status.
 
-    ``order[c]`` is the field of column ``c``: 0 to 3 for t, x, y, p; -1 to skip it.
+    ``order[c]`` is the field of column ``c``: 0 to 3 for t, x, y, p; -1 to skip it. `point` stands
+    before decimals: 46, or 44 for a comma.
     """
     line, i = 0, 0
     while i < buffer.size:
@@ -35,7 +43,7 @@ def _parse_lines(buffer, order, digits_to_us, out, starts, status):  # type: ign
         column, state = 0, GOOD
         while buffer[i] != 10:
             c = int(buffer[i])
-            if c == 32 or c == 9 or c == 44 or c == 59 or c == 13:  # blank tab , ; CR
+            if _separates(c, point):
                 i += 1
                 continue
             negative = c == 45
@@ -58,13 +66,13 @@ def _parse_lines(buffer, order, digits_to_us, out, starts, status):  # type: ign
                     elif c != 48:
                         residue = True
                     seen = True
-                elif c == 46 and decimals < 0:
+                elif c == point and decimals < 0:
                     decimals = 0
                 else:
                     break
                 i += 1
             c = int(buffer[i])
-            if not seen or not (c == 10 or c == 32 or c == 9 or c == 44 or c == 59 or c == 13):
+            if not seen or not (c == 10 or _separates(c, point)):
                 state = STRANGE
             if state == STRANGE:
                 break
@@ -109,7 +117,8 @@ def _parse_lines(buffer, order, digits_to_us, out, starts, status):  # type: ign
         i += 1
 
 
-_SEPARATORS = str.maketrans(",;\t", "   ")
+_POINT, _COMMA = 46, 44
+_SEPARATORS = {_POINT: str.maketrans(',;\t"', "    "), _COMMA: str.maketrans(',;\t"', ".   ")}
 _DIGITS_TO_US = {"s": 6, "ms": 3, "us": 0, "ns": -3}
 _BYTES_A_LINE = 24  # typical; only determines how much is read at once
 _LONGEST_LINE = 1 << 16
@@ -120,6 +129,16 @@ _COMMENT_PATTERN = re.compile(
     rb"# edge-vpr sensor=([0-9]{1,5})x([0-9]{1,5}) start_us=(-?[0-9]{1,19})"
 )
 _SIZES_PATTERN = re.compile(rb"(?:\xef\xbb\xbf)?\s*([0-9]{1,9})[\s,;]+([0-9]{1,9})\s*")
+#: A comment of other packages that states the size of the sensor, as ``%geometry:640,480``.
+_GEOMETRY_PATTERN = re.compile(
+    rb'["\s]{0,9}[#%]\s*(?:geometry|resolution|sensor.?size|sensor)[:=\s]{1,9}'
+    rb'([0-9]{1,5})[x,;\s]{1,9}([0-9]{1,5})["\s]*',
+    re.IGNORECASE,
+)
+#: Separators of a header, outside the brackets of a unit.
+_HEADER_PATTERN = re.compile(r"[,;\t](?![^(\[]{0,40}[)\]])")
+#: Numbers with decimal commas between semicolons or tabs.
+_DECIMAL_COMMAS = re.compile(rb" *[+-]?\d+(,\d+)?( *[;\t] *[+-]?\d+(,\d+)?){2,}\s*")
 #: No number of an event has this many digits before the point, or zeros behind it.
 _MOST_DIGITS = 40
 _TRUTH = {"true": 1, "on": 1, "false": 0, "off": 0}
@@ -135,45 +154,44 @@ class TextSource(Source):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         head = _first_lines(path)
-        self._skip, sensor, start_us = 0, None, None
-        while head and (head[0].startswith(b"#") or not head[0].strip()):
-            if match := _COMMENT_PATTERN.fullmatch(head[0].strip()):
+        self._skip, sensor, start_us, comment = 0, None, None, b""
+        while head and (_is_comment(head[0]) or not head[0].strip()):
+            comment = head.pop(0)
+            if match := _COMMENT_PATTERN.fullmatch(comment.strip()):
                 sensor = Sensor(int(match[1]), int(match[2]))
                 start_us = int(match[3])
-            self._skip += len(head.pop(0))
+            elif match := _GEOMETRY_PATTERN.fullmatch(comment):
+                sensor = Sensor(int(match[1]), int(match[2]))
+            self._skip += len(comment)
         if head and (match := _SIZES_PATTERN.fullmatch(head[0])):
             sensor = Sensor(int(match[1]), int(match[2]))
             self._skip += len(head.pop(0))
-        self._order = list(options.columns or "txyp")
-        if head and any(
-            _number(word) is None and word.lower() not in _TRUTH for word in _split(head[0])
-        ):
-            self._order = self._named(path, _split(head[0]))
+        commas = any(b"," in line and _DECIMAL_COMMAS.fullmatch(line) for line in head[:9])
+        self._point = _COMMA if commas else _POINT
+        headed = bool(head) and any(
+            _number(word) is None and word.lower() not in _TRUTH for word in self._split(head[0])
+        )
+        names = _names(head[0] if headed else comment)
+        if headed:
             self._skip += len(head.pop(0))
-        elif head and options.columns is None and len(_split(head[0])) == 3:
-            self._order = list("txy")
-        self.unit = options.time_unit or self._unit(head)
+        rows = [self._split(line) for line in head if line.strip() and not _is_comment(line)]
+        self._order, stated = _find_order(path, names, headed, rows, options.columns)
+        self.unit = options.time_unit or stated or self._unit(rows)
         super().__init__(path, options, sensor, start_us)
-        self.unit_assumed = options.time_unit is None and start_us is None
+        self._assumed = options.time_unit is None and stated is None and start_us is None
 
-    @staticmethod
-    def _named(path: Path, names: list[str]) -> list[str]:
-        found = match_columns(names)
-        if found is None:
-            raise RecordingError(
-                f"{path} begins with {' '.join(names)!r}, which is no event and names no "
-                "columns: head them t,x,y,p or give numbers"
-            )
-        field = {name: column for column, name in found.items()}
-        return [field.get(name, "-") for name in names]
+    def _split(self, line: bytes) -> list[str]:
+        return _text(line).translate(_SEPARATORS[self._point]).split()
 
-    def _unit(self, lines: list[bytes]) -> str:
+    def _unit(self, rows: list[list[str]]) -> str:
         column = self._order.index("t")
-        times = [words[column] for line in lines if len(words := _split(line)) > column]
+        times = [words[column] for words in rows if len(words) > column]
         return "s" if any("." in time for time in times) else "us"
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
+        if self._assumed:
+            log.assumed_unit = self.unit
         size = max(1, self.path.stat().st_size)
         block = self.options.chunk_events * _BYTES_A_LINE
         with self.path.open("rb") as file:
@@ -202,16 +220,20 @@ class TextSource(Source):
         out = np.ones((4, n), np.int64)
         starts = np.empty(n, np.int64)
         status = np.empty(n, np.uint8)
-        _parse_lines(buffer, order, _DIGITS_TO_US[self.unit], out, starts, status)
+        _parse_lines(buffer, order, self._point, _DIGITS_TO_US[self.unit], out, starts, status)
+        bad = []
         for i in np.flatnonzero(status == STRANGE).tolist():
             start = int(starts[i])
             line = data[start : data.index(b"\n", start)]
-            verdict = self._parse_slowly(line, out[:, i])
-            status[i] = verdict
-            if verdict == STRANGE:
-                shown = line.strip()[:60].decode("ascii", "replace")
-                log.unreadable(1, f"line {entry + i:,} of the events is no event ({shown!r})")
-        if self.unit == "us" and not self.options.time_unit and (status == FRACTION).any():
+            status[i] = self._parse_slowly(line, out[:, i])
+            if status[i] == STRANGE:
+                bad.append((i, line))
+        if bad:
+            i, line = bad[0]
+            shown = line.strip()[:60].decode("ascii", "replace")
+            where = f"line {entry + i:,} of the events is no event ({shown!r})"
+            log.unreadable(len(bad), where, n)
+        if self.unit == "us" and self._assumed and (status == FRACTION).any():
             first = int(np.flatnonzero(status == FRACTION)[0])
             raise RecordingError(
                 f"{self.path}: event {entry + first:,}: the time has a fraction where those before "
@@ -219,12 +241,12 @@ class TextSource(Source):
             )
         good = (status == GOOD) | (status == FRACTION)
         t, x, y, p = out if good.all() else out[:, good]
-        return Columns(t, x, y, p > 0), n
+        return Columns(t, x, y, on_events(p, log)), n
 
     def _parse_slowly(self, line: bytes, out: npt.NDArray[np.int64]) -> int:
         """Read a line that the kernel cannot: with exponents or ``true``; return its status."""
-        words = _split(line)
-        if not words or words[0].startswith("#"):
+        words = self._split(line)
+        if not words or _is_comment(line):
             return BLANK
         if len(words) != len(self._order):
             return STRANGE
@@ -255,11 +277,84 @@ class TextSource(Source):
 
 def _first_lines(path: Path) -> list[bytes]:
     with path.open("rb") as file:
-        return file.read(1 << 16).splitlines(keepends=True)[:1000]
+        lines = file.read(1 << 16).splitlines(keepends=True)
+        if file.read(1):
+            lines.pop()  # it is cut off
+    return lines[:1000]
 
 
-def _split(line: bytes) -> list[str]:
-    return line.decode("utf-8-sig", "replace").translate(_SEPARATORS).split()
+def _is_comment(line: bytes) -> bool:
+    return line.lstrip(b' "\t\xef\xbb\xbf').startswith((b"#", b"%"))
+
+
+def _text(line: bytes) -> str:
+    try:
+        return line.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return line.decode("latin-1")
+
+
+def _names(line: bytes) -> list[str]:
+    """Return the names of columns in a header: between commas, semicolons or tabs, else blanks."""
+    text = _text(line).strip("\r\n")
+    if _HEADER_PATTERN.search(text):
+        names = [name.strip(' "') for name in _HEADER_PATTERN.split(text)]
+    else:  # not before brackets, as of "t [us]"
+        names = re.split(r" (?![\[(])", " ".join(text.replace('"', "").lstrip("#% ").split()))
+    while names and not names[-1]:  # a comma at the end of each line
+        names.pop()
+    return names
+
+
+def _find_order(
+    path: Path, names: list[str], headed: bool, rows: list[list[str]], columns: str | None
+) -> tuple[list[str], str | None]:
+    """Return the column, or "-", of each word of a line, and the unit of the times if it is stated.
+
+    Parameters
+    ----------
+    names : list of str
+        Words of the header, or of the last comment before the first event.
+    headed : bool
+        Whether they are a header.
+    rows : list of list of str
+        Words of the first lines.
+    columns : str or None
+        As the caller names them, who knows better than a header.
+    """
+    widths = Counter(map(len, rows))
+    width, number = widths.most_common(1)[0] if rows else (0, 0)
+    found = None if columns else match_columns(names)
+    if found and not headed and len(names) not in (width, width - 1):
+        found = None  # any comment
+    unit = None
+    if columns:
+        order, named_by = list(columns), "--columns names"
+    elif found:
+        field = {name: column for column, name in found.fields.items()}
+        order, unit, named_by = (
+            [field.get(name, "-") for name in names],
+            found.unit,
+            "the header names",
+        )
+        if width == len(order) + 1:
+            order.insert(0, "-")  # the number of the line, as of pandas and R
+    elif headed:
+        raise RecordingError(
+            f"{path} begins with {' '.join(names)!r}, which is no event and names no columns: "
+            "head them t,x,y,p, or name them with --columns, for example --columns xytp"
+        )
+    else:
+        order, named_by = list("txy" if width == 3 else "txyp"), "t, x, y, p are"
+        numbers = [[_number(word) for word in row] for row in rows if len(row) == width]
+        if whole := [row for row in numbers if None not in row]:
+            check_order(path, np.array(whole))
+    if width != len(order) and 2 * number > len(rows):
+        raise RecordingError(
+            f"{path} has {width} columns a line, and {named_by} {len(order)}: name all of them "
+            "with --columns, and with - those to leave out, for example --columns=-txyp"
+        )
+    return order, unit
 
 
 def _number(word: str) -> Decimal | None:

@@ -285,6 +285,51 @@ def test_padding_of_lucid_cameras_is_passed_over_in_a_file(version, word, tmp_pa
     assert recording.faults.total == 0
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1"])
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("end", [True, False])
+def test_a_raw_header_may_have_any_letters_and_length(encoding, version, end, tmp_path):
+    rows = steady(1)
+    write_recording(tmp_path / "b.raw", make_events(*zip(*rows, strict=True)), sensor=SENSOR)
+    words = (tmp_path / "b.raw").read_bytes().partition(b"% end\n")[2]
+    words = words if version == "2.0" else files.encode_evt3(rows)
+    notes = [f"% note {i}: Z\u00fcrich, 20 \u00b0C, na\u00efve\n" for i in range(3_000)]
+    lines = [*notes, f"% evt {version}\n", "% geometry 640x480\n", *(["% end\n"] if end else [])]
+    path = tmp_path / "a.raw"
+    path.write_bytes("".join(lines).encode(encoding) + words)
+    events, recording = absolute(path)
+    assert events.tolist() == rows
+    assert (recording.sensor, recording.format) == (SENSOR, f"evt{version[0]}")
+
+
+@pytest.mark.parametrize("sensor", ["128x128", "240x180", "346x260", "640x480", "208x192"])
+@pytest.mark.parametrize("first", [0, 0x23 << 24 | 5 << 12])
+def test_aedat2_without_a_chip_is_read_with_the_size_of_the_sensor(sensor, first, tmp_path):
+    """As v2e and CIFAR10-DVS write it; the first event may begin with the byte of "#"."""
+    width, height = map(int, sensor.split("x"))
+    rng = np.random.default_rng(0)
+    x, y, p = (rng.integers(0, side, 500) for side in (width, height, 2))
+    if width == 128:  # mirrored columns, rows from below, and ON is 0
+        address = (127 - x) << 1 | (127 - y) << 8 | (1 - p)
+    else:
+        address = (width - 1 - x) << 12 | (height - 1 - y) << 22 | p << 11
+        if first and height > 0x23 << 2:
+            address[0] = first
+            x[0], y[0], p[0] = width - 1 - 5, height - 1 - (0x23 << 2), 0
+    pairs = list(zip(address.tolist(), range(0, 5_000, 10), strict=True))
+    path = tmp_path / "a.aedat"
+    path.write_bytes(files.aedat2("", pairs).replace(b"# AEChip: \r\n", b"# User: \xfc\r\n"))
+    events, recording = absolute(path, sensor=sensor)
+    assert np.array_equal(events, make_events(np.arange(0, 5_000, 10), x, y, p))
+    assert str(recording.sensor) == sensor
+    for wrong in (None, "320x240"):
+        with pytest.raises(UsageError, match=r"pass --sensor, one of 128x128, .*346x260"):
+            absolute(path, sensor=wrong)
+    path.write_bytes(files.aedat2("x.Cochlea", pairs))
+    with pytest.raises(RecordingError, match=r"x\.Cochlea, whose addresses are not known"):
+        absolute(path, sensor=sensor)
+
+
 def test_dat_is_read_beyond_the_wrap_of_its_32_bits(tmp_path):
     pixel = 3 | 4 << 14 | 1 << 28
     path = tmp_path / "a.dat"

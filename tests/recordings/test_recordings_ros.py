@@ -27,9 +27,9 @@ START = 1_587_452_582_350_123
 EVENTS = [(START + 7 * i, 3 * i % 346, 5 * i % 260, i % 3 == 0) for i in range(500)]
 
 
-def write_bag(path, ros, messages, types=None):
+def write_bag(path, ros, messages, types=None, definitions=None):
     """A bag of (topic, serialised message)."""
-    types = types or {}
+    types, definitions = types or {}, definitions or {}
     if ros == 1:
         from rosbags.rosbag1 import Writer
 
@@ -44,7 +44,8 @@ def write_bag(path, ros, messages, types=None):
             if topic not in known:
                 kind = types.get(topic, "dvs_msgs/msg/EventArray")
                 digest = {"md5sum": "0" * 32} if ros == 1 else {"rihs01": "RIHS01_" + "0" * 64}
-                known[topic] = writer.add_connection(topic, kind, msgdef="uint8 x\n", **digest)
+                definition = definitions.get(topic, "uint8 x\n")
+                known[topic] = writer.add_connection(topic, kind, msgdef=definition, **digest)
             writer.write(known[topic], 10**18 + i, data)
 
 
@@ -379,3 +380,119 @@ def test_a_real_bag_of_libcaer_is_read_beyond_the_wrap_of_its_31_bits(shared_dat
     assert events.tolist() == expected
     assert (events.size, recording.sensor) == (334_331, Sensor(640, 480))
     assert recording.faults.total == 0
+
+
+# --- arrays of other packages, and cut-off MCAP files -------------------------------------------
+
+#: Definitions of events, and of what stands before them in a message.
+EVENT_FORMS = {
+    "dv_ros_msgs": "uint16 x\nuint16 y\ntime ts\nbool polarity",
+    "other order": "bool p\nbuiltin_interfaces/Time stamp_is_t\nuint16 y\nuint16 x".replace(
+        "stamp_is_t", "timestamp"
+    ),
+    "microseconds": "uint32 x\nuint32 y\nint8 p\nint64 t_us",
+    "nanoseconds": "uint64 time_ns\nuint16 x\nuint16 y\nuint8 pol",
+    "seconds": "int16 x\nuint8 reserved\nint16 y\nfloat64 t\nbool on",
+}
+BEFORE = {
+    "header": "std_msgs/Header header\nuint32 height\nuint32 width\n",
+    "own": "string camera\nuint8[3] marks\nfloat32[] gains\nuint16 width\nuint16 height\n",
+}
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+@pytest.mark.parametrize("form", EVENT_FORMS)
+@pytest.mark.parametrize("before", BEFORE)
+def test_arrays_of_other_packages_are_read_by_their_definition(ros, form, before, tmp_path):
+    """Messages that rosbags serialises, which knows nothing of our readers."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    name = "some_msgs/msg/EventArray"
+    head = "uint32 seq\n" if ros == 1 else ""
+    parts = [
+        f"{BEFORE[before]}some_msgs/Event[] events\nuint8 after",
+        f"MSG: std_msgs/Header\n{head}{'time' if ros == 1 else 'builtin_interfaces/Time'} stamp\n"
+        "string frame_id",
+        f"MSG: some_msgs/Event\n{EVENT_FORMS[form]}",
+    ]
+    definition = f"\n{'=' * 80}\n".join(parts) + "\n"
+    store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+    types = get_types_from_msg(definition, name)
+    store.register({key: value for key, value in types.items() if key.startswith("some_msgs")})
+    time = store.types["builtin_interfaces/msg/Time"]
+    event = store.types["some_msgs/msg/Event"]
+
+    def made(t, x, y, p):
+        values = {"x": x, "y": y, "reserved": 9}
+        for field in types["some_msgs/msg/Event"][1]:
+            if field[0] in ("ts", "timestamp"):
+                values[field[0]] = time(sec=t // 10**6, nanosec=t % 10**6 * 1000)
+            elif field[0] in ("p", "pol", "on", "polarity"):
+                values[field[0]] = p if "bool" in str(field) else 2 * p - (form == "microseconds")
+        values |= {"t_us": t, "time_ns": t * 1000, "t": t / 1e6}
+        names = [field[0] for field in types["some_msgs/msg/Event"][1]]
+        return event(**{key: values[key] for key in names})
+
+    messages = []
+    for i in range(0, 90, 30):
+        rows = [made(*row) for row in EVENTS[i : i + (1 if i == 30 else 30)]]
+        top = {"height": 260, "width": 346, "events": rows, "after": 1}
+        if before == "header":
+            stamp = time(sec=1, nanosec=2)
+            seq = {"seq": 3} if ros == 1 else {}
+            header = store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="cam", **seq)
+            top["header"] = header
+        else:
+            top |= {"camera": "front", "marks": np.arange(3, dtype=np.uint8)}
+            top["gains"] = np.arange(5, dtype=np.float32)
+        message = store.types[name](**top)
+        serialize = store.serialize_ros1 if ros == 1 else store.serialize_cdr
+        messages.append(bytes(serialize(message, name)))
+    path = tmp_path / ("a.bag" if ros == 1 else "a")
+    sent = [("/camera/events", message) for message in messages]
+    write_bag(path, ros, sent, {"/camera/events": name}, {"/camera/events": definition})
+    events, recording = absolute(path)
+    assert events.tolist() == [*EVENTS[:31], *EVENTS[60:90]]
+    assert recording.sensor == SENSOR
+    assert recording.remark == ""
+
+
+def test_a_bag_without_events_names_its_topics(tmp_path):
+    write_bag(tmp_path / "a.bag", 1, [("/imu", b"1234")], {"/imu": "sensor_msgs/msg/Imu"})
+    with pytest.raises(RecordingError, match=r"its topics are: /imu \(sensor_msgs/msg/Imu\)"):
+        open_recording(tmp_path / "a.bag")
+
+
+@pytest.mark.parametrize("compression", ["", "lz4", "zstd"])
+@pytest.mark.parametrize("chunks", [True, False])
+def test_a_cut_off_mcap_file_keeps_its_whole_records(chunks, compression, tmp_path):
+    """Cut at any place: within a chunk, between chunks, in the summary, in the footer."""
+    if compression and not chunks:
+        pytest.skip("messages outside of chunks are not compressed")
+    messages = arrays(EVENTS, 2, 25)
+    data, ends = files.mcap(messages, 4 if chunks else 0, compression)
+    path = tmp_path / "a.mcap"
+    path.write_bytes(data)
+    assert absolute(path)[0].tolist() == EVENTS
+    size = 100 if chunks else 25
+    cuts = {*range(ends[0] + 1, len(data), len(data) // 37), *ends, len(data) - 1, len(data) - 9}
+    for cut in sorted(cuts - {len(data)}):
+        path.write_bytes(data[:cut])
+        whole = sum(end <= cut for end in ends)
+        complete = whole == len(ends) and cut >= ends[-1] + 9
+        if complete:  # nothing but the summary is lost
+            assert absolute(path)[0].tolist() == EVENTS
+            continue
+        with pytest.raises(RecordingError, match=r"is cut off: .* mcap recover"):
+            absolute(path)
+        events, recording = absolute(path, on_fault="drop")
+        assert events.tolist() == EVENTS[: size * whole]
+        assert recording.faults.truncated == cut - ends[whole - 1]
+    path.write_bytes(data[: ends[0]] + bytes(5_000))  # the disk lost power
+    assert absolute(path, on_fault="drop")[0].tolist() == EVENTS[:size]
+    path.write_bytes(data[: ends[0] + 40] + bytes(5_000))
+    with pytest.raises(RecordingError, match="mcap recover"):
+        absolute(path)
+    path.write_bytes(data[: ends[0] - 1])
+    with pytest.raises((RecordingError, UsageError), match=r"how large its sensor is|no events on"):
+        absolute(path)

@@ -251,3 +251,257 @@ def test_a_sensor_is_never_guessed(tmp_path):
     for name in ("a.npy", "a.npz", "a.csv"):
         with pytest.raises(UsageError, match="pass --sensor"):
             open_recording(tmp_path / name)
+
+
+# --- headers, units and orders of other programs ---------------------------------------------
+
+
+def rows_written(n=2_000, seed=0):
+    """Events of 10,000 a second, as of a small sensor, in whole microseconds."""
+    rng = np.random.default_rng(seed)
+    t = np.sort(rng.integers(0, n * 100, n)) + 91
+    return t, rng.integers(0, 64, n), rng.integers(0, 48, n), rng.integers(0, 2, n)
+
+
+UNIT_NAMES = {
+    "s": ("s", "sec", "Seconds"),
+    "ms": ("ms", "msec", "milliseconds"),
+    "us": ("us", "µs", "usec", "microseconds"),
+    "ns": ("ns", "nsec", "nanoseconds"),
+}
+US_OF = {"s": 1e-6, "ms": 1e-3, "us": 1, "ns": 1_000}
+
+
+@pytest.mark.parametrize(
+    ("unit", "name"), [(unit, name) for unit, names in UNIT_NAMES.items() for name in names]
+)
+@pytest.mark.parametrize(
+    "form", ["{0} [{1}]", "{0}({1})", "{0}_{1}", '"{0} [{1}]"', "#{0} [{1}]", "{0}/{1}"]
+)
+def test_a_header_states_the_unit_of_the_times(unit, name, form, tmp_path):
+    path = tmp_path / "a.csv"
+    t, x, y, p = rows_written(50)
+    lines = [form.format("timestamp", name) + ",x [px],y_px,polarity"]
+    lines += [f"{t * US_OF[unit]:.9g},{x},{y},{p}" for t, x, y, p in zip(t, x, y, p, strict=True)]
+    path.write_text("\n".join(lines) + "\n", encoding="latin-1" if "µ" in name else "utf-8")
+    rows, recording = rows_of(path)
+    assert [row[0] for row in rows] == (t - t[0]).tolist()
+    assert [row[1:] for row in rows] == list(zip(x, y, p == 1, strict=True))
+    assert recording.remark == ""
+    # who names a unit knows better
+    assert rows_of(path, time_unit="ns" if unit == "us" else "us")[1].start_us != t[0]
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", " "])
+@pytest.mark.parametrize("quoted", [False, True])
+@pytest.mark.parametrize("index", ["none", "pandas", "R"])
+def test_an_index_and_quotes_are_passed_over(separator, quoted, index, tmp_path):
+    t, x, y, p = rows_written(50)
+    quote = '"{}"'.format if quoted else str
+    names = [quote(name) for name in ("x", "y", "p", "t")]
+    if index == "pandas" and separator != " ":
+        names.insert(0, quote("") if quoted else "")
+    lines = [separator.join(names)]
+    for i, row in enumerate(zip(x, y, p, t, strict=True)):
+        words = [quote(value) for value in row]
+        lines.append(separator.join(words if index == "none" else [quote(i), *words]))
+    path = tmp_path / "a.csv"
+    path.write_text("\r\n".join(lines) + "\r\n")
+    rows, _ = rows_of(path)
+    assert rows == list(zip(t - t[0], x, y, p == 1, strict=True))
+
+
+@pytest.mark.parametrize("separator", [";", "\t", " ; "])
+def test_decimal_commas_are_read(separator, tmp_path):
+    path = tmp_path / "a.csv"
+    lines = [separator.join(("t [ms]", "x", "y", "p")), "0,5;1;2;1", "0,5021;3;4;0", "7;5;6;1"]
+    path.write_text("\n".join(lines).replace(";", separator.strip(" ")) + "\n")
+    rows, _ = rows_of(path)
+    assert rows == [(0, 1, 2, True), (2, 3, 4, False), (6500, 5, 6, True)]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "%geometry:64,48", "% geometry: 64 x 48", "%geometry 64,48", "# Geometry = 64;48",
+        '"%geometry:64,48"', "%  GEOMETRY:64 48", "#resolution: 64x48", "% sensor_size 64,48",
+    ],
+)  # fmt: skip
+def test_a_comment_states_the_size_of_the_sensor(line, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(f"{line}\nx,y,polarity,timestamp_us\n3,4,1,1000\n% a comment\n63,47,0,1250\n")
+    recording = open_recording(path)
+    assert recording.sensor == SENSOR
+    assert np.concatenate(list(recording)).tolist() == EXPECTED[:2]
+
+
+def test_a_comment_before_the_events_is_a_header_if_it_names_all_columns(tmp_path):
+    """numpy.savetxt writes its header so."""
+    t, x, y, p = rows_written(50)
+    for name, header in (("named", "x y p ts"), ("other", "events of Monday")):
+        order = (x, y, p, t) if name == "named" else (t, x, y, p)
+        np.savetxt(tmp_path / f"{name}.txt", np.column_stack(order), "%d", header=header)
+        rows, _ = rows_of(tmp_path / f"{name}.txt")
+        assert rows == list(zip(t - t[0], x, y, p == 1, strict=True))
+
+
+def test_columns_overrule_a_foreign_header(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("Zeit;Spalte;Zeile;Vorzeichen\n1000;3;4;1\n1250;63;47;0\n")
+    with pytest.raises(RecordingError, match="--columns xytp"):
+        rows_of(path)
+    assert rows_of(path, columns="txyp")[0] == EXPECTED[:2]
+    path.write_text("t,x,y,p\n3,4,1000,1\n63,47,1250,0\n")  # it is wrong
+    assert rows_of(path, columns="xytp")[0] == EXPECTED[:2]
+    with pytest.raises(RecordingError, match="4 columns a line, and --columns names 5"):
+        rows_of(path, columns="xytp-")
+
+
+def test_two_times_of_different_units_are_not_chosen_from(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("stamp,timestamp_sec,timestamp_nsec,x,y,p\n0,5,1000,3,4,1\n")
+    with pytest.raises(RecordingError, match="timestamp_sec, timestamp_nsec are all times"):
+        rows_of(path)
+
+
+@pytest.mark.parametrize("order", ["xytp", "xypt", "pxyt", "tpxy", "ptxy", "xyt", "-txyp", "-xypt"])
+@pytest.mark.parametrize("suffix", [".csv", ".npy", ".npz"])
+def test_columns_in_another_order_are_named(order, suffix, tmp_path):
+    t, x, y, p = rows_written(500)
+    columns = {"t": t, "x": x, "y": y, "p": p, "-": np.arange(500)}
+    table = np.column_stack([columns[name] for name in order])
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".csv":
+        np.savetxt(path, table, "%d", delimiter=",")
+    elif suffix == ".npy":
+        np.save(path, table)
+    else:
+        np.savez(path, events=table)
+    with pytest.raises(UsageError, match=f"--columns={order}"):
+        rows_of(path)
+    rows, _ = rows_of(path, columns=order)
+    assert [row[:3] for row in rows] == list(zip(t - t[0], x, y, strict=True))
+
+
+def test_events_in_order_are_never_asked_for_their_order(tmp_path):
+    """A column that happens to rise, constant polarity, times that are often late."""
+    t, x, y, p = rows_written(500)
+    late = t.copy()
+    late[::7] -= 300
+    for i, table in enumerate(((t, np.sort(x), y, p), (t, x, y, p * 0), (late, x, y, p))):
+        np.save(tmp_path / f"{i}.npy", np.column_stack(table))
+        assert rows_of(tmp_path / f"{i}.npy", on_fault="drop")[0]
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npy", ".npz", ".parquet", ".h5"])
+@pytest.mark.parametrize(
+    ("given", "assumed", "unit"),
+    [
+        ("float us", "s", "us"), ("float ms", "s", "ms"), ("float ns", "s", "ns"),
+        ("whole ms", "us", "ms"), ("whole ns", "us", "ns"), ("float32 us", "s", "us"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("n", [2_000, 200_000])
+def test_an_unlikely_unit_of_time_is_doubted_with_the_likely_one(
+    suffix, given, assumed, unit, n, tmp_path
+):
+    t, x, y, p = rows_written(n)
+    kind, name = given.split()
+    scaled = t * US_OF[name]
+    times = scaled.astype({"float": np.float64, "whole": np.int64, "float32": np.float32}[kind])
+    path = write_table(tmp_path / f"a{suffix}", times, x, y, p)
+    recording = open_recording(path, sensor=SENSOR)
+    assert f"if times are in {assumed}" in recording.remark
+    assert f"pass --time-unit {unit}" in recording.remark
+    recording = open_recording(path, sensor=SENSOR, time_unit=unit)
+    assert recording.remark == ""
+    assert abs(np.concatenate(list(recording))["t"][-1] - (t[-1] - t[0])) <= 1_000
+
+
+def write_table(path, t, x, y, p):
+    """Columns t, x, y, p without a word on their unit."""
+    if path.suffix == ".csv":
+        form = "%d" if t.dtype.kind == "i" else "%.18e"
+        np.savetxt(path, np.column_stack((t, x, y, p)), (form, "%d", "%d", "%d"), delimiter=",")
+    elif path.suffix == ".npz":
+        np.savez(path, t=t, x=x, y=y, p=p)
+    elif path.suffix == ".npy":
+        rows = np.empty(t.size, [("t", t.dtype), ("x", "u2"), ("y", "u2"), ("p", "?")])
+        rows["t"], rows["x"], rows["y"], rows["p"] = t, x, y, p
+        np.save(path, rows)
+    elif path.suffix == ".h5":
+        with pytest.importorskip("h5py").File(path, "w") as file:
+            for name, column in zip("txyp", (t, x, y, p), strict=True):
+                file[f"events/{name}"] = column
+    else:
+        pyarrow = pytest.importorskip("pyarrow")
+        table = pyarrow.table({"t": t, "x": x, "y": y, "p": p})
+        pytest.importorskip("pyarrow.parquet").write_table(table, path)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npy", ".npz", ".parquet", ".h5"])
+@pytest.mark.parametrize("n", [2_000, 200_000])
+@pytest.mark.parametrize("since", [1.6e9, 1.587452544e9 - 0.1])
+def test_times_that_lost_their_digits_are_remarked_on(suffix, n, since, tmp_path):
+    t, x, y, p = rows_written(n)
+    path = write_table(tmp_path / f"a{suffix}", (since + t / 1e6).astype(np.float32), x, y, p)
+    assert "float32 has too few digits" in open_recording(path, sensor=SENSOR).remark
+
+
+@pytest.mark.parametrize("rate", [1_000, 10_000, 300_000])
+@pytest.mark.parametrize("unit", ["s", "us"])
+def test_plausible_times_are_not_doubted(rate, unit, tmp_path):
+    t, x, y, p = rows_written(20_000)
+    t = t * 10_000 // rate
+    np.savez(tmp_path / "a.npz", t=t / 1e6 if unit == "s" else t, x=x, y=y, p=p)
+    assert open_recording(tmp_path / "a.npz", sensor=SENSOR).remark == ""
+
+
+@pytest.mark.parametrize(
+    ("off", "on", "remarked"),
+    [(0, 1, False), (-1, 1, False), (0, 255, False), (1, 2, True), (255, 1, True), (2, 1, True)],
+)
+@pytest.mark.parametrize("suffix", [".csv", ".npz", ".parquet", ".h5"])
+def test_a_polarity_that_is_always_on_is_remarked_on(off, on, remarked, suffix, tmp_path):
+    t, x, y, p = rows_written()
+    path = write_table(tmp_path / f"a{suffix}", t, x, y, np.where(p == 1, on, off))
+    recording = open_recording(path, sensor=SENSOR)
+    events = np.concatenate(list(recording))
+    assert ("each above 0 is ON" in recording.remark) == remarked
+    assert events["p"].all() if remarked else np.array_equal(events["p"], p == 1)
+
+
+@pytest.mark.parametrize("names", ["ts xs ys ps", "timestamp_us x y polarity", "Time col row on"])
+def test_npz_takes_the_names_that_npy_takes(names, tmp_path):
+    t, x, y, p = rows_written()
+    np.savez(tmp_path / "a.npz", **dict(zip(names.split(), (t, x, y, p), strict=True)))
+    np.savez(tmp_path / "b.npz", np.column_stack((t, x, y, p)))
+    for name in ("a.npz", "b.npz"):
+        rows, _ = rows_of(tmp_path / name)
+        assert rows == list(zip(t - t[0], x, y, p == 1, strict=True))
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npy"])
+def test_where_nearly_all_events_are_faulty_none_is_read(suffix, tmp_path):
+    """Dropping is not advised, and does not end well."""
+    t, x, y, p = rows_written()
+    far = t.copy()
+    far[10] += 10**9
+    for i, table in enumerate(((t, x + 60, y, p), (far, x, y, p))):
+        path = write_table(tmp_path / f"{i}{suffix}", *table)
+        with pytest.raises(RecordingError, match="and so are") as raised:
+            list(open_recording(path, sensor=SENSOR))
+        assert "drop" not in str(raised.value)
+        with pytest.raises(RecordingError, match="nearly all of its entries are faulty"):
+            list(open_recording(path, sensor=SENSOR, on_fault="drop"))
+    path = write_table(tmp_path / f"few{suffix}", t, np.where(np.arange(t.size) % 9, x, 99), y, p)
+    with pytest.raises(RecordingError, match="--on-fault drop"):
+        list(open_recording(path, sensor=SENSOR))
+    assert rows_of(path, on_fault="drop")[1].faults.off_sensor > 0
+
+
+def test_text_in_utf16_says_so(tmp_path):
+    (tmp_path / "a.csv").write_text("t,x,y,p\n1,2,3,1\n", encoding="utf-16")
+    with pytest.raises(RecordingError, match="UTF-16: save it as UTF-8"):
+        rows_of(tmp_path / "a.csv")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from edge_vpr_tools import cli
 from edge_vpr_tools.inputs import tracked
+from streams import random_events
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
@@ -60,6 +61,57 @@ def test_info_of_a_single_event_has_no_rate(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["events_per_s"] is None
     run("info", tmp_path / "a.raw")
     assert "rate      -" in capsys.readouterr().out
+
+
+def test_info_says_what_count_frames_hold_that_do_not_state_their_duration(tmp_path, capsys):
+    counts = np.arange(5 * 4 * 6).reshape(5, 4, 6)
+    np.savez(tmp_path / "a.npz", frames=counts)
+    np.save(tmp_path / "b.npy", counts)
+    np.savez(tmp_path / "c.npz", counts=counts.reshape(5, 24))  # of unknown pixels
+    (tmp_path / "d").mkdir()
+    for i, frame in enumerate(counts):
+        np.save(tmp_path / "d" / f"frame_{i}.npy", frame)
+    for name, sensor in (("a.npz", "6x4"), ("b.npy", "6x4"), ("c.npz", None), ("d", "6x4")):
+        run("info", tmp_path / name, "--json")
+        facts = json.loads(capsys.readouterr().out)
+        assert (facts["sensor"], facts["frames"], facts["pixels"]) == (sensor, 5, 24)
+        assert (facts["events"], facts["most"]) == (counts.sum(), 119)
+        run("info", tmp_path / name)
+        assert "5 of 24 pixels" in capsys.readouterr().out
+    run("info", tmp_path / "a.npz", "--frame-period", "1/10", "--json")
+    assert json.loads(capsys.readouterr().out)["events"] == counts.sum()
+
+
+def test_info_says_what_a_map_holds(tmp_path, capsys):
+    drive = random_events(np.random.default_rng(0), 20_000, SENSOR, 20_000_000)
+    write_recording(tmp_path / "a.npz", drive, sensor=SENSOR)
+    track = "".join(f"{i},{10 * i}\n" for i in range(21))
+    (tmp_path / "track.csv").write_text("time_s,x_m\n" + track)
+    for name, flags in (("m", []), ("track", ["--track", tmp_path / "track.csv"])):
+        run("map", tmp_path / "a.npz", "-o", tmp_path / f"{name}.npz", "--pixels", "20", *flags)
+    capsys.readouterr()
+    run("info", tmp_path / "m.npz", "--json")
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["format"], facts["sensor"], facts["pixels"]) == ("map", "40x30", 20)
+    assert (facts["route_m"], facts["places_with_position"]) == (None, 0)
+    assert facts["settings"]["pixels"] == 20
+    run("info", tmp_path / "track.npz")
+    out = capsys.readouterr().out
+    assert f"places    {facts['places']}" in out
+    assert "20, 3 bits each" in out
+    assert "along" in out
+
+
+def test_info_of_nearly_all_faulty_events_shows_them_and_fails(tmp_path, capsys):
+    t = np.arange(5_000)
+    np.savez(tmp_path / "a.npz", t=t, x=t % 1_000, y=t % 20)
+    assert cli.main(["info", str(tmp_path / "a.npz"), "--sensor", "30x20"]) == 1
+    out, err = capsys.readouterr()
+    assert "faults    4,850 off sensor" in out
+    assert "nearly all of its entries are faulty" in err
+    assert cli.main(["convert", str(tmp_path / "a.npz"), str(tmp_path / "b.npz"), "--on-fault",
+                     "drop", "--sensor", "30x20"]) == 1  # fmt: skip
+    assert not (tmp_path / "b.npz").exists()
 
 
 @pytest.mark.parametrize(

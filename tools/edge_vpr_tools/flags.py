@@ -56,13 +56,14 @@ def add_reading_arguments(
     )  # fmt: skip
     group.add_argument(
         "--time-unit", choices=("s", "ms", "us", "ns"),
-        help="unit of the times in a table (default: s if they have decimals, else us)",
+        help="unit of the times in a table (default: of its header, else s if they have decimals, "
+        "else us)",
     )  # fmt: skip
     group.add_argument(
         "--columns",
         metavar="ORDER",
-        help="order of the columns in a table without names, for example xytp (default: the usual "
-        "one of the format)",
+        help="order of the columns in a table without names, or with foreign ones, for example "
+        "xytp, or -txyp to leave out the first (default: the usual one of the format)",
     )
     crop = parser.add_argument_group("part of the recording")
     crop.add_argument(

@@ -1,26 +1,30 @@
-"""`edge-vpr info`: show what a recording holds, including its faults."""
+"""`edge-vpr info`: show what a recording, count frames or a map hold, including faults."""
 
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from edge_vpr.errors import EdgeVprError, RecordingError
 from edge_vpr_tools.console import summary
 from edge_vpr_tools.flags import add_reading_arguments
 
 if TYPE_CHECKING:
-    from edge_vpr.recordings import Faults, Recording
+    from edge_vpr.recordings import CountFrames, Faults, Recording
 
 
 EXAMPLES = """\
   edge-vpr info monday.raw
+  edge-vpr info monday_map.npz
   edge-vpr info monday.csv --sensor 346x260 --time-unit us --json"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument("recording", metavar="FILE", help="recording of any known format")
+    parser.add_argument("recording", metavar="FILE", help="recording of any known format, or a map")
     output = parser.add_argument_group("output")
     output.add_argument("--json", action="store_true", help="print one JSON object, for programs")
     # faults are what this command is asked for: it counts them and goes on
@@ -46,17 +50,24 @@ class RecordingSummary:
     last_us: int
     start_us: int  #: On the file's clock.
     faults: Faults
+    stopped_by: str | None  #: What is wrong with the whole, or with what follows.
 
 
 def summarise(recording: Recording) -> RecordingSummary:
-    """Count a recording in one pass."""
+    """Count a recording in one pass, up to damage that nothing can be read behind."""
     n = on = last = 0
     first: int | None = None
-    for events in recording:
-        first = int(events["t"][0]) if first is None else first
-        last = int(events["t"][-1])
-        n += int(events.size)
-        on += int(events["p"].sum())
+    stopped_by = None
+    try:
+        for events in recording:
+            first = int(events["t"][0]) if first is None else first
+            last = int(events["t"][-1])
+            n += int(events.size)
+            on += int(events["p"].sum())
+    except RecordingError as error:
+        if not n:
+            raise
+        stopped_by = str(error)
     first = first or 0
     duration = last - first
     return RecordingSummary(
@@ -71,23 +82,158 @@ def summarise(recording: Recording) -> RecordingSummary:
         last_us=last,
         start_us=recording.start_us,
         faults=recording.faults,
+        stopped_by=stopped_by,
     )
 
 
+@dataclass(frozen=True)
+class FrameSummary:
+    """What count frames hold that do not state their duration or pixels."""
+
+    path: str
+    format: str
+    sensor: str | None
+    frames: int
+    pixels: int  #: Of a frame.
+    events: int  #: Sum of all counts.
+    most: int  #: The highest count.
+
+    @classmethod
+    def of(cls, frames: CountFrames) -> FrameSummary:
+        """Count the frames in one pass."""
+        events = most = 0
+        for block in frames.blocks():
+            events += int(block.sum(dtype="u8"))
+            most = max(most, int(block.max(initial=0)))
+        sensor = None if frames.sensor is None else str(frames.sensor)
+        return cls(
+            str(frames.path), "frames", sensor, frames.n_frames, frames.n_pixels, events, most
+        )
+
+    @property
+    def lines(self) -> dict[str, str]:
+        """Lines of text by their headings."""
+        return {
+            "format": "frames (count frames)",
+            "sensor": self.sensor or "not stated: --sensor WxH",
+            "frames": f"{self.frames:,} of {self.pixels:,} pixels",
+            "duration": "not stated: --frame-period S, in seconds a frame",
+            "events": f"{self.events:,}, up to {self.most:,} of a pixel in a frame",
+        }
+
+
+@dataclass(frozen=True)
+class MapSummary:
+    """What a map holds."""
+
+    path: str
+    format: str
+    sensor: str
+    places: int
+    pixels: int
+    counter_bits: int
+    bytes_per_place: int
+    duration_us: int
+    window_us: int  #: Length of a window; the median, if windows are of a number of events.
+    places_with_position: int
+    route_m: float | None  #: Length of the route, if the map has positions.
+    settings: dict[str, Any]
+
+    @classmethod
+    def of(cls, path: Path) -> MapSummary:
+        """Read a map."""
+        import numpy as np
+
+        from edge_vpr.reference_map import ReferenceMap
+
+        reference = ReferenceMap.load(path)
+        windows = reference.windows
+        along = () if reference.route is None else reference.route.along_m
+        known = [float(each) for each in along if each == each]
+        return cls(
+            path=str(path),
+            format="map",
+            sensor=str(reference.pixel_map.sensor),
+            places=len(reference),
+            pixels=len(reference.pixel_map),
+            counter_bits=reference.counter_bits,
+            bytes_per_place=reference.packed_bytes_per_place,
+            duration_us=int(windows.end_us[-1]),
+            window_us=int(np.median(windows.end_us - windows.start_us)),
+            places_with_position=len(known),
+            route_m=max(known) - min(known) if known else None,
+            settings=reference.settings.to_dict(),
+        )
+
+    @property
+    def lines(self) -> dict[str, str]:
+        """Lines of text by their headings."""
+        return {
+            "format": "map (reference map of edge-vpr)",
+            "sensor": self.sensor,
+            "places": f"{self.places:,}",
+            "pixels": f"{self.pixels:,}, {self.counter_bits} bits each",
+            "size": f"{self.bytes_per_place:,} bytes a place",
+            "duration": f"{self.duration_us / 1e6:.6f} s, windows of {self.window_us / 1e6:g} s",
+            "positions": (
+                "none"
+                if self.route_m is None
+                else f"{self.places_with_position:,} places, along {self.route_m:,.0f} m"
+            ),
+            "matching": str(self.settings["matching"]),
+        }
+
+
+def _count_frames(args: argparse.Namespace) -> CountFrames | None:
+    """Return count frames that do not state what they need to be read as events."""
+    from edge_vpr.recordings import read_count_frames, sniff
+
+    found = args.format
+    if found is None:
+        with suppress(EdgeVprError):  # opening it as a recording reports what is wrong
+            found = sniff(Path(args.recording))
+    if found != "frames":
+        return None
+    frames = read_count_frames(args.recording)
+    known = (frames.period or args.frame_period) and (frames.sensor or args.sensor)
+    return None if known and frames.pixel_x is not None else frames
+
+
 def run(args: argparse.Namespace) -> None:
-    """Read the whole recording once and print what it holds."""
+    """Read the whole file once and print what it holds."""
+    from edge_vpr.archive import archive_kind
+    from edge_vpr.map_record import KIND
     from edge_vpr.recordings import format_of
     from edge_vpr.results import json_text
     from edge_vpr_tools.inputs import open_from, tracked
+
+    held: MapSummary | FrameSummary | None = None
+    if archive_kind(args.recording) == KIND:
+        held = MapSummary.of(Path(args.recording))
+    elif (frames := _count_frames(args)) is not None:
+        held = FrameSummary.of(frames)
+    if held is not None:
+        if args.json:
+            print(json_text(held))
+            return
+        for name, text in held.lines.items():
+            summary(f"{name:<9} {text}")
+        return
 
     recording = open_from(args, args.recording)
     facts = summarise(tracked(recording, "reading"))
     if args.json:
         print(json_text(facts))
-        return
+    else:
+        _show(facts, format_of(facts.format).title)
+    if facts.stopped_by is not None:
+        raise RecordingError(facts.stopped_by)
+
+
+def _show(facts: RecordingSummary, title: str) -> None:
     rate = facts.events_per_s
     lines = {
-        "format": f"{facts.format} ({format_of(facts.format).title})",
+        "format": f"{facts.format} ({title})",
         "sensor": facts.sensor,
         "events": f"{facts.events:,}",
         "duration": f"{facts.duration_us / 1e6:.6f} s",
@@ -95,7 +241,7 @@ def run(args: argparse.Namespace) -> None:
         "polarity": f"{facts.on_share:.1%} ON, {1 - facts.on_share:.1%} OFF",
         "times": f"{facts.first_us:,} to {facts.last_us:,} µs from the start",
         "start": f"{facts.start_us:,} µs on the file's clock",
-        "faults": str(recording.faults),
+        "faults": str(facts.faults),
     }
     for name, text in lines.items():
         summary(f"{name:<9} {text}")
