@@ -350,11 +350,6 @@ def find_hot_pixels(
     Returns
     -------
     ndarray of bool, shape (height, width)
-
-    Raises
-    ------
-    UsageError
-        If `factor` is below 1 or `totals` is not an image.
     """
     totals = np.asarray(totals)
     if totals.dtype.kind not in "iu":

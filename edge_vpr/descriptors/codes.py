@@ -34,11 +34,6 @@ def codes_of(
         J, or with polarity 2 J.
     full_scale : ndarray of uint16, shape (counters,), optional
         What the reference map learned, needed where the settings scale the code to each pixel.
-
-    Raises
-    ------
-    MapError
-        If the full scales are needed and missing, or not one a counter.
     """
     code = settings.shared_code
     if code is None:

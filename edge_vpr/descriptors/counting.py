@@ -349,11 +349,6 @@ class DescriptorStream:
         -------
         Descriptors
             Of the windows that these events completed; may be none.
-
-        Raises
-        ------
-        UsageError
-            If the recording lasts more than a million windows.
         """
         return collect(self.windows(events), self._counts.size)
 
@@ -612,15 +607,7 @@ def check_windows_only(settings: Settings) -> None:
 
 
 def check_counted(source: WindowSource, pixel_map: PixelMap, settings: Settings) -> None:
-    """Check that the published windows have the pixels and the length of those of a map.
-
-    Raises
-    ------
-    MapError
-        If they are of another length, or lack pixels of the map.
-    UsageError
-        If the settings need events.
-    """
+    """Check that the published windows have the pixels and the length of those of a map."""
     check_windows_only(settings)
     if source.window_us != settings.tau_us:
         raise MapError(

@@ -44,12 +44,6 @@ class PixelMap:
     ----------
     x, y : ndarray of uint16, shape (J,)
         Columns and rows, all pixels distinct and on the sensor.
-
-    Raises
-    ------
-    UsageError
-        If the sensor has a side outside 1 to 65,536 or too many pixels, or a pixel lies off the
-        sensor or occurs twice.
     """
 
     sensor: Sensor
@@ -165,11 +159,6 @@ def select_pixels(
     -------
     PixelMap
         In the order drawn.
-
-    Raises
-    ------
-    UsageError
-        If fewer than `pixels` pixels can be drawn, or an argument is out of range.
     """
     weights = np.array(saliency, dtype=np.float64)
     if weights.ndim != 2 or weights.size == 0:
@@ -550,11 +539,6 @@ def informative_pixels(
     -------
     PixelMap
         In the order chosen; of equals, the first of the shortlist.
-
-    Raises
-    ------
-    UsageError
-        If fewer than J pixels say anything.
     """
     some = counts[:: -(-len(counts) // MOST_WINDOWS)]
     levels = np.ascontiguousarray(OwnMeanCode().level(some).T)

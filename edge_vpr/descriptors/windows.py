@@ -149,13 +149,7 @@ class Descriptors(EqualByValue):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Descriptors:
-        """Build from named arrays, for example of a file; others are ignored.
-
-        Raises
-        ------
-        MapError
-            If one is missing, or they are not descriptors (`check_descriptors`).
-        """
+        """Build from named arrays, for example of a file; others are ignored."""
         missing = {"counts", "start_us", "end_us", "events"} - arrays.keys()
         if missing:
             raise MapError(f"descriptors lack {', '.join(sorted(missing))}: expected all four")
@@ -221,11 +215,6 @@ def check_descriptors(descriptors: Descriptors, counters: int | None = None) -> 
         At least one.
     counters : int, optional
         How many counts each must have.
-
-    Raises
-    ------
-    MapError
-        If a dtype or shape differs, a time is out of range, or a window ends before it starts.
     """
     check_array(descriptors.counts, "counts", COUNT_DTYPES, (None, counters))
     n = len(descriptors.counts)

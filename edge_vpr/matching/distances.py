@@ -186,11 +186,6 @@ class ReferenceIndex:
     ----------
     places, pixels : int
         K and J.
-
-    Raises
-    ------
-    UsageError
-        If the reference is not a matrix of such integers.
     """
 
     def __init__(self, reference: npt.ArrayLike) -> None:
@@ -223,11 +218,6 @@ class ReferenceIndex:
         -------
         ndarray of int32, shape (K,)
             Of int64 where J times the largest difference reaches 2**31.
-
-        Raises
-        ------
-        UsageError
-            If the descriptor is not a vector of J such integers.
         """
         counts = _integers(descriptor, "descriptor", 1)[None]
         if self._wide is not None:
@@ -250,11 +240,6 @@ class ReferenceIndex:
         ndarray of int32, shape (K, Q)
             Row = reference place, column = query; of int64 where J times the largest difference
             reaches 2**31.
-
-        Raises
-        ------
-        UsageError
-            If the queries are not a matrix of such integers, J in a row.
         """
         counts = _integers(queries, "queries", 2)
         self._check_pixels(counts)
@@ -373,11 +358,6 @@ def distance_matrix(reference: npt.ArrayLike, query: npt.ArrayLike) -> Distances
     -------
     ndarray of int32 or int64, shape (K, Q)
         As :meth:`ReferenceIndex.matrix` gives it.
-
-    Raises
-    ------
-    UsageError
-        If one is not a matrix of such integers, or they differ in J.
     """
     return ReferenceIndex(reference).matrix(query)
 
@@ -457,11 +437,6 @@ def best_matches(
     best, second, ties : ndarray of int64, shape (Q,)
         Of equal places the lowest; `second` is -1 if every place is in the neighbourhood; `ties` is
         the number of other places at the same smallest distance.
-
-    Raises
-    ------
-    UsageError
-        If there is no place, or the exclusion is negative.
     """
     if matrix.ndim != 2 or len(matrix) == 0:
         raise UsageError(

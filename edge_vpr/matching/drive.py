@@ -104,11 +104,6 @@ def filter_drive(
         does not follow from the one before, and is reduced by 1/16 for each other window in a row
         that is matched with the same place. The misfit is the mean of `window_misfit` over the
         window and sixteen before and after it. Else trust and misfit are those of `match_window`.
-
-    Raises
-    ------
-    UsageError
-        If the map takes no odometry.
     """
     n = len(queries)
     travelled: list[Travelled] = [None] * n
@@ -338,11 +333,6 @@ def sequence_sums(distances: npt.NDArray[np.integer], length: int) -> npt.NDArra
     Returns
     -------
     ndarray of int32 or int64, shape (K - L + 1, Q - L + 1)
-
-    Raises
-    ------
-    UsageError
-        If L is below 1, or longer than a traverse.
     """
     check_length(length, *distances.shape)
     places, queries = (side - length + 1 for side in distances.shape)
@@ -514,14 +504,6 @@ def match_descriptors(
     Matches
         Of all Q windows by the filter. By sequences, of Q - L + 1: those that a whole sequence is
         centred on (or ends with).
-
-    Raises
-    ------
-    MapError
-        If the descriptors differ in length.
-    UsageError
-        If L is longer than a traverse, or the table does not promise the wanted precision, or
-        jumps or odometry are given to sequences.
     """
     expect(settings, Settings, "settings", "Settings, as of a map or of resolve_settings")
     check_counts(places, queries)
@@ -633,13 +615,6 @@ def drive_distances(
         All finite. By sequences, D_seq (method.md section 5): the mean distance of L windows
         along the diagonal; where a sequence would leave the matrix, the mean of those inside it.
         By the place filter, its metric at each place.
-
-    Raises
-    ------
-    MapError
-        If the descriptors differ in length.
-    UsageError
-        If the matrix is larger than 2 GiB, or as `match_descriptors` raises.
     """
     check_counts(places, queries)
     size = len(places) * len(queries) * 8

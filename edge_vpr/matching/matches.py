@@ -289,11 +289,6 @@ def check_matches(matches: Matches) -> None:
     ----------
     matches : Matches
         For example of a file.
-
-    Raises
-    ------
-    MapError
-        If they are not what `match_descriptors` gives.
     """
     n, last = len(matches.query), matches.places_in_map - 1
     limits = {

@@ -73,11 +73,6 @@ class TransitionCosts:
         Cost of getting anywhere else: the robot was carried, or the filter is wrong.
     places_per_window : {1, 2}
         Number of places that start in one window of the reference.
-
-    Raises
-    ------
-    UsageError
-        If a cost does not fit the metric, or there is none.
     """
 
     forward: tuple[int, ...] | None = None
@@ -362,11 +357,6 @@ class Transitions:
     exclusion : int
         See `FilterTable`.
 
-    Raises
-    ------
-    UsageError
-        If there is no place, or a jump or a distance is not of this map.
-
     Examples
     --------
     >>> costs, jumps = TransitionCosts((1, 0, 1), restart=5), np.array([[3, 0]], dtype=np.int32)
@@ -423,11 +413,6 @@ class Transitions:
             Of the window before.
         back : bool
             Return the cost of each place before it, from that of the places after it.
-
-        Raises
-        ------
-        UsageError
-            If the map does not say how far its places are from each other.
         """
         along, jumps = self._checked_along(), self.jumps
         if back:  # the same distance on the route in the opposite direction
@@ -1344,11 +1329,6 @@ class PlaceFilter:
             Of the window to every place.
         events : int
             At the selected pixels in the window.
-
-        Raises
-        ------
-        UsageError
-            If there is not one distance of each place, or they are not integers.
         """
         distances, state = self._checked(distances[np.newaxis]), self.state
         rows = WindowRows.empty(1, len(self))
@@ -1419,11 +1399,6 @@ class PlaceFilter:
             or to the end of this one; below 0 backwards.
         driven_mm : int
             All of them.
-
-        Raises
-        ------
-        UsageError
-            If the map does not say how far its places are from each other.
         """
         prediction = self.transitions.by_distance(self.state.metric, travelled_mm)
         if self.place >= 0:

@@ -81,11 +81,6 @@ class SimulatedRecording:
     format, start_us, faults
         As every recording has them: ``"simulated"``, 0 and no fault.
 
-    Raises
-    ------
-    UsageError
-        If a seed is negative or `chunk` is not positive.
-
     Examples
     --------
     >>> from edge_vpr.simulation import CAMERAS, REFERENCE, SimulatedRecording, World
@@ -184,11 +179,6 @@ class SimulatedRecording:
         ndarray of float32, shape (height, width)
             1 for white in full light, with the glare and the dark current; the same array is
             overwritten each time.
-
-        Raises
-        ------
-        UsageError
-            If a moment lies outside the drive.
         """
         time_us = np.asarray(time_us, dtype=np.int64)
         if time_us.size and not 0 <= time_us.min() <= time_us.max() <= self.duration_us:
@@ -278,11 +268,6 @@ def simulate_pair(
     -------
     reference, query : SimulatedRecording
         Their ``track`` is the ground truth.
-
-    Raises
-    ------
-    UsageError
-        If the sensor's name is unknown or a value is out of range.
     """
     if sensor not in CAMERAS:
         raise UsageError(f"sensor {sensor!r} is unknown: choose from {', '.join(CAMERAS)}")

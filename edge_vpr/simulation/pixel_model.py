@@ -121,11 +121,6 @@ class PixelArray:
             Greater than 0, in any unit. The first one sets the remembered levels.
         time_us : int
             Its time, not before the last one's.
-
-        Raises
-        ------
-        UsageError
-            If the light has another size or is not greater than 0, or time runs backwards.
         """
         after = np.ascontiguousarray(light, np.float32).reshape(-1)
         if after.size != self.sensor.pixels:

@@ -163,13 +163,7 @@ class _Cluster(Workers):
 
 @contextmanager
 def processes(workers: int) -> Iterator[Workers]:
-    """Provide worker processes of this machine, which end with the block.
-
-    Raises
-    ------
-    UsageError
-        If the number is less than one.
-    """
+    """Provide worker processes of this machine, which end with the block."""
     if workers < 1:
         raise UsageError(f"{workers} workers: give 1 or more")
     pool = _Processes(workers)

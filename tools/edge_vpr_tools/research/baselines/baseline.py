@@ -167,11 +167,6 @@ def match_distances(
         Centres of the queries.
     settings : Settings
         `sequence_length`, `anchor` and `exclusion` are used.
-
-    Raises
-    ------
-    UsageError
-        If the sequence is longer than a traverse.
     """
     sums = sequence_sums(_whole(distances, _BITS), settings.sequence_length)
     found = BestSequences.of(sums, settings.exclusion)

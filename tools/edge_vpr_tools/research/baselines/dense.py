@@ -131,13 +131,7 @@ class Member(NamedTuple):
 
 
 class Ensemble:
-    """Mean of the members' distances; each is divided by its mean between different places.
-
-    Raises
-    ------
-    UsageError
-        If there is no member, or a member sums no windows.
-    """
+    """Mean of the members' distances; each is divided by its mean between different places."""
 
     def __init__(self, title: str, members: Sequence[Member]) -> None:
         if not members or any(member.windows < 1 for member in members):

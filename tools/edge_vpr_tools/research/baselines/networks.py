@@ -356,13 +356,7 @@ class Lens:
         self._thresholds = thresholds
 
     def prepare(self, reference: Images) -> None:
-        """Check that there is an output neuron for each window of the reference.
-
-        Raises
-        ------
-        UsageError
-            If there are more or fewer.
-        """
+        """Check that there is an output neuron for each window of the reference."""
         places = len(self._weights.output)
         if places != len(reference):
             raise UsageError(
@@ -438,11 +432,6 @@ def grid_pixels(images: Images, side: int) -> Floats:
     -------
     ndarray of float32, shape (n, side * side)
         Count of the pixel to the upper left of each cell's centre, as a share of 255 events.
-
-    Raises
-    ------
-    UsageError
-        If the image is smaller than the grid.
     """
     _, height, width = images.shape
     cell = min(height, width) // side

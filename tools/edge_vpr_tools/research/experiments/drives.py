@@ -102,13 +102,7 @@ def whole_pairs(data: Path | None) -> list[Pair]:
 
 
 def check_data(data: Path | None) -> None:
-    """Check that a folder holds a pair of drives.
-
-    Raises
-    ------
-    UsageError
-        If it holds none.
-    """
+    """Check that a folder holds a pair of drives."""
     if data is not None:
         if any((data / folder).is_dir() for folder in _STAND_INS):
             return
@@ -346,11 +340,6 @@ def recorded_drives(data: Path | None, *, images: bool = False) -> list[Drives]:
     ----------
     images : bool
         Leave out those of which only some pixels were published.
-
-    Raises
-    ------
-    UsageError
-        If the folder holds none.
     """
     check_data(data)
     assert data is not None
@@ -372,13 +361,7 @@ def event_drives(data: Path | None) -> list[Drives]:
 
 
 def walks(data: Path | None) -> Drives:
-    """Return the walks in a folder.
-
-    Raises
-    ------
-    UsageError
-        If they are not there.
-    """
+    """Return the walks in a folder."""
     if data is None or not (data / WALKS).is_dir():
         title, files = STAND_INS[WALKS].title, STAND_INS[WALKS].text
         raise UsageError(

@@ -143,13 +143,7 @@ def run_trial(trial: ExperimentTrial) -> ExperimentResult:
 def trials_of(
     name: str, data: Path | None, seeds: int, systems: tuple[str, ...] = ()
 ) -> dict[ListedTrial, ExperimentTrial]:
-    """Return the trials of an experiment by their names: its drives times seeds.
-
-    Raises
-    ------
-    UsageError
-        If it needs drives that are not there, or takes no other systems.
-    """
+    """Return the trials of an experiment by their names: its drives times seeds."""
     experiment = open_experiment(name)
     if systems and not experiment.takes_systems:
         raise UsageError(f"experiment {name} compares no systems: leave --with out")

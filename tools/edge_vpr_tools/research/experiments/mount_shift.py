@@ -126,13 +126,7 @@ OFF = "shift estimated wrongly by (pixels)"
 
 
 def drives(data: Path | None) -> list[Drives]:
-    """Return the recorded pairs whose images can be shifted.
-
-    Raises
-    ------
-    UsageError
-        If there is none: a few locations cannot be shifted.
-    """
+    """Return the recorded pairs whose images can be shifted."""
     found = recorded_drives(data, images=True)
     if not found:
         raise UsageError(

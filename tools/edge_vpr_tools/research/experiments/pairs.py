@@ -286,14 +286,7 @@ class CountedPair:
         return MappedPair(coded_map(counts, settings), self.query.at(pixel_map), self.truth())
 
     def distances(self, system: Baseline) -> npt.NDArray[np.float64]:
-        """Return the distances of a baseline, shape (K, Q).
-
-        Raises
-        ------
-        UsageError
-            If the baseline does not fit the sensor, as where the surrounds of fewer pixels than it
-            draws cover all others.
-        """
+        """Return the distances of a baseline, shape (K, Q)."""
         system.prepare(self.reference.images)
         places, queries = (system.describe(each.images) for each in (self.reference, self.query))
         return system.distances(places, queries)

@@ -164,11 +164,6 @@ def simulated_images(
         Ascending, within the drive.
     rng : Generator
         Source of the noise.
-
-    Raises
-    ------
-    UsageError
-        If a time lies outside the drive.
     """
     images = np.empty((len(time_us), drive.sensor.height, drive.sensor.width), np.uint8)
     for image, light in zip(images, drive.light_at(time_us), strict=True):

@@ -442,11 +442,6 @@ def draw_over(rows: Sequence[Row], measure: str, over: str) -> Figure:
     over : str
         Key or name of a setting that differs between the rows. There is a line for each
         combination of the others that differ.
-
-    Raises
-    ------
-    UsageError
-        If it is no such setting.
     """
     names = differing_settings(rows)
     keys = {SETTING_FIELDS[name].key: name for name in names}
@@ -517,11 +512,6 @@ def write_comparison(
         Measure of the figure and of the differences, one of `MEASURES`.
     over : str, optional
         Setting over which the figure shows the measure; see `draw_over`.
-
-    Raises
-    ------
-    UsageError
-        If the rows do not differ in this setting.
     """
     drawing = draw(rows, measure) if over is None else draw_over(rows, measure, over)
     means = averages(rows, measure)
