@@ -171,8 +171,8 @@ _COUNTS = np.dtype(
         ("dropped", "<i8"),
         ("resets", "<i8"),
         ("narrow", "<i8"),  # frames whose x or y have fewer bits than the expected sensor needs
-        ("base", "<i8"),  # base time of the first frame
-        ("idle_at", "<i8"),  # time that the last frame states without events; -1: it has events
+        ("base", "<i8"),  # base time of the last frame
+        ("idle", "<i8"),  # whether the last frame states its time without events
     ]
 )
 
@@ -181,15 +181,15 @@ class FrameBuffers(NamedTuple):
     """Buffers for the frames of one chunk, and the state that is kept between chunks."""
 
     plain: Bytes  #: Shape (MAX_STUFFED,): one frame without stuffing.
-    columns: Columns  #: Events of all frames.
+    columns: Columns  #: Events of one frame.
     state: npt.NDArray[np.void]  #: Shape (1,): state that is kept between chunks.
     counts: npt.NDArray[np.void]  #: Shape (1,): counts of what the chunk held.
 
     @classmethod
-    def of(cls, size: int, state: npt.NDArray[np.void]) -> FrameBuffers:
-        """Make buffers for the events of frames of `size` bytes in total."""
+    def of(cls, state: npt.NDArray[np.void]) -> FrameBuffers:
+        """Make buffers for the longest frame."""
         plain, counts = np.empty(MAX_STUFFED, dtype=np.uint8), np.zeros(1, dtype=_COUNTS)
-        return cls(plain, empty_columns(size // 3), state, counts)
+        return cls(plain, empty_columns(MAX_STUFFED // 3), state, counts)
 
 
 @kernel
@@ -199,7 +199,7 @@ def _decode_frames(box, clock, data):  # type: ignore[no-untyped-def]
     Parameters
     ----------
     box : BoxedState
-        Of `FrameBuffers` with room for `data`.
+        Of `FrameBuffers`.
     clock : BoxedState
         Of the state of a `TimestampFilter`.
     data : bytes
@@ -218,21 +218,26 @@ def _decode_frames(box, clock, data):  # type: ignore[no-untyped-def]
     buffers, raw = FrameBuffers(*box.value), np.frombuffer(data, dtype=np.uint8)
     counts, before = buffers.counts, counts_of(clock)
     counts.view(np.int64)[:] = 0
-    n, start = 0, 0
+    n, start, delivered, found = 0, 0, 0, counts[0]
+    t, x, y, p = buffers.columns
+    out = empty_events(clock, raw.size // 3)
     for i in range(raw.size):
         if raw[i] != 0:
             continue
         if i > start:
             size = unstuff(raw[start:i], buffers.plain) if i - start <= MAX_STUFFED else -1
-            n += _take_frame(buffers, size - _CHECK_BYTES, i - start + 1, n)
+            frames = found["frames"]
+            events = _take_frame(buffers, size - _CHECK_BYTES, i - start + 1)
+            # the clock takes one frame after the other, so that it is the same for any chunks
+            if found["frames"] > frames:
+                start_clock(clock, found["base"])
+                columns = t[:events], x[:events], y[:events], p[:events]
+                delivered += admit_columns(clock, *columns, out[delivered:])
+                if found["idle"]:
+                    reach(clock, found["base"])
+            n += events
         start = i + 1
-    found = counts[0]
-    if found["frames"]:
-        start_clock(clock, found["base"])
-    t, x, y, p = buffers.columns
-    out = empty_events(clock, n)
-    delivered = admit_columns(clock, t[:n], x[:n], y[:n], p[:n], out)
-    reached = reach(clock, found["idle_at"] if found["frames"] else np.int64(-1))
+    reached = reach(clock, np.int64(-1))
     same = not (found["damaged"] or found["repeats"] or found["gaps"] or found["resets"])
     same = same and not (found["dropped"] or found["narrow"]) and counts_of(clock) == before
     return out[:delivered], found["frames"], n, same, reached
@@ -257,10 +262,10 @@ def _number(data, at, size):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _take_frame(buffers, end, taken, first):  # type: ignore[no-untyped-def]
+def _take_frame(buffers, end, taken):  # type: ignore[no-untyped-def]
     """Decode a frame whose checksum is at `end`, and compare the device's totals with ours.
 
-    The frame took `taken` bytes on the line. Its events are written from `first` on, and counted.
+    The frame took `taken` bytes on the line. Its events are in the columns, and counted.
     """
     plain, columns, state, counts = buffers
     last, found = state[0], counts[0]
@@ -300,30 +305,28 @@ def _take_frame(buffers, end, taken, first):  # type: ignore[no-untyped-def]
     found["gaps"] += missing > 0
     found["lost"] += missing
     found["dropped"] += (dropped - last["dropped"]) & 0xFFFFFFFF
-    if found["frames"] == 0:
-        found["base"] = base
     found["frames"] += 1
-    found["idle_at"] = -1 if words else base
+    found["base"], found["idle"] = base, words == 0
     form = width, x_bits, y_bits
-    events = _take_words(plain[_HEADER_BYTES:end], form, base, columns, first)
+    events = _take_words(plain[_HEADER_BYTES:end], form, base, columns)
     last["boot"], last["dropped"], last["last"] = boot, dropped, base
     last["next"] = (sequence + events) & 0xFFFFFFFF
     return events
 
 
 @kernel
-def _take_words(data, form, base, columns, first):  # type: ignore[no-untyped-def]
+def _take_words(data, form, base, columns):  # type: ignore[no-untyped-def]
     """Decode little-endian words: from the lowest bit x, y, polarity, time since the last word.
 
     A word whose time field is all ones is a pause of the length in its other bits. `form` has the
-    width of a word in bytes, and the widths of x and y in bits. Events are written from `first` on.
+    width of a word in bytes, and the widths of x and y in bits.
     """
     (width, x_bits, y_bits), (t, x, y, p) = form, columns
     p_at = x_bits + y_bits
     t_at = p_at + 1
     x_mask, y_mask = (1 << x_bits) - 1, (1 << y_bits) - 1
     pause, pause_mask = (1 << (8 * width - t_at)) - 1, (1 << t_at) - 1
-    now, n = np.int64(base), first
+    now, n = np.int64(base), 0
     for i in range(0, data.size, width):
         word = np.int64(data[i]) | np.int64(data[i + 1]) << 8 | np.int64(data[i + 2]) << 16
         if width == 4:
@@ -338,7 +341,7 @@ def _take_words(data, form, base, columns, first):  # type: ignore[no-untyped-de
         y[n] = word >> x_bits & y_mask
         p[n] = word >> p_at & 1
         n += 1
-    return n - first
+    return n
 
 
 # Encoder and decoder of a stream.
@@ -460,9 +463,7 @@ class EvprDecoder(Decoder):
         super().__init__(sensor, Clock(confirm=1), EXACT)
         self._endless = False  # within a frame that is already too long
         self._buffers = KernelState(
-            FrameBuffers.of(
-                3 * CHUNK_EVENTS, np.array([(-1, 0, 0, 0, *_bits_of(sensor))], dtype=_STATE)
-            )
+            FrameBuffers.of(np.array([(-1, 0, 0, 0, *_bits_of(sensor))], dtype=_STATE))
         )
 
     def _samples(self) -> Iterable[bytes]:
@@ -497,9 +498,6 @@ class EvprDecoder(Decoder):
         return data[start:end], rest
 
     def _take_frames(self, frames: bytes) -> Events:
-        buffers = self._buffers.value
-        if len(frames) // 3 > buffers.columns.t.size:
-            self._buffers = KernelState(FrameBuffers.of(len(frames), buffers.state))
         return self._account(
             *_decode_frames(self._buffers.boxed, self._timestamps.box.boxed, frames)
         )
