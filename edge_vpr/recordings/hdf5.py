@@ -533,7 +533,7 @@ class Hdf5Source(Source):
             elif not isinstance(item, self._h5py.Dataset):
                 return
             elif item.dtype.names is not None and item.ndim == 1:
-                if fields := match_columns(item.dtype.names):
+                if fields := match_columns(item.dtype.names, options.columns):
                     places[name] = fields
             elif item.ndim == 2 and options.columns and item.shape[1] == len(options.columns):
                 places[name] = {c: i for i, c in enumerate(options.columns) if c != "-"}, None

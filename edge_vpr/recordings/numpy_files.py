@@ -73,11 +73,11 @@ def _array_chunks(
 def _named(stream: ArrayStream, order: str | None) -> tuple[dict[str, str | int], str | None]:
     """Map t, x, y, p to fields or column numbers of an array of events; return the unit, too."""
     if stream.dtype.names is not None and len(stream.shape) == 1:
-        found = match_columns(stream.dtype.names)
+        found = match_columns(stream.dtype.names, order)
         if found is None:
             raise RecordingError(
                 f"{stream.name} has the fields {', '.join(stream.dtype.names)}, and not "
-                "t, x, y, p: rename them"
+                "t, x, y, p: name all of them in their order with --columns"
             )
         return dict(found.fields), found.unit
     if len(stream.shape) == 2 and stream.dtype.kind in "iuf":

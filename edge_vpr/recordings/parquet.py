@@ -222,10 +222,11 @@ class ParquetSource(Source):
         with self._open(path) as file:
             schema = file.schema_arrow
             self._rows = file.metadata.num_rows
-        found = match_columns(schema.names)
+        found = match_columns(schema.names, options.columns)
         if found is None:
             raise RecordingError(
-                f"{path} has the columns {', '.join(schema.names)}, and not t, x, y, p: rename them"
+                f"{path} has the columns {', '.join(schema.names)}, and not t, x, y, p: name all "
+                "of them in their order with --columns"
             )
         self._names = found.fields
         self._check_types(path, schema)

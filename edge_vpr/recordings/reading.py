@@ -196,16 +196,16 @@ class FaultLog:
             )
         self.faults.truncated += n_bytes
 
-    def unreadable(self, n: int, where: str, total: int) -> None:
+    def unreadable(self, n: int, where: str, total: int | None = None) -> None:
         """Report `n` of `total` entries that are not events, the first of them at `where`."""
         if not self.drop:
             raise RecordingError(f"{self.path}: {where}: {self._remedy(n, total, 'such entries')}")
         self.first_unreadable = self.first_unreadable or where
         self.faults.unreadable += n
 
-    def _remedy(self, bad: int, total: int, them: str) -> str:
+    def _remedy(self, bad: int, total: int | None, them: str) -> str:
         """Return what to do about `bad` of the next `total` entries."""
-        if bad > _NEARLY_ALL * (self._good + total):
+        if total is not None and bad > _NEARLY_ALL * (self._good + total):
             return f"and so are {bad:,} of {total:,} entries there: {_CHECKS}"
         return _REMEDY.format(them=them)
 

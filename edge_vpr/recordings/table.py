@@ -70,16 +70,22 @@ class Named(NamedTuple):
     unit: str | None
 
 
-def match_columns(names: Iterable[str]) -> Named | None:
+def match_columns(names: Iterable[str], order: str | None = None) -> Named | None:
     """Find t, x, y (and p, if present) among the names in a table; None if t, x or y is absent.
 
     Names may state a unit, as in ``timestamp [us]``, ``t_ns`` or ``timeMs``.
+
+    Parameters
+    ----------
+    order : str, optional
+        Columns of names that are foreign, as ``"txyp"``, in the order of the names.
 
     Raises
     ------
     RecordingError
         If there are times in several units, which may be the parts of one time.
     """
+    names = list(names)
     found: dict[str, tuple[int, str]] = {}
     times: dict[str, str] = {}
     for name in names:
@@ -96,7 +102,10 @@ def match_columns(names: Iterable[str]) -> Named | None:
         )
     fields = {column: name for column, (_, name) in found.items()}
     if not {"t", "x", "y"} <= fields.keys():
-        return None
+        if order is None or len(order) != len(names):
+            return None
+        given = zip(order, names, strict=True)
+        return Named({column: name for column, name in given if column != "-"}, None)
     return Named(fields, times.get(fields["t"]))
 
 

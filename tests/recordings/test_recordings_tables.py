@@ -505,3 +505,27 @@ def test_text_in_utf16_says_so(tmp_path):
     (tmp_path / "a.csv").write_text("t,x,y,p\n1,2,3,1\n", encoding="utf-16")
     with pytest.raises(RecordingError, match="UTF-16: save it as UTF-8"):
         rows_of(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz", ".parquet", ".h5"])
+def test_columns_name_the_foreign_fields_of_a_table(suffix, tmp_path):
+    t, x, y, p = rows_written()
+    rows = np.empty(t.size, [(name, "i8") for name in ("spalte", "zeile", "zeit", "serie", "vz")])
+    for name, column in zip(rows.dtype.names, (x, y, t, t * 0, p), strict=True):
+        rows[name] = column
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".npy":
+        np.save(path, rows)
+    elif suffix == ".npz":
+        np.savez(path, events=rows)
+    elif suffix == ".h5":
+        with pytest.importorskip("h5py").File(path, "w") as file:
+            file["events"] = rows
+    else:
+        pyarrow = pytest.importorskip("pyarrow")
+        table = pyarrow.table({name: rows[name] for name in rows.dtype.names})
+        pytest.importorskip("pyarrow.parquet").write_table(table, path)
+    with pytest.raises(RecordingError, match="--columns"):
+        rows_of(path)
+    found, _ = rows_of(path, columns="xyt-p")
+    assert found == list(zip(t - t[0], x, y, p == 1, strict=True))
