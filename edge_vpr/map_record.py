@@ -27,7 +27,7 @@ from edge_vpr.archive import (
 )
 from edge_vpr.confidence import TRUST_RULE, Acceptance, Confidence
 from edge_vpr.descriptors.cleaning import can_be_searched, find_hot_pixels
-from edge_vpr.descriptors.codes import codes_of, drive_mean, encode_own, encode_running, encoder_of
+from edge_vpr.descriptors.codes import codes_of, drive_mean, encode_own, encode_running
 from edge_vpr.descriptors.counting import (
     DescriptorStream,
     EventSource,
@@ -196,8 +196,7 @@ class MapRecord(EqualByValue):
                 f"{len(pixel_map)}: expected the same number"
             )
         counters = len(pixel_map) * (2 if settings.polarity else 1)
-        # a code of another package makes any number of values of them
-        check_descriptors(places, None if settings.plugin_code else counters)
+        check_descriptors(places, counters)
         shape = (pixel_map.sensor.height, pixel_map.sensor.width)
         check_array(self.saliency, "saliency", (np.float32, np.float64), shape)
         if not np.isfinite(self.saliency).all():
@@ -301,17 +300,8 @@ class MapRecord(EqualByValue):
             Which pixels are kept, at least one.
         pixel_map : PixelMap
             Their positions, in the same order.
-
-        Raises
-        ------
-        UsageError
-            If the codes are those of another package, which need not stand for pixels.
         """
         settings, places, left = self.settings, self.places, len(pixel_map)
-        if settings.plugin_code:
-            raise UsageError(
-                f"pixels cannot be taken from codes of {settings.counter_code}: make a new map"
-            )
         counters = np.concatenate([kept, kept]) if settings.polarity else kept
         # codes give roughly the share of events that the remaining counters had
         counts = self.decoded(places).counts
@@ -362,42 +352,20 @@ class MapRecord(EqualByValue):
                 return encode_running(counted, code, self.mean, activity)
             return encode_own(counted, code, activity)
         counters = counted.counts.shape[1]
-        codes = encoder_of(self.settings, self.pixel_map, counters, self.full_scale)
+        codes = codes_of(self.settings, counters, self.full_scale)
         if codes is None:
             return counted
         described = narrow(codes.encode(counted.counts))
         return replace(counted, counts=described, selected=counted.selected_events)
 
     def decoded(self, descriptors: Descriptors) -> Descriptors:
-        """Replace codes by counts for plots, each by the middle of the counts with that code.
-
-        Raises
-        ------
-        UsageError
-            See `check_counters`.
-        """
-        self.check_counters()
+        """Replace codes by counts for plots, each by the middle of the counts with that code."""
         code = self.own_mean_code
         if code is not None and self.mean is not None:
             return replace(descriptors, counts=narrow(code.decode(descriptors.counts, self.mean)))
         if self.codes is None:
             return descriptors
         return replace(descriptors, counts=narrow(self.codes.decode(descriptors.counts)))
-
-    def check_counters(self) -> None:
-        """Check that a value of a place belongs to one counter of the map.
-
-        Raises
-        ------
-        UsageError
-            If another package makes the descriptors, which only recorded drives are matched by.
-        """
-        if self.settings.plugin_code is not None:
-            raise UsageError(
-                f"the map holds descriptors by {self.settings.counter_code} in place of counts, "
-                "which recorded drives alone are matched by: make the map with another "
-                "counter_code for streams, devices, moved cameras and replay"
-            )
 
     @property
     def bytes_per_place(self) -> int:
@@ -542,7 +510,7 @@ def describe(
     expect(settings, Settings, "settings", "Settings, as of a map or of resolve_settings")
     check_sensor(recording.sensor, pixel_map.sensor)
     counters = len(pixel_map) * (2 if settings.polarity else 1)
-    codes = encoder_of(settings, pixel_map, counters, full_scale)
+    codes = codes_of(settings, counters, full_scale)
     counted = count_windows(recording, pixel_map, settings, removed)
     if codes is None:
         return counted
@@ -775,7 +743,7 @@ def coded_map(counted: AnyMap, settings: Settings) -> AnyMap:
         coded: npt.NDArray[np.unsignedinteger] = code.encode(counts, mean)
     else:
         full_scale = learn_full_scale(windows.counts) if settings.learns_full_scale else None
-        codes = encoder_of(settings, counted.pixel_map, counts.shape[1], full_scale)
+        codes = codes_of(settings, counts.shape[1], full_scale)
         coded = counts if codes is None else narrow(codes.encode(counts))
     return replace(
         counted,

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 Strategy = Literal["variance", "seed-code", "random", "random-upper", "top", "information"]
 STRATEGIES: tuple[str, ...] = get_args(Strategy)
-#: before the name of a strategy or a code that another package registers; see docs/plugins.md
+#: before the name of a strategy that another package registers; see docs/plugins.md
 PLUGIN = "plugin:"
 WindowKind = Literal["time", "count"]
 CounterCodeName = Literal["none", "linear", "sqrt", "log"]
@@ -422,7 +422,6 @@ _COUNTERS = _group(
     ),
     counter_code=SettingField(
         help="how counts are compressed to a few bits; none: not at all",
-        plugins=True,
         more="See docs/codes.md.",
     ),
     counter_bits=SettingField(
@@ -697,22 +696,13 @@ class Settings:
         return OwnMeanCode(self.counter_bits, self.counter_full_scale or 0, contrast)
 
     @property
-    def plugin_code(self) -> str | None:
-        """Name of the code of another package; None with a code of this one."""
-        code = self.counter_code
-        return code.removeprefix(PLUGIN) if code.startswith(PLUGIN) else None
-
-    @property
     def shared_code(self) -> CounterCode | None:
         """The code of the counters; None if descriptors hold the counts themselves.
 
-        With a scaling of each pixel, only the kind and the bits of this code are used. A code of
-        another package is not one of each counter, and gives None too.
+        With a scaling of each pixel, only the kind and the bits of this code are used.
         """
         from fixedpoint.codes import CounterCode
 
-        if self.plugin_code is not None:
-            return None
         if self.counter_code != "none":
             full_scale = self.counter_full_scale or 0
             kind = cast("CodeKind", self.counter_code)
@@ -741,11 +731,6 @@ class Settings:
             raise UsageError(
                 f"setting clip = {self.clip} with counter_code = {self.counter_code}: only one of "
                 "them can be used; set clip or counter_code to none"
-            )
-        if self.plugin_code is not None and self.counter_scaling == "per-pixel":
-            raise UsageError(
-                f"setting counter_scaling = per-pixel with counter_code = {self.counter_code}: a "
-                "code of another package has no scaling; set counter_scaling to shared"
             )
         if self.counter_scaling == "per-pixel" and self.counter_full_scale:
             raise UsageError(

@@ -7,16 +7,14 @@ of the counts of a window.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, find_pauses
-from edge_vpr.errors import MapError, UsageError, kind_of
-from edge_vpr.plugins import Registry
-from edge_vpr.settings import CODES, PLUGIN, Settings
+from edge_vpr.errors import MapError
+from edge_vpr.settings import Settings
 from fixedpoint.codes import PixelCodes
 from fixedpoint.own_mean import OwnMeanCode, RunningMean, mean_level
 
@@ -52,80 +50,6 @@ def codes_of(
             "reference map"
         )
     return PixelCodes.scaled(code.kind, code.bits, full_scale)
-
-
-# Codes of another package: any function of the counts of a window.
-
-
-#: An entry point of this group names a function of counts, shape (n, J), with polarity (n, 2 J),
-#: and of their `PixelMap`, which returns whole numbers of 0 or more, shape (n, D).
-GROUP = "edge_vpr.codes"
-_PLUGINS = Registry(GROUP, {})
-#: so that no sum of absolute differences of two descriptors overflows
-_LARGEST = (1 << 16) - 1
-
-
-@dataclass(frozen=True, eq=False)
-class PluginCode:
-    """Descriptors by the function of another package, in place of a table for each counter."""
-
-    name: str  #: Without ``plugin:``.
-    pixel_map: PixelMap  #: J pixels, in the order of the counts.
-
-    def encode(self, counts: npt.NDArray[np.integer]) -> npt.NDArray[np.integer]:
-        """Return the descriptors of windows, shape (n, D), with values from 0 to 65,535.
-
-        Parameters
-        ----------
-        counts : ndarray of int, shape (n, J)
-            With polarity (n, 2 J).
-
-        Raises
-        ------
-        UsageError
-            If no package registers the name, its import fails, or the function returns something
-            else.
-        """
-        function = _PLUGINS.load(self.name)
-        if function is None:
-            known = [PLUGIN + each for each in _PLUGINS.names()]
-            raise UsageError(
-                f"counter_code {PLUGIN}{self.name} is registered by no installed package: choose "
-                f"from {', '.join([*CODES, *known])}"
-            )
-        found = function(counts, self.pixel_map)
-        if not isinstance(found, np.ndarray) or not np.issubdtype(found.dtype, np.integer):
-            raise UsageError(
-                f"counter code {self.name} returns {kind_of(found)} of "
-                f"{getattr(found, 'dtype', 'no dtype')}: expected an array of whole numbers, so "
-                "round it"
-            )
-        if found.ndim != 2 or len(found) != len(counts) or not found.shape[1]:
-            raise UsageError(
-                f"counter code {self.name} returns shape {found.shape} for {len(counts)} windows: "
-                f"expected ({len(counts)}, D) with D of 1 or more, so correct it"
-            )
-        if found.min() < 0 or found.max() > _LARGEST:
-            raise UsageError(
-                f"counter code {self.name} returns values from {found.min()} to {found.max()}: "
-                f"expected 0 to {_LARGEST:,}, so scale them"
-            )
-        return found
-
-
-def encoder_of(
-    settings: Settings, pixel_map: PixelMap, counters: int, full_scale: FullScale | None = None
-) -> PixelCodes | PluginCode | None:
-    """Return what turns counts into descriptors, if it needs no mean; None for counts themselves.
-
-    Parameters
-    ----------
-    counters, full_scale
-        Of `codes_of`.
-    """
-    if settings.plugin_code is not None:
-        return PluginCode(settings.plugin_code, pixel_map)
-    return codes_of(settings, counters, full_scale)
 
 
 # Own-mean codes of descriptors, with the mean of a drive or a running mean.

@@ -774,7 +774,6 @@ class Localiser:
         self._reference, self._recent, self._check_every = reference, recent, check_every
         self._window, length = window_of(settings), settings.windows_per_match
         reference.check()
-        reference.check_counters()
         places, counters = reference.places.counts.shape
         check_extent(places, counters, length, recent, self._window)
         filtered = settings.matching == "filter"

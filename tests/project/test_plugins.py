@@ -26,7 +26,6 @@ SENSOR = Sensor(24, 20)
 GROUPS = {
     "edge_vpr.formats": "broken = my_broken",
     "edge_vpr.strategies": "broken = my_broken:select",
-    "edge_vpr.codes": "broken = my_broken:code",
     "edge_vpr.baselines": "broken = my_broken:Baseline",
     "edge_vpr.protocols": "broken = my_broken",
 }
@@ -50,14 +49,14 @@ def install(folder, monkeypatch, entries, **modules):
 def as_the_page_says(tmp_path_factory, monkeypatch):
     """The package of docs/plugins.md, word for word."""
     (toml,) = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
-    strategy, code, baseline, pairs, protocol = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    strategy, baseline, pairs, protocol = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     declared = tomllib.loads(toml)["project"]["entry-points"]
     entries = {
         group: "\n".join(f"{name} = {value}" for name, value in names.items())
         for group, names in declared.items()
     }
     folder = tmp_path_factory.mktemp("package")
-    parts = strategy + code + baseline
+    parts = strategy + baseline
     install(folder, monkeypatch, entries, my_parts=parts, my_pairs=pairs, my_protocol=protocol)
 
 
@@ -106,58 +105,15 @@ def test_a_map_with_a_strategy_of_another_package_is_read_without_it(drive, tmp_
 
 
 @pytest.mark.usefixtures("as_the_page_says")
-def test_a_descriptor_of_another_package_and_a_strategy_are_compared_as_baselines():
+def test_a_baseline_and_a_strategy_of_another_package_are_compared():
     rng = np.random.default_rng(1)
     images = rng.poisson(rng.gamma(0.6, 6.0, (12, 30, 40))).astype(np.uint16)
     assert baseline_names()[-1] == "columns"
-    for name in ("columns", "columns@1,2", "strategy:grid", "strategy:random", "code:ranks"):
+    for name in ("columns", "columns@1,2", "strategy:grid", "strategy:random"):
         found = compare(open_baseline(name, 3), images, images)
         assert found.distances.argmin(axis=0).tolist() == list(range(12))
     with pytest.raises(UsageError, match="plugin:netvlad is registered by no installed"):
         open_baseline("strategy:netvlad").prepare(images)
-
-
-@pytest.mark.usefixtures("as_the_page_says")
-def test_a_code_of_another_package_describes_the_windows_of_maps_and_queries(
-    drive, tmp_path, capsys
-):
-    write_recording(tmp_path / "a.npz", iter(drive), sensor=SENSOR)
-    file, flags = tmp_path / "map.npz", ["--counter-code", "plugin:ranks", "--pixels", "30"]
-    assert main(["map", str(tmp_path / "a.npz"), "-o", str(file), *flags]) == 0
-    reference = ReferenceMap.load(file)
-    counted = ReferenceMap.build(drive, pixels=30, counter_code="none").places.counts
-    assert reference.places.counts.tolist() == [
-        [sum((v, k) < (value, j) for k, v in enumerate(row)) for j, value in enumerate(row)]
-        for row in counted.tolist()
-    ]
-    assert main(["match", str(file), str(tmp_path / "a.npz"), "-o", str(tmp_path / "m")]) == 0
-    found = reference.match(drive).matches
-    assert found.place.tolist() == (2 * found.query).tolist()  # of places at half windows
-    assert main(["map", str(file), str(tmp_path / "a.npz"), "-o", str(tmp_path / "b.npz")]) == 0
-    for use in (reference.localiser, lambda: reference.decoded(reference.places)):
-        with pytest.raises(UsageError, match="descriptors by plugin:ranks in place of counts"):
-            use()
-    with pytest.raises(UsageError, match=r"plugin:rinks is registered by .*none, .*plugin:ranks"):
-        ReferenceMap.build(drive, pixels=30, counter_code="plugin:rinks")
-    with pytest.raises(UsageError, match="per-pixel with counter_code = plugin:ranks"):
-        Settings(counter_code="plugin:ranks", counter_scaling="per-pixel")
-
-
-@pytest.mark.parametrize(
-    ("code", "says"),
-    [
-        ("counts / 2", "an array of float64: expected an array of whole numbers"),
-        ("counts[1:]", r"shape \(\d+, 30\) for \d+ windows: expected \(\d+, D\)"),
-        ("counts.astype(int) - 9", r"values from -9 to .*: expected 0 to 65,535"),
-    ],
-)
-def test_what_a_code_of_another_package_returns_is_checked(
-    code, says, drive, tmp_path, monkeypatch
-):
-    text = f"def own(counts, pixel_map):\n    return {code}\n"
-    install(tmp_path, monkeypatch, {"edge_vpr.codes": "own = my_own:own"}, my_own=text)
-    with pytest.raises(UsageError, match=says):
-        ReferenceMap.build(drive, pixels=30, counter_code="plugin:own")
 
 
 def test_a_baseline_that_is_no_callable_is_left_out_and_named(tmp_path, monkeypatch, capsys):
@@ -249,7 +205,6 @@ def test_a_part_that_cannot_be_imported_is_named_and_breaks_nothing_else(
         lambda: open_recording(tmp_path / "a.npz", format="broken"),
         lambda: open_decoder("broken", SENSOR),
         lambda: ReferenceMap.build(drive, pixels=30, strategy="plugin:broken"),
-        lambda: ReferenceMap.build(drive, pixels=30, counter_code="plugin:broken"),
     ):
         expected = r"'broken' of mine \(edge_vpr.* cannot be imported .*no_such_library"
         with pytest.raises((UsageError, RecordingError), match=expected):

@@ -125,7 +125,6 @@ def device_codes(reference: ReferenceMap) -> PixelCodes:
 
     Where the map holds counts as they are, they saturate at what 8 or 16 bits hold.
     """
-    reference.check_counters()
     if reference.codes is not None:
         return reference.codes
     counts = reference.places.counts

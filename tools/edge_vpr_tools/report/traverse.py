@@ -173,8 +173,6 @@ def _add_wrong_windows(
     errors, truth = outcome.errors, outcome.truth
     if errors is None or truth is None or not outcome.wrong.any():
         return
-    if reference.settings.plugin_code is not None:  # no counts of pixels to show
-        return
     size = np.where(outcome.wrong, np.nan_to_num(errors, nan=np.inf), -1.0)
     worst = [int(run[np.argmax(size[run])]) for run in outcome.wrong_runs()]
     others = [int(i) for i in np.argsort(-size, kind="stable") if outcome.wrong[i]]

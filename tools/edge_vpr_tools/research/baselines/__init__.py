@@ -1,8 +1,8 @@
 """Systems that the paper compares with, and others, behind one interface.
 
-A name is one of `baseline_names`; or of a kind that takes an argument: ``strategy:NAME`` and
-``code:NAME`` for the paper's method with pixels of another strategy and descriptors by another
-code, ``lens:FILE`` and ``model:FILE`` with weights of the user.
+A name is one of `baseline_names`; or of a kind that takes an argument: ``strategy:NAME`` for the
+paper's method with pixels of another strategy, ``lens:FILE`` and ``model:FILE`` with weights of the
+user.
 ``NAME@1,2,4`` is the ensemble of a baseline over windows of these lengths, and ``NAME+NAME`` is the
 ensemble of two baselines.
 """
@@ -64,7 +64,6 @@ _BASELINES = Registry(
         "ensemble-windows": f"{_PACKAGE}.dense:windows_ensemble",
         "ensemble-descriptors": f"{_PACKAGE}.dense:descriptors_ensemble",
         "strategy": f"{_PACKAGE}.selected_pixels:by_strategy",
-        "code": f"{_PACKAGE}.selected_pixels:by_code",
         "lens": f"{_PACKAGE}.networks:lens",
         "model": f"{_PACKAGE}.networks:model",
     },
@@ -125,7 +124,7 @@ def open_baseline(name: str, seed: int = 0) -> Baseline:
     Parameters
     ----------
     name : str
-        See `baseline_names`; or ``strategy:NAME``, ``code:NAME``, ``lens:FILE``, ``model:FILE``,
+        See `baseline_names`; or ``strategy:NAME``, ``lens:FILE``, ``model:FILE``,
         ``NAME@1,2,4``, ``NAME+NAME``.
     seed : int
         Seed of its random numbers.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.codes import encoder_of
+from edge_vpr.descriptors.codes import codes_of
 from edge_vpr.descriptors.counting import EventSource, WindowSource, count_windows
 from edge_vpr.descriptors.pixels import (
     PixelMap,
@@ -20,7 +20,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.map_record import coded_map, describe
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import CODES, PLUGIN, PRESETS, STRATEGIES, Settings
+from edge_vpr.settings import PLUGIN, PRESETS, STRATEGIES, Settings
 from edge_vpr_tools.research.baselines.baseline import Described, Images, VectorBaseline
 from edge_vpr_tools.research.baselines.dense import AbsoluteDifferences
 
@@ -77,7 +77,7 @@ class SelectedPixels(AbsoluteDifferences):
     def describe(self, images: Images) -> Described:
         """Return the counts at the pixels, or their codes, shape (n, J)."""
         counts = images[:, self.pixel_map.y, self.pixel_map.x]
-        codes = encoder_of(self._settings, self.pixel_map, len(self.pixel_map))
+        codes = codes_of(self._settings, len(self.pixel_map))
         return narrow(counts if codes is None else codes.encode(counts))
 
 
@@ -98,13 +98,6 @@ def by_strategy(seed: int, name: str) -> SelectedPixels:
     strategy = name if name in STRATEGIES else PLUGIN + name
     settings = PRESETS["paper"].replaced({"seed": seed, "strategy": strategy}, "baseline")
     return SelectedPixels(f"{settings.pixels} pixels by {name}, SAD", settings)
-
-
-def by_code(seed: int, name: str) -> SelectedPixels:
-    """Make the paper's method with descriptors by a code of `Settings`, or of another package."""
-    code = name if name in CODES else PLUGIN + name
-    settings = PRESETS["paper"].replaced({"seed": seed, "counter_code": code}, "baseline")
-    return SelectedPixels(f"{settings.pixels} varying pixels, {name}, SAD", settings)
 
 
 # Dense baseline: the same counts and distances over all pixels of the sensor.
