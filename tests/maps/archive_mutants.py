@@ -17,7 +17,6 @@ import numpy as np
 from archive_oracle import check_layout, check_loaded_map, check_loaded_state
 from edge_vpr_tools.commands.estimate import calibrated
 from edge_vpr_tools.estimate import targets
-from edge_vpr_tools.estimate.search import evaluation_of
 from edge_vpr_tools.profile.conditions import Conditions
 from edge_vpr_tools.profile.meter_trace import read_csv
 from edge_vpr_tools.profile.profiling import SCHEMA, Profile
@@ -146,7 +145,7 @@ def write_originals(folder: Path) -> dict[str, list[Path]]:
 
 
 def _write_plain_values(new: Callable[[str, str], Path]) -> None:
-    """Write a layout, designs, targets, metrics, a profile and a meter's trace."""
+    """Write a layout, designs, targets, a profile and a meter's trace."""
     new("layout", ".toml").write_text(
         'bytes = 5\nendian = "big"\nx = { shift = 1, bits = 7 }\ny = { shift = 8, bits = 6 }\n'
         "p = { shift = 0, on = 0 }\nt = { shift = 16, bits = 20, tick_us = 2 }\n"
@@ -162,8 +161,6 @@ def _write_plain_values(new: Callable[[str, str], Path]) -> None:
     for name in targets.names():
         path = Path(targets.__file__).with_name("targets") / f"{name}.toml"
         new("target", ".toml").write_bytes(path.read_bytes())
-    told = {"precision_at_100_recall": 0.75, "queries": 8, "recall": [0.5, None]}
-    new("metrics", ".json").write_text(json.dumps({"evaluation": told, "seconds": 3.5}))
     new("profile", ".json").write_text(json.dumps(plain_profile()))
     lines = "".join(f"{i / 10},{2 + i % 7 / 10},{0.5 + i % 3}\n" for i in range(40))
     new("meter", ".csv").write_text("time_s,voltage_v,current_a\n" + lines)
@@ -409,7 +406,6 @@ LOADERS: dict[str, Callable[[Path], object]] = {
     "layout": read_layout,
     "design": Design.load,
     "target": targets.Target.load,
-    "metrics": evaluation_of,
     "profile": _shown_profile,
     "meter": read_csv,
 }

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from edge_vpr_tools import cli
 from edge_vpr_tools.cli import GENERAL_FLAGS, VERBS, find_verb
-from edge_vpr_tools.estimate import accuracy
 from edge_vpr_tools.research.experiments import codes
 from edge_vpr_tools.research.experiments.experiment import Drives
 from streams import random_events
@@ -129,18 +128,12 @@ RUNS = [
     ("bridge {f}/query.h5 --port udp://127.0.0.1:9 --sensor 16x12 --speed 0 --topic left", 0),
     ("bridge {f}/frames.npz --port udp://127.0.0.1:9 --speed 0 --frame-period 1/10", 0),
     ("ports --json", 0),
-    ("estimate --sensor 16x12 --pixels 5 --places 20 -L 2 --counter-code log --counter-bits 3 "
-     "--polarity --tau 100ms --lanes 2 --event-rate 1e4 --selected-share 0.1 --match-rate 10 "
-     "--target cortex-m4 --vs all-pixels --fit 64KiB --json {f}/estimate.json", 0),
-    ("estimate --window-events 100 --every 100ms --route-km 1 --places-per-metre 0.2 "
+    ("estimate --pixels 5 --places 20 --counter-bits 3 --lanes 2 --event-rate 1e4 "
+     "--target cortex-m4 --json {f}/estimate.json", 0),
+    ("estimate --places-per-window 1 --route-km 1 --places-per-metre 0.2 --fit 64KiB "
      "--target cortex-m0plus", 0),
     ("estimate --design {f}/design.toml --target cortex-m4 --sources", 0),
-    ("estimate --pixels 25 --places 100 --matching filter --places-per-window 1 "
-     "--target cortex-m4", 0),
-    ("estimate --map {f}/map.npz --target cortex-m4 --pareto {f}/results "
-     "--figure {f}/pareto.png", 0),
-    ("estimate --accuracy-on {f}/reference.npz {f}/query.npz --ground-truth {f}/truth.csv "
-     "--tolerance 0.2 --tau 100ms -L 2 --target cortex-m4", 0),
+    ("estimate --map {f}/map.npz --target cortex-m4", 0),
     ("golden --design {f}/design.toml -o {f}/vectors --seed 1", 0),
     ("golden --map {f}/map.npz --recording {f}/query.npz --max-windows 5 --lanes 2 "
      "--case-size 256KiB --vectors 2MB --ram 64KiB -o {f}/vectors --overwrite", 0),
@@ -280,8 +273,7 @@ def rows_of_codes(draw):
 
 @pytest.fixture
 def small_loads(monkeypatch):
-    """Short streets and few designs: what those give is the matter of other tests."""
-    monkeypatch.setattr(accuracy, "PIXELS", (5,))
+    """Short streets: what those give is the matter of other tests."""
     monkeypatch.setattr("firmware_model.vectors.standard_suites", lambda *unused: {})
     pairs = [Drives(name, lambda seed: None) for name in "ab"]
     declared = replace(codes.EXPERIMENT, drives=lambda data: pairs, measure=rows_of_codes)

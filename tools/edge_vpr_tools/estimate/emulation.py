@@ -1,20 +1,24 @@
 """Instructions of the reference firmware on each processor, as a function of the design.
 
 ``python -m edge_vpr_tools.estimate.emulation`` runs the firmware on emulated processors for a few
-designs, solves for the coefficients, and writes the table that `predict` reads. No figure of it is
-typed in; what does not change with the design (an event, code, stack) is read from the table that
+designs, solves for the coefficients, and writes the table that `predict` reads. With ``--check`` it
+counts random designs instead, and writes how far off the predictions are. No figure of it is typed
+in; what does not change with the design (an event, code, stack) is read from the table that
 stands beside the C sources.
 """
 
 from __future__ import annotations
 
 import csv
+import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +26,8 @@ from firmware_model import Design, Memories
 from firmware_model.emulation.build import EMULATED, Target, build
 from firmware_model.emulation.emulator import Emulator
 from firmware_model.emulation.instructions import FirmwareRun, compiler
-from firmware_model.image import stride
+from firmware_model.errors import DesignError
+from firmware_model.image import check_limits, stride
 
 SCALING = Path(__file__).parent / "scaling.csv"
 
@@ -215,8 +220,50 @@ def _solve(terms: Sequence[Sequence[int]], counted: Sequence[int]) -> list[float
     return found
 
 
+def random_designs(number: int, seed: int) -> list[Design]:
+    """Draw designs of both profiles that the firmware holds, with 20 places or more."""
+    rng, found = np.random.default_rng(seed), list[Design]()
+    while len(found) < number:
+        by_filter = rng.random() < 0.7
+        matching: dict[str, Any] = {"code": "linear", "length": int(rng.integers(1, 20))}
+        if by_filter:
+            matching = {
+                "code": "contrast", "matching": "filter", "accept": "margin",
+                "activity_costs": int(rng.integers(1, 3)),
+                "keep_distances": bool(rng.random() < 0.5),
+            }  # fmt: skip
+        with suppress(DesignError):
+            design = Design(
+                width=64, height=64, pixels=int(rng.integers(5, 700)), lookup_depth=2048,
+                places=int(rng.integers(20, 120)), code_bits=int(rng.integers(1, 5)), **matching,
+            )  # fmt: skip
+            check_limits(design)
+            found.append(design)
+    return found
+
+
+def error(target: Target, elf: Path, design: Design, seed: int = 0) -> float:
+    """Return the relative error of a predicted match; positive: too many instructions."""
+    return predict(design, target.name).match / count(target, elf, design, seed).match - 1
+
+
+def check(number: int = 40, seed: int = 77) -> list[str]:
+    """Return a table of the furthest errors on each processor."""
+    lines = ["target,designs,too few (%),too many (%)"]
+    with tempfile.TemporaryDirectory() as folder:
+        for target in EMULATED:
+            elf = build(target, folder)
+            errors = [error(target, elf, one, seed) for one in random_designs(number, seed)]
+            lines.append(f"{target.name},{number},{-100 * min(errors):.1f},{100 * max(errors):.1f}")
+            print(lines[-1], file=sys.stderr, flush=True)
+    return lines
+
+
 def main() -> None:
-    """Emulate, solve, and write the table."""
+    """Emulate, solve, and write the table; or check it."""
+    if sys.argv[1:] == ["--check"]:
+        print("\n".join(check()))
+        return
     lines = [",".join(("target", "compiler", *chain(*_GROUPS)))]
     with tempfile.TemporaryDirectory() as folder:
         for target in EMULATED:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 from edge_vpr.errors import UsageError
@@ -30,28 +30,6 @@ from fixedpoint.codes import packed_bytes
 
 #: depths and widths in which a block memory can be used
 Shapes = Sequence[tuple[int, int]]
-#: memories that tell which pixels are selected
-_LOOKUP = ("displacement", "lookup", "pixel_delay")
-
-
-class EveryPixel(Design):
-    """A design with a counter for every pixel of its sensor, to compare with.
-
-    No device of this kind holds as many. It needs no look-up: a pixel is its own slot.
-    """
-
-    def __post_init__(self) -> None:
-        pixels = self.width * self.height
-        # everything but J is checked, and as in a design
-        object.__setattr__(self, "pixels", 1)
-        object.__setattr__(self, "lookup_depth", 0)
-        super().__post_init__()
-        object.__setattr__(self, "pixels", pixels)
-
-    @classmethod
-    def beside(cls, design: Design) -> EveryPixel:
-        """Count every pixel, all else as in a design."""
-        return cls(**design.to_dict())
 
 
 @dataclass(frozen=True)
@@ -113,13 +91,12 @@ class Work:
 
 def event_work(design: Design, selected: bool) -> Work:
     """Count what an event on the sensor does."""
-    looked_up = 0 if isinstance(design, EveryPixel) else 1
     return Work(
         counter_updates=int(selected),
         traffic=_traffic(
             design,
-            displacement=(looked_up, 0),
-            lookup=(looked_up, 0),
+            displacement=(1, 0),
+            lookup=(1, 0),
             counts=(int(selected), int(selected)),
         ),
     )
@@ -195,10 +172,7 @@ class Sizes:
 
 def sizes(design: Design) -> Sizes:
     """Size a design's memories."""
-    sized = memories(design)
-    if isinstance(design, EveryPixel):
-        sized = {name: memory for name, memory in sized.items() if name not in _LOOKUP}
-    bits = sum(memory.bits for memory in sized.values())
+    bits = sum(memory.bits for memory in memories(design).values())
     return Sizes(
         place_bytes=packed_bytes(design.slots, design.code_bits) + design.activity_costs,
         packed_bytes=-(-bits // 8),
@@ -209,10 +183,9 @@ def sizes(design: Design) -> Sizes:
 
 def flash_bytes(design: Design) -> int:
     """Size the image that `firmware_model.image.image` would lay out, without laying it out."""
-    looked_up = 0 if isinstance(design, EveryPixel) else 1
     tables = (
-        looked_up * 2 * design.height,
-        looked_up * 8 * design.lookup_depth,
+        2 * design.height,
+        8 * design.lookup_depth,
         len(design.full_scales) * (design.count_max + 1) * (2 if design.own_mean else 1),
         design.slots,
         design.places * stride(design),
@@ -272,6 +245,13 @@ class Mission:
                 f"{self.matches_per_s:g} matches per second, {self.events_per_call} events per "
                 "call: expected positive numbers"
             )
+
+    def at_rate(self, events_per_s: float, design: Design) -> Mission:
+        """Return the mission at another rate of events, by which windows of a number end too."""
+        matches = self.matches_per_s
+        if design.window == "count":
+            matches = events_per_s * self.selected_share / design.window_events
+        return replace(self, events_per_s=events_per_s, matches_per_s=matches)
 
     @property
     def rates(self) -> dict[str, float]:

@@ -132,12 +132,16 @@ def device_codes(reference: ReferenceMap) -> PixelCodes:
     return PixelCodes.shared(CounterCode("linear", bits), counts.shape[1])
 
 
-def event_rates(reference: ReferenceMap) -> tuple[float, float]:
+def event_rates(reference: ReferenceMap) -> tuple[float, float] | None:
     """Return the events per second of the reference drive, and their share at selected pixels.
 
+    None if the drive was counted at the selected pixels alone, which says nothing about the others.
     A code stands for the count in the middle of its range.
     """
-    places = reference.places
+    places, pixel_map = reference.places, reference.pixel_map
+    everywhere = len(pixel_map) == pixel_map.sensor.pixels
+    if (places.events <= places.selected_events).all() and not everywhere:
+        return None
     seconds = int((places.end_us - places.start_us).sum()) / 1e6
     events = int(places.events.sum())
     selected = int(reference.decoded(places).counts.sum())

@@ -1,4 +1,4 @@
-"""Matches per joule: this project's designs on each device as modelled, and published figures.
+"""Matches per joule by the rate of events: designs of this project, and published figures.
 
 Modelled is the work alone, of one match per second on a route of 1,000 places, with the cited
 constants of ``estimate/energy.toml``; low and high bound their spread. Published figures were
@@ -9,9 +9,9 @@ your own is `edge-vpr profile`, whose result has the same name, matches per joul
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 from typing import NamedTuple
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from edge_vpr_tools.estimate.model import Mission
@@ -22,12 +22,15 @@ from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
 from firmware_model.design import Design
 
-PLACES, EVENTS_PER_S = 1_000, 100_000
+PLACES = 1_000
+EVENTS_PER_S = (10_000, 100_000, 1_000_000)
 PIXELS = (150, 25)
+#: of a measurement: at the rate of events, or of inputs, that its authors had
+OWN_RATE = "its own"
 
 
 class Published(NamedTuple):
-    """Power of another system at one match per second, in watts, as its authors measured it."""
+    """Energy of a result of another system in joules, as its authors measured it."""
 
     system: str
     device: str
@@ -39,10 +42,15 @@ class Published(NamedTuple):
 
 
 _LENS = "Hines, Milford and Fischer, Science Robotics 2025, doi 10.1126/scirobotics.ads3968"
+_TINY = "MLPerf Tiny v1.3, mlcommons.org, single results without a spread"
+_KEYWORDS = "keyword spotting (another task)"
 PUBLISHED = (
-    Published("LENS", "Speck", "sensor and processor", _LENS, 2.43e-3, 2.67e-3, 3.02e-3),
+    # at one match per second
+    Published("LENS", "Speck", "sensor and processor", _LENS, 2.43e-3, 2.674e-3, 3.02e-3),
     Published("LENS", "Jetson Nano", "what the work adds", _LENS, 0.667, 0.706, 0.748),
     Published("LENS", "Jetson Nano", "the whole board", _LENS, 4.59, 4.59, 4.59),
+    Published(_KEYWORDS, "Cortex-M4 (STM32L4R5)", "processor", _TINY, 1.431e-3, 1.431e-3, 1.431e-3),
+    Published(_KEYWORDS, "Cortex-M33 (STM32U385)", "processor", _TINY, 2.45e-4, 2.45e-4, 2.45e-4),
 )
 
 
@@ -53,57 +61,61 @@ def measure(draw: Draw) -> Iterator[Row]:
             width=346, height=260, pixels=pixels, places=PLACES, matching="filter",
             code="contrast", activity_costs=2, accept="margin",
         )  # fmt: skip
-        mission = Mission(EVENTS_PER_S, pixels / (346 * 260), 1.0)
-        for name in names():
-            target = find(name)
+        for name, rate in product(names(), EVENTS_PER_S):
+            target, mission = find(name), Mission(rate, pixels / (346 * 260), 1.0)
             of = on_target(design, mission, Limits(target, choose_distances=True))
             found = of.cost.matches_per_joule
             if found is None or of.limited_by or target.kind == "datapath":
                 continue
             yield {
                 "system": f"place filter, {pixels} pixels", "device": target.name,
-                "includes": "what the work adds", "basis": "modelled",
+                "includes": "what the work adds", "basis": "modelled", "events/s": rate,
                 "matches per joule": found.central, "low": found.low, "high": found.high,
                 "source": "edge-vpr estimate --sources",
             }  # fmt: skip
     for one in PUBLISHED:
         yield {
             "system": one.system, "device": one.device, "includes": one.includes,
-            "basis": "published", "matches per joule": 1 / one.central, "low": 1 / one.high,
-            "high": 1 / one.low, "source": one.source,
+            "basis": "measured", "events/s": OWN_RATE, "matches per joule": 1 / one.central,
+            "low": 1 / one.high, "high": 1 / one.low, "source": one.source,
         }  # fmt: skip
 
 
 def draw(rows: Rows) -> Figure:
-    """Draw each system with its range, modelled and published in two colours."""
-    with panels(1, 1, 8.0, 1.2 + 0.42 * len(rows)) as (drawing, ((axes,),)):
-        kinds = list(dict.fromkeys(row["basis"] for row in rows))
-        for kind in kinds:
-            at = [i for i, row in enumerate(rows) if row["basis"] == kind]
-            value = np.array([float(rows[i]["matches per joule"]) for i in at])
-            ends = np.array([[float(rows[i]["low"]), float(rows[i]["high"])] for i in at]).T
-            axes.errorbar(
-                value, at, xerr=np.abs(ends - value), marker="o", linestyle="none", capsize=3,
-                color=CYCLE[kinds.index(kind)], label=kind,
-            )  # fmt: skip
-        axes.set_yticks(
-            range(len(rows)),
-            [f"{row['system']}\n{row['device']}, {row['includes']}" for row in rows],
-            fontsize=7,
-        )
-        axes.set(xscale="log", xlabel="matches per joule (higher is better)")
-        axes.invert_yaxis()
-        axes.legend(loc="upper left")
+    """Draw modelled designs by the rate of events, and measured figures as levels."""
+    with panels(1, 1, 8.0, 4.5) as (drawing, ((axes,),)):
+        curves: dict[str, list[Row]] = {}
+        for row in rows:
+            curves.setdefault(f"{row['system']}, {row['device']}, {row['includes']}", []).append(
+                row
+            )
+        for number, (name, of) in enumerate(curves.items()):
+            color, values = CYCLE[number % len(CYCLE)], [float(r["matches per joule"]) for r in of]
+            if of[0]["basis"] == "modelled":
+                at = [float(row["events/s"]) for row in of]
+                axes.plot(at, values, "o-", color=color, label=f"{name}, modelled")
+                axes.fill_between(
+                    at, *([float(row[end]) for row in of] for end in ("low", "high")),
+                    color=color, alpha=0.15, lw=0,
+                )  # fmt: skip
+            else:
+                axes.axhline(values[0], color=color, ls="--", label=f"{name}, measured")
+        axes.set(
+            xscale="log", yscale="log", xlabel="events per second of the whole sensor",
+            ylabel="matches per joule",
+        )  # fmt: skip
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=7)
     return drawing
 
 
 EXPERIMENT = Experiment(
     drives=lambda data: [Drives(f"{PLACES:,} places", lambda seed: None, drawn=False)],
-    names=("system", "device", "includes", "basis"),
+    names=("system", "device", "includes", "basis", "events/s"),
     measure=measure,
     figure=draw,
     view=TableView(
-        {}, ("system", "device", "includes", "basis", "matches per joule", "low", "high")
+        {},
+        ("system", "device", "includes", "basis", "events/s", "matches per joule", "low", "high"),
     ),
     reads_data=False,
 )
