@@ -17,9 +17,9 @@ from .evaluation.ground_truth import from_matrix as from_matrix
 from .evaluation.ground_truth import from_tracks as from_tracks
 from .evaluation.metrics import Evaluation as Evaluation
 from .evaluation.metrics import evaluate as evaluate
+from .evaluation.tables import load_odometry as load_odometry
+from .evaluation.track_files import load_track as load_track
 from .evaluation.tracks import Track as Track
-from .evaluation.tracks import load_odometry as load_odometry
-from .evaluation.tracks import load_track as load_track
 from .events import EVENT_DTYPE as EVENT_DTYPE
 from .events import Sensor as Sensor
 from .events import crop as crop

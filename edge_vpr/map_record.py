@@ -60,7 +60,7 @@ from edge_vpr.descriptors.windows import (
     narrow,
 )
 from edge_vpr.errors import MapError, UsageError, expect
-from edge_vpr.events import Sensor
+from edge_vpr.events import TIME_LIMIT_US, Sensor
 from edge_vpr.route import MOST_MM, Route
 from edge_vpr.settings import PLUGIN, Settings
 from fixedpoint.codes import PixelCodes, learn_full_scale, packed_bytes
@@ -158,6 +158,7 @@ class MapRecord(EqualByValue):
     frame_period: Fraction | None = None
     learnt_mean: npt.NDArray[np.int32] | None = None
     drives: npt.NDArray[np.uint8] | None = None
+    start_us: int = 0
 
     def __post_init__(self) -> None:
         self.check()
@@ -229,6 +230,11 @@ class MapRecord(EqualByValue):
         check_range(self.drives, "drives", 1, 255)
         if ((self.learnt_mean.astype(np.int64) + 128) >> 8 != self.places.counts).any():
             raise MapError("learnt_mean does not round to the codes of the places")
+
+    @property
+    def place_time_us(self) -> npt.NDArray[np.int64]:
+        """Centres of the windows of the places, from the recording's start, shape (K,)."""
+        return self.places.centre_us + self.start_us
 
     @property
     def windows(self) -> Descriptors:
@@ -421,6 +427,8 @@ class MapRecord(EqualByValue):
             meta["position_kind"] = self.route.kind
         if self.frame_period is not None:
             meta["frame_period"] = str(self.frame_period)
+        if self.start_us:
+            meta["start_us"] = self.start_us
         write_archive(path, KIND, arrays, meta)
 
     @classmethod
@@ -446,6 +454,7 @@ class MapRecord(EqualByValue):
                 confidence=Confidence.from_arrays(arrays),
                 route=Route.from_arrays(arrays, meta),
                 frame_period=_period(meta.get("frame_period")),
+                start_us=_start(meta.get("start_us", 0)),
                 **{name: arrays.get(name) for name in _OPTIONAL},
             )
         earlier = found.settings.matching == "filter" and meta.get("trust_rule") != TRUST_RULE
@@ -457,6 +466,13 @@ class MapRecord(EqualByValue):
             stacklevel=2,
         )
         return replace(found, confidence=None)
+
+
+def _start(value: object) -> int:
+    """Check the start of the part of the recording that a map was made of."""
+    if type(value) is not int or not 0 <= value <= TIME_LIMIT_US:
+        raise MapError(f"start_us is {value!r}: expected microseconds from the recording's start")
+    return value
 
 
 def _period(text: object) -> Fraction | None:

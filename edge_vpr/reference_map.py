@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -27,8 +27,11 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError, UsageError, as_path, expect, kind_of
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
 from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
-from edge_vpr.evaluation.tracks import Track, load_jumps, load_odometry, load_track, with_positions
-from edge_vpr.files import link_if_same
+from edge_vpr.evaluation.tables import load_jumps, load_odometry
+from edge_vpr.evaluation.track_files import load_track
+from edge_vpr.evaluation.tracks import Track, with_positions
+from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.files import link_if_same, read_json
 from edge_vpr.learning import MapUpdate, learn_drive
 from edge_vpr.map_record import KIND, MapRecord, check_matchable, describe_query, map_traverse
 from edge_vpr.matching.drive import match_query
@@ -186,12 +189,16 @@ class ReferenceMap(MapRecord):
         if odometry is not None and not isinstance(odometry, Odometry):
             odometry = load_odometry(odometry)
         found = map_traverse(drive, chosen, pixel_map=pixel_map, hot=hot, removed=removed)
-        made = replace(cls.of(found), frame_period=getattr(drive, "frame_period", None))
+        made = replace(
+            cls.of(found),
+            frame_period=getattr(drive, "frame_period", None),
+            start_us=getattr(drive, "cropped_us", 0),
+        )
         check_matchable(made)
         if track is not None:
             made = with_positions(made, track, getattr(drive, "start_us", None))
         if odometry is not None:
-            made = replace(made, odometer_mm=odometry.along(made.places.centre_us))
+            made = replace(made, odometer_mm=odometry.along(made.place_time_us))
         if isinstance(jumps, str | Path):
             jumps = load_jumps(jumps, len(made))
         return made if jumps is None else replace(made, jumps=jumps)
@@ -247,6 +254,7 @@ class ReferenceMap(MapRecord):
             track = load_track(track)
         if odometry is not None and not isinstance(odometry, Odometry):
             odometry = load_odometry(odometry)
+        track, odometry = _of_part(drive, track), _of_part(drive, odometry)
         counted = count_places(drive, self.pixel_map, self.settings, removed)
         return learn_drive(self, counted, track=track, odometry=odometry)
 
@@ -299,6 +307,7 @@ class ReferenceMap(MapRecord):
             inputs = (str(drive.path), *inputs)
         if odometry is not None and not isinstance(odometry, Odometry):
             odometry = load_odometry(odometry)
+        odometry = _of_part(drive, odometry)
         check_sensor(drive.sensor, self.pixel_map.sensor)
         reference, shift = self, None
         if registered:
@@ -315,7 +324,7 @@ class ReferenceMap(MapRecord):
             )
         else:
             result = _match_events(matched.causal(), drive, every, odometry, shift)
-        return replace(result, inputs=inputs)
+        return replace(result, inputs=inputs, start_us=getattr(drive, "cropped_us", 0))
 
     def localiser(
         self,
@@ -503,6 +512,8 @@ class MatchResult:
         Events that cleaning removed from the query.
     inputs : tuple of str
         Files that were read, as far as they are known.
+    start_us : int
+        Where the part that was matched (`Recording.cropped`, ``--start``) begins in the recording.
     """
 
     reference: ReferenceMap
@@ -511,6 +522,7 @@ class MatchResult:
     metrics: MatchMetrics | OnlineMetrics | None = None
     removed: Removed = field(default_factory=Removed)
     inputs: tuple[str, ...] = ()
+    start_us: int = 0
 
     def __len__(self) -> int:
         return len(self.matches)
@@ -525,8 +537,12 @@ class MatchResult:
 
     @property
     def query_time_us(self) -> npt.NDArray[np.int64]:
-        """Times of the queries, shape (Q,): the centres of all windows, or those of the matches."""
-        return self.matches.time_us if self.queries is None else self.queries.centre_us
+        """Times of the queries from the recording's start, shape (Q,).
+
+        The centres of all windows, or those of the matches.
+        """
+        of_part = self.matches.time_us if self.queries is None else self.queries.centre_us
+        return of_part + self.start_us
 
     def truth(
         self,
@@ -555,9 +571,11 @@ class MatchResult:
         return from_tracks(
             reference_track,
             query_track,
-            self.reference.places.centre_us,
+            self.reference.place_time_us,
             self.query_time_us,
             tolerance_m,
+            reference_events=self.reference.places.events,
+            query_events=None if self.queries is None else self.queries.events,
         )
 
     def evaluate(
@@ -649,7 +667,7 @@ class MatchResult:
         link_if_same(folder / MAP, inputs)
         left_out = removed_record(self.removed, int(self.reference.hot.sum()))
         settings = self.matches.settings.to_dict()
-        write_json(folder / RUN, run_record(settings, inputs, left_out))
+        write_json(folder / RUN, run_record(settings, inputs, left_out, self.start_us))
         write_json(folder / METRICS, {} if self.metrics is None else self.metrics)
 
     @classmethod
@@ -664,7 +682,17 @@ class MatchResult:
         path = as_path(folder, "a folder of results")
         if not path.is_dir():
             raise MapError(f"{path} is not a folder of results: run edge-vpr match first")
-        return cls(ReferenceMap.load(path / MAP), Matches.load(path / MATCHES), read_queries(path))
+        start_us = 0
+        if (path / RUN).is_file():
+            start_us = read_json(path / RUN, "the run", "match again").get("start_us", 0)
+        if type(start_us) is not int or not 0 <= start_us <= TIME_LIMIT_US:
+            raise MapError(f"{path / RUN} has start_us {start_us!r}: match again")
+        return cls(
+            ReferenceMap.load(path / MAP),
+            Matches.load(path / MATCHES),
+            read_queries(path),
+            start_us=start_us,
+        )
 
 
 def write_matched(
@@ -694,6 +722,18 @@ def read_queries(folder: Path, name: str = QUERIES) -> Descriptors | None:
 def removed_record(removed: Removed, hot_pixels: int) -> RemovedEvents:
     """Return what cleaning removed, for `run.json`."""
     return RemovedEvents(removed.events, removed.burst_events, removed.burst_share, hot_pixels)
+
+
+_Timed = TypeVar("_Timed", bound=Track | Odometry | None)
+
+
+def _of_part(drive: object, readings: _Timed) -> _Timed:
+    """Return readings whose times count from where the part of a recording begins."""
+    start_us = getattr(drive, "cropped_us", 0)
+    if readings is None or not start_us:
+        return readings
+    moved: Any = replace(readings, time_us=readings.time_us - start_us)
+    return moved
 
 
 def _settings_of(settings: Settings | PathName | None, changes: dict[str, Any]) -> Settings:

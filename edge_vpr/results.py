@@ -365,10 +365,15 @@ class RunRecord:
     removed: RemovedEvents | None = field(default=None, metadata=LEFT_OUT)
     #: Printed before the record was written; None if there were none.
     warnings: tuple[str, ...] | None = field(default=None, metadata=LEFT_OUT)
+    #: Where the part that was read (--start) begins in the recording, in microseconds; None if 0.
+    start_us: int | None = field(default=None, metadata=LEFT_OUT)
 
 
 def run_record(
-    settings: Mapping[str, Any], inputs: Iterable[str | Path], removed: RemovedEvents | None = None
+    settings: Mapping[str, Any],
+    inputs: Iterable[str | Path],
+    removed: RemovedEvents | None = None,
+    start_us: int = 0,
 ) -> RunRecord:
     """Describe this run, for `run.json`.
 
@@ -380,6 +385,8 @@ def run_record(
         Files or folders that were read.
     removed : RemovedEvents, optional
         By cleaning.
+    start_us : int
+        Where the part that was read begins in the recording.
     """
     versions = {"python": platform.python_version()}
     versions |= {name: version(name) for name in ("edge-vpr", "numpy", "numba")}
@@ -393,6 +400,7 @@ def run_record(
         inputs=tuple(hash_input(file) for path in inputs for file in _files(Path(path))),
         removed=removed,
         warnings=warnings_so_far() or None,
+        start_us=start_us or None,
     )
 
 

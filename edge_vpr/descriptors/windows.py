@@ -424,7 +424,8 @@ class PublishedWindows:
                 f"{path} has no whole frame in the part that --start and --end leave of its "
                 f"{float(frames.n_frames * self._period_us / 1_000_000):g} s: leave more"
             )
-        self.start_us = frames.start_us + math.floor(self._first * self._period_us)
+        self.cropped_us = math.floor(self._first * self._period_us)
+        self.start_us = frames.start_us + self.cropped_us
         self.sensor = _known(frames.sensor or sensor, path, "its sensor: pass --sensor WxH")
         x = _known(frames.pixel_x, path, "where its pixels lie: add pixel_x and pixel_y")
         y = _known(frames.pixel_y, path, "where its pixels lie: add pixel_x and pixel_y")

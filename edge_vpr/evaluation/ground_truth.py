@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -15,14 +14,9 @@ import numpy.typing as npt
 
 from edge_vpr.archive import EqualByValue, read_members, read_npy
 from edge_vpr.errors import GroundTruthError, expect, printable
-from edge_vpr.evaluation.tracks import (
-    Floats,
-    Track,
-    distances,
-    interpolate,
-    read_table,
-    unix_remedy,
-)
+from edge_vpr.evaluation import doubts
+from edge_vpr.evaluation.tables import read_table
+from edge_vpr.evaluation.tracks import Floats, Track, distances, interpolate, unix_remedy
 from edge_vpr.files import open_input
 from edge_vpr.route import Kind
 
@@ -30,6 +24,10 @@ from edge_vpr.route import Kind
 BLOCK_CELLS = 1 << 20
 #: Of a larger truth only the true cells are kept: 64 MB.
 MOST_CELLS = 1 << 26
+
+
+#: A truth of which a larger share is true says little about matches. Chosen by judgement.
+MOST_CHANCE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,13 +108,17 @@ class GroundTruth(EqualByValue):
         ``correct[k, j]``: place k is correct for query j. Oriented as the distance matrix. Of more
         than 64 Mi cells only the true ones are kept; `numpy.asarray` gives them all.
     known : ndarray of bool, shape (Q,)
-        Whether the truth of this query is known; only these queries can be evaluated.
+        Whether the truth of this query is known: where it was, and that no place without a position
+        can be the correct one. Only these queries can be evaluated.
     description : str
         Source, tolerance and coverage, for reports.
     notes : tuple of str
         What makes it doubtful that this is the truth of these drives.
     positions : TruePositions or None
         None of a matrix.
+    placed : ndarray of bool, shape (K,)
+        Whether the position of this place is known; a match with another one cannot be judged. All
+        are by default.
 
     Raises
     ------
@@ -129,6 +131,7 @@ class GroundTruth(EqualByValue):
     description: str
     notes: tuple[str, ...] = ()
     positions: TruePositions | None = None
+    placed: npt.NDArray[np.bool_] | None = None
 
     def __repr__(self) -> str:
         places, queries = self.correct.shape
@@ -153,6 +156,28 @@ class GroundTruth(EqualByValue):
             raise GroundTruthError(
                 "a query of unknown truth has a correct place: clear its column, or mark it known"
             )
+        if self.placed is None:
+            object.__setattr__(self, "placed", np.ones(correct.shape[0], dtype=np.bool_))
+        elif self.placed.dtype != np.bool_ or self.placed.shape != correct.shape[:1]:
+            raise GroundTruthError(
+                f"ground truth of {correct.shape[0]} places has placed of shape "
+                f"{self.placed.shape}: give one bool per place"
+            )
+
+    def judged(
+        self, place: npt.NDArray[np.integer], query: npt.NDArray[np.integer]
+    ) -> npt.NDArray[np.bool_]:
+        """Return whether matches of places with queries can be judged, shape (n,)."""
+        assert self.placed is not None
+        return np.asarray(self.known[query] & self.placed[place])
+
+    @property
+    def chance(self) -> float:
+        """Share of correct matches among all that can be judged: what guessing reaches."""
+        assert self.placed is not None
+        cells = int(self.known.sum()) * int(self.placed.sum())
+        true = self.correct.flat.size if isinstance(self.correct, TrueCells) else self.correct.sum()
+        return int(true) / max(cells, 1)
 
     @property
     def has_place(self) -> npt.NDArray[np.bool_]:
@@ -195,16 +220,26 @@ def _described_truth(
     source: str,
     doubts: tuple[str, ...] = (),
     positions: TruePositions | None = None,
+    placed: npt.NDArray[np.bool_] | None = None,
 ) -> GroundTruth:
     """Return a ground truth with its source, and the number of known queries, as description."""
     with_place = int(correct.any(axis=0).sum())
-    return GroundTruth(
+    truth = GroundTruth(
         correct,
         known,
         f"{source}; {int(known.sum())} of {known.size} queries known, {with_place} with a place",
         doubts,
         positions,
+        placed,
     )
+    if truth.chance > MOST_CHANCE:
+        note = (
+            f"{truth.chance:.0%} of all pairs of place and query count as the same place, so that "
+            "matches are correct whatever they say: check the tolerance, the unit of the "
+            "positions, and that the receiver moved"
+        )
+        truth = replace(truth, notes=(*doubts, note))
+    return truth
 
 
 def _window_coordinates(values: npt.ArrayLike, which: str) -> Floats:
@@ -243,123 +278,6 @@ def _check_tolerance(tolerance: float) -> None:
         raise GroundTruthError(f"tolerance {tolerance} is not a distance: give 0 or more")
 
 
-# Checks whether two tracks are of the same route, and belong to their drives.
-
-
-#: number of points of the query's track that are compared, evenly spread along it
-QUERY_POINTS = 200
-#: largest number of points of the reference's track; else two for each tolerance
-REFERENCE_POINTS = 2_000
-#: A note is given if a log and its drive have less than this share of their time in common: loggers
-#: usually start and stop within seconds of the camera. Chosen by judgement.
-LEAST_COMMON = 0.8
-#: Smallest differences for two notes, chosen by judgement: that swapped logs would fit better, and
-#: that the lengths of two drives with the same log differ.
-SWAPPED_BY = 0.05
-
-
-class Overlap(NamedTuple):
-    """Overlap of two tracks."""
-
-    #: Of the query's track, by its length, how much lies within the tolerance of the reference's.
-    share: float
-    nearest_m: float  #: Least distance between the two.
-
-
-def overlap(reference: Track, query: Track, tolerance_m: float) -> Overlap:
-    """Compare the paths of two tracks, without their times.
-
-    Parameters
-    ----------
-    reference, query : Track
-        Of one kind and dimension.
-    """
-    places, spacing_m = _spread(reference, REFERENCE_POINTS, tolerance_m / 2)
-    queries, _ = _spread(query, QUERY_POINTS, 0.0)
-    nearest = distances(reference.kind, places, queries[:, None]).min(axis=1)
-    return Overlap(float((nearest <= tolerance_m + spacing_m / 2).mean()), float(nearest.min()))
-
-
-def notes(
-    reference: Track,
-    query: Track,
-    reference_us: npt.NDArray[np.float64],
-    query_us: npt.NDArray[np.float64],
-) -> tuple[str, ...]:
-    """Return notes on logs that probably do not belong to these drives.
-
-    Parameters
-    ----------
-    reference_us, query_us : ndarray of float64
-        Times of the windows' centres.
-
-    Returns
-    -------
-    tuple of str
-        Empty where both logs fit.
-    """
-    given = (_common(reference, reference_us), _common(query, query_us))
-    swapped = (_common(query, reference_us), _common(reference, query_us))
-    found = []
-    ends = (float(reference_us.max()), float(query_us.max()))
-    if _same(reference, query) and min(ends) < (1 - SWAPPED_BY) * max(ends):
-        found.append("both logs are the same, of drives that are not as long: give one of each")
-    if sum(swapped) > sum(given) + 2 * SWAPPED_BY:
-        found.append(
-            "the two logs fit the drives better the other way round: the reference's comes first"
-        )
-    for name, track, times, common in zip(
-        ("reference", "query"), (reference, query), (reference_us, query_us), given, strict=True
-    ):
-        if common < LEAST_COMMON:
-            found.append(
-                f"the {name} log covers {track.time_us[0] / 1e6:.0f} to "
-                f"{track.time_us[-1] / 1e6:.0f} s and its drive lasts until "
-                f"{times.max() / 1e6:.0f} s: is it the log of this drive, and its clock right "
-                "(--offset)?"
-            )
-        total = sum(track.dropped.values())
-        if total * 10 > track.entries:
-            found.append(f"of the {name} log {track.describe_dropped()}")
-    return tuple(found)
-
-
-def _same(reference: Track, query: Track) -> bool:
-    """Return whether two tracks have the same points, whatever their clocks' offsets."""
-    return np.array_equal(reference.position, query.position) and np.array_equal(
-        np.diff(reference.time_us), np.diff(query.time_us)
-    )
-
-
-def _common(track: Track, times_us: npt.NDArray[np.float64]) -> float:
-    """Return the common time of track and windows, divided by the time that they span together."""
-    first, last = float(track.time_us[0]), float(track.time_us[-1])
-    start, end = float(times_us.min()), float(times_us.max())
-    # the first and the last window reach half a window beyond their centres
-    half = (end - start) / max(1, 2 * (times_us.size - 1))
-    start, end = start - half, end + half
-    whole = max(last, end) - min(first, start)
-    return max(0.0, min(last, end) - max(first, start)) / whole if whole > 0 else 1.0
-
-
-def _spread(track: Track, most: int, least_m: float) -> tuple[Floats, float]:
-    """Return points evenly spread along a track, without those in gaps, and their spacing."""
-    points = track.position
-    steps = distances(track.kind, points[1:], points[:-1])
-    if track.max_gap_us is not None:
-        steps = np.where(np.diff(track.time_us) > track.max_gap_us, 0.0, steps)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
-    if not along[-1] > 0:
-        return points[:1], 0.0
-    n = most if least_m * most <= along[-1] else math.ceil(along[-1] / least_m) + 1
-    at = np.linspace(0.0, along[-1], n)
-    rising = np.flatnonzero(np.diff(along, prepend=-1.0) > 0)
-    if track.kind == "geographic":
-        points = np.column_stack([points[:, 0], np.unwrap(points[:, 1], period=360.0)])
-    found = [np.interp(at, along[rising], column[rising]) for column in points.T]
-    return np.column_stack(found), float(along[-1] / (n - 1))
-
-
 # Ground truth from the tracks of two drives.
 
 
@@ -369,6 +287,9 @@ def from_tracks(
     reference_times_us: npt.ArrayLike,
     query_times_us: npt.ArrayLike,
     tolerance_m: float,
+    *,
+    reference_events: npt.NDArray[np.integer] | None = None,
+    query_events: npt.NDArray[np.integer] | None = None,
 ) -> GroundTruth:
     """Return the truth: places within `tolerance_m` of the query, by great circle or straight line.
 
@@ -380,11 +301,15 @@ def from_tracks(
         Times of the windows' centres, in microseconds from each recording's start.
     tolerance_m : float
         In metres, inclusive.
+    reference_events, query_events : ndarray of int, shapes (K,) and (Q,), optional
+        Numbers of events of the windows, by which a frozen receiver is told from a camera that
+        stands.
 
     Returns
     -------
     GroundTruth
-        A query is known where its track covers it. A place without a position is never correct.
+        A query is known where its track covers it, unless all places within the tolerance may be
+        ones without a position. A match with such a place is not judged.
 
     Raises
     ------
@@ -402,21 +327,34 @@ def from_tracks(
     remedy = unix_remedy("--offset", reference, query)
     reference_us = _window_coordinates(reference_times_us, "reference")
     query_us = _window_coordinates(query_times_us, "query")
+    notes = list(doubts.notes(reference, query, reference_us, query_us, tolerance_m))
+    if reference_events is not None:
+        reference, frozen = doubts.without_frozen(reference, reference_us, reference_events)
+        notes += [f"the reference log {note}" for note in frozen]
+    if query_events is not None:
+        query, frozen = doubts.without_frozen(query, query_us, query_events)
+        notes += [f"the query log {note}" for note in frozen]
     places = _positions(reference, reference_us, "reference", remedy)
     queries = _positions(query, query_us, "query", remedy)
     correct = within(places, queries, partial(distances, reference.kind), tolerance_m)
-    known = ~np.isnan(queries[:, 0])
-    placed = int((~np.isnan(places[:, 0])).sum())
-    shared = overlap(reference, query, tolerance_m)
-    doubts = notes(reference, query, reference_us, query_us)
+    known, placed = (~np.isnan(positions[:, 0]) for positions in (queries, places))
+    alone = np.flatnonzero(known & ~correct.any(axis=0))
+    if not placed.all() and alone.size:
+        known[alone] = ~doubts.may_be_elsewhere(
+            reference, reference_us[~placed], queries[alone], tolerance_m
+        )
+    step = distances(reference.kind, places[1:], places[:-1])
+    notes += doubts.spacing_note(step, tolerance_m, "m")
+    shared = doubts.overlap(reference, query, tolerance_m)
     truth = _described_truth(
         correct,
         known,
         f"{reference.kind} tracks at {tolerance_m:g} m, "
-        f"{placed} of {len(places)} places with a position, "
+        f"{int(placed.sum())} of {len(places)} places with a position, "
         f"{100 * shared.share:.0f} % of the query's track along the reference's",
-        doubts,
+        tuple(notes),
         TruePositions(places, queries, reference.kind, "m", tolerance_m),
+        placed,
     )
     if not truth.has_place.any():
         if shared.share == 0:
@@ -430,7 +368,7 @@ def from_tracks(
                 "other times: check their clocks (--offset) and their order"
             )
         raise GroundTruthError(
-            "; ".join([f"no query lies within {tolerance_m:g} m of any place: {reason}", *doubts])
+            "; ".join([f"no query lies within {tolerance_m:g} m of any place: {reason}", *notes])
         )
     return truth
 
@@ -442,7 +380,7 @@ def _positions(track: Track, times_us: Floats, which: str, remedy: str) -> Float
             f"the {which} track covers {track.time_us[0] / 1e6:g} to {track.time_us[-1] / 1e6:g} s "
             f"in {track.time_us.size} points and no window of {times_us.min() / 1e6:g} to "
             f"{times_us.max() / 1e6:g} s: "
-            + (remedy or "check its clock, and allow longer gaps if the points are few")
+            + (remedy or "check its clock, and give --longest-gap if its points are few")
         )
     return positions
 
@@ -562,6 +500,7 @@ def from_alignment(
         If the points do not increase, or no query lies between them.
     """
     _check_tolerance(tolerance)
+    unit = "frames" if unit == "frame" else unit
     points = np.asarray(pairs, dtype=np.float64)
     _check_pairs(points)
     queries = _window_coordinates(query_coordinate, "query")
@@ -578,11 +517,14 @@ def from_alignment(
         correct,
         known,
         f"alignment of {len(points)} points at {tolerance:g} {unit}".rstrip(),
+        doubts.spacing_note(
+            np.abs(np.diff(places)), tolerance, f"{unit}s" if unit == "frame" else unit
+        ),
         positions=TruePositions(
             places[:, None],
             expected[:, None],
             "metric",
-            "frames" if unit == "frame" else unit,
+            unit,
             tolerance,
         ),
     )

@@ -228,20 +228,23 @@ class Evaluation:
     Attributes
     ----------
     queries : int
-        Evaluated: matched, and their truth is known.
+        Evaluated: matched, and it is known whether the match is correct.
     queries_unknown : int
-        Matched, but their truth is not known; left out of every figure.
+        Matched, but the window or the place has no position, or the correct place may be one
+        without a position; left out of every figure.
     queries_without_place : int
         Evaluated, but no place of the map is correct for them, so that any match is wrong.
     queries_tied : int
         Evaluated, with other places at the same smallest distance.
+    chance : float
+        Share of correct matches that guessing would reach.
     correct : ndarray of bool, shape (n,)
         For each row of the matches; False where not evaluated.
     evaluated : ndarray of bool, shape (n,)
-        Whether the truth of each match is known.
+        Whether it is known if each match is correct.
     recall_at : dict of int to float
         Recall@N: of the evaluated queries that have a true place, the share that has one among the
-        N nearest.
+        N nearest; without those of which one of the N may be it.
     score, recall_denominator : str
         By what matches are rejected, and of what the recall is a share; see `evaluate`.
     rejection : Rejection
@@ -254,6 +257,7 @@ class Evaluation:
     queries_unknown: int
     queries_without_place: int
     queries_tied: int
+    chance: float
     correct: npt.NDArray[np.bool_]
     evaluated: npt.NDArray[np.bool_]
     curve: PrecisionRecall
@@ -265,7 +269,9 @@ class Evaluation:
 
     def __repr__(self) -> str:
         return (
-            f"Evaluation({self.queries} queries, P@100R {self.precision_at_100_recall:.3f}, "
+            f"Evaluation({self.queries} queries"
+            + (f" and {self.queries_unknown} unknown" if self.queries_unknown else "")
+            + f", P@100R {self.precision_at_100_recall:.3f}, "
             f"R@99P {self.recall_at_99_precision:.3f})"
         )
 
@@ -290,6 +296,7 @@ class Evaluation:
             "queries_unknown": self.queries_unknown,
             "queries_without_place": self.queries_without_place,
             "queries_tied": self.queries_tied,
+            "chance": self.chance,
             "score": self.score,
             "recall_denominator": self.recall_denominator,
             "rejection": asdict(self.rejection),
@@ -331,7 +338,7 @@ def evaluate(
             f"{matches.places_in_map} places and queries up to {matches.query.max()}: "
             "give the ground truth of these two traverses"
         )
-    evaluated = truth.known[matches.query]
+    evaluated = truth.judged(matches.place, matches.query)
     if not evaluated.any():
         raise GroundTruthError(
             "the truth is known for none of the matched queries: check that it covers their time"
@@ -350,20 +357,21 @@ def evaluate(
         recall_denominator=recall_denominator,
         thresholds=thresholds,
     )
-    hit = truth.correct[matches.candidates, matches.query[:, None]] & (matches.candidates >= 0)
-    counted = evaluated & has_place
-    findable = max(int(np.count_nonzero(counted)), 1)
+    some = matches.candidates >= 0
+    hit = truth.correct[matches.candidates, matches.query[:, None]] & some
+    unsure = some & ~truth.judged(matches.candidates, matches.query[:, None])
     rated = evaluated & ~np.isnan(matches.probability)
     return Evaluation(
         queries=int(np.count_nonzero(evaluated)),
         queries_unknown=int(np.count_nonzero(~evaluated)),
         queries_without_place=int(np.count_nonzero(evaluated & ~has_place)),
         queries_tied=int(np.count_nonzero(matches.ties[evaluated])),
+        chance=truth.chance,
         correct=correct,
         evaluated=evaluated,
         curve=curve,
         recall_at={
-            n: int(np.count_nonzero(hit[counted, :n].any(axis=1))) / findable
+            n: _recall_at(hit[:, :n], unsure[:, :n], evaluated & has_place)
             for n in RECALL_AT
             if n <= matches.candidates.shape[1]
         },
@@ -379,6 +387,22 @@ def evaluate(
         if rated.any()
         else None,
     )
+
+
+def _recall_at(
+    hit: npt.NDArray[np.bool_], unsure: npt.NDArray[np.bool_], counted: npt.NDArray[np.bool_]
+) -> float:
+    """Return the share of counted queries with a hit, of those with one or surely none.
+
+    Parameters
+    ----------
+    hit, unsure : ndarray of bool, shape (n, N)
+        Whether each of the nearest places is correct, and whether that is not known.
+    counted : ndarray of bool, shape (n,)
+    """
+    found = hit.any(axis=1) & counted
+    sure = found | (counted & ~unsure.any(axis=1))
+    return int(np.count_nonzero(found)) / max(int(np.count_nonzero(sure)), 1)
 
 
 def _falling(matches: Matches, score: Score) -> npt.NDArray[np.float64]:

@@ -29,7 +29,7 @@ from edge_vpr.confidence import STRANGE, STRANGE_TEXT
 from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
 from edge_vpr.descriptors.counting import Removed
 from edge_vpr.errors import MapError, RecordingError, UsageError, as_path, expect, printable
-from edge_vpr.evaluation.tracks import save_odometry
+from edge_vpr.evaluation.tables import save_odometry
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor, join_events
 from edge_vpr.files import check_output, work_folder
 from edge_vpr.learning import MapUpdate

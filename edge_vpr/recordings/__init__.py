@@ -251,6 +251,11 @@ class Recording:
         """Share of the file that the newest pass has read, 0 to 1; None if it is not known."""
         return self._source.position
 
+    @property
+    def cropped_us(self) -> int:
+        """Microseconds from the recording's start to time 0, which is that of the part read."""
+        return self._span[0]
+
     def __iter__(self) -> Iterator[Events]:
         log = FaultLog(self.path, self.sensor, self._on_fault, self._origin_us)
         self.faults = log.faults

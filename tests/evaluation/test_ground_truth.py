@@ -25,13 +25,8 @@ from edge_vpr.evaluation.ground_truth import (
     load_alignment,
     load_matrix,
 )
-from edge_vpr.evaluation.tracks import (
-    EARTH_RADIUS_M,
-    Track,
-    great_circle,
-    interpolate,
-    load_track,
-)
+from edge_vpr.evaluation.track_files import load_track
+from edge_vpr.evaluation.tracks import EARTH_RADIUS_M, Track, great_circle, interpolate
 
 SECOND = 1_000_000
 
@@ -51,7 +46,8 @@ points = st.lists(st.integers(0, 200), min_size=1, max_size=12, unique=True).map
 )
 def test_interpolation_is_the_oracles_to_the_bit(times, wanted, max_gap, data):
     values = data.draw(st.lists(st.integers(-1000, 1000), min_size=len(times), max_size=len(times)))
-    found = interpolate(wanted, times, np.array(values, dtype=float)[:, None], max_gap=max_gap)
+    bridged = None if max_gap is None else np.diff(times) <= max_gap
+    found = interpolate(wanted, times, np.array(values, dtype=float)[:, None], bridged)
     expected = [
         naive.interpolate(list(zip(times, values, strict=True)), x, max_gap) for x in wanted
     ]
@@ -155,11 +151,11 @@ def test_a_position_survives_the_degrees_and_minutes_of_nmea(
 def test_rmc_and_gga_of_one_instant_are_one_point_and_tenths_of_a_second_are_kept(tmp_path):
     lines = [
         both for tenth in range(12) for time in [f"0703{3 + tenth // 10:02d}.{tenth % 10}0"]
-        for both in (rmc(time, -27.0, 153.0 + tenth), gga(time, 5.0, 5.0))
+        for both in (rmc(time, -27.0, 153.0 + tenth / 1e5), gga(time, 5.0, 5.0))
     ]  # fmt: skip
     track = load_track(written(tmp_path, *lines))
     np.testing.assert_array_equal(track.time_us, np.arange(12) * 100_000)
-    np.testing.assert_allclose(track.position[:, 1], 153.0 + np.arange(12))
+    np.testing.assert_allclose(track.position[:, 1], 153.0 + np.arange(12) / 1e5)
 
 
 def test_time_goes_on_past_midnight_with_dates_and_without(tmp_path):
@@ -219,8 +215,9 @@ def test_a_log_without_a_fix_says_so_and_what_to_do(tmp_path):
 
 
 def test_a_log_whose_time_runs_backwards_is_refused(tmp_path):
-    path = written(tmp_path, rmc("070303.00", 0, 0), rmc("070301.00", 0, 0))
-    with pytest.raises(GroundTruthError, match="backwards by 2 s at RMC/GGA sentence 2"):
+    minutes = ("070303.00", "070001.00", "070002.00", "070003.00")
+    path = written(tmp_path, *(rmc(time, 1, 1) for time in minutes))
+    with pytest.raises(GroundTruthError, match="backwards by 182 s at RMC/GGA sentence 2"):
         load_track(path)
 
 
@@ -275,8 +272,8 @@ def test_a_table_is_read_by_its_header(tmp_path, header, kind, columns):
 def test_points_set_by_hand_may_lie_far_apart_if_asked_for(tmp_path):
     path = tmp_path / "track.csv"
     path.write_text("time_s,position_m\n0,0\n60,30\n")
-    assert np.isnan(load_track(path).at([30 * SECOND])).all()
-    assert load_track(path, max_gap_s=None).at([30 * SECOND]).tolist() == [[15.0]]
+    assert np.isnan(load_track(path, max_gap_s=5.0).at([30 * SECOND])).all()
+    assert load_track(path).at([30 * SECOND]).tolist() == [[15.0]]
 
 
 @pytest.mark.parametrize(
@@ -288,8 +285,8 @@ def test_points_set_by_hand_may_lie_far_apart_if_asked_for(tmp_path):
         ("a.csv", "time_s,x_m\n0,zero\n", "row 1 is '0,zero'"),
         ("a.csv", "time_s,x_m\n0,0\n1\n", "row 2 is '1', not 2 numbers"),
         ("a.csv", "time_s,x_m\n0,inf\n", "row 1 is not finite"),
-        ("a.csv", "time_s,x_m\n1,0\n0,0\n", "a.csv: track time does not increase"),
-        ("a.xlsx", "", r"give a \.nmea or \.gpx log, a \.csv table, or poses of TUM or KITTI"),
+        ("a.csv", "time_s,x_m\n9,0\n0,0\n", "a.csv: time runs backwards by 9 s at point 2"),
+        ("a.xlsx", "", r"give a log of NMEA or GPX, a \.csv table, or poses of TUM or KITTI"),
     ],
 )
 def test_a_table_that_is_no_track_says_why(tmp_path, name, text, message):
@@ -344,7 +341,15 @@ def test_truth_from_tracks_is_the_oracles_however_the_matrix_is_cut(kind, data, 
     # sines of two libraries may differ in the last bit: cells on the very border are left out
     clear = ~(np.abs(np.array(expected) - tolerance) < 1e-6)
     np.testing.assert_array_equal(truth.correct[clear], (np.array(expected) <= tolerance)[clear])
-    np.testing.assert_array_equal(truth.known, queries <= query.time_us[-1])
+    np.testing.assert_array_equal(truth.placed, places <= reference.time_us[-1])
+    # of a query without a correct place, the log says nothing if the reference can have been there
+    ends, start = reference.time_us[-1], reference.position[-1].tolist()
+    steps = zip(reference.position[1:].tolist(), reference.position[:-1].tolist(), strict=True)
+    speed = np.quantile([naive.distance(kind, a, b) / 3 for a, b in steps], 0.95)
+    reach = tolerance + speed * max(0, places[-1] - ends) / 1e6
+    near = np.array([naive.distance(kind, start, b) for b in query.at(queries).tolist()]) <= reach
+    maybe = near & (places[-1] > ends) & ~truth.has_place
+    np.testing.assert_array_equal(truth.known, (queries <= query.time_us[-1]) & ~maybe)
     np.testing.assert_array_equal(truth.has_place, truth.correct.any(axis=0))
 
 

@@ -9,7 +9,8 @@ import pytest
 from edge_vpr_tools.cli import main
 from streams import random_events
 
-from edge_vpr.evaluation.tracks import distances, load_track
+from edge_vpr.evaluation.track_files import load_track
+from edge_vpr.evaluation.tracks import distances
 from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import write_recording

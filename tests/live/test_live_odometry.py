@@ -16,7 +16,7 @@ from streams import Drive, random_events
 
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.tracks import load_odometry
+from edge_vpr.evaluation.tables import load_odometry
 from edge_vpr.events import Sensor
 from edge_vpr.live.bridge import Bridge, open_device_link
 from edge_vpr.live.odometer import OdometerLine

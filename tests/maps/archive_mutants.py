@@ -28,7 +28,8 @@ from edge_vpr.confidence import Confidence
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import LONGEST_MESSAGE, EdgeVprError, printable
 from edge_vpr.evaluation.ground_truth import load_alignment, load_matrix
-from edge_vpr.evaluation.tracks import load_jumps, load_odometry, load_track
+from edge_vpr.evaluation.tables import load_jumps, load_odometry
+from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.events import Sensor
 from edge_vpr.live.protocols.aer import Layout, read_layout
 from edge_vpr.map_record import coded_map

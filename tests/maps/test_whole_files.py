@@ -24,7 +24,8 @@ from edge_vpr.descriptors.cleaning import load_hot_pixels
 from edge_vpr.descriptors.pixels import load_pixel_map
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr.evaluation.ground_truth import load_alignment, load_matrix
-from edge_vpr.evaluation.tracks import load_jumps, load_odometry, load_track
+from edge_vpr.evaluation.tables import load_jumps, load_odometry
+from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.events import Sensor
 from edge_vpr.files import check_output, clear_dead_runs, read_json, replacing, replacing_folder
 from edge_vpr.live.protocols import open_decoder

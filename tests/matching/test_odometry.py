@@ -15,7 +15,8 @@ from streams import descriptors, random_events
 from test_localiser import PIXEL_MAP, PIXELS, SENSOR
 
 from edge_vpr.errors import GroundTruthError, MapError, UsageError
-from edge_vpr.evaluation.tracks import Track, load_jumps, load_odometry
+from edge_vpr.evaluation.tables import load_jumps, load_odometry
+from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Sensor
 from edge_vpr.map_record import coded_map
 from edge_vpr.matching.drive import match_descriptors

@@ -20,7 +20,7 @@ from edge_vpr.errors import MapError
 from edge_vpr.evaluation.calibration import reliability
 from edge_vpr.evaluation.ground_truth import from_tracks
 from edge_vpr.evaluation.metrics import evaluate_rejection
-from edge_vpr.evaluation.tracks import load_track
+from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap

@@ -14,7 +14,7 @@ from edge_vpr_tools.commands import simulate
 from edge_vpr_tools.commands.simulate import SENSORS
 
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.tracks import load_track
+from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.recordings import open_recording
 from edge_vpr.simulation import CAMERAS, QUERY, REFERENCE, simulate_pair
 

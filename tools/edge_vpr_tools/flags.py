@@ -258,6 +258,17 @@ def _checked(field: SettingField) -> Callable[[str], str]:
 # Flags of the ground truth, shared by the commands that compare matches with it.
 
 
+def add_gap_flag(group: argparse._ActionsContainer) -> None:
+    """Add the flag for gaps of tracks."""
+    group.add_argument(
+        "--longest-gap",
+        type=float,
+        metavar="S",
+        help="longest time between two points of a track over which positions are interpolated, in "
+        "seconds (default: 5, longer in logs of few points and where the camera stood)",
+    )
+
+
 def add_truth_flags(group: argparse._ActionsContainer) -> None:
     """Add the flags that a `truth_files.TruthFiles` is made of."""
     group.add_argument(
@@ -283,12 +294,13 @@ def add_truth_flags(group: argparse._ActionsContainer) -> None:
     )  # fmt: skip
     group.add_argument(
         "--offset",
-        nargs=2,
-        type=float,
-        metavar=("REF_S", "QUERY_S"),
+        nargs="+",
+        metavar="REF_S QUERY_S",
         help="time in each recording at which its track has its time 0, in seconds; negative if "
-        "the track began earlier (default: 0 0)",
+        "the track began earlier (default: 0 0); or auto: the one with which most matches are "
+        "correct",
     )
+    add_gap_flag(group)
     group.add_argument(
         "--frame-period", metavar="S",
         help="duration of a frame in seconds, for an alignment in frames, for example 1/30",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -11,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import GroundTruthError, UsageError
+from edge_vpr.evaluation.doubts import Offset, best_offset, is_clear
 from edge_vpr.evaluation.ground_truth import (
     GroundTruth,
     from_alignment,
@@ -19,16 +21,18 @@ from edge_vpr.evaluation.ground_truth import (
     load_alignment,
     load_matrix,
 )
-from edge_vpr.evaluation.tracks import load_track
+from edge_vpr.evaluation.track_files import load_track
+from edge_vpr.evaluation.tracks import Track
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import parse_period
 from edge_vpr.reference_map import MatchResult
 from edge_vpr_tools.console import note, warning
 
 #: Suffixes of files that hold a track and not an alignment.
-_TRACKS = (".nmea", ".gpx", ".tum")
+_TRACKS = (".nmea", ".gpx", ".tum", ".log")
 
 Times = npt.NDArray[np.int64]
+Counts = npt.NDArray[np.integer]
 
 
 @dataclass(frozen=True)
@@ -43,9 +47,51 @@ class TruthFiles:
     frame_period: str | None = None
     #: Where time 0 of each track is in its recording, in seconds.
     offset_s: Sequence[float] | None = None
+    #: Longest time between points of a track that is interpolated, in seconds; by default found.
+    longest_gap_s: float | None = None
 
-    def __call__(self, places_us: Times, queries_us: Times) -> GroundTruth:
+    @classmethod
+    def of_flags(cls, args: argparse.Namespace) -> TruthFiles:
+        """Return the files that the flags of `add_truth_flags` name; of ``--offset auto``, none.
+
+        Raises
+        ------
+        UsageError
+            If the offset is wrong.
+        """
+        offset = None
+        if args.offset not in (None, [AUTO]):
+            try:
+                first, second = (float(seconds) for seconds in args.offset)
+            except ValueError:
+                raise UsageError(
+                    f"--offset {' '.join(args.offset)}: give the seconds of the reference's and of "
+                    "the query's log, as in --offset 0 2.5, or auto"
+                ) from None
+            offset = (first, second)
+        return cls(
+            args.ground_truth, args.tolerance, args.rows, args.frame_period, offset,
+            args.longest_gap,
+        )  # fmt: skip
+
+    def tracks(self) -> tuple[Track, Track]:
+        """Read two tracks, the reference's and the query's, with their offsets."""
+        gap = self.longest_gap_s
+        reference, query = (
+            load_track(file, max_gap_s=gap).shifted(at)
+            for file, at in zip(self.files, self.offset_s or (0.0, 0.0), strict=True)
+        )
+        return reference, query
+
+    def __call__(
+        self, places_us: Times, queries_us: Times, events: tuple[Counts, Counts] | None = None
+    ) -> GroundTruth:
         """Read the truth for windows with these centres, of shapes (K,) and (Q,).
+
+        Parameters
+        ----------
+        events : tuple of two arrays, optional
+            Numbers of events of the places and of the queries, see `from_tracks`.
 
         Raises
         ------
@@ -70,11 +116,11 @@ class TruthFiles:
         if self.tolerance is None:
             raise UsageError("the tolerance is not given: say for example --tolerance 70")
         if len(files) == 2:
-            reference, query = (
-                load_track(file).shifted(at)
-                for file, at in zip(files, offset_s or (0.0, 0.0), strict=True)
-            )
-            return from_tracks(reference, query, places_us, queries_us, self.tolerance)
+            of_places, of_queries = events or (None, None)
+            return from_tracks(
+                *self.tracks(), places_us, queries_us, self.tolerance,
+                reference_events=of_places, query_events=of_queries,
+            )  # fmt: skip
         if Path(files[0]).suffix.lower() in _TRACKS:
             raise UsageError(
                 f"{files[0]} is one track: give two, the reference's and then the query's"
@@ -101,25 +147,38 @@ class TruthFiles:
         return replace(self, files=self.files[::-1], offset_s=offsets)
 
 
+#: the word for an offset that is found
+AUTO = "auto"
 #: places times queries of the ground truth: 64 MB
 _MOST_CELLS = 1 << 26
 #: swapped logs are reported if this share of the matches becomes correct by it; chosen by judgement
 _SWAPPED_BY = 0.3
+#: if a larger share of the matches cannot be judged, a warning says so
+_MUCH_UNKNOWN = 0.05
 
 
-def _share_correct(matches: Matches, truth: GroundTruth) -> float:
-    return float(truth.correct[matches.place, matches.query].mean())
-
-
-def load_evaluated(results: str, files: TruthFiles) -> tuple[MatchResult, GroundTruth]:
+def load_evaluated(args: argparse.Namespace) -> tuple[MatchResult, GroundTruth, TruthFiles]:
     """Read a folder of results and its ground truth, and print warnings about doubtful inputs.
+
+    Parameters
+    ----------
+    args : Namespace
+        With the folder ``results`` and the flags of `add_truth_flags`.
+
+    Returns
+    -------
+    result : MatchResult
+    truth : GroundTruth
+    files : TruthFiles
+        Of the truth, with the offsets that were used.
 
     Raises
     ------
     EdgeVprError
         If the folder or the ground truth cannot be used.
     """
-    result = MatchResult.load(results)
+    files = TruthFiles.of_flags(args)
+    result = MatchResult.load(args.results)
     reference, matches = result.reference, result.matches
     stride = 1 + len(matches) * len(reference) // _MOST_CELLS
     if result.queries is None and stride > 1:  # matched online: each match is a query
@@ -128,17 +187,112 @@ def load_evaluated(results: str, files: TruthFiles) -> tuple[MatchResult, Ground
         matches, result = some, replace(result, matches=some)
     if files.frame_period is None and reference.frame_period is not None:
         files = replace(files, frame_period=str(reference.frame_period))
-    times = reference.places.centre_us, result.query_time_us
-    truth = files(*times)
+    if args.offset == [AUTO]:
+        files = _with_offset(result, files)
+        return result, _doubted(result, files), files
+    try:
+        truth = _doubted(result, files)
+    except GroundTruthError as error:
+        offset = _clear_offset(result, files)
+        if offset is None:
+            raise
+        raise GroundTruthError(f"{error}; {_advice(files, offset)}") from None
+    correct, judged = _counts(matches, truth)
+    if len(files.files) == 2 and correct < (1 - _SWAPPED_BY) * judged:
+        with suppress(GroundTruthError):  # the tracks fit these drives in one order only
+            swapped, of = _counts(matches, files.swapped()(*_times(result)))
+            if swapped * judged > (correct + _SWAPPED_BY * judged) * of:
+                warning(
+                    f"with the two logs in the other order, {swapped / of:.0%} of the matches "
+                    f"would be correct instead of {correct / judged:.0%}: name the log of the "
+                    "reference first"
+                )
+    offset = _clear_offset(result, files)
+    if offset is not None:
+        warning(_advice(files, offset))
+    return result, truth, files
+
+
+def _times(result: MatchResult) -> tuple[Times, Times]:
+    return result.reference.place_time_us, result.query_time_us
+
+
+def _doubted(result: MatchResult, files: TruthFiles) -> GroundTruth:
+    """Read the truth of the matches, and warn of what makes it doubtful."""
+    events = None
+    if result.queries is not None:
+        events = result.reference.places.events, result.queries.events
+    truth = files(*_times(result), events)
     for line in truth.notes:
         warning(line)
-    share = _share_correct(matches, truth)
-    if len(files.files) == 2 and share < 1 - _SWAPPED_BY:
-        with suppress(GroundTruthError):  # the tracks fit these drives in one order only
-            swapped = _share_correct(matches, files.swapped()(*times))
-            if swapped > share + _SWAPPED_BY:
-                warning(
-                    f"with the two logs in the other order, {swapped:.0%} of the matches would be "
-                    f"correct instead of {share:.0%}: name the log of the reference first"
-                )
-    return result, truth
+    place, query = result.matches.place, result.matches.query
+    unknown = ~truth.judged(place, query)
+    if unknown.mean() > _MUCH_UNKNOWN:
+        assert truth.placed is not None
+        places = int(np.count_nonzero(truth.known[query] & ~truth.placed[place]))
+        windows = int(np.count_nonzero(~truth.known[query]))
+        causes = [
+            f"{count:,} {whose}"
+            for count, whose in (
+                (windows, "as the window has no position, or its place may have none"),
+                (places, "as the place has none"),
+            )
+            if count
+        ]
+        warning(
+            f"{int(unknown.sum()):,} of {len(place):,} matches cannot be judged and are left out: "
+            f"{' and '.join(causes)}"
+        )
+    return truth
+
+
+def _counts(matches: Matches, truth: GroundTruth) -> tuple[int, int]:
+    """Return how many matches are correct, and how many can be judged."""
+    judged = truth.judged(matches.place, matches.query)
+    correct = truth.correct[matches.place, matches.query] & judged
+    return int(correct.sum()), int(judged.sum())
+
+
+def _offset(result: MatchResult, files: TruthFiles) -> Offset | None:
+    """Return the offset of one of two logs with which most matches are correct."""
+    if len(files.files) != 2 or not files.tolerance:
+        return None
+    reference, query = files.tracks()
+    if (reference.kind, reference.position.shape[1]) != (query.kind, query.position.shape[1]):
+        return None
+    places_us, queries_us = _times(result)
+    matches = result.matches
+    at = places_us[matches.place], queries_us[matches.query]
+    return best_offset(reference, query, *at, files.tolerance)
+
+
+def _clear_offset(result: MatchResult, files: TruthFiles) -> Offset | None:
+    offset = _offset(result, files)
+    window_s = float(np.median(result.reference.places.end_us - result.reference.places.start_us))
+    return offset if is_clear(offset, window_s / 1e6, result.matches.probability) else None
+
+
+def _shifted(files: TruthFiles, offset: Offset) -> tuple[float, float]:
+    first, second = files.offset_s or (0.0, 0.0)
+    return first + offset.pair[0], second + offset.pair[1]
+
+
+def _advice(files: TruthFiles, offset: Offset) -> str:
+    first, second = _shifted(files, offset)
+    return f"{offset}: if its clock may be wrong, pass --offset {first:g} {second:g}"
+
+
+def _with_offset(result: MatchResult, files: TruthFiles) -> TruthFiles:
+    """Return the files with the offset that is found, and report it."""
+    if len(files.files) != 2:
+        raise UsageError("--offset sets the clocks of two tracks right: give two tracks")
+    offset = _offset(result, files)
+    if offset is None:
+        note("--offset auto: no other offset of the two logs is better than 0 0")
+        return replace(files, offset_s=(0.0, 0.0))
+    used = _shifted(files, offset)
+    warning(
+        f"--offset auto takes --offset {used[0]:g} {used[1]:g}: {offset}; as the matches "
+        "themselves decide this, their figures are rather too good"
+    )
+    return replace(files, offset_s=used)

@@ -52,17 +52,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Evaluate, print the figures, and add them to the folder."""
     from edge_vpr import results
-    from edge_vpr.evaluation.tracks import load_track, with_positions
+    from edge_vpr.evaluation.tracks import with_positions
     from edge_vpr.files import read_json
     from edge_vpr.results import run_record, write_json
     from edge_vpr_tools.report.page import MISSED
     from edge_vpr_tools.report.traverse import write_report
     from edge_vpr_tools.report.verdict import outcome_of
-    from edge_vpr_tools.truth_files import TruthFiles, load_evaluated
+    from edge_vpr_tools.truth_files import load_evaluated
 
     folder, formats = Path(args.results), figure_formats(args.figures)
-    files = TruthFiles(args.ground_truth, args.tolerance, args.rows, args.frame_period, args.offset)
-    result, truth = load_evaluated(args.results, files)
+    result, truth, files = load_evaluated(args)
     reference, matches = result.reference, result.matches
     found = result.evaluate(
         truth,
@@ -72,12 +71,13 @@ def run(args: argparse.Namespace) -> None:
     )
     metrics = read_json(folder / results.METRICS, "metrics", "match again")
     metrics["ground_truth"] = truth.description
+    if files.offset_s is not None:
+        metrics["offset_s"] = list(files.offset_s)
     metrics["evaluation"] = found.to_dict()
     metrics["evaluated_by"] = run_record(matches.settings.to_dict(), args.ground_truth)
     route = reference.route
     if route is None and len(args.ground_truth) == 2:
-        track = load_track(args.ground_truth[0]).shifted((args.offset or [0.0])[0])
-        route = with_positions(reference, track).route
+        route = with_positions(reference, files.tracks()[0]).route
     outcome = outcome_of(reference, matches, truth, found)
     metrics["verdict"] = outcome.sentence()
     write_report(folder, result, outcome, formats, route, warnings_so_far())

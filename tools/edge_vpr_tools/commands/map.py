@@ -9,8 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import detail_settings, summary, warm_up_shown, warn_of_bursts, warning
+from edge_vpr_tools.console import (
+    detail_settings,
+    summary,
+    warm_up_shown,
+    warn_of_bursts,
+    warn_of_few_places,
+    warning,
+)
 from edge_vpr_tools.flags import (
+    add_gap_flag,
     add_map_flags,
     add_output_flags,
     add_reading_arguments,
@@ -83,6 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="time in the recording at which the track has its time 0, in seconds; negative if the "
         "track began earlier (default: 0)",
     )
+    add_gap_flag(track)
     track.add_argument(
         "--odometry",
         metavar="FILE",
@@ -110,7 +119,8 @@ def run(args: argparse.Namespace) -> None:
 
     from edge_vpr.archive import archive_kind
     from edge_vpr.descriptors.counting import Removed
-    from edge_vpr.evaluation.tracks import load_track
+    from edge_vpr.evaluation.doubts import track_notes
+    from edge_vpr.evaluation.track_files import load_track
     from edge_vpr.map_record import KIND
     from edge_vpr.reference_map import ReferenceMap, removed_record
     from edge_vpr.results import check_new_file, check_new_map, run_record, write_json
@@ -132,7 +142,16 @@ def run(args: argparse.Namespace) -> None:
     if len(tracks) > drives:
         raise UsageError(f"{len(tracks)} tracks are given for {drives} drives: give one per drive")
 
-    of_drives = [load_track(track).shifted(args.track_offset or 0.0) for track in tracks]
+    of_drives = [
+        load_track(track, max_gap_s=args.longest_gap).shifted(args.track_offset or 0.0)
+        for track in tracks
+    ]
+    # of the drives' logs; of a map that learns, the reference's own was judged before
+    concerns = [
+        f"{path}: {concern}"
+        for path, track in zip(tracks, of_drives, strict=True)
+        for concern in track_notes(track)
+    ]
     removed, seconds = Removed(), None
     if learns:
         _check_flags_of_a_map(args)
@@ -172,6 +191,8 @@ def run(args: argparse.Namespace) -> None:
         along = reference.route.along_m
         known = along[~np.isnan(along)]
         summary(f"{known.size} of {len(reference)} places have positions, along {known[-1]:,.0f} m")
+        for concern in concerns:
+            warning(concern)
     if reference.odometer_mm is not None:
         summary(f"odometry: {reference.odometer_mm[-1] / 1e3:,.1f} m from first to last place")
         if args.odometry is not None and reference.odometer_mm[-1] == 0:
@@ -180,6 +201,7 @@ def run(args: argparse.Namespace) -> None:
                 "in seconds from the recording's start, and distances that rise"
             )
     warn_of_bursts(removed, args.recording, "keep them with --bursts keep")
+    warn_of_few_places(output, reference)
 
 
 def _mapped(

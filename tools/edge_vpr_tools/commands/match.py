@@ -10,7 +10,14 @@ from shlex import quote
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import detail_settings, summary, warm_up_shown, warn_of_bursts, warning
+from edge_vpr_tools.console import (
+    detail_settings,
+    summary,
+    warm_up_shown,
+    warn_of_bursts,
+    warn_of_few_places,
+    warning,
+)
 from edge_vpr_tools.flags import (
     add_figures_flag,
     add_match_flags,
@@ -98,7 +105,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr import results
     from edge_vpr.archive import archive_kind, write_npy
     from edge_vpr.evaluation.match_tracks import check_track_file
-    from edge_vpr.evaluation.tracks import load_odometry
+    from edge_vpr.evaluation.tables import load_odometry
     from edge_vpr.map_record import KIND as MAP_KIND
     from edge_vpr.map_record import describe_query
     from edge_vpr.matching.drive import query_distances
@@ -152,6 +159,7 @@ def run(args: argparse.Namespace) -> None:
     queries, matches, metrics = found.queries, found.matches, found.metrics
     warn_of_bursts(found.removed, args.recording, "make the map with --bursts keep")
     _warn_if_strange(matches)
+    warn_of_few_places(args.map, found.reference)
     if odometry is not None:
         _warn_of_other_times(args.odometry, odometry, matches)
     with results.results_folder(output, args.overwrite) as folder:

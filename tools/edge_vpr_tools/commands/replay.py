@@ -96,7 +96,7 @@ class RecordedInputs:
         UsageError
             If the file has moved or changed.
         """
-        from edge_vpr.evaluation.tracks import load_odometry
+        from edge_vpr.evaluation.tables import load_odometry
 
         if self._args is None or self._args.odometry is None:
             return None

@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
     """Simulate both drives and write them."""
     import numpy as np
 
-    from edge_vpr.evaluation.tracks import save_odometry
+    from edge_vpr.evaluation.tables import save_odometry
     from edge_vpr.recordings import write_recording
     from edge_vpr.results import RUN, check_output_folder, results_folder, run_record, write_json
     from edge_vpr.simulation import QUERY, REFERENCE, simulate_pair

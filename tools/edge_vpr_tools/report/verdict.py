@@ -82,6 +82,9 @@ class Outcome:
         parts = [f"{correct:,} of {n:,} matches {'is' if n == 1 else 'are'} correct"]
         if correct < n:
             parts.append(self._where_wrong())
+        unknown = self.found.queries_unknown
+        if unknown:
+            parts.append(f"{unknown:,} more cannot be judged, without a known position")
         off = self.found.queries_without_place
         if off:
             parts.append(f"{off:,} {'has' if off == 1 else 'have'} no correct place on the map")

@@ -21,7 +21,8 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 
 from edge_vpr.errors import GroundTruthError, UsageError
-from edge_vpr.evaluation.tracks import Track, load_track
+from edge_vpr.evaluation.track_files import load_track
+from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import Recording, TimeCrop, open_recording
 

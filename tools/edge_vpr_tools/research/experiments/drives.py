@@ -14,7 +14,7 @@ import numpy as np
 from edge_vpr.descriptors.windows import PublishedWindows
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_alignment, load_alignment
-from edge_vpr.evaluation.tracks import load_track
+from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import QUERY, Drive, Light, SimulatedRecording, simulate_pair

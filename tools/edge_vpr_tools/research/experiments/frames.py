@@ -16,7 +16,8 @@ import numpy as np
 from edge_vpr.descriptors.counting import EventSource
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr.evaluation.tracks import Track, load_track
+from edge_vpr.evaluation.track_files import load_track
+from edge_vpr.evaluation.tracks import Track
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair

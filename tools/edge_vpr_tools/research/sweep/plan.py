@@ -190,7 +190,7 @@ def _run_method(drives: PairOfDrives, settings: Settings) -> tuple[Evaluation, d
     matched = reference.match(drives.open(1))
     matches, metrics = matched.matches, matched.metrics
     assert isinstance(metrics, MatchMetrics)
-    truth = drives.truth(reference.places.centre_us, matched.query_time_us)
+    truth = drives.truth(reference.place_time_us, matched.query_time_us)
     return evaluate(matches, truth), {
         "places": len(reference),
         "pixels": len(reference.pixel_map),

@@ -1,0 +1,263 @@
+"""Tables of numbers as text: in any usual encoding and dialect; odometry and jumps."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import GroundTruthError, UsageError, as_path
+from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.files import open_input, replacing
+from edge_vpr.route import MOST_MM, Odometry
+
+Floats = npt.NDArray[np.float64]
+
+# Texts in any usual encoding, and rows of cells in any usual dialect.
+
+#: longest log: a day at ten fixes a second has 140 MB, all of which is read into memory
+MAX_BYTES = 256 << 20
+
+
+def read_text(path: Path) -> str:
+    """Read a text of UTF-8 or, as some loggers on Windows write, UTF-16.
+
+    Returns
+    -------
+    str
+        Bytes that are no text are U+FFFD, so that checksums and number parsers refuse them.
+
+    Raises
+    ------
+    GroundTruthError
+        If the file cannot be read, or is too long to be a log.
+    """
+    try:
+        with open_input(path) as file:
+            raw = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise GroundTruthError(
+            f"{path} cannot be read ({error.strerror}): check the path"
+        ) from error
+    if len(raw) > MAX_BYTES:
+        raise GroundTruthError(f"{path} has more than {MAX_BYTES} bytes: split it")
+    return raw.decode(_encoding(raw), errors="replace").removeprefix("\ufeff")
+
+
+def _encoding(raw: bytes) -> str:
+    # Every other byte of Latin text in UTF-16 is zero. The byte order mark is not used: it can be
+    # missing, and noise on a serial line can look like it.
+    for first, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
+        half = raw[first:1_000:2]
+        if half and half.count(0) > 0.9 * len(half):
+            return encoding
+    return "utf-8"
+
+
+def read_cells(path: Path, text: str) -> tuple[tuple[str, ...], list[list[str]]]:
+    """Return the header of a table and its rows, as texts.
+
+    Columns are separated by semicolons, tabs or commas, whichever the header has first in this
+    order; between semicolons and tabs, decimal commas become points. A comment that is as long as
+    the row of numbers below it is the header, as in EuRoC.
+
+    Returns
+    -------
+    header : tuple of str
+        Lower case, without surrounding blanks; empty if the first row is numbers.
+    rows : list of list of str
+    """
+    lines = [line for line in text.splitlines() if line.strip(" ,;\t")]
+    first = next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))
+    head = lines[first] if first < len(lines) else ""
+    delimiter = next((mark for mark in ";\t" if mark in head), ",")
+    try:
+        table = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter)]
+    except csv.Error:
+        raise GroundTruthError(f"{path} is not a text table: give a .csv file") from None
+    if 0 < first < len(table) and len(table[first - 1]) == len(table[first]) > 1:
+        with contextlib.suppress(ValueError):
+            float(table[first][0])
+            first -= 1
+    header, *rows = table[first:] or [[]]
+    rows = [row for row in rows if not row[0].startswith("#")]
+    if not rows:
+        raise GroundTruthError(f"{path} has no rows: give a header line and at least one row")
+    if delimiter != ",":
+        rows = [[cell.replace(",", ".") for cell in row] for row in rows]
+    names = tuple(name.strip(" #").lower() for name in header)
+    for number, row in enumerate(rows):
+        if len(row) != len(names):
+            commas = delimiter == "," and len(row) == 2 * len(names)
+            raise GroundTruthError(
+                f"{path}: row {number + 1} is {','.join(row)!r}, not {len(names)} numbers for "
+                f"{','.join(names)}: "
+                + ("write decimals with points, or semicolons between columns" if commas else
+                   "correct it")
+            )  # fmt: skip
+    return names, rows
+
+
+def read_table(path: str | Path) -> tuple[tuple[str, ...], Floats]:
+    """Read a table of numbers under one header line.
+
+    Returns
+    -------
+    header : tuple of str
+        Lower case, without surrounding blanks.
+    table : ndarray of float64, shape (n, columns)
+
+    Raises
+    ------
+    GroundTruthError
+        If the file cannot be read, a row has another length or a value is not a finite number.
+    """
+    header, rows = read_cells(Path(path), read_text(Path(path)))
+    return header, numbers(path, header, rows, range(len(header)))
+
+
+#: cells of a value that is not known
+UNKNOWN = ("", "nan", "na", "n/a", "null", "none", "-")
+
+
+def numbers(
+    path: str | Path,
+    header: tuple[str, ...],
+    rows: list[list[str]],
+    columns: Sequence[int],
+    *,
+    unknown: bool = False,
+) -> Floats:
+    """Return some columns of a table, shape (n, columns), whose rows are as long as its header.
+
+    Parameters
+    ----------
+    unknown : bool
+        Whether cells may be `UNKNOWN`; they are NaN.
+    """
+    table = np.empty((len(rows), len(columns)))
+    for number, row in enumerate(rows):
+        try:
+            cells = dict(zip(range(len(header)), row, strict=True))
+            for at, column in enumerate(columns):
+                known = not (unknown and cells[column].lower() in UNKNOWN)
+                table[number, at] = float(cells[column]) if known else np.nan
+        except ValueError:
+            raise GroundTruthError(
+                f"{path}: row {number + 1} is {','.join(row)!r}, not {len(header)} numbers for "
+                f"{','.join(header)}: correct it"
+            ) from None
+    wrong = np.isinf(table) if unknown else ~np.isfinite(table)
+    if wrong.any():
+        row_number = int(np.flatnonzero(wrong.any(axis=1))[0]) + 1
+        raise GroundTruthError(f"{path}: row {row_number} is not finite: leave the row out")
+    return table
+
+
+# Odometry files: tables of time and distance, or of time and speed.
+
+
+def load_odometry(path: str | Path) -> Odometry:
+    """Read odometry from a ``.csv`` table.
+
+    Parameters
+    ----------
+    path : str or Path
+        With the header ``time_s,distance_m`` (the reading of an odometer, from any zero),
+        ``time_s,position_m`` (a track along the route), or ``time_s,speed_mps`` (below 0 backwards;
+        between two rows the mean of both holds). Times in seconds from the recording's start.
+
+    Raises
+    ------
+    GroundTruthError
+        If the file cannot be read, is not of this form, or holds values out of range.
+    """
+    path = as_path(path, "odometry")
+    if path.suffix.lower() != ".csv":
+        raise GroundTruthError(f"{path} is not odometry: give a .csv table")
+    header, table = read_table(path)
+    speeds = header == ("time_s", "speed_mps")
+    if not speeds and header not in (("time_s", "distance_m"), ("time_s", "position_m")):
+        raise GroundTruthError(
+            f"{path} has the header {','.join(header)!r}: expected time_s,distance_m, "
+            "time_s,position_m or time_s,speed_mps"
+        )
+    time_s, values = table.T
+    if speeds:
+        with np.errstate(all="ignore"):  # too large values are refused below
+            legs = (values[1:] + values[:-1]) / 2 * np.diff(time_s)
+            values = np.concatenate([[0.0], np.cumsum(legs)])
+    if not (np.abs(time_s) * 1e6 <= TIME_LIMIT_US).all():
+        raise GroundTruthError(
+            f"{path} has times up to {np.abs(time_s).max():g} s: give seconds from the recording's "
+            "start"
+        )
+    if not (np.abs(values) * 1e3 <= MOST_MM).all():
+        raise GroundTruthError(
+            f"{path} has distances up to {np.abs(values).max():g} m: expected at most "
+            f"{MOST_MM // 1000}"
+        )
+    try:
+        return Odometry(
+            np.rint(time_s * 1e6).astype(np.int64), np.rint(values * 1e3).astype(np.int64)
+        )
+    except UsageError as error:
+        raise GroundTruthError(f"{path}: {error}") from None
+
+
+def save_odometry(path: str | Path, odometry: Odometry) -> None:
+    """Write readings as a table for `load_odometry`, atomically.
+
+    Parameters
+    ----------
+    path : str or Path
+        A ``.csv`` file.
+    """
+    rows = zip(odometry.time_us.tolist(), odometry.distance_mm.tolist(), strict=True)
+    with replacing(path) as temporary, temporary.open("w", encoding="ascii") as file:
+        file.write("time_s,distance_m\n")
+        file.writelines(f"{t / 1e6:.6f},{mm / 1e3:.3f}\n" for t, mm in rows)
+
+
+# Jump files: tables of pairs of places between which one step can lead.
+
+
+def load_jumps(path: str | Path, places: int) -> npt.NDArray[np.int32]:
+    """Read jumps from a ``.csv`` table.
+
+    Parameters
+    ----------
+    path : str or Path
+        With the header ``from,to``: from the first place of a row, one step leads to the second.
+        For both directions, give two rows.
+    places : int
+        Number of places of the map, which are counted from 0.
+
+    Returns
+    -------
+    ndarray of int32, shape (n, 2)
+
+    Raises
+    ------
+    GroundTruthError
+        If the file cannot be read, is not of this form, or names a place that the map lacks.
+    """
+    path = as_path(path, "a list of jumps")
+    if path.suffix.lower() != ".csv":
+        raise GroundTruthError(f"{path} is no list of jumps: give a .csv table")
+    header, table = read_table(path)
+    if header != ("from", "to"):
+        raise GroundTruthError(f"{path} has the header {','.join(header)!r}: expected from,to")
+    wrong = (table != np.floor(table)) | (table < 0) | (table >= places)
+    rows = np.flatnonzero(wrong.any(axis=1) | (table[:, 0] == table[:, 1]))
+    if rows.size:
+        one, other = table[rows[0]].tolist()
+        raise GroundTruthError(
+            f"{path}: row {rows[0] + 1} is {one:g},{other:g}: expected two places of the map, from "
+            f"0 to {places - 1}"
+        )
+    return table.astype(np.int32)

@@ -1,0 +1,353 @@
+"""Files of tracks: GPS logs (NMEA, GPX), tables with named columns, and poses."""
+
+from __future__ import annotations
+
+import datetime as dt
+import re
+from collections import Counter
+from itertools import takewhile
+from pathlib import Path
+from types import MappingProxyType
+from xml.etree import ElementTree
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import GroundTruthError, as_path
+from edge_vpr.evaluation.fixes import Fixes, in_order, possible
+from edge_vpr.evaluation.nmea import is_nmea, read_nmea
+from edge_vpr.evaluation.tables import UNKNOWN, Floats, numbers, read_cells, read_text
+from edge_vpr.evaluation.tracks import Track
+from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.route import Kind
+
+#: of files that can be a table or poses
+_TEXTS = (".csv", ".tsv", ".txt", ".tum", ".log", ".dat")
+
+
+def load_track(path: str | Path, *, max_gap_s: float | None = None) -> Track:
+    """Read a track from a GPS log, a table with names, or poses as TUM and KITTI write them.
+
+    Parameters
+    ----------
+    path : str or Path
+        GPS logs are known by their content: NMEA and GPX. A table has a header, which can be a
+        comment, as in EuRoC. Its columns are the time (``time_s``, ``timestamp``, ``timestamp
+        [ns]``; seconds if the name has no unit; or dates with times), and ``latitude,longitude``,
+        ``x_m[,y_m[,z_m]]``, ``tx,ty,tz``, EuRoC's ``p_RS_R_x [m],...`` or ``position_m``; others
+        are ignored. Poses have eight numbers a line (TUM: seconds, position, rotation), or twelve
+        (KITTI: the first three rows of a pose; the seconds are in ``times.txt`` beside it, or in
+        KITTI's own folder).
+    max_gap_s : float, optional
+        Positions between points further apart are unknown; found from the points by default, see
+        `Track.bridged`.
+
+    Returns
+    -------
+    Track
+        Times are those of the file, also where they count from 1970: see `Track.shifted`. Of a log
+        with dates, time 0 is its first entry with a time, and `start_utc` is set. What no drive can
+        have is left out and counted in `Track.dropped`, see `fixes.possible`.
+
+    Raises
+    ------
+    GroundTruthError
+        If the file cannot be read or is not of this form, or a log holds no position, or its time
+        runs backwards.
+    """
+    path = as_path(path, "a track")
+    if max_gap_s is not None and not max_gap_s > 0:
+        raise GroundTruthError(
+            f"a longest gap (--longest-gap) of {max_gap_s:g} s: expected seconds such as 20"
+        )
+    try:
+        fixes = possible(in_order(_fixes(path)))
+        return Track(
+            fixes.time_us,
+            fixes.position,
+            fixes.kind,
+            None if max_gap_s is None else round(min(max_gap_s * 1e6, TIME_LIMIT_US)),
+            fixes.start_utc,
+            MappingProxyType(dict(fixes.dropped)),
+            fixes.entries,
+            (*fixes.notes, *_unit_doubts(fixes)),
+        )
+    except GroundTruthError as error:
+        message = str(error)
+        raise GroundTruthError(message if str(path) in message else f"{path}: {message}") from None
+
+
+def _fixes(path: Path) -> Fixes:
+    """Read the entries of a file, whose form its content or else its suffix says."""
+    suffix, text = path.suffix.lower(), read_text(path)
+    start = text[:1_000].lstrip()
+    if suffix == ".nmea" or (not start.startswith("<") and is_nmea(text)):
+        return read_nmea(text)
+    if suffix == ".gpx" or start.startswith(("<?xml", "<gpx")):
+        return _gpx(text)
+    if suffix in _TEXTS:
+        return _named_columns(path, text) if _has_header(text) else _poses(path, text)
+    raise GroundTruthError(
+        "this is not a track: give a log of NMEA or GPX, a .csv table, or poses of TUM or KITTI "
+        "(.tum, .txt)"
+    )
+
+
+# Units: a drive that hardly moves is probably one in kilometres or degrees.
+
+#: Slower than this on average, a drive of an event camera is in doubt. Chosen by judgement.
+_SLOWEST_MPS = 0.02
+
+
+def _unit_doubts(fixes: Fixes) -> tuple[str, ...]:
+    """Return a note if a metric track hardly moves.
+
+    Raises
+    ------
+    GroundTruthError
+        If its coordinates look like latitudes and longitudes.
+    """
+    position, seconds = fixes.position, float(np.ptp(fixes.time_us)) / 1e6
+    if fixes.kind != "metric" or seconds == 0.0:
+        return ()
+    length = float(np.sqrt((np.diff(position, axis=0) ** 2).sum(axis=1)).sum())
+    if length == 0.0 or length > _SLOWEST_MPS * seconds:
+        return ()
+    speed = f"a track of {length:.3g} m in {seconds:.0f} s"
+    largest = np.abs(position).max(axis=0)
+    degrees = position.shape[1] > 1 and (largest[:2] <= 180.0).all() and largest[:2].min() <= 90.0
+    # from one degree, a metre is the fifth digit behind the point
+    if degrees and (largest[:2] > 0.5).all() and length < 0.1 * largest[:2].min():
+        raise GroundTruthError(
+            f"{speed} looks like degrees: name its columns latitude and longitude in a .csv table"
+        )
+    return (f"{speed} hardly moves: are its positions in kilometres? Give metres",)
+
+
+# GPX, the exchange format of hand-held receivers and telephones.
+
+_MICROSECOND = dt.timedelta(microseconds=1)
+_WRITTEN_TIME = re.compile(
+    r"(\d{4})[-/.](\d\d?)[-/.](\d\d?)[T ]+(\d\d?):(\d\d):(\d\d)(?:[.,](\d{1,6})\d*)?"
+    r"\s*(Z|UTC|GMT|[+-]\d\d(?::?\d\d)?)?",
+    re.IGNORECASE,
+)
+
+
+def _utc(text: str) -> dt.datetime | None:
+    """Read a date with its time; UTC if it states no zone, as in GPX. None if it is unreadable."""
+    match = _WRITTEN_TIME.fullmatch(text.strip())
+    if match is None:
+        return None
+    *numbers_, fraction, zone = match.groups()
+    offset = dt.timedelta()
+    if zone and zone[0] in "+-":
+        digits = zone[1:].replace(":", "").ljust(4, "0")
+        offset = dt.timedelta(hours=int(digits[:2]), minutes=int(digits[2:]))
+        offset = -offset if zone[0] == "-" else offset
+    try:
+        year, month, day, hour, minute, second = (int(number) for number in numbers_)
+        time = dt.datetime(year, month, day, hour, minute, tzinfo=dt.UTC)
+        return time + dt.timedelta(
+            seconds=second, microseconds=int((fraction or "0").ljust(6, "0"))
+        ) - offset  # fmt: skip
+    except (ValueError, OverflowError):
+        return None
+
+
+def _of_dates(
+    times: list[dt.datetime], position: Floats, dropped: Counter[str], entries: int
+) -> Fixes:
+    start = times[0]
+    time_us = np.array([(time - start) // _MICROSECOND for time in times], dtype=np.int64)
+    return Fixes(time_us, position, "geographic", start, dropped, entries)
+
+
+def _gpx(text: str) -> Fixes:
+    """Read the track points of a GPX file (version 1.0 or 1.1, all segments in a row)."""
+    dropped: Counter[str] = Counter()
+    times, positions = [], []
+    entries, unread = 0, ""
+    for point in _points(text):
+        entries += 1
+        written = next((child.text or "" for child in point if _name(child) == "time"), "")
+        time, position = _utc(written), _position(point)
+        if time is None:
+            dropped["unreadable time" if written.strip() else "no time"] += 1
+            unread = unread or written.strip()
+        elif position is None:
+            dropped["unreadable position"] += 1
+        else:
+            times.append(time)
+            positions.append(position)
+    if not times:
+        counts = ", ".join(f"{count} with {why}" for why, count in dropped.items())
+        remedy = "export the recorded track, not a planned route"
+        if unread:
+            remedy = f"write times such as 2024-03-04T10:00:00Z, and not {unread[:40]!r}"
+        elif dropped["unreadable position"]:
+            remedy = "export latitudes and longitudes in degrees"
+        raise GroundTruthError(
+            f"no track point with a time and a position ({counts or 'no point at all'}): {remedy}"
+        )
+    return _of_dates(times, np.array(positions), dropped, entries)
+
+
+def _points(text: str) -> list[ElementTree.Element]:
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        # nested entities can expand to gigabytes; GPX needs none
+        raise GroundTruthError("the file declares XML entities: export it as plain GPX")
+    try:
+        # the text is decoded already, so that the declared encoding would be wrong
+        root = ElementTree.fromstring(text[text.find("?>") + 2 :] if "<?xml" in text else text)
+    except (ElementTree.ParseError, ValueError, RecursionError) as error:
+        raise GroundTruthError(f"this is not a GPX file ({error}): export it again") from error
+    return [element for element in root.iter() if _name(element) == "trkpt"]
+
+
+def _name(element: ElementTree.Element) -> str:
+    """Return the name of an element without its namespace, which depends on the version."""
+    return element.tag.rpartition("}")[2]
+
+
+def _position(point: ElementTree.Element) -> tuple[float, float] | None:
+    try:
+        latitude, longitude = (
+            float(point.get(name, "").replace(",", ".")) for name in ("lat", "lon")
+        )
+    except ValueError:
+        return None
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+        return None
+    return latitude, longitude
+
+
+# Tables with names, and poses.
+
+
+_TIME_COLUMN = re.compile(r"(?:time|timestamp)(?:[ _]?[\[(]?(s|ms|us|µs|ns)[\])]?)?")
+_IN_A_SECOND = {"s": 1, "ms": 1_000, "us": 1_000_000, "µs": 1_000_000, "ns": 1_000_000_000}
+#: Units of positions, which are not part of the name of a column.
+_POSITION_UNIT = re.compile(r"(?:[ _]?[\[(](?:m|°|deg|degrees)[\])]|_m|_deg)$")
+#: Names of the columns of a position, without their unit.
+_POSITION_COLUMNS: tuple[tuple[Kind, tuple[str, ...]], ...] = (
+    ("geographic", ("latitude", "longitude")),
+    ("geographic", ("lat", "lon")),
+    ("metric", ("position",)),
+    ("metric", ("x", "y", "z")),
+    ("metric", ("tx", "ty", "tz")),
+    ("metric", ("p_rs_r_x", "p_rs_r_y", "p_rs_r_z")),
+)
+_NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:e[-+]?\d+)?|nan", re.IGNORECASE)
+
+
+def _has_header(text: str) -> bool:
+    """Return whether the first line that is no comment, or the comment before it, names columns."""
+    before = ""
+    for line in text.splitlines():
+        if line.startswith("#"):
+            before = line
+        elif line.strip():
+            first, *others = re.split(r"[,;\t]", line)
+            named_above = bool(others) and len(re.split(r"[,;\t]", before)) == len(others) + 1
+            return named_above or not _NUMBER.fullmatch(re.split(r"[\s]", first.strip())[0])
+    return False
+
+
+def _named_columns(path: Path, text: str) -> Fixes:
+    """Return times and positions of a table, found by the names of its columns."""
+    header, rows = read_cells(path, text)
+    times = [i for i, name in enumerate(header) if _TIME_COLUMN.fullmatch(name)]
+    names = [_POSITION_UNIT.sub("", name) for name in header]
+    found = []
+    for kind, wanted in _POSITION_COLUMNS:
+        columns = [names.index(name) for name in takewhile(names.__contains__, wanted)]
+        if len(columns) == len(wanted) or (columns and kind == "metric"):
+            found.append((kind, columns))
+    if len(times) > 1:
+        raise GroundTruthError(
+            f"{path} has {len(times)} columns of time ({', '.join(header[i] for i in times)}): "
+            "leave all but one out"
+        )
+    if len(found) > 1:
+        kinds = " and ".join(",".join(header[i] for i in columns) for _, columns in found)
+        raise GroundTruthError(
+            f"{path} has {len(found)} kinds of position ({kinds}): leave all but one out"
+        )
+    if not times or not found:
+        raise GroundTruthError(
+            f"{path} has the header {','.join(header)!r}: expected time_s,x_m[,y_m[,z_m]], "
+            "time_s,position_m or time_s,latitude,longitude; times can be timestamp_ns too"
+        )
+    ((kind, columns),) = found
+    position = numbers(path, header, rows, columns, unknown=True)
+    written = [row[times[0]] for row in rows]
+    timed = np.array([time.lower() not in UNKNOWN for time in written])
+    dropped = Counter({"no time": int((~timed).sum())})
+    if not timed.any():
+        raise GroundTruthError(f"{path} has no row with a time: fill its cells")
+    position, written = position[timed], [time for time in written if time.lower() not in UNKNOWN]
+    if _utc(written[0]) is not None:
+        dates = [_utc(time) for time in written]
+        if None in dates:
+            wrong = written[dates.index(None)]
+            raise GroundTruthError(f"{path} has the time {wrong!r}: write all of them alike")
+        known = [date for date in dates if date is not None]
+        return _of_dates(known, position, dropped, len(rows))._replace(kind=kind)
+    kept = [row for row, is_timed in zip(rows, timed.tolist(), strict=True) if is_timed]
+    match = _TIME_COLUMN.fullmatch(header[times[0]])
+    assert match is not None
+    time_us = _times_us(path, numbers(path, header, kept, [times[0]])[:, 0], match[1] or "s")
+    return Fixes(time_us, position, kind, None, dropped, len(rows))
+
+
+def _poses(path: Path, text: str) -> Fixes:
+    """Return times and positions of poses: eight numbers a line (TUM), or twelve (KITTI)."""
+    poses = _number_lines(path, text)
+    if poses.shape[1] == 8:
+        time_us, position = _times_us(path, poses[:, 0], "s"), poses[:, 1:4]
+    elif poses.shape[1] == 12:
+        time_us, position = _kitti_times(path, len(poses)), poses[:, [3, 7, 11]]
+    else:
+        raise GroundTruthError(
+            f"{path} has {poses.shape[1]} numbers in its first line: poses have 8 (TUM: seconds, "
+            "position, rotation) or 12 (KITTI), and tables a header such as time_s,x_m,y_m"
+        )
+    return Fixes(time_us, position, "metric", None, Counter(), len(poses))
+
+
+def _kitti_times(path: Path, poses: int) -> npt.NDArray[np.int64]:
+    of_sequence = path.parent.parent / "sequences" / path.stem / "times.txt"
+    places = (path.with_name("times.txt"), path.with_name(f"{path.stem}_times.txt"), of_sequence)
+    times = next((place for place in places if place.is_file()), None)
+    if times is None:
+        raise GroundTruthError(
+            f"{path} holds poses of KITTI, which have no times: put the sequence's times.txt "
+            f"beside it ({', '.join(str(place) for place in places)} are looked for)"
+        )
+    seconds = _number_lines(times, read_text(times))
+    if seconds.shape != (poses, 1):
+        raise GroundTruthError(
+            f"{times} has {seconds.size} times, and {path} {poses} poses: give one a pose"
+        )
+    return _times_us(times, seconds[:, 0], "s")
+
+
+def _number_lines(path: Path, text: str) -> Floats:
+    """Read lines of numbers between blanks, commas or semicolons, all as long as the first."""
+    lines = [re.split(r"[\s,;]+", line.strip()) for line in text.splitlines()]
+    rows = [line for line in lines if line[0] and not line[0].startswith("#")]
+    if not rows:
+        raise GroundTruthError(f"{path} has no rows: give one pose a line")
+    header = tuple(f"number {i + 1}" for i in range(len(rows[0])))
+    return numbers(path, header, rows, range(len(header)))
+
+
+def _times_us(path: Path, times: Floats, unit: str) -> npt.NDArray[np.int64]:
+    times = times * (1_000_000 / _IN_A_SECOND[unit])
+    if np.abs(times).max() > TIME_LIMIT_US:
+        raise GroundTruthError(
+            f"{path} has times up to {np.abs(times).max() / 1e6:g} s: name their unit in the "
+            "header, as in time_ns, or give seconds from the recording's start"
+        )
+    return np.round(times).astype(np.int64)
