@@ -287,7 +287,7 @@ def best_offset(
 #: An offset is clear if it is at least a window, and the share of correct matches rises by at least
 #: the first number to at least the second; of matches with probabilities (of the place filter)
 #: likewise to the third, if their mean agrees. Chosen on eight simulated streets.
-_MORE_CORRECT, _CLEAR_SHARE, _CLEAR_SHARE_PROBABLE = 0.15, 0.5, 0.3
+MORE_CORRECT, _CLEAR_SHARE, _CLEAR_SHARE_PROBABLE = 0.15, 0.5, 0.3
 
 
 def is_clear(
@@ -306,10 +306,10 @@ def is_clear(
     before = offset.correct_before / max(offset.judged_before, 1)
     least = _CLEAR_SHARE
     if probability is not None and not np.isnan(probability).all():
-        if float(np.nanmean(probability)) < before + _MORE_CORRECT:
+        if float(np.nanmean(probability)) < before + MORE_CORRECT:
             return False
         least = _CLEAR_SHARE_PROBABLE
-    return share >= before + _MORE_CORRECT and share >= least
+    return share >= before + MORE_CORRECT and share >= least
 
 
 def _same(reference: Track, query: Track) -> bool:
@@ -363,6 +363,7 @@ def may_be_elsewhere(
     unplaced_us : ndarray of float64, shape (n,)
         Times of the places without a position.
     queries : ndarray of float64, shape (Q, d)
+        Positions of queries without a correct place among those with a position.
     """
     time_s, n = reference.time_us / 1e6, reference.time_us.size
     steps = distances(reference.kind, reference.position[1:], reference.position[:-1])

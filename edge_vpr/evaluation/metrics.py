@@ -399,6 +399,7 @@ def _recall_at(
     hit, unsure : ndarray of bool, shape (n, N)
         Whether each of the nearest places is correct, and whether that is not known.
     counted : ndarray of bool, shape (n,)
+        Whether each match is judged, and has a correct place.
     """
     found = hit.any(axis=1) & counted
     sure = found | (counted & ~unsure.any(axis=1))

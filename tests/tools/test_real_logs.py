@@ -5,14 +5,13 @@ Each trouble is written into the logs of two simulated drives, and evaluated as 
 
 from __future__ import annotations
 
-import argparse
 import datetime as dt
 from functools import partial
 
 import numpy as np
 import pytest
 from archive_mutants import checksum
-from edge_vpr_tools.truth_files import load_evaluated
+from edge_vpr_tools.truth_files import given_truth, load_evaluated
 
 from edge_vpr.errors import EdgeVprError
 from edge_vpr.reference_map import ReferenceMap
@@ -108,9 +107,10 @@ def judged(drives, tmp_path, capsys, texts, suffix, tolerance=10.0, **flags):
         files.append(str(tmp_path / f"{name}.{suffix}"))
         raw = text if isinstance(text, bytes) else text.encode()
         (tmp_path / f"{name}.{suffix}").write_bytes(raw)
-    given = {"rows": None, "frame_period": None, "offset": None, "longest_gap": None, **flags}
-    args = argparse.Namespace(results=str(folder), ground_truth=files, tolerance=tolerance, **given)
-    result, truth, _ = load_evaluated(args)
+    given, find_offset = given_truth(
+        files, tolerance, None, None, flags.get("offset"), flags.get("longest_gap")
+    )
+    result, truth, _ = load_evaluated(str(folder), given, find_offset=find_offset)
     found = result.evaluate(truth)
     return int(found.correct.sum()), found.queries, capsys.readouterr().err
 

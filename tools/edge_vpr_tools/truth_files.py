@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -12,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import GroundTruthError, UsageError
-from edge_vpr.evaluation.doubts import Offset, best_offset, is_clear
+from edge_vpr.evaluation.doubts import MORE_CORRECT, Offset, best_offset, is_clear
 from edge_vpr.evaluation.ground_truth import (
     GroundTruth,
     from_alignment,
@@ -49,30 +48,6 @@ class TruthFiles:
     offset_s: Sequence[float] | None = None
     #: Longest time between points of a track that is interpolated, in seconds; by default found.
     longest_gap_s: float | None = None
-
-    @classmethod
-    def of_flags(cls, args: argparse.Namespace) -> TruthFiles:
-        """Return the files that the flags of `add_truth_flags` name; of ``--offset auto``, none.
-
-        Raises
-        ------
-        UsageError
-            If the offset is wrong.
-        """
-        offset = None
-        if args.offset not in (None, [AUTO]):
-            try:
-                first, second = (float(seconds) for seconds in args.offset)
-            except ValueError:
-                raise UsageError(
-                    f"--offset {' '.join(args.offset)}: give the seconds of the reference's and of "
-                    "the query's log, as in --offset 0 2.5, or auto"
-                ) from None
-            offset = (first, second)
-        return cls(
-            args.ground_truth, args.tolerance, args.rows, args.frame_period, offset,
-            args.longest_gap,
-        )  # fmt: skip
 
     def tracks(self) -> tuple[Track, Track]:
         """Read two tracks, the reference's and the query's, with their offsets."""
@@ -157,13 +132,15 @@ _SWAPPED_BY = 0.3
 _MUCH_UNKNOWN = 0.05
 
 
-def load_evaluated(args: argparse.Namespace) -> tuple[MatchResult, GroundTruth, TruthFiles]:
+def load_evaluated(
+    results: str | Path, files: TruthFiles, *, find_offset: bool = False
+) -> tuple[MatchResult, GroundTruth, TruthFiles]:
     """Read a folder of results and its ground truth, and print warnings about doubtful inputs.
 
     Parameters
     ----------
-    args : Namespace
-        With the folder ``results`` and the flags of `add_truth_flags`.
+    find_offset : bool
+        Use the offset of one of two logs with which most matches are correct, and say so.
 
     Returns
     -------
@@ -177,8 +154,7 @@ def load_evaluated(args: argparse.Namespace) -> tuple[MatchResult, GroundTruth, 
     EdgeVprError
         If the folder or the ground truth cannot be used.
     """
-    files = TruthFiles.of_flags(args)
-    result = MatchResult.load(args.results)
+    result = MatchResult.load(results)
     reference, matches = result.reference, result.matches
     stride = 1 + len(matches) * len(reference) // _MOST_CELLS
     if result.queries is None and stride > 1:  # matched online: each match is a query
@@ -187,7 +163,7 @@ def load_evaluated(args: argparse.Namespace) -> tuple[MatchResult, GroundTruth, 
         matches, result = some, replace(result, matches=some)
     if files.frame_period is None and reference.frame_period is not None:
         files = replace(files, frame_period=str(reference.frame_period))
-    if args.offset == [AUTO]:
+    if find_offset:
         files = _with_offset(result, files)
         return result, _doubted(result, files), files
     try:
@@ -207,10 +183,44 @@ def load_evaluated(args: argparse.Namespace) -> tuple[MatchResult, GroundTruth, 
                     f"would be correct instead of {correct / judged:.0%}: name the log of the "
                     "reference first"
                 )
-    offset = _clear_offset(result, files)
+    offset = None
+    if correct < (1 - MORE_CORRECT) * judged:  # else none can be clearly better
+        offset = _clear_offset(result, files)
     if offset is not None:
         warning(_advice(files, offset))
     return result, truth, files
+
+
+def given_truth(
+    ground_truth: Sequence[str],
+    tolerance: float | None,
+    rows: str | None,
+    frame_period: str | None,
+    offset: Sequence[str] | None,
+    longest_gap: float | None,
+) -> tuple[TruthFiles, bool]:
+    """Return the files that the flags of `add_truth_flags` name, and whether to find the offset.
+
+    Raises
+    ------
+    UsageError
+        If the offset is wrong.
+    """
+    find_offset = offset is not None and list(offset) == [AUTO]
+    seconds = None
+    if offset is not None and not find_offset:
+        try:
+            seconds = tuple(float(word) for word in offset)
+        except ValueError:
+            seconds = ()
+        if len(seconds) != 2:
+            raise UsageError(
+                f"--offset {' '.join(offset)}: give the seconds of the reference's and of the "
+                "query's log, as in --offset 0 2.5, or auto"
+            )
+    return TruthFiles(
+        ground_truth, tolerance, rows, frame_period, seconds, longest_gap
+    ), find_offset
 
 
 def _times(result: MatchResult) -> tuple[Times, Times]:

@@ -91,13 +91,17 @@ LEAST_MATCHES = 100
 def run(args: argparse.Namespace) -> None:
     """Learn the table of probabilities and write it with the map."""
     from edge_vpr import results
-    from edge_vpr_tools.truth_files import load_evaluated
+    from edge_vpr_tools.truth_files import given_truth, load_evaluated
 
     folder = Path(args.results)
     output = folder / results.MAP if args.output is None else Path(args.output)
     if args.output is not None:
         results.check_new_map(output, [folder, *args.ground_truth], args.overwrite)
-    result, truth, _ = load_evaluated(args)
+    files, find_offset = given_truth(
+        args.ground_truth, args.tolerance, args.rows, args.frame_period, args.offset,
+        args.longest_gap,
+    )  # fmt: skip
+    result, truth, _ = load_evaluated(args.results, files, find_offset=find_offset)
     crowded = not (folder / results.QUERIES).is_file() and _every(folder) != "window"
     found = calibrate(result.reference, result.matches, truth)
     if found.settings_changed:

@@ -58,10 +58,14 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.report.page import MISSED
     from edge_vpr_tools.report.traverse import write_report
     from edge_vpr_tools.report.verdict import outcome_of
-    from edge_vpr_tools.truth_files import load_evaluated
+    from edge_vpr_tools.truth_files import given_truth, load_evaluated
 
     folder, formats = Path(args.results), figure_formats(args.figures)
-    result, truth, files = load_evaluated(args)
+    files, find_offset = given_truth(
+        args.ground_truth, args.tolerance, args.rows, args.frame_period, args.offset,
+        args.longest_gap,
+    )  # fmt: skip
+    result, truth, files = load_evaluated(args.results, files, find_offset=find_offset)
     reference, matches = result.reference, result.matches
     found = result.evaluate(
         truth,
