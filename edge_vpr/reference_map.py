@@ -198,7 +198,7 @@ class ReferenceMap(MapRecord):
         if track is not None:
             made = with_positions(made, track, getattr(drive, "start_us", None))
         if odometry is not None:
-            made = replace(made, odometer_mm=odometry.along(made.place_time_us))
+            made = replace(made, odometer_mm=_of_part(drive, odometry).along(made.places.centre_us))
         if isinstance(jumps, str | Path):
             jumps = load_jumps(jumps, len(made))
         return made if jumps is None else replace(made, jumps=jumps)

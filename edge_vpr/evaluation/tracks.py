@@ -376,7 +376,8 @@ def with_positions(reference: AnyMap, track: Track, start_us: int | None = None)
     position[~np.isfinite(position).all(axis=1)] = np.nan
     along = np.full(len(position), np.nan)
     # distances are added between places, not between fixes: those would add the noise of the GPS
-    stops = np.concatenate([track.at(reference.places.start_us[known[:1]]), position[known]])
+    begin = reference.places.start_us[known[:1]] + reference.start_us
+    stops = np.concatenate([track.at(begin), position[known]])
     legs = distances(track.kind, stops[:-1], stops[1:])
     along[known] = np.cumsum(np.nan_to_num(legs))  # a track may begin within that window
     return replace(reference, route=Route(position, along, track.kind))
