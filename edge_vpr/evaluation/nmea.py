@@ -201,11 +201,11 @@ def _steady(
     newest_of: dict[str, int] = {}  # a type of sentence never repeats a time
     for row, now in enumerate(clock.tolist()):
         ahead = now - newest
-        again = with_fix[row] and now <= newest_of.get(types[row], now - 1)
+        again = not fixed and bool(with_fix[row]) and now <= newest_of.get(types[row], now - 1)
         if ahead < -_LATE_US or (not fixed and (ahead > _HOUR_US or again)):
             following = clock[row + 1 : row + 3]
             alone = (np.abs(following - newest) < np.abs(following - now)).any()
-            if alone or (fixed and row + 1 == clock.size):
+            if (alone and not again) or (fixed and row + 1 == clock.size):
                 kept[row] = False
                 continue
             if fixed and ahead < -_LEAP_US:
