@@ -9,16 +9,12 @@ from __future__ import annotations
 import contextlib
 import io
 import math
-import zlib
 from collections.abc import Iterator
-from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from edge_vpr.compiling import kernel
 from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
 from edge_vpr.events import TIME_LIMIT_US, Events, Sensor
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, import_extra
@@ -95,235 +91,58 @@ def open_hdf5(path: Path, largest_chunk: int = 0) -> Any:
         ) from error
 
 
-# Read the compressed chunks of an HDF5 data set, and check the size of each.
-#
-# libhdf5 and h5py's LZF filter do not compare the size of an expanded chunk with the size that the
-# data set states: a chunk that is too short is read beyond the end of its buffer, and one that is
-# too long takes any amount of memory. Here each chunk is expanded or measured first. libhdf5 does
-# not expand deflated columns again, so that the check costs no time. Reading in a child process
-# with limits would not replace it, since the library reports no error: from a chunk that held 16 of
-# 1,024 times, it read 1,024, of which 698 came from other memory of the process.
+# Check what a data set claims before libhdf5 takes memory for it.
 
 
-_DEFLATE, _SHUFFLE, _FLETCHER32, _LZF = 1, 2, 3, 32_000
 #: Filters from this number on, except LZF, are plug-ins, which only the user can install.
-_PLUGINS = 256
-#: Largest excess of a stored chunk's size over its expanded size, in bytes.
-_OVERHEAD = 1 << 16
-#: Most bytes of one expanded chunk, which is kept whole, so that none is read twice: chunks of any
-#: data set, and of one that is stored in at least a hundredth of that.
+_PLUGINS, _LZF = 256, 32_000
+#: Most bytes of one expanded chunk, which libhdf5 keeps whole, so that none is read twice: chunks
+#: of any data set, and of one that is stored in at least a hundredth of that.
 _CHUNK, _LARGEST_CHUNK = _CACHE, 1 << 30
 #: Largest ratio of a data set's stated size to its size in the file: Deflate reaches 1,032.
 _MOST_EXPANSION = 1_100
-
-
-def _filters_of(dataset: Any) -> list[int]:
-    pipeline = dataset.id.get_create_plist()
-    return [pipeline.get_filter(i)[0] for i in range(pipeline.get_nfilters())]
 
 
 def _chunk_bytes(dataset: Any) -> int:
     return math.prod(dataset.chunks or ()) * int(dataset.dtype.itemsize)
 
 
-def _is_plugin(number: int) -> bool:
-    return number >= _PLUGINS and number != _LZF
-
-
-class CheckedDataset:
-    """Rows of one data set, read in consecutive slices.
+def checked(path: Path, dataset: Any) -> Any:
+    """Return a data set of a file, if what it claims is possible.
 
     Raises
     ------
     RecordingError
-        If its data lie in other files, its stated sizes are impossible for the size of the file, or
-        it uses a filter whose sizes cannot be checked. Filters that are plug-ins of libhdf5 are
-        trusted, like any installed library.
+        If its data lie in other files, or its stated sizes are impossible for the size of the file.
     """
-
-    def __init__(self, path: Path, dataset: Any) -> None:
-        from h5py import h5t
-
-        name = f"{path}: {dataset.name}"
-        if dataset.external or dataset.is_virtual:
-            raise RecordingError(
-                f"{name} lies in other files, which are not read: copy it into one file"
-            )
-        filters, chunk = _filters_of(dataset), _chunk_bytes(dataset)
-        stored, file_size = dataset.id.get_storage_size(), dataset.file.id.get_filesize()
-        held = min(stored, path.stat().st_size)
-        most = max(_CHUNK, min(100 * held, _LARGEST_CHUNK))
-        if chunk > most or len(set(filters)) < len(filters):
-            raise RecordingError(
-                f"{name} is stored in chunks of {chunk:,} bytes through {len(filters)} filters: "
-                f"the most of {held:,} stored bytes is {most:,}, and each filter once; write it "
-                "with h5repack -l CHUNK=65536"
-            )
-        _check_filters(name, filters)
-        claimed = dataset.size * dataset.dtype.itemsize
-        if any(_is_plugin(number) for number in filters):  # Zstandard expands without a limit
-            most = dataset.id.get_num_chunks() * chunk
-        else:
-            most = held * _MOST_EXPANSION if dataset.chunks and filters else held
-        if claimed > most:
-            raise RecordingError(
-                f"{name} claims {claimed:,} bytes, and the file holds {held:,} of them: it was "
-                "not closed when it was written, or is damaged; copy or record it again"
-            )
-        known = {number for number in filters if not _is_plugin(number)}
-        if known - {_DEFLATE, _SHUFFLE, _FLETCHER32, _LZF} or {_DEFLATE, _LZF} <= known:
-            raise RecordingError(
-                f"{name} is stored through the HDF5 filters {filters}, whose sizes cannot be "
-                "checked: write it again with h5repack -f GZIP=4"
-            )
-        # libhdf5 takes memory for all of a chunk, also for one that is larger than the file
-        if dataset.chunks is not None and stored > file_size:
-            raise RecordingError(
-                f"{name} has chunks of {stored:,} bytes in a file of {file_size:,}: it is damaged; "
-                "copy or record it again"
-            )
-        self._dataset, self._name, self._filters, self._bytes = dataset, name, filters, chunk
-        #: whether the bytes in the file are those of the array, apart from the filters
-        self._plain = (
-            filters in ([_DEFLATE], [_SHUFFLE, _DEFLATE])
-            and dataset.ndim == 1
-            and dataset.id.get_type().equal(h5t.py_create(dataset.dtype))
-        )
-        self._kept: tuple[int, npt.NDArray[Any] | None] = (-1, None)
-
-    def read(self, rows: slice) -> npt.NDArray[Any]:
-        """Return the rows, at most as many as the data set has.
-
-        Raises
-        ------
-        RecordingError
-            If a chunk does not expand to the size that the data set states.
-        """
-        if self._dataset.chunks is None or not self._filters or rows.stop <= rows.start:
-            return np.asarray(self._dataset[rows])
-        height = self._dataset.chunks[0]
-        parts = []
-        for first in range(rows.start // height * height, rows.stop, height):
-            if first != self._kept[0]:
-                self._kept = first, self._chunk(first)
-            part = slice(max(rows.start, first), min(rows.stop, first + height))
-            chunk = self._kept[1]
-            if chunk is not None:
-                parts.append(chunk[part.start - first : part.stop - first])
-            elif self._plain:
-                parts.append(np.asarray(self._dataset[part]))
-        return np.concatenate(parts) if self._plain else np.asarray(self._dataset[rows])
-
-    def _chunk(self, first: int) -> npt.NDArray[Any] | None:
-        """Check the chunks that begin at a row; return the rows if there is one plain chunk."""
-        if self._dataset.ndim == 1:
-            return self._expand((first,))
-        sides = zip(self._dataset.shape[1:], self._dataset.chunks[1:], strict=True)
-        for others in product(*(range(0, length, step) for length, step in sides)):
-            self._expand((first, *others))
-        return None
-
-    def _expand(self, at: tuple[int, ...]) -> npt.NDArray[Any] | None:
-        info = self._dataset.id.get_chunk_info_by_coord(at)
-        if info.byte_offset is None:
-            return None  # not stored: libhdf5 gives the fill value
-        size: int | None = -1
-        if info.size <= self._bytes + _OVERHEAD:
-            mask, data = self._dataset.id.read_direct_chunk(at)
-            size, expanded = self._expanded(mask, data)
-            if size is None:
-                return None
-            if size == self._bytes:
-                return self._array(mask, expanded) if self._plain else None
-        # A chunk beyond the border may be stored unfiltered; if it is not, libhdf5 refuses it
-        if size == -1 and info.size == self._bytes and self._at_border(at):
-            return None
+    name = f"{path}: {dataset.name}"
+    if dataset.external or dataset.is_virtual:
         raise RecordingError(
-            f"{self._name} has a chunk at row {at[0]:,} that does not expand to its "
-            f"{self._bytes:,} bytes: it is damaged; copy or record it again"
+            f"{name} lies in other files, which are not read: copy it into one file"
         )
-
-    def _at_border(self, at: tuple[int, ...]) -> bool:
-        sides = zip(at, self._dataset.chunks, self._dataset.shape, strict=True)
-        return any(first + n > end for first, n, end in sides)
-
-    def _expanded(self, mask: int, data: bytes) -> tuple[int | None, bytes]:
-        """Expand a chunk.
-
-        Returns
-        -------
-        size : int or None
-            Size of the expanded chunk; -1 if it is damaged, None if only a plug-in can expand it.
-        data : bytes
-            The expanded chunk, or the chunk before LZF.
-        """
-        more = 0
-        for i, number in reversed(list(enumerate(self._filters))):
-            if mask >> i & 1:
-                continue
-            if number == _FLETCHER32:
-                more -= 4
-            elif number == _DEFLATE:
-                inflated = _inflated(data[: len(data) + more], self._bytes + _OVERHEAD)
-                if inflated is None:
-                    return -1, data
-                data, more = inflated, 0
-            elif number == _LZF:
-                measured = int(lzf_size(np.frombuffer(data[: len(data) + more], np.uint8)))
-                if measured < 0:
-                    return -1, data
-                more = measured - len(data)
-            elif _is_plugin(number):
-                return None, data
-        return len(data) + more, data
-
-    def _array(self, mask: int, data: bytes) -> npt.NDArray[Any]:
-        """Return the rows of an expanded chunk, whose bytes may be shuffled."""
-        size = self._dataset.dtype.itemsize
-        if self._filters[0] == _SHUFFLE and not mask & 1 and size > 1:
-            octets = np.empty((len(data) // size, size), np.uint8)
-            for i, column in enumerate(np.frombuffer(data, np.uint8).reshape(size, -1)):
-                octets[:, i] = column  # three times as fast as a transposed copy
-            return octets.reshape(-1).view(self._dataset.dtype)
-        return np.frombuffer(data, self._dataset.dtype)
-
-
-def _inflated(data: bytes, most: int) -> bytes | None:
-    """Inflate to at most `most` + 1 bytes; None if the data is damaged or cut off."""
-    stream = zlib.decompressobj()
-    try:
-        expanded = stream.decompress(data, most + 1)
-    except zlib.error:
-        return None
-    return expanded if stream.eof or len(expanded) > most else None
-
-
-@kernel
-def lzf_size(data: npt.NDArray[np.uint8]) -> int:
-    """Return the expanded size of LZF data; -1 if it is cut off or refers to before its start.
-
-    Parameters
-    ----------
-    data : ndarray of uint8, shape (n,)
-        Compressed.
-    """
-    at, size = 0, 0
-    while at < data.size:
-        control = int(data[at])
-        if control < 32:  # this number of literal bytes, plus one
-            at += control + 2
-            size += control + 1
-            continue
-        length, distance = control >> 5, (control & 31) << 8
-        at += 1
-        if length == 7 and at < data.size:
-            length += int(data[at])
-            at += 1
-        if at >= data.size or distance + int(data[at]) + 1 > size:
-            return -1
-        at += 1
-        size += length + 2
-    return size if at == data.size else -1
+    pipeline, chunk = dataset.id.get_create_plist(), _chunk_bytes(dataset)
+    filters = [pipeline.get_filter(i)[0] for i in range(pipeline.get_nfilters())]
+    stored, file_size = dataset.id.get_storage_size(), path.stat().st_size
+    held = min(stored, file_size)
+    most = max(_CHUNK, min(100 * held, _LARGEST_CHUNK))
+    if chunk > most or (dataset.chunks is not None and stored > file_size):
+        raise RecordingError(
+            f"{name} has chunks of {stored:,} bytes in a file of {file_size:,}, each of {chunk:,} "
+            f"expanded, of which the most is {most:,}: copy or record it again, or write it with "
+            "h5repack -l CHUNK=65536"
+        )
+    _check_filters(name, filters)
+    claimed = dataset.size * dataset.dtype.itemsize
+    if any(number >= _PLUGINS and number != _LZF for number in filters):
+        most = dataset.id.get_num_chunks() * chunk  # Zstandard expands without a limit
+    else:
+        most = held * _MOST_EXPANSION if dataset.chunks and filters else held
+    if claimed > most:
+        raise RecordingError(
+            f"{name} claims {claimed:,} bytes, and the file holds {held:,} of them: it was not "
+            "closed when it was written, or is damaged; copy or record it again"
+        )
+    return dataset
 
 
 # Write HDF5 so that a full disk is an error and not a crash.
@@ -554,16 +373,15 @@ class Hdf5Source(Source):
         """Yield the events; see :class:`Source`."""
         with open_hdf5(self.path, min(self._largest_chunk, _LARGEST_CHUNK)) as file:
             place = file[self._place]
-            checked = {
-                name: CheckedDataset(self.path, item)
-                for name, item in self._datasets(place).items()
+            datasets = {
+                name: checked(self.path, item) for name, item in self._datasets(place).items()
             }
             total = self._rows(place)
             for first in range(0, total, self.options.chunk_events):
                 rows = slice(first, min(first + self.options.chunk_events, total))
                 self.position = rows.stop / total
                 try:
-                    columns = self._slice(checked, rows)
+                    columns = self._slice(datasets, rows)
                 except OSError as error:
                     raise RecordingError(
                         f"{self.path} cannot be read at event {first:,} ({error}): it is damaged; "
@@ -578,8 +396,7 @@ class Hdf5Source(Source):
         for group in groups:
             offset = self._dataset(group, "t_offset")
             if offset is not None and not offset.shape:
-                CheckedDataset(self.path, offset)  # refuses a damaged one
-                return int(offset[()])
+                return int(checked(self.path, offset)[()])
         return 0
 
     def _datasets(self, place: Any) -> dict[str, Any]:
@@ -600,10 +417,10 @@ class Hdf5Source(Source):
             )
         return int(next(iter(lengths.values())))
 
-    def _slice(self, checked: dict[str, CheckedDataset], rows: slice) -> dict[str, Any]:
-        if "" not in checked:
-            return {name: dataset.read(rows) for name, dataset in checked.items()}
-        block = checked[""].read(rows)
+    def _slice(self, datasets: dict[str, Any], rows: slice) -> dict[str, Any]:
+        if "" not in datasets:
+            return {name: dataset[rows] for name, dataset in datasets.items()}
+        block = datasets[""][rows]
         if block.dtype.names is None:
             return {name: block[:, column] for name, column in self._fields.items()}
         return {name: block[field] for name, field in self._fields.items()}

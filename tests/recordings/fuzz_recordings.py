@@ -41,6 +41,8 @@ from edge_vpr.recordings import WRITTEN, open_recording, write_recording
 
 SENSOR = Sensor(40, 30)
 MEMORY_BYTES, SECONDS, BATCH = 512 << 20, 60.0, 500
+#: of libraries that take the memory that a file claims, as SECURITY.md says
+TRUSTED_SUFFIXES = (".parquet", ".h5", ".hdf5")
 MOST_EVENTS = 300_000  #: read of one input; enough to see memory grow
 NUMBERS = (0, 1, 2, 127, 128, 255, 256, 32767, 65535, 65536, 2**31 - 1, 2**31, 2**32 - 1, 2**40)
 NUMBERS += (2**60, 2**62, 2**63 - 1, 2**63, 2**64 - 1)
@@ -370,7 +372,7 @@ def _check_error(error: EdgeVprError, path: Path) -> None:
     if path.name not in text or not text.isprintable() or len(text) > 1000:
         raise BrokenPromise(f"message {text!r}")
     while cause is not None:
-        if isinstance(cause, MemoryError):
+        if isinstance(cause, MemoryError) and path.suffix not in TRUSTED_SUFFIXES:
             raise BrokenPromise("more memory than the limit")
         cause = cause.__cause__ or cause.__context__
 

@@ -18,7 +18,7 @@ from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.files import open_input
 from edge_vpr.recordings.frames import MOST_PIXELS, number_key, read_metadata, read_png
-from edge_vpr.recordings.hdf5 import CheckedDataset, load_h5py, open_hdf5
+from edge_vpr.recordings.hdf5 import checked, load_h5py, open_hdf5
 from edge_vpr.recordings.reading import ArrayStream, foreign_errors
 from edge_vpr.recordings.rosbag import Bag, Cursor, read_preamble
 from edge_vpr_tools.research.intensity.frames import Image, IntensityFrame, start_of, to_grey
@@ -179,7 +179,7 @@ class Hdf5Images:
             sets = f"data set of 8 bits with times beside it (NAME and NAME{_TIMES})"
             self._name = _chosen(_image_sets(file), topic and topic.strip("/"), path, sets)
             times = file[self._name + _TIMES]
-            seconds = CheckedDataset(path, times).read(slice(0, times.shape[0]))
+            seconds = checked(path, times)[:]
         seconds = np.asarray(seconds, dtype=np.float64)
         if not (np.abs(seconds) * 1e6 < TIME_LIMIT_US).all():
             raise RecordingError(
@@ -190,9 +190,9 @@ class Hdf5Images:
 
     def __iter__(self) -> Iterator[IntensityFrame]:
         with open_hdf5(self._path) as file:
-            images = CheckedDataset(self._path, file[self._name])
+            images = checked(self._path, file[self._name])
             for i, time_us in enumerate(self._times.tolist()):
-                image = images.read(slice(i, i + 1))[0]
+                image = images[i]
                 yield IntensityFrame(time_us, to_grey(image, blue_first=False))
 
 
