@@ -316,7 +316,6 @@ class ReferenceMap(MapRecord):
         matched = reference._with(asked, "match")
         if every is None:
             result = _match_windows(matched, drive, odometry, shift)
-            result = replace(result, reference=reference)
         elif isinstance(drive, WindowSource):
             raise UsageError(
                 "matching event by event (--online, every=) needs events, and this file holds "
@@ -324,7 +323,9 @@ class ReferenceMap(MapRecord):
             )
         else:
             result = _match_events(matched.causal(), drive, every, odometry, shift)
-        return replace(result, inputs=inputs, start_us=getattr(drive, "cropped_us", 0))
+        # the map as it was given: what is asked of one run is no part of it
+        start_us = getattr(drive, "cropped_us", 0)
+        return replace(result, reference=reference, inputs=inputs, start_us=start_us)
 
     def localiser(
         self,

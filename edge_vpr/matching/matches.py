@@ -331,7 +331,7 @@ def write_csv(path: str | Path, matches: Matches, route: Route | None = None) ->
     where = {} if route is None else route.columns(matches.place, matches.settings.exclusion_places)
     time_s, distance, ratio = matches.time_s, matches.distance, matches.ratio
     second_distance = matches.second_distance
-    with replacing(path) as temporary, temporary.open("w", newline="") as file:
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow((*TABLE, *where))
         for i in range(len(matches)):

@@ -28,6 +28,7 @@ class Verdict:
     compared: dict[str, int]  #: Number of equal records, by kind.
     cases: int  #: Number of cases that were returned.
     known: int  #: Number of cases of the vectors.
+    missing: tuple[str, ...] = ()  #: Cases of the vectors that were not returned.
 
 
 def read_results(path: str | Path) -> list[Record]:
@@ -116,7 +117,8 @@ def verify(
             differences.append(f"{name}: {difference}")
     if not returned:
         raise VectorError("the results are empty: expected at least one case")
-    return Verdict(differences, compared, len(returned), len(cases))
+    missing = tuple(name for name in cases if name not in returned)
+    return Verdict(differences, compared, len(returned), len(cases), missing)
 
 
 def _by_case(

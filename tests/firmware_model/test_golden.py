@@ -441,6 +441,10 @@ def test_the_command_makes_and_verifies_vectors(tmp_path, capsys):
     results.write_bytes(to_binary(records))
     assert main(verified) == 0
     assert "equal records" in capsys.readouterr().out
+    second = [i for i, (kind, _) in enumerate(records) if kind == "case"][1]
+    results.write_bytes(to_binary(records[:second]))
+    assert main(verified) == 1
+    assert "were not verified, such as corners/" in capsys.readouterr().err
     at = next(i for i, (kind, _) in enumerate(records) if kind == "match")
     records[at] = ("match", (*records[at][1][:6], 1 - records[at][1][6]))
     results.write_bytes(to_binary(records))

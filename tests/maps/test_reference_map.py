@@ -128,6 +128,7 @@ def test_a_result_is_evaluated_by_tracks_or_by_a_truth(folder, route):
 def test_a_saved_result_is_read_by_the_commands(folder, route, tmp_path, capsys):
     for name, every in (("windows", None), ("events", "20ms")):
         result = route.match(folder / "tuesday.npz", every=every, precision=0.3)
+        assert result.reference.settings == route.settings  # those of one run are not the map's
         result.save(tmp_path / name)
         with pytest.raises(UsageError, match="exists: name another, or replace it"):
             result.save(tmp_path / name)

@@ -421,6 +421,29 @@ def test_a_command_whose_streams_are_closed_runs_to_its_end(drive, tmp_path, clo
     assert len(np.load(copied)["events"]) == 4_000
 
 
+@pytest.mark.parametrize("encoding", ["ascii", "gbk", "latin-1", "LC_ALL=C"])
+def test_a_terminal_that_is_not_utf_8_ends_no_command(tmp_path, encoding):
+    """What it does not have is in plain letters, on both streams; it was an internal error."""
+    given = {"PYTHONIOENCODING": encoding}
+    if encoding == "LC_ALL=C":
+        given = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    code = (
+        "import sys; from edge_vpr_tools import cli, console\n"
+        "cli.run = lambda argv: (print('5 \\u00b5s \\u00b1 1 \\u65e5'), console.note(argv[0]))\n"
+        "sys.exit(cli.main(['\\u65e5 \\u00b5']))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, env=os.environ | given)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(b"5 ") and b"internal" not in done.stderr
+    if encoding in ("ascii", "LC_ALL=C"):
+        assert done.stdout == b"5 us +- 1 \\u65e5\n"
+        assert done.stderr == b"edge-vpr: \\u65e5 u\n"
+    words = [sys.executable, "-m", "edge_vpr_tools.cli", "info", str(tmp_path / "\u65e5\u00b5.npz")]
+    done = subprocess.run(words, capture_output=True, env=os.environ | given)
+    assert done.returncode == 1
+    assert done.stderr.count(b"\n") == 1 and b"does not exist" in done.stderr
+
+
 @pytest.mark.parametrize("kind", ["device", "pipe"])
 def test_a_recording_is_a_file_or_a_folder(tmp_path, capsys, kind):
     """A device has no end, and a pipe cannot be read twice."""

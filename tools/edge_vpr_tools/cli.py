@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import atexit
+import codecs
 import gc
 import importlib
+import io
 import math
 import os
 import re
@@ -358,7 +360,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # more when the process ends, takes a quarter of a command's time
         gc.set_threshold(20_000)
         atexit.register(gc.freeze)
-    _open_closed_streams()
+    _prepare_streams()
     hook = sys.unraisablehook
     sys.unraisablehook = _interrupt_again
     try:
@@ -392,8 +394,27 @@ def _interrupted() -> int:
     return EXIT_INTERRUPTED
 
 
-def _open_closed_streams() -> None:
-    """Replace standard streams that the caller closed (``>&-``): what is printed is discarded."""
+#: characters of units and tables, for terminals that do not have them
+_PLAIN = str.maketrans({"µ": "u", "±": "+-"})
+
+
+def _in_plain_letters(error: UnicodeError) -> tuple[str | bytes, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end].translate(_PLAIN)
+    return text.encode("ascii", "backslashreplace").decode(), error.end
+
+
+def _prepare_streams() -> None:
+    """Make standard streams that take all that is printed, whatever the caller made of them.
+
+    Those that the caller closed (``>&-``) discard it. A terminal or pipe that is not of UTF-8
+    (``LC_ALL=C``, GBK) gets what it does not have in plain letters, or escaped.
+    """
+    codecs.register_error("edge_vpr_plain", _in_plain_letters)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="edge_vpr_plain")
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             # takes the closed number, which otherwise the first file of the command would have

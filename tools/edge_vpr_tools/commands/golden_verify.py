@@ -53,4 +53,10 @@ def run(args: argparse.Namespace) -> None:
             f"{args.results}: {len(verdict.differences)} of {verdict.cases} cases differ from the "
             f"vectors in {folder}, first in {verdict.differences[0]}"
         )
+    if verdict.missing and args.case is None:
+        raise EdgeVprError(
+            f"{args.results}: {verdict.cases} of {verdict.known} cases are equal, and "
+            f"{len(verdict.missing)} were not verified, such as {verdict.missing[0]}: return "
+            "them too, or name the only one with --case"
+        )
     summary(f"{args.results}: {verdict.cases} of {verdict.known} cases, equal records: {compared}")
