@@ -14,6 +14,7 @@ from archive_mutants import checksum
 from edge_vpr_tools.truth_files import given_truth, load_evaluated
 
 from edge_vpr.errors import EdgeVprError
+from edge_vpr.recordings import TimeCrop, open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
 
@@ -404,3 +405,21 @@ def test_decimal_commas_between_commas_are_named(drives, judge):
     texts = [geographic(rows).replace(".", ",") for rows in drives[1]]
     with pytest.raises(EdgeVprError, match="write decimals with points"):
         judge(texts, "csv")
+
+
+def test_what_was_mapped_and_matched_from_a_start_is_judged_at_its_own_times(
+    drives, tmp_path, capsys
+):
+    first, second = simulate_pair(7, "tiny", length_m=300)
+    paths = [tmp_path / "first.npz", tmp_path / "second.npz"]
+    for path, drive in zip(paths, (first, second), strict=True):
+        write_recording(path, drive)
+    parts = [
+        open_recording(path).cropped(TimeCrop(start_us=start * 1_000_000))
+        for path, start in zip(paths, (6, 10), strict=True)
+    ]
+    ReferenceMap.build(parts[0], pixels=60).match(parts[1]).save(tmp_path / "m")
+    texts = [table(rows) for rows in drives[1]]
+    correct, queries, said = judged((tmp_path / "m", drives[1]), tmp_path, capsys, texts, "csv")
+    assert correct == queries >= 40
+    assert "cannot be judged" not in said
