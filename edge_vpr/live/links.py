@@ -8,6 +8,7 @@ import fcntl
 import io
 import math
 import os
+import re
 import select
 import socket
 import struct
@@ -274,13 +275,12 @@ def open_serial(address: str, baud: int, *, flow_control: bool) -> Link:
             rtscts=flow_control,
             exclusive=True,  # exclusive, because two readers would each get a part of the bytes
         )
-    except (serial.SerialException, OSError, ValueError, termios.error) as error:
+    except (serial.SerialException, OSError, ValueError, termios.error, re.error) as error:
         text = f"cannot open {address or 'no port'}: {_why(error)}"
-        # a port may be plugged in later; a name with a suffix is that of a file
-        absent = getattr(error, "errno", None) == errno.ENOENT and address
-        if absent and not Path(address).suffix:
-            raise LinkAbsent(text) from error
-        raise LinkError(text) from error
+        raise (LinkAbsent if _may_come(address, error) else LinkError)(text) from error
+    # a bridge of FTDI gathers bytes for 16 ms otherwise; other drivers have no such mode
+    with contextlib.suppress(Exception):
+        port.set_low_latency_mode(True)
     try:
         port.fileno()
     except (AttributeError, io.UnsupportedOperation, OSError):
@@ -288,9 +288,22 @@ def open_serial(address: str, baud: int, *, flow_control: bool) -> Link:
     return SerialLink(address, port)
 
 
+def _may_come(address: str, error: Exception) -> bool:
+    """Return whether a port that cannot be opened may be plugged in later."""
+    if address.startswith("hwgrep://"):
+        # pyserial's error has no number if no port is found
+        return isinstance(error, OSError) and error.errno is None
+    if getattr(error, "errno", None) not in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
+        return False
+    # names of ports by their path or maker have dots, others with a suffix are those of files
+    return address.startswith("/dev/") or (address != "" and not Path(address).suffix)
+
+
 def _why(error: Exception) -> str:
     """Return what is wrong with a port, and what to do."""
     number = getattr(error, "errno", None)
+    if isinstance(error, re.error):
+        return f"{error}: after hwgrep:// is a regular expression, matched with names and numbers"
     if number == errno.ENOENT:
         return "there is no such file or port: `edge-vpr ports` lists those that are attached"
     if number in (errno.EACCES, errno.EPERM):
@@ -438,9 +451,9 @@ def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) 
     Parameters
     ----------
     address : str
-        ``/dev/ttyACM0`` or another address of pyserial, ``tcp://HOST:PORT``, ``udp://[HOST]:PORT``
-        (bound to loopback unless a host is named), ``-`` for standard input, or a file of raw
-        bytes.
+        ``/dev/ttyACM0`` or another address of pyserial, such as ``hwgrep://37c5:1206`` for the
+        port of a device wherever it is, ``tcp://HOST:PORT``, ``udp://[HOST]:PORT`` (bound to
+        loopback unless a host is named), ``-`` for standard input, or a file of raw bytes.
     baud : int
         Of a serial port.
     flow_control : bool

@@ -792,6 +792,7 @@ class LiveSession:
                 retry=self._reconnect, drop=self._drop, max_lag_s=self._max_lag_s,
             )  # fmt: skip
             stack.callback(self._reader.stop)
+            decoder.live = self._reader.live
             self._odometer: OdometerReader | None = None
             if self._odometry is not None:
                 self._odometer = OdometerReader(self._odometry, self._say, retry=self._reconnect)

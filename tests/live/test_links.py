@@ -22,6 +22,7 @@ from edge_vpr.live.bridge import Bridge, open_device_link
 from edge_vpr.live.links import (
     Chunk,
     Link,
+    LinkAbsent,
     LinkClosed,
     LinkError,
     LinkReader,
@@ -531,3 +532,76 @@ def test_a_mistake_of_ours_under_the_caller_ends_the_reader_and_is_told():
     assert reader.take(2) is None
     assert reader.ended
     assert reader.error is pipe.error
+
+
+@pytest.mark.parametrize(
+    ("address", "is_waited_for"),
+    [
+        ("/dev/ttyACM97", True),
+        ("/dev/serial/by-path/platform-fd500000.pcie-pci-0000:01:00.0-usb-0:1.3:1.0-port0", True),
+        ("/dev/serial/by-id/usb-Arduino__www.arduino.cc__0043_7563-if00", True),
+        ("hwgrep://no camera of this name", True),
+        ("hwgrep://(", False),
+        ("hwgrep://x&colour=1", False),
+        ("missing.bin", False),
+        ("/dev/null", False),
+    ],
+)
+def test_a_port_is_waited_for_whatever_its_name_and_a_file_is_not(address, is_waited_for, tmp_path):
+    """A dot in its name made a port by path a file."""
+    with pytest.raises(LinkError) as found:
+        open_link(address if "/" in address else str(tmp_path / address))
+    assert isinstance(found.value, LinkAbsent) is is_waited_for
+
+
+def test_a_camera_that_comes_back_under_another_name_is_found_by_its_numbers(monkeypatch):
+    """The kernel gives the next free number to a port that is still open when it is lost."""
+    from serial.tools import list_ports, list_ports_common
+
+    def plug_in():
+        ours, theirs = os.openpty()
+        found = list_ports_common.ListPortInfo(os.ttyname(theirs))
+        found.hwid = "USB VID:PID=37C5:1206 SER=3456 LOCATION=1-1.3"
+        os.close(theirs)
+        return ours, found
+
+    attached = []
+    monkeypatch.setattr(list_ports, "comports", lambda *_: list(attached))
+
+    def opened():
+        return open_link("hwgrep://37C5:1206")
+
+    ours, found = plug_in()
+    attached.append(found)
+    reader = LinkReader(opened, retry=True)
+    try:
+        os.write(ours, b"first")
+        chunk = reader.take(10)
+        assert chunk is not None
+        assert chunk.data == b"first"
+        attached.clear()
+        ours_then, found_then = plug_in()
+        assert found_then.device != found.device
+        os.close(ours)
+        attached.append(found_then)
+        end, data = time.monotonic() + 30, b""
+        while not data and time.monotonic() < end:
+            os.write(ours_then, b"again")
+            chunk = reader.take(0.2)
+            data = chunk.data if chunk is not None else b""
+        assert data.startswith(b"again")
+        os.close(ours_then)
+    finally:
+        reader.stop()
+
+
+def test_an_adapter_that_gathers_bytes_is_told_to_send_them_at_once(monkeypatch):
+    import serial
+
+    asked = []
+    monkeypatch.setattr(serial.Serial, "set_low_latency_mode", lambda _, on: asked.append(on))
+    ours, theirs = os.openpty()
+    open_link(os.ttyname(theirs)).close()
+    assert asked == [True]
+    os.close(ours)
+    os.close(theirs)

@@ -760,3 +760,58 @@ def test_pixels_beyond_the_sensor_are_counted_and_none_is_delivered(device, host
     else:
         assert np.array_equal(arrived[["x", "y", "p"]], inside[["x", "y", "p"]])
         assert health.off_sensor == events.size - inside.size
+
+
+WITHOUT_CHECKSUM = (
+    "edvs:format=E1,dialect=old", "edvs:format=E2,dialect=old", "edvs:format=E3,dialect=old",
+    "edvs:format=E1", "aer:layout=aer4", "aer:layout=jaer8", "evt2", "evt3",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("rate", [1e-4, 1e-3])
+@pytest.mark.parametrize("kind", ["flip", "drop", "insert"])
+@pytest.mark.parametrize("protocol", WITHOUT_CHECKSUM)
+def test_a_damaged_line_does_not_make_the_clock_run_ahead_of_the_hosts(protocol, kind, rate):
+    """Each damaged time counted as a wrap: 16-bit times ran up to six times too fast."""
+    sensor, span_us = Sensor(128, 128), 4_000_000
+    rng = np.random.default_rng(7)
+    encoder = open_encoder(protocol, sensor)
+    sent = np.frombuffer(encoder.encode(random_events(rng, 200_000, sensor, span_us)), np.uint8)
+    hit = np.flatnonzero(rng.random(sent.size) < rate)
+    noise = rng.integers(0, 256, hit.size).astype(np.uint8)
+    sent = sent.copy()
+    if kind == "flip":
+        sent[hit] = noise
+    else:
+        sent = np.delete(sent, hit) if kind == "drop" else np.insert(sent, hit, noise)
+    data, decoder = sent.tobytes(), open_decoder(protocol, sensor)
+    decoder.live = True
+    end_us, count = 0, 0
+    for at in range(0, len(data), 2_000):
+        host_us = span_us * min(at + 2_000, len(data)) // len(data)
+        events = decoder.feed(data[at : at + 2_000], host_us)
+        count += events.size
+        if events.size:
+            end_us = int(events["t"][-1])
+            assert end_us < host_us + 650_000
+    assert end_us > 0.9 * span_us
+    assert count > 0.95 * 200_000
+
+
+@pytest.mark.parametrize("protocol", ["edvs:format=E1,dialect=old", "edvs:format=E3,dialect=old"])
+def test_pauses_of_a_live_camera_are_kept_and_its_last_event_is_given(protocol):
+    """A pause within half the period of the clock is known, and the host agrees with it."""
+    sensor = Sensor(16, 16)
+    events = random_events(np.random.default_rng(3), 400, sensor, 4_000_000)
+    decoder, encoder = open_decoder(protocol, sensor), open_encoder(protocol, sensor)
+    decoder.live, parts, last_us = True, [], int(events["t"][0])
+    keep = np.diff(events["t"], prepend=events["t"][0]) < 30_000
+    events = events[keep][:100]
+    events["t"] -= events["t"][0]
+    for event in events[:, None]:
+        last_us = int(event["t"][0])
+        parts.append(decoder.feed(encoder.encode(event), 1_000 + last_us))
+    parts.append(decoder.finish())
+    got = np.concatenate(parts)
+    assert (got["t"].size, decoder.health.leaps) == (100, 0)
+    assert np.array_equal(np.diff(got["t"]), np.diff(events["t"]))

@@ -12,10 +12,11 @@ from types import SimpleNamespace
 import pytest
 from edge_vpr_tools import doctor
 from edge_vpr_tools.cli import main
+from edge_vpr_tools.commands import ports
 from edge_vpr_tools.doctor import CHECKS, Finding, Found, as_text, examine
 from kernel_programs import CALL, KERNEL, ONE_KERNEL, Runner
 from packaging.requirements import Requirement
-from serial.tools import list_ports
+from serial.tools import list_ports, list_ports_common
 
 
 def only(findings) -> Found:
@@ -303,6 +304,7 @@ _SIGNATURES = """
 import gc, sys
 from numba.core.dispatcher import Dispatcher
 from edge_vpr_tools.cli import main
+from edge_vpr_tools.commands import ports
 from edge_vpr_tools.doctor import compile_kernels
 
 def signatures():
@@ -350,3 +352,17 @@ def test_a_live_run_compiles_nothing_that_was_not_compiled_before(tmp_path):
     assert run.returncode == 0, run.stderr
     assert run.stdout.splitlines()[-1] == "LATER []"
     assert '"place"' in run.stdout
+
+
+def test_a_port_is_shown_with_the_name_that_stays(monkeypatch, tmp_path, capsys):
+    """/dev/ttyUSB0 is another device after the next start."""
+    port, link = tmp_path / "ttyUSB0", tmp_path / "by-id/usb-Maker_1.2-if00-port0"
+    link.parent.mkdir()
+    port.touch()
+    link.symlink_to(port)
+    monkeypatch.setattr(ports, "LINKS", str(tmp_path))
+    found = [list_ports_common.ListPortInfo(str(each)) for each in (port, tmp_path / "ttyS0")]
+    monkeypatch.setattr(list_ports, "comports", lambda: found)
+    assert main(["ports"]) == 0
+    (stays,) = (line for line in capsys.readouterr().out.splitlines() if "always" in line)
+    assert stays == f"    always {link}"

@@ -410,3 +410,17 @@ def test_rows_go_on_to_mqtt_by_the_line_of_the_page(running, tmp_path):
 
 def which(name: str) -> str | None:
     return shutil.which(name, path=f"{os.environ['PATH']}:/usr/sbin")
+
+
+@pytest.mark.parametrize("abstract", [False, True])
+def test_systemd_is_told_when_the_run_begins_and_that_it_goes_on(
+    drive, monkeypatch, capsys, tmp_path, abstract
+):
+    address = f"\0edge-vpr-{os.getpid()}" if abstract else str(tmp_path / "notify")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(address)
+        monkeypatch.setenv("NOTIFY_SOCKET", address.replace("\0", "@"))
+        assert main(stream(drive)) == 0
+        manager.setblocking(False)
+        assert [manager.recv(100) for _ in range(2)] == [b"READY=1", b"WATCHDOG=1"]
+    assert main(stream(drive)) == 0  # nobody listens any more

@@ -15,7 +15,7 @@ usage: sudo sh install.sh [--root DIR] [--source REQUIREMENT] [--back | --uninst
 Installs: /opt/edge-vpr/a or /opt/edge-vpr/b (Python environments of the running version and the one
 before; /opt/edge-vpr/current is the running one), the system user edge-vpr without a home,
 /var/lib/edge-vpr (maps), /var/cache/edge-vpr (compiled kernels), /etc/default/edge-vpr (arguments),
-/etc/systemd/system/edge-vpr.service, /etc/udev/rules.d/90-edge-vpr.rules.
+/etc/systemd/system/edge-vpr.service.
 TEXT
 }
 
@@ -26,7 +26,7 @@ fail() {
 
 here=$(CDPATH='' cd -- "$(dirname -- "$0")" && pwd)
 needed_mib=1000
-wants='etc/systemd/system/dev-event\x2dcamera.device.wants'
+wants=etc/systemd/system/multi-user.target.wants
 root=
 source=
 staged=
@@ -72,13 +72,11 @@ check_links() {
     done
 }
 
-# Tell systemd and udev of new files, if they run and are those of this system.
+# Tell systemd of new files, if it runs and they are those of this system.
 reload() {
     [ -z "$root" ] && [ -d /run/systemd/system ] || return 0
     systemctl daemon-reload
     systemctl try-restart edge-vpr.service
-    udevadm control --reload
-    udevadm trigger --subsystem-match=tty --action=change
 }
 
 uninstall() {
@@ -176,7 +174,8 @@ install_all() {
     [ -e "$root/etc/default/edge-vpr" ] ||
         install -D -m 644 "$here/edge-vpr.conf" "$root/etc/default/edge-vpr"
     install -D -m 644 "$here/edge-vpr.service" "$root/etc/systemd/system/edge-vpr.service"
-    install -D -m 644 "$here/90-edge-vpr.rules" "$root/etc/udev/rules.d/90-edge-vpr.rules"
+    # of an earlier installer, which claimed every bridge of FTDI
+    rm -f "$root/etc/udev/rules.d/90-edge-vpr.rules"
     mkdir -p "$root/$wants"
     ln -sf ../edge-vpr.service "$root/$wants/edge-vpr.service"
     # what is wrong on this machine is shown, and need not be on the one that runs it
@@ -189,8 +188,9 @@ install_all() {
     for part in bin include lib lib64 share pyvenv.cfg; do rm -rf "$root/opt/edge-vpr/$part"; done
     reload
     cat <<TEXT
-edge-vpr is installed. Copy a map to $root/var/lib/edge-vpr/map.npz, put the camera's arguments into
-$root/etc/default/edge-vpr, and attach the camera. Matches: journalctl -u edge-vpr -f
+edge-vpr is installed. Copy a map to $root/var/lib/edge-vpr/map.npz, put the camera's port and
+arguments into $root/etc/default/edge-vpr, and start it: systemctl start edge-vpr. Matches:
+journalctl -u edge-vpr -f
 TEXT
 }
 

@@ -190,7 +190,12 @@ class Health:
 # it agree. Until then these are held, and dropped if they do not agree.
 
 
-#: A step forward of up to this is accepted at once.
+#: A step forward of up to this is accepted at once, or where a checksum vouches for it up to
+#: `STEP_US`.
+SURE_STEP_US = 1_000
+#: A longer step of up to this is accepted when the next event is not earlier: else the right time
+#: after a damaged one would look like a wrap of the clock, or a restart. On a clock that wraps
+#: sooner, any time can be the next one.
 STEP_US = 1_000_000
 #: A longer step of up to this is accepted once confirmed; beyond it, the clock has restarted.
 SILENCE_US = 60_000_000
@@ -199,7 +204,10 @@ VOUCHED_SILENCE_US = 600_000_000
 #: On a clock that wraps, an event up to this much earlier than the newest is late; else it is
 #: later.
 LATE_US = 100_000
-#: Number of successive events that must agree to confirm a step.
+#: On a live line the clock may be ahead of the host's by this much; longer steps that would bring
+#: it further ahead are refused. A damaged line could otherwise make it run many times too fast.
+AHEAD_US = 500_000
+#: Number of successive events that must agree to confirm another step.
 CONFIRM = 8
 
 # State from chunk to chunk, with times in ticks of the device.
@@ -209,6 +217,8 @@ _STATE = np.dtype(
         ("last", "<i8"),  # newest time of the device
         ("now", "<i8"),  # the same without wraps, from time 0 on
         ("held", "<i8"),  # number of events in `_FilterState.held`
+        ("allowed", "<i8"),  # time by which the host's clock allows this one to advance
+        ("heard_us", "<i8"),  # newest time of the host; -1: not held against it
         # counts, see `Health`
         ("off_sensor", "<i8"),
         ("late", "<i8"),
@@ -228,6 +238,7 @@ class _FilterState(NamedTuple):
     height: int
     period: int
     late: int
+    sure: int
     step_limit: int
     silence: int
     tick: int
@@ -262,6 +273,8 @@ class TimestampFilter:
         # in ticks, so that a wrap is a bit mask
         self._tick = tick = clock.tick_us
         period, late = 0, max(1, LATE_US // tick)
+        step_limit = max(1, STEP_US // tick)
+        sure = step_limit if clock.confirm == 1 else max(1, SURE_STEP_US // tick)
         if clock.bits:
             # late only by a small part of the period, else a silence would look like a late event
             period = 1 << clock.bits
@@ -269,11 +282,12 @@ class TimestampFilter:
         self._period = period
         silence = VOUCHED_SILENCE_US if clock.confirm == 1 else SILENCE_US
         self._state = np.zeros(1, dtype=_STATE)
+        self._state["allowed"], self._state["heard_us"] = 1 << 62, -1
         self._held = np.empty(max(1, clock.confirm), dtype=EVENT_DTYPE)
         self.box = KernelState(
             _FilterState(
                 self._state, self._held, sensor.width, sensor.height, period, late,
-                max(1, STEP_US // tick), max(1, silence // tick), tick, clock.confirm,
+                sure, step_limit, max(1, silence // tick), tick, clock.confirm,
             )
         )  # fmt: skip
 
@@ -281,6 +295,17 @@ class TimestampFilter:
     def reached_us(self) -> int:
         """Time of the newest event or of a later `reach`; no following event is earlier."""
         return int(self._state["now"].item()) * self._tick
+
+    def hold_to(self, host_us: int) -> None:
+        """Let the clock advance up to this time of the host; vouched times do so by themselves."""
+        state = self._state[0]
+        if self._held.size == 1:
+            return
+        allowed_us = AHEAD_US
+        if state["heard_us"] >= 0:
+            passed_us = max(0, host_us - int(state["heard_us"]))
+            allowed_us = min(int(state["allowed"]) * self._tick + passed_us, SILENCE_US)
+        state["allowed"], state["heard_us"] = allowed_us // self._tick, host_us
 
     def admit(self, columns: Columns) -> Events:
         """Filter decoded events, in the order of the stream.
@@ -306,17 +331,17 @@ class TimestampFilter:
         state["dated"] = 0
         self.report(0, 0)
 
-    def finish(self) -> None:
-        """End the stream; events that are still held were not confirmed and are dropped."""
-        state = self._state[0]
-        state["leaps"] += state["held"]
-        state["held"] = 0
-        self.report(0, 0)
+    def finish(self) -> Events:
+        """End the stream; a last event after a pause is good, others that are held are dropped."""
+        out = np.empty(1, dtype=EVENT_DTYPE)
+        n = finish_held(self.box.boxed, out)
+        self.report(0, n)
+        return out[:n]
 
     def report(self, decoded: int, delivered: int) -> None:
         """Add the events of a chunk, and the counts of the kernel, to the health."""
         health = self.health
-        _, _, _, held, off_sensor, late, leaps, wraps, clock_resets = self._state.item()
+        _, _, _, held, _, _, off_sensor, late, leaps, wraps, clock_resets = self._state.item()
         health.decoded += decoded
         health.events += delivered
         health.held, health.off_sensor, health.late, health.leaps = held, off_sensor, late, leaps
@@ -385,9 +410,10 @@ def counts_of(box):  # type: ignore[no-untyped-def]
 @kernel
 def admit_columns(box, t, x, y, p, out):  # type: ignore[no-untyped-def]
     """Do the work of `TimestampFilter.admit`; return how many events are in `out`."""
-    state, held, width, height, period, late, step_limit, silence, tick, confirm = box.value
+    state, held, width, height, period, late, sure, step_limit, silence, tick, confirm = box.value
     s = state[0]
     dated, last, now, n_held = s["dated"], s["last"], s["now"], s["held"]
+    allowed = s["allowed"]
     n = 0
     for i in range(t.size):
         if x[i] >= width or y[i] >= height:
@@ -397,12 +423,13 @@ def admit_columns(box, t, x, y, p, out):  # type: ignore[no-untyped-def]
         if not dated:
             dated, last = 1, time
         step = _step(last, time, period, late)
-        if 0 <= step <= step_limit:
+        if 0 <= step <= sure:
             if n_held:  # a good event after held ones: their times were wrong
                 _drop(s, last, held[0]["t"], n_held, period, late)
                 n_held = 0
             s["wraps"] += _wrapped(last, time, period)
             now += step
+            allowed -= step
             last = time
         else:
             if n_held:
@@ -413,18 +440,25 @@ def admit_columns(box, t, x, y, p, out):  # type: ignore[no-untyped-def]
             held[n_held]["t"], held[n_held]["x"], held[n_held]["y"] = time, x[i], y[i]
             held[n_held]["p"] = p[i] != 0
             n_held += 1
-            if n_held == confirm:
-                first = held[0]["t"]
-                step = _step(last, first, period, late)
-                if 0 <= step <= silence:
+            first = held[0]["t"]
+            step = _step(last, first, period, late)
+            needed = confirm
+            if 0 <= step <= step_limit:
+                needed = 1 if 0 < period <= step_limit else min(2, confirm)
+            if n_held >= needed:
+                if 0 <= step <= silence and step <= allowed:
                     s["wraps"] += _wrapped(last, first, period)
                     now += step
+                    allowed -= step
                 else:
                     s["clock_resets"] += 1
                     now += 1
                 last = first
                 for k in range(n_held):
-                    now += _step(last, held[k]["t"], period, late)
+                    step = _step(last, held[k]["t"], period, late)
+                    if step <= sure or step <= allowed:
+                        now += step
+                        allowed -= step
                     last = held[k]["t"]
                     out[n]["t"], out[n]["x"], out[n]["y"] = now * tick, held[k]["x"], held[k]["y"]
                     out[n]["p"] = held[k]["p"]
@@ -434,6 +468,26 @@ def admit_columns(box, t, x, y, p, out):  # type: ignore[no-untyped-def]
         out[n]["t"], out[n]["x"], out[n]["y"], out[n]["p"] = now * tick, x[i], y[i], p[i] != 0
         n += 1
     s["dated"], s["last"], s["now"], s["held"] = dated, last, now, n_held
+    s["allowed"] = max(-silence, allowed)
+    return n
+
+
+@kernel
+def finish_held(box, out):  # type: ignore[no-untyped-def]
+    """Do the work of `TimestampFilter.finish`; return how many events are in `out`."""
+    kept = _FilterState(*box.value)
+    s, held, n = kept.state[0], kept.held, 0
+    if s["held"] == 1:
+        step = _step(s["last"], held[0]["t"], kept.period, kept.late)
+        if 0 <= step <= min(kept.step_limit, s["allowed"]):
+            s["wraps"] += _wrapped(s["last"], held[0]["t"], kept.period)
+            s["now"] += step
+            s["last"] = held[0]["t"]
+            out[0] = held[0]
+            out[0]["t"] = s["now"] * kept.tick
+            n = 1
+    s["leaps"] += s["held"] - n
+    s["held"] = 0
     return n
 
 
@@ -470,6 +524,8 @@ class Decoder:
         self.health = Health(accounting)
         self._pending = b""
         self._host_us = 0
+        #: Whether the bytes come as they are sent, so that the clock cannot be ahead of the host's.
+        self.live = False
         self._timestamps = TimestampFilter(sensor, clock, self.health)
 
     def adopt(self, health: Health) -> None:
@@ -537,6 +593,8 @@ class Decoder:
             In time order, on the sensor, and not earlier than those returned before; n may be 0.
         """
         self._host_us = host_us
+        if self.live:
+            self._timestamps.hold_to(host_us)
         self.health.bytes += len(data)
         return self._take(self._pending + data if self._pending else data, final=False)
 
@@ -582,8 +640,7 @@ class Decoder:
             Whole events that were waiting for bytes that will not come.
         """
         events = self._take(self._pending, final=True)
-        self._timestamps.finish()
-        return events
+        return join_events([events, self._timestamps.finish()])
 
     def _take(self, data: bytes, *, final: bool) -> Events:
         before = self.health.skipped_bytes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import NamedTuple
 
 from edge_vpr.errors import printable
@@ -22,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 # Serial ports, and the likely protocol of a USB device by its numbers.
 
 
+LINKS = "/dev/serial"  # where udev has names that stay
 _USB_IDS = "usb.ids"  # http://www.linux-usb.org/usb.ids, as in systemd's hwdb
 _OPENMV = "github.com/openmv/openmv, boards/"
 
@@ -67,6 +69,7 @@ class AttachedPort(NamedTuple):
     """Serial port of this machine."""
 
     port: str  #: Path of the port.
+    always: str | None  #: Path that is the same whenever this device is plugged in here.
     description: str  #: The attached device, by its numbers or by its own description.
     usb: str | None  #: Numbers of vendor and product, for example ``0403:6014``.
     protocol: str | None  #: Likely protocol.
@@ -83,6 +86,7 @@ def attached_ports() -> list[AttachedPort]:
         found.append(
             AttachedPort(
                 port=port.device,
+                always=lasting_name(port.device),
                 description=known.what if known else port.description,
                 usb=None if port.vid is None else f"{port.vid:04x}:{port.pid:04x}",
                 protocol=known.protocol if known else None,
@@ -90,6 +94,15 @@ def attached_ports() -> list[AttachedPort]:
             )
         )
     return found
+
+
+def lasting_name(port: str) -> str | None:
+    """Return the name that udev gives a port by its maker and serial number, or by its socket."""
+    for folder in ("by-id", "by-path"):
+        for link in sorted(Path(LINKS, folder).glob("*")):
+            if link.resolve() == Path(port).resolve():
+                return str(link)
+    return None
 
 
 def run(args: argparse.Namespace) -> None:
@@ -106,5 +119,7 @@ def run(args: argparse.Namespace) -> None:
         # the name comes from the device and can contain anything
         name, what = printable(one.port), printable(one.description, 80)
         summary(f"{name}  {one.usb or '-'}  {what}  {how}")
+        if one.always is not None:
+            summary(f"    always {printable(one.always)}")
     if not found:
         summary("no serial ports; edge-vpr bridge RECORDING makes a virtual one")

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import ExitStack
+import os
+import socket
+import time
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,6 +33,9 @@ if TYPE_CHECKING:
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.settings import Settings
     from edge_vpr_tools.live_view import RerunView, View
+
+#: Interval in seconds at which a service manager hears that the run goes on.
+_ALIVE_S = 5.0
 
 EXAMPLES = """\
   edge-vpr stream --port /dev/ttyACM0 --protocol openmv --map monday.npz
@@ -266,10 +272,19 @@ def _show(args: argparse.Namespace, session: LiveSession) -> None:
             view = stack.enter_context(
                 open_view(args.json, args.log, session.reference, server, line_s)
             )
+            tell_systemd("READY=1")
             _show_steps(session, view, viewer)
     finally:
         session.on_message = lambda message: error_line(message.text)
         session.close()
+
+
+def tell_systemd(state: str) -> None:
+    """Send a state to the service manager, if it has started this program and waits for one."""
+    address = os.environ.get("NOTIFY_SOCKET", "")
+    if address:
+        with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
+            sock.sendto(state.encode(), address.replace("@", "\0", 1))
 
 
 def _show_steps(session: LiveSession, view: View, rerun: RerunView | None) -> None:
@@ -278,6 +293,7 @@ def _show_steps(session: LiveSession, view: View, rerun: RerunView | None) -> No
     from edge_vpr.live.session import nothing_valid
 
     session.on_message = lambda message: view.say(message.kind, message.text, over=message.over)
+    alive_s = 0.0
     try:
         for step in session.steps():
             for reading in step.odometry:
@@ -286,6 +302,9 @@ def _show_steps(session: LiveSession, view: View, rerun: RerunView | None) -> No
             if rerun is not None and step.result is not None:
                 rerun.show(step.result)
             view.tick(session.status)
+            if time.monotonic() >= alive_s:
+                alive_s = time.monotonic() + _ALIVE_S
+                tell_systemd("WATCHDOG=1")
             if view.unread:
                 session.stop()
     finally:
