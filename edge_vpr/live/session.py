@@ -792,7 +792,8 @@ class LiveSession:
                 retry=self._reconnect, drop=self._drop, max_lag_s=self._max_lag_s,
             )  # fmt: skip
             stack.callback(self._reader.stop)
-            decoder.live = self._reader.live
+            # a sender that waits for this host, such as a replay, may be faster than the clock
+            decoder.live = self._reader.live and self._drop is not False
             self._odometer: OdometerReader | None = None
             if self._odometry is not None:
                 self._odometer = OdometerReader(self._odometry, self._say, retry=self._reconnect)

@@ -190,12 +190,7 @@ class Health:
 # it agree. Until then these are held, and dropped if they do not agree.
 
 
-#: A step forward of up to this is accepted at once, or where a checksum vouches for it up to
-#: `STEP_US`.
-SURE_STEP_US = 1_000
-#: A longer step of up to this is accepted when the next event is not earlier: else the right time
-#: after a damaged one would look like a wrap of the clock, or a restart. On a clock that wraps
-#: sooner, any time can be the next one.
+#: A step forward of up to this is accepted at once.
 STEP_US = 1_000_000
 #: A longer step of up to this is accepted once confirmed; beyond it, the clock has restarted.
 SILENCE_US = 60_000_000
@@ -204,10 +199,11 @@ VOUCHED_SILENCE_US = 600_000_000
 #: On a clock that wraps, an event up to this much earlier than the newest is late; else it is
 #: later.
 LATE_US = 100_000
-#: On a live line the clock may be ahead of the host's by this much; longer steps that would bring
-#: it further ahead are refused. A damaged line could otherwise make it run many times too fast.
-AHEAD_US = 500_000
-#: Number of successive events that must agree to confirm another step.
+#: On a live line the clock may be ahead of the host's by this much; steps of more than a
+#: millisecond that would bring it further ahead are refused. The right time after a damaged one can
+#: look like a wrap, so that a damaged line would make the clock run many times too fast.
+AHEAD_US, SURE_STEP_US = 500_000, 1_000
+#: Number of successive events that must agree to confirm a step.
 CONFIRM = 8
 
 # State from chunk to chunk, with times in ticks of the device.
@@ -274,7 +270,7 @@ class TimestampFilter:
         self._tick = tick = clock.tick_us
         period, late = 0, max(1, LATE_US // tick)
         step_limit = max(1, STEP_US // tick)
-        sure = step_limit if clock.confirm == 1 else max(1, SURE_STEP_US // tick)
+        sure = max(1, SURE_STEP_US // tick)
         if clock.bits:
             # late only by a small part of the period, else a silence would look like a late event
             period = 1 << clock.bits
@@ -331,12 +327,12 @@ class TimestampFilter:
         state["dated"] = 0
         self.report(0, 0)
 
-    def finish(self) -> Events:
-        """End the stream; a last event after a pause is good, others that are held are dropped."""
-        out = np.empty(1, dtype=EVENT_DTYPE)
-        n = finish_held(self.box.boxed, out)
-        self.report(0, n)
-        return out[:n]
+    def finish(self) -> None:
+        """End the stream; events that are still held were not confirmed and are dropped."""
+        state = self._state[0]
+        state["leaps"] += state["held"]
+        state["held"] = 0
+        self.report(0, 0)
 
     def report(self, decoded: int, delivered: int) -> None:
         """Add the events of a chunk, and the counts of the kernel, to the health."""
@@ -423,7 +419,7 @@ def admit_columns(box, t, x, y, p, out):  # type: ignore[no-untyped-def]
         if not dated:
             dated, last = 1, time
         step = _step(last, time, period, late)
-        if 0 <= step <= sure:
+        if 0 <= step <= step_limit and (step <= sure or step <= allowed):
             if n_held:  # a good event after held ones: their times were wrong
                 _drop(s, last, held[0]["t"], n_held, period, late)
                 n_held = 0
@@ -440,12 +436,9 @@ def admit_columns(box, t, x, y, p, out):  # type: ignore[no-untyped-def]
             held[n_held]["t"], held[n_held]["x"], held[n_held]["y"] = time, x[i], y[i]
             held[n_held]["p"] = p[i] != 0
             n_held += 1
-            first = held[0]["t"]
-            step = _step(last, first, period, late)
-            needed = confirm
-            if 0 <= step <= step_limit:
-                needed = 1 if 0 < period <= step_limit else min(2, confirm)
-            if n_held >= needed:
+            if n_held == confirm:
+                first = held[0]["t"]
+                step = _step(last, first, period, late)
                 if 0 <= step <= silence and step <= allowed:
                     s["wraps"] += _wrapped(last, first, period)
                     now += step
@@ -469,25 +462,6 @@ def admit_columns(box, t, x, y, p, out):  # type: ignore[no-untyped-def]
         n += 1
     s["dated"], s["last"], s["now"], s["held"] = dated, last, now, n_held
     s["allowed"] = max(-silence, allowed)
-    return n
-
-
-@kernel
-def finish_held(box, out):  # type: ignore[no-untyped-def]
-    """Do the work of `TimestampFilter.finish`; return how many events are in `out`."""
-    kept = _FilterState(*box.value)
-    s, held, n = kept.state[0], kept.held, 0
-    if s["held"] == 1:
-        step = _step(s["last"], held[0]["t"], kept.period, kept.late)
-        if 0 <= step <= min(kept.step_limit, s["allowed"]):
-            s["wraps"] += _wrapped(s["last"], held[0]["t"], kept.period)
-            s["now"] += step
-            s["last"] = held[0]["t"]
-            out[0] = held[0]
-            out[0]["t"] = s["now"] * kept.tick
-            n = 1
-    s["leaps"] += s["held"] - n
-    s["held"] = 0
     return n
 
 
@@ -640,7 +614,8 @@ class Decoder:
             Whole events that were waiting for bytes that will not come.
         """
         events = self._take(self._pending, final=True)
-        return join_events([events, self._timestamps.finish()])
+        self._timestamps.finish()
+        return events
 
     def _take(self, data: bytes, *, final: bool) -> Events:
         before = self.health.skipped_bytes

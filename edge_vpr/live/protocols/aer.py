@@ -96,8 +96,7 @@ class Layout:
     @property
     def clock(self) -> Clock:
         """Clock of the device, or that of the host if words have no time."""
-        # times of the host need no confirmation
-        return Clock(self.t.bits, self.tick_us) if self.t.bits else Clock(confirm=1)
+        return Clock(self.t.bits, self.tick_us) if self.t.bits else Clock()
 
     def form(self) -> Form:
         """Return the values for kernels, as an array of one record."""
