@@ -239,7 +239,7 @@ class Translator:
                 {
                     "header": _header(stamp_us, frames.sensor), "status": _STATUS,
                     "latitude": latitude, "longitude": longitude,
-                    "altitude": float("nan"),  # no height is known
+                    "altitude": 0.0,  # no height is known; navsat_transform throws a NaN away
                     "position_covariance": _diagonal((variance, variance, UNKNOWN)),
                     "position_covariance_type": _APPROXIMATED,
                 },
