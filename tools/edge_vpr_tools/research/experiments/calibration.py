@@ -235,7 +235,7 @@ class Sample(NamedTuple):
 def sample(pair: MappedPair) -> Sample:
     """Match a pair, and return the matches whose truth is known."""
     matches = pair.match()
-    known = pair.truth.known[matches.query]
+    known = pair.truth.judged(matches.place, matches.query)
     correct = pair.truth.correct[matches.place, matches.query]
     has_place = pair.truth.has_place[matches.query]
     return Sample(matches.net_trust[known], correct[known], has_place[known])

@@ -79,7 +79,7 @@ def inner_windows(truth: GroundTruth, longest: int) -> GroundTruth:
     before = anchor_offset(longest, PRESETS["paper"].anchor)
     known[:before] = False
     known[len(known) - (longest - 1 - before) :] = False
-    return GroundTruth(truth.correct & known, known, truth.description)
+    return replace(truth, correct=truth.correct & known, known=known)
 
 
 def inner_share(matches: Matches, truth: GroundTruth, longest: int) -> float:

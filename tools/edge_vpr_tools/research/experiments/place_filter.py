@@ -143,9 +143,8 @@ def measure(draw: Draw) -> Iterator[Row]:
         for method, pair, changes, along in tried:
             matches = pair.coded(changes).match(along)
             found = evaluate(matches, pair.truth)
-            known = pair.truth.known[matches.query]
-            accepted = matches.probability[known] >= PRECISION
-            correct = pair.truth.correct[matches.place, matches.query][known]
+            accepted = matches.probability[found.evaluated] >= PRECISION
+            correct = found.correct[found.evaluated]
             yield {
                 DRIVES: name,
                 "method": method,
