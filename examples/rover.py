@@ -1,6 +1,6 @@
 """Drive a route that a map knows, and stop at a goal: python rover.py PORT PROTOCOL MAP.npz GOAL_M.
 
-The map has positions (edge-vpr map --track). `drive` is where the motors are.
+The map has positions (edge-vpr map --track or --odometry). `drive` is where the motors are.
 """
 
 import sys
@@ -8,23 +8,34 @@ from collections.abc import Callable
 
 from edge_vpr import LiveSession
 
-FAST, SLOW = 1.0, 0.2  # m/s
+FAST, SLOW, STOP = 1.0, 0.2, 0.0  # m/s
+SURE, MOST_MISSING = 0.9, 0.25  # probability, and share of the events lost, of a match to rely on
+REACH_M = 10.0  # from there on
 
 
 def follow(port: str, protocol: str, map_path: str, goal_m: float, drive: Callable) -> float | None:
-    """Return the metre of the goal, or None if the line ends before."""
+    """Return the metre at which the goal was reached, or None if the line ends before."""
     route = {"protocol": protocol, "reference": map_path, "heartbeat": "500ms"}
+    path, until_m = None, 0.0  # of the last match to rely on: its path, and how far to trust it
     try:
         with LiveSession(port, **route, reconnect=False) as session:
-            if session.reference.route is None:
+            if session.reference.along_mm is None:
                 sys.exit(f"{map_path} has no positions: make it with edge-vpr map --track")
-            for match in session:  # a heartbeat has the probability 0
-                confident = match.probability >= 0.5 and not match.incomplete
+            for match in session:
+                if match.place < 0:  # a heartbeat: the camera is silent, and nothing is seen
+                    drive(STOP)
+                    continue
+                confident = match.probability >= SURE and match.missing <= MOST_MISSING
+                confident = confident and not match.lost  # which a match that comes late is
+                if confident:
+                    path, until_m = match.jumps, (match.along_m or 0.0) + REACH_M
                 drive(FAST if confident else SLOW)
-                if confident and match.probability >= 0.8 and (match.along_m or 0.0) >= goal_m:
+                # from a match to rely on, the position moves with the path until it jumps
+                on_path = match.jumps == path and match.along_m is not None
+                if on_path and goal_m <= match.along_m <= until_m:
                     return match.along_m
     finally:
-        drive(0.0)  # whatever happens
+        drive(STOP)  # whatever happens
     return None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable
 
 from edge_vpr.live.links import LinkReader, open_link
@@ -90,6 +91,70 @@ class OdometerLine:
         self._value, self._at_s = value, at_s
 
 
+#: Time over which an odometer is judged; so many leaps in it are a wrong unit.
+JUDGED_S, MOST_LEAPS = 2.0, 3
+#: It is wrong if it shows this many times the speed of the map's drive, or, while the camera sees
+#: as much as on that drive, less than this share of it.
+FASTEST, SLOWEST = 8.0, 0.02
+#: It is used again when it shows no more than this many times that speed.
+PLAUSIBLE = 2.0
+
+
+class OdometerCheck:
+    """Finds out that an odometer cannot be right: its unit is wrong, or it stands.
+
+    Parameters
+    ----------
+    usual_mps : float
+        Mean speed of the drive that the map was made of, in metres per second.
+
+    Attributes
+    ----------
+    wrong : str
+        Why it is not used now; empty if it is.
+    """
+
+    def __init__(self, usual_mps: float) -> None:
+        self.wrong = ""
+        self._usual_mps = usual_mps
+        # time, metres, leaps until then, and whether the camera saw as much as on that drive
+        self._seen: deque[tuple[float, float, int, bool]] = deque()
+
+    def judge(self, now_s: float, metres: float, leaps: int, *, moving: bool) -> None:
+        """Take a reading.
+
+        Parameters
+        ----------
+        now_s : float
+            When it came.
+        metres : float
+            Distance so far, without leaps.
+        leaps : int
+            Readings so far that no robot could have driven to.
+        moving : bool
+            Whether the camera sees as much as while the map was made.
+        """
+        seen = self._seen
+        seen.append((now_s, metres, leaps, moving))
+        while len(seen) > 2 and now_s - seen[1][0] >= JUDGED_S:
+            seen.popleft()
+        first_s, first_m, first_leaps, _ = seen[0]
+        leapt, passed_s = leaps - first_leaps, now_s - first_s
+        if leapt >= MOST_LEAPS:
+            self.wrong = f"{leapt} of its readings leap: send metres, not millimetres or ticks"
+        elif passed_s < JUDGED_S:
+            return
+        elif abs(mps := (metres - first_m) / passed_s) > FASTEST * self._usual_mps:
+            self.wrong = (
+                f"it shows {abs(mps):,.0f} m/s, and the drive of the map had "
+                f"{self._usual_mps:.1f}: send metres"
+            )
+        elif abs(mps) < SLOWEST * self._usual_mps and all(each[3] for each in seen):
+            self.wrong = f"it stands at {metres:,.2f} m while the camera moves: check the encoder"
+        elif not leapt and SLOWEST <= abs(mps) / self._usual_mps <= PLAUSIBLE:
+            self.wrong = ""
+
+
 class OdometerReader:
     """Reads the line of an odometer, and reports its silence.
 
@@ -127,6 +192,11 @@ class OdometerReader:
                 self._heard_s = now
         self._report(now)
         return line.metres if self._heard_s == now else None
+
+    @property
+    def leaps(self) -> int:
+        """Readings that no robot could have driven to."""
+        return self._line.leaps
 
     def stop(self) -> None:
         """Close the line."""

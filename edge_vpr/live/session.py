@@ -34,7 +34,7 @@ from edge_vpr.events import EVENT_DTYPE, Events, Sensor, join_events
 from edge_vpr.files import check_output, work_folder
 from edge_vpr.learning import MapUpdate
 from edge_vpr.live.links import DescriptorLink, Link, LinkReader, SocketLink, UrlLink, open_link
-from edge_vpr.live.odometer import OdometerReader
+from edge_vpr.live.odometer import OdometerCheck, OdometerReader
 from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.live.protocols import EXACT, Decoder, Health, open_decoder
 from edge_vpr.map_record import KIND as MAP_KIND
@@ -245,7 +245,11 @@ class LiveLocaliser:
         if lost or reopened:
             early.append(decoder.gap(lost))
             decoder.health.reopened += reopened
-        return self._clean(join_events([*early, decoder.feed(data, host_us)]))
+        events = decoder.feed(data, host_us)
+        if lost and events.size and self._localiser is not None:
+            # no matches of time in which nothing was seen
+            self._localiser.skip_ticks(int(events["t"][0]))
+        return self._clean(join_events([*early, events]))
 
     def read_odometer(self, distance_m: float) -> int:
         """Take a reading of the robot's odometer, at the time that the stream has reached.
@@ -260,6 +264,11 @@ class LiveLocaliser:
         # all matches due until then have been given
         self._localiser.read_odometer(self._time, distance_m)
         return self._time
+
+    @property
+    def reached_us(self) -> int:
+        """Time up to which the stream has been matched."""
+        return self.decoder.reached_us if self._localiser is None else self._time
 
     def finish(self) -> LiveResult:
         """End the stream, and return the matches of what was held."""
@@ -379,6 +388,8 @@ def _burst_filter(reference: ReferenceMap, causal: bool) -> BurstFilter | Causal
 SILENT_S = 1.0
 #: Silence after which a device is greeted again, and interval of greetings.
 GREET_S = 0.5
+#: Interval at which it is said what is compiled.
+PROGRESS_S = 2.0
 #: Bytes and events before a warning: more than the start of a protocol, or chance on a bad line,
 #: can make undecodable.
 SENSELESS_BYTES, SENSELESS_EVENTS = 8_192, 1_000
@@ -728,6 +739,10 @@ class LiveSession:
         self.update: MapUpdate[ReferenceMap] | None = None
         self.removed = Removed()
         self.locator = None if reference is None else Locator(reference)
+        self._check = None
+        self._usual_events = 0
+        if reference is not None and (speed := _speed_of(reference)):
+            self._check, self._usual_events = OdometerCheck(speed), reference.mean_activity // 2
         self._live: LiveLocaliser | None = None
         self._given = self._jumps = 0
         self._files = contextlib.ExitStack()
@@ -759,10 +774,19 @@ class LiveSession:
         """
         if self._live is not None:
             return
+        said_s = time.monotonic()
+
+        def progress(text: str) -> None:
+            nonlocal said_s
+            show(text)
+            if text.startswith("compiling") and time.monotonic() - said_s > PROGRESS_S:
+                said_s = time.monotonic()
+                self._say("compiling", text)
+
         with compiling_reported(lambda text: self._say("compiling", text + COMPILE_ALL)):
             self._live = LiveLocaliser(
                 self.decoder, self.reference, self._every,
-                causal_bursts=self._causal, odometry=self._odometry is not None, show=show,
+                causal_bursts=self._causal, odometry=self._odometry is not None, show=progress,
             )  # fmt: skip
 
     def open(self) -> None:
@@ -819,7 +843,7 @@ class LiveSession:
         if self.reference is not None and self.reference.settings.window == "time":
             window_us = self.reference.settings.tau_us
         self._lag = _LagWatch(self.health, window_us, self._say, live=self._reader.live)
-        self._strange = False
+        self._strange = self._moving = False
         self._begin_s = self._beat_s = time.monotonic()
         self._opened = True
 
@@ -846,9 +870,25 @@ class LiveSession:
     # -- matches
 
     def __iter__(self) -> Iterator[LiveMatch]:
-        """Yield matches, and heartbeats if they were asked for, until the link ends."""
+        """Yield matches, and heartbeats if they were asked for, until the link ends.
+
+        A program that takes longer than the matches to come does not fall behind a live camera: of
+        matches that were ready at once, those older than half of `max_lag` are left out, but for
+        the newest.
+        """
         for step in self.steps():
-            yield from step.matches
+            ready_s = time.monotonic()
+            for i, match in enumerate(step.matches, 1):
+                waited_s = time.monotonic() - ready_s
+                age_s = match.age_s + waited_s
+                if (
+                    i < len(step.matches)
+                    and age_s > self._max_lag_s / 2
+                    and self._drop is not False
+                ):
+                    continue
+                late = age_s > self._oldest_s(match.time_s - match.start_s)
+                yield match._replace(age_s=age_s, lost=match.lost or late)
             if (now := time.monotonic()) - self._beat_s >= self._heartbeat_s:
                 self._beat_s = now
                 yield _heartbeat(self._given, self._jumps)
@@ -880,6 +920,14 @@ class LiveSession:
             self._beat_s = now
             found.append(_heartbeat(self._given, self._jumps))
         return found
+
+    def latest(self) -> LiveMatch | None:
+        """Return the newest match that came since the last call, without waiting; None if none.
+
+        For a loop that takes longer than the matches to come: see `poll`.
+        """
+        found = self.poll()
+        return found[-1] if found else None
 
     def steps(self) -> Iterator[LiveStep]:
         """Yield what each piece of bytes gave, or that nothing came, for views.
@@ -950,9 +998,15 @@ class LiveSession:
         self._count_misfits(result)
         if result.matches.size:
             self._look_at_misfit(int(result.matches["misfit"][-1]))
+            self._moving = int(result.matches["events"][-1]) >= self._usual_events
         host_us = int(1e6 * (time.time() - (time.monotonic() - chunk.at_s)))
         found = self._matches(result, host_us)
         return LiveStep(result, chunk.at_s, host_us, self._new_readings(), found)
+
+    def _oldest_s(self, window_s: float) -> float:
+        """Return the age beyond which a match is lost: by default two windows after it is due."""
+        delay = 0 if self.reference is None else self.reference.settings.match_delay
+        return self._max_age_s or (2 + delay) * window_s
 
     def _matches(self, result: LiveResult, host_us: int) -> tuple[LiveMatch, ...]:
         """Return the matches of a piece of bytes that came at `host_us`."""
@@ -969,8 +1023,7 @@ class LiveSession:
             then_us = host_us - (result.reached_us - time_us) * (delay > 0)
             if not math.isnan(age_s):
                 then_us = int(1e6 * (time.time() - age_s))
-            if age_s > (self._max_age_s or (2 + delay) * (time_us - start_us) / 1e6):
-                lost = True
+            lost = lost or age_s > self._oldest_s((time_us - start_us) / 1e6)
             found.append(
                 LiveMatch(
                     time_us / 1e6, self._given, place, distance, second, after, ratio, events,
@@ -991,12 +1044,29 @@ class LiveSession:
         if self._odometer is not None and (metres := self._odometer.look()) is not None:
             # whole millimetres, for the localiser and the log
             distance_mm = round(1e3 * metres)
-            time_us = self._live_or_raise().read_odometer(distance_mm / 1e3)
+            time_us = self._read_odometer(distance_mm / 1e3)
             self._fresh.append((time_us, distance_mm / 1e3))
             if self._learn is not None:
                 self._readings[time_us] = distance_mm
         self._watch.look(nothing_came=step.result is None)
         reader.send(decoder.to_send(time.monotonic()))
+
+    def _read_odometer(self, metres: float) -> int:
+        """Give a reading to the filter, unless the odometer cannot be right; return its time."""
+        live, check, odometer = self._live_or_raise(), self._check, self._odometer
+        if check is None or odometer is None:
+            return live.read_odometer(metres)
+        before, health = check.wrong, self.decoder.health
+        check.judge(time.monotonic(), metres, odometer.leaps, moving=self._moving)
+        health.odometer_leaps = odometer.leaps
+        if check.wrong and not before:
+            self._say("odometer", f"the odometer is not used: {check.wrong}")
+        elif before and not check.wrong:
+            self._say("odometer", "the odometer is used again", over=True)
+        if check.wrong:
+            health.odometer_unused += 1
+            return live.reached_us
+        return live.read_odometer(metres)
 
     def _count_misfits(self, result: LiveResult) -> None:
         self.health.misfits += int(np.count_nonzero(result.matches["misfit"] >= STRANGE))
@@ -1327,6 +1397,14 @@ def _senseless_bytes(health: Health) -> str:
             "--sensor, or the map"
         )
     return ""
+
+
+def _speed_of(reference: ReferenceMap) -> float:
+    """Return the mean speed of the drive that a map was made of, in m/s; 0 if it is not known."""
+    along_mm, centre_us = reference.along_mm, reference.places.centre_us
+    if along_mm is None or len(reference) < 2:
+        return 0.0
+    return float(along_mm[-1] - along_mm[0]) * 1e3 / float(centre_us[-1] - centre_us[0])
 
 
 def _heartbeat(given: int, jumps: int) -> LiveMatch:

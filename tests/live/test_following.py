@@ -43,7 +43,10 @@ class Separate:
 
     def feed(self, data, lost):
         parts = [self.decoder.gap(lost)] if lost else []
-        events = join_events([*parts, self.decoder.feed(data)])
+        newest = self.decoder.feed(data)
+        if lost and newest.size:
+            self.localiser.skip_ticks(int(newest["t"][0]))
+        events = join_events([*parts, newest])
         return events, self.match(events, self.decoder.reached_us)
 
     def match(self, events, reached):

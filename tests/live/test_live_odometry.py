@@ -19,7 +19,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tables import load_odometry
 from edge_vpr.events import Sensor
 from edge_vpr.live.bridge import Bridge, open_device_link
-from edge_vpr.live.odometer import OdometerLine
+from edge_vpr.live.odometer import OdometerCheck, OdometerLine
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.session import LiveSession
 from edge_vpr.online.localiser import Localiser, MatchSchedule, OdometryFeed
@@ -244,3 +244,58 @@ def test_a_session_takes_no_file_as_the_odometer(drive, tmp_path):
     asked = {"protocol": "evpr", "reference": drive / "map.npz"}
     with pytest.raises(UsageError, match="is a file, and a live odometer is read as the robot"):
         LiveSession("sent.bin", **asked, odometry=str(tmp_path / "wheel.csv"))
+
+
+USUAL_MPS = 6.0
+
+
+def judged(metres_at, seconds=60.0, rate=20.0):
+    """What an odometer that sends `metres_at(t)` is found to be, second by second.
+
+    The robot drives at 2 to 8 m/s, and stands from 20 to 30 s, as the camera sees.
+    """
+    t = np.arange(0, seconds, 1 / rate)
+    speed = np.where((t > 20) & (t < 30), 0.0, 5.0 + 3.0 * np.sin(t / 3))
+    true_m = np.cumsum(speed) / rate
+    check, line, found = OdometerCheck(USUAL_MPS), OdometerLine(), []
+    for now, metres, moves in zip(t, true_m, speed > 0, strict=True):
+        line.feed(f"{metres_at(now, metres):.3f}\n".encode(), now)
+        check.judge(now, line.metres, line.leaps, moving=moves)
+        found.append((now, check.wrong))
+    return found
+
+
+@pytest.mark.parametrize("scale", [0.85, 1.0, 1.15, -1.0])
+def test_a_right_odometer_is_believed(scale):
+    """With slip of a tenth, at stops and after a restart from zero."""
+    rng = np.random.default_rng(0)
+    slip = np.cumsum(rng.normal(0, 0.03, 10_000))
+    for restart_s in (np.inf, 15.0):
+        found = judged(lambda t, m, at=restart_s: scale * m + slip[int(20 * t)] - 100.0 * (t > at))
+        assert not any(wrong for _, wrong in found)
+
+
+@pytest.mark.parametrize(
+    ("metres_at", "says", "within_s"),
+    [
+        (lambda t, m: 1_000 * m, "leap", 1.0),
+        (lambda t, m: 500 * m, "leap", 1.0),
+        (lambda t, m: 100 * m, "leap", 1.0),
+        (lambda t, m: 20 * m, "m/s", 4.0),
+        (lambda t, m: min(m, 50.0), "stands", 16.0),
+    ],
+)
+def test_a_wrong_odometer_is_found_out(metres_at, says, within_s):
+    """Millimetres, two kinds of ticks, centimetres, and an encoder that is stuck at 50 m."""
+    found = judged(metres_at)
+    first_s, why = next((t, wrong) for t, wrong in found if wrong)
+    assert first_s < within_s
+    assert says in why
+    # but for the stop, it stays so to the end
+    assert all(wrong for t, wrong in found if t > 50)
+
+
+def test_an_odometer_that_is_right_again_is_used_again():
+    found = judged(lambda t, m: m if not 5 < t < 15 else 0.0)
+    assert any(wrong for t, wrong in found if t < 15)
+    assert not any(wrong for t, wrong in found if t > 18)

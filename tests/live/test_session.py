@@ -26,15 +26,15 @@ from edge_vpr import LiveSession
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.live.bridge import Bridge, open_device_link
+from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.links import LinkError
 from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.online.localiser import Localiser, MatchSchedule
-from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
-from edge_vpr.settings import Settings, resolve_settings
+from edge_vpr.settings import Settings
 from edge_vpr.simulation import simulate_pair
 
 ROOT = Path(__file__).parents[2]
@@ -42,56 +42,180 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(scope="module")
 def street(tmp_path_factory):
-    """A street, its map with positions, and another drive in another light."""
+    """A street, its map with positions and default settings, and another drive on it."""
     folder = tmp_path_factory.mktemp("street")
     first, second = simulate_pair(seed=0, length_m=200.0)
-    settings = resolve_settings("default", flags={"tau_us": 500_000})
-    ReferenceMap.build(first, settings, track=first.track).save(folder / "map.npz")
-    write_recording(folder / "query.npz", second)
-    return folder, second.track
+    ReferenceMap.build(first, track=first.track).save(folder / "map.npz")
+    return folder, np.concatenate(list(second)), second.track
 
 
-#: The rover's program, which says when it stops.
+#: The rover's program, which says each new speed and when it has stopped.
 ROVER = """
 import sys
 sys.path.insert(0, sys.argv[1])
 import rover
 speeds = []
 def drive(speed):
+    if speeds[-1:] != [speed]:
+        print(speed, flush=True)
     speeds.append(speed)
-    if speed == 0.0:
-        print("stop", flush=True)
-rover.follow(sys.argv[2], "evpr", sys.argv[3], float(sys.argv[4]), drive)
+print("reached", rover.follow(sys.argv[2], "evpr", sys.argv[3], float(sys.argv[4]), drive))
 """
+
+
+class Rover:
+    """`examples/rover.py` on a pseudo-terminal, and a camera that plays events to it."""
+
+    def __init__(self, map_path, events, goal_m, speed, faults="", **environment):
+        self.events, self.link = events, open_device_link("virtual")
+        self.bridge = Bridge(
+            self.link, open_encoder("evpr", Sensor(128, 128)), speed=speed,
+            faults=LineFaults.parse(faults) if faults else None,
+        )  # fmt: skip
+        words = [str(ROOT / "examples"), self.link.address, str(map_path), str(goal_m)]
+        environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}", **environment}
+        self.run = subprocess.Popen(
+            [sys.executable, "-c", ROVER, *words], env=environment, stdout=subprocess.PIPE,
+            text=True,
+        )  # fmt: skip
+        pieces = [events[i : i + 1_000] for i in range(0, events.size, 1_000)]
+        self.playing = threading.Thread(target=self._play, args=(pieces,), daemon=True)
+        self.playing.start()
+
+    def _play(self, pieces):
+        self.bridge.run(pieces)
+        if not self.bridge.stopping.is_set():
+            self.link.close()  # the goal was not reached, and the rover ends
+
+    def wait_for(self, said):
+        """Return the next line that begins with this."""
+        while not (line := self.run.stdout.readline()).startswith(said):
+            assert line
+        return line
+
+    def close(self):
+        """Stop both; return the time of the last event that was sent."""
+        sent = self.bridge.sent_events
+        self.bridge.stopping.set()
+        self.playing.join(timeout=10)
+        self.link.close()
+        self.run.wait(timeout=30)
+        self.run.stdout.close()
+        return self.events["t"][sent - 1]
 
 
 @pytest.mark.slow
 @pytest.mark.alone
-@pytest.mark.parametrize(("caches", "speed"), [("warm", 1.0), ("warm", 2.0), ("cold", 2.0)])
-def test_a_rover_stops_within_two_places_of_its_goal(caches, speed, street, tmp_path):
-    """Also where all kernels have to be compiled: the camera then starts after the compiler."""
-    folder, track = street
-    link = open_device_link("virtual")
-    recording = open_recording(folder / "query.npz", chunk_events=1_000)
-    bridge = Bridge(link, open_encoder("evpr", recording.sensor), speed=speed)
-    environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"}
-    if caches == "cold":
-        environment["NUMBA_CACHE_DIR"] = str(tmp_path)
-    words = [str(ROOT / "examples"), link.address, str(folder / "map.npz"), "60"]
-    with subprocess.Popen(
-        [sys.executable, "-c", ROVER, *words], env=environment, stdout=subprocess.PIPE, text=True
-    ) as run:
-        playing = threading.Thread(target=bridge.run, args=(recording,), daemon=True)
-        playing.start()
-        assert run.stdout.readline() == "stop\n"
-        sent = bridge.sent_events
-        bridge.stopping.set()
-        playing.join(timeout=10)
-    link.close()
-    events = np.concatenate(list(open_recording(folder / "query.npz")))
-    stopped_m = track.at(events["t"][sent - 1 : sent])[0, 0]
+@pytest.mark.parametrize(
+    ("caches", "speed", "faults", "places"),
+    [
+        ("warm", 1.0, "", 2),
+        ("warm", 2.0, "", 2),
+        ("cold", 2.0, "", 2),
+        ("warm", 2.0, "flip=1e-4", 3),
+    ],
+)
+def test_a_rover_stops_near_its_goal(caches, speed, faults, places, street, tmp_path):
+    """Also where all kernels have to be compiled, and where the line is damaged."""
+    folder, events, track = street
+    more = {"NUMBA_CACHE_DIR": str(tmp_path)} if caches == "cold" else {}
+    rover = Rover(folder / "map.npz", events, 120, speed, faults, **more)
+    assert "None" not in rover.wait_for("reached")
+    stopped_m = track.at(np.array([rover.close()]))[0, 0]
     along_m = ReferenceMap.load(folder / "map.npz").route.along_m
-    assert abs(stopped_m - 60.0) <= 2 * np.diff(along_m).max()
+    assert abs(stopped_m - 120.0) <= places * np.diff(along_m).max()
+
+
+@pytest.mark.slow
+@pytest.mark.alone
+def test_a_rover_whose_camera_falls_silent_stops_at_once(street):
+    """The port stays, as where a firmware hangs."""
+    folder, events, _ = street
+    rover = Rover(folder / "map.npz", events, 1_000, 2.0)
+    rover.wait_for("1.0")
+    rover.bridge.stopping.set()
+    silent_s = time.monotonic()
+    rover.wait_for("0.0")
+    assert time.monotonic() - silent_s < 2.0
+    rover.close()
+
+
+@pytest.mark.slow
+@pytest.mark.alone
+def test_a_rover_that_is_carried_back_stops_at_its_goal_all_the_same(street):
+    """And never before it, though the way to it is driven twice."""
+    folder, events, track = street
+    metres = track.at(events["t"])[:, 0]
+    first, again = events[metres < 100], events[metres > 30].copy()
+    off_us = int(again["t"][0]) - int(first["t"][-1]) - 1
+    again["t"] -= off_us
+    rover = Rover(folder / "map.npz", np.concatenate([first, again]), 140, 2.0)
+    assert "None" not in rover.wait_for("reached")
+    stopped_m = track.at(np.array([rover.close() + off_us]))[0, 0]
+    along_m = ReferenceMap.load(folder / "map.npz").route.along_m
+    assert abs(stopped_m - 140.0) <= 2 * np.diff(along_m).max()
+
+
+def paced(line, events, for_s):
+    """Send events at their own pace, as a camera does, for a time."""
+    encoder, begin = open_encoder("evpr", SENSOR), time.monotonic()
+    line.write(encoder.start())
+    sent = 0
+    while (now := time.monotonic() - begin) < for_s:
+        end = int(np.searchsorted(events["t"], 1e6 * now))
+        line.write(encoder.encode(events[sent:end]) if end > sent else b"")
+        sent = end
+        time.sleep(0.002)
+
+
+@pytest.mark.slow
+@pytest.mark.alone
+@pytest.mark.parametrize("taken", ["iterated", "latest"])
+def test_a_slow_program_gets_matches_of_now(taken, route):
+    """20 matches come a second, and it takes 5."""
+    events = random_events(np.random.default_rng(2), 60_000, SENSOR, 6_000_000)
+    line, found = Line("pty"), []
+    camera = threading.Thread(target=paced, args=(line, events, 5.0), daemon=True)
+    with LiveSession(
+        line.host, protocol="evpr", reference=route, heartbeat="1s", max_lag="1s"
+    ) as session:
+        camera.start()
+        matches = iter(session)
+        while camera.is_alive():
+            match = next(matches) if taken == "iterated" else session.latest()
+            if match is not None and match.place >= 0:
+                found.append(match)
+                assert abs(time.time() - match.host_us / 1e6 - match.age_s) < 0.5
+            time.sleep(0.2)
+        assert session.health.lost == session.health.overruns == 0
+    assert len(found) > 10
+    assert max(match.age_s for match in found) < 1.0
+    assert [match.query for match in found] == sorted({match.query for match in found})
+    line.close()
+
+
+@pytest.mark.slow
+@pytest.mark.alone
+def test_a_match_that_comes_late_is_lost(route):
+    """Of a host that slept, with a limit of its own and the default of two windows."""
+    events = random_events(np.random.default_rng(2), 60_000, SENSOR, 6_000_000)
+    for limit, window_s in ((None, 0.2), ("400ms", 0.4)):
+        line, found = Line("pty"), []
+        camera = threading.Thread(target=paced, args=(line, events, 3.0), daemon=True)
+        with LiveSession(
+            line.host, protocol="evpr", reference=route, max_age=limit, max_lag="10s"
+        ) as session:
+            camera.start()
+            while len(found) < 20:
+                found += session.poll()
+                time.sleep(0.002)
+            time.sleep(1.5)
+            late = session.poll()
+        camera.join()
+        line.close()
+        assert not any(match.lost for match in found if match.age_s < 0.1)
+        assert max(match.age_s for match in late) > 1.0
+        assert [match.lost for match in late] == [match.age_s > window_s for match in late]
 
 
 #: a host, and what its device sends; the last has to be asked for each piece

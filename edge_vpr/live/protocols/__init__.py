@@ -101,6 +101,8 @@ class Health:
     reopened: int = 0  #: How often the link was lost and opened again.
     stalls: int = 0  #: Silences of more than a second.
     retries: int = 0  #: How often an answer of the device did not come, so that it was asked again.
+    odometer_leaps: int = 0  #: Readings of the odometer that no robot could have driven to.
+    odometer_unused: int = 0  #: Readings of an odometer that could not be right, left out.
     misfits: int = 0  #: Matches in another place or light than the map's, by their misfit.
     #: lag_us, longest_lag_us: how much later than the quickest events the newest ones were matched,
     #: and the latest ones, by the clocks of camera and host. It includes bytes that waited in the
