@@ -59,7 +59,7 @@ def rows(found: Profile) -> list[tuple[str, str]]:
 
 
 def _energy_rows(found: Profile) -> list[tuple[str, str]]:
-    energy, rate = found.energy, f"{found.drive_events_per_s:,.3g}"
+    energy, rate = found.energy, f"{found.drive_events_per_s:,.0f}"
     # what a figure includes, and at which rate of events, stands beside it
     headline = f"{PER_JOULE}: what the work adds, at the drive's {rate} events/s"
     names = (
