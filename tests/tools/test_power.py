@@ -43,6 +43,7 @@ from edge_vpr_tools.profile.sensors.sensor import About, Sensor, SensorError
 from test_commands import drive  # noqa: F401
 
 from edge_vpr.errors import UsageError
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import from_json, to_json
 
 HWMON = "sys/class/hwmon"
@@ -752,6 +753,14 @@ def test_without_a_sensor_all_but_the_joules_is_there(profile, tmp_path, capsys)
     with table.open(newline="") as file:
         times = {row["quantity"]: row["times"] for row in csv.DictReader(file)}
     assert float(times["matches_per_s"]) == 1.0 and times["marginal_j_per_match"] == ""
+
+
+def test_a_match_is_that_of_a_window(drive, profile):  # noqa: F811
+    """With the events of a window, and not of each selected event."""
+    speed = json.loads((profile / "profile.json").read_text())["throughput"]
+    a_match = speed["events_per_s"] / speed["matches_per_s"]
+    windows = len(ReferenceMap.load(drive / "map.npz").windows)
+    assert a_match == pytest.approx(speed["events_a_round"] / windows, rel=0.5)
 
 
 def test_a_profile_says_where_it_was_made(profile, capsys):

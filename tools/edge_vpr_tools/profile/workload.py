@@ -13,7 +13,7 @@ import numpy.typing as npt
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events
-from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import SimulatedRecording
 from edge_vpr_tools.console import check_interrupted
@@ -28,7 +28,7 @@ _PAUSE_US = 1
 
 
 class Workload:
-    """Feeds events to a localiser as fast as it accepts them.
+    """Feeds events to a localiser as fast as it accepts them; each window gives a match.
 
     Parameters
     ----------
@@ -61,7 +61,8 @@ class Workload:
             raise UsageError("the recording holds no events: name another one")
         self._packets = [whole[i : i + PACKET].copy() for i in range(0, whole.size, PACKET)]
         self._period = int(whole["t"][-1]) - int(whole["t"][0]) + _PAUSE_US
-        self._localiser = Localiser(reference)
+        every = MatchSchedule.window(reference.settings)
+        self._localiser = Localiser(reference, every=every)
         self._next = 0
         self.recorded_s, self.events_a_round = self._period / 1e6, whole.size
         self.reset()
