@@ -742,7 +742,8 @@ class LiveSession:
         self._check = None
         self._usual_events = 0
         if reference is not None and (speed := _speed_of(reference)):
-            self._check, self._usual_events = OdometerCheck(speed), reference.mean_activity // 2
+            self._check = OdometerCheck(speed)
+            self._usual_events = int(reference.windows.selected_events.mean()) // 2
         self._live: LiveLocaliser | None = None
         self._given = self._jumps = 0
         self._files = contextlib.ExitStack()

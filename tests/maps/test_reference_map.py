@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
+import re
 from fractions import Fraction
 
 import numpy as np
@@ -425,3 +426,17 @@ def test_a_path_is_taken_where_a_recording_is(route, tmp_path):
     assert counted == ev.describe(drive, route.pixel_map, route.settings.uncoded)
     with pytest.raises(EdgeVprError, match="or counts with settings"):
         ev.describe(path, route.pixel_map, route.settings)
+
+
+@pytest.mark.parametrize(("per_second", "warns"), [(100, True), (1_000, False)])
+def test_a_map_of_a_drive_with_few_events_names_longer_windows(per_second, warns, tmp_path, capsys):
+    """5 pixels of a sensor of 4 x 3, which all fire alike."""
+    sensor = ev.Sensor(4, 3)
+    events = random_events(np.random.default_rng(0), 20 * per_second, sensor, 20_000_000)
+    ev.write_recording(tmp_path / "slow.npz", events, sensor=sensor)
+    words = ["map", tmp_path / "slow.npz", "-o", tmp_path / "map.npz", "--pixels", "5"]
+    assert main([*map(str, words), "--sigma", "0.1", "--tau", "100ms"]) == 0
+    said = capsys.readouterr().err
+    assert ("map with --tau" in said) == warns
+    if warns:  # 0.8 events for each pixel and window of 100 ms; 3 take some 360 ms
+        assert re.search(r"--tau [345]00ms", said)

@@ -233,7 +233,29 @@ def _mapped(
             f"{args.recording} has events at {found} pixels alone, of {settings.pixels} that were "
             "asked for: the map has only these"
         )
+    if concern := slow_concern(reference):
+        warning(f"{args.recording}: {concern}")
     return reference, seconds
+
+
+#: Events for each selected pixel and window below which few live matches are confident, and how
+#: many to aim at: measured on simulated streets at walking pace.
+FEW_EVENTS, ENOUGH_EVENTS = 2.0, 3.0
+
+
+def slow_concern(reference: ReferenceMap) -> str:
+    """Return a warning if windows are too short for the speed of the drive; else empty."""
+    if reference.settings.window != "time":
+        return ""
+    per_pixel = float(reference.windows.selected_events.mean()) / len(reference.pixel_map)
+    if per_pixel >= FEW_EVENTS or not per_pixel:
+        return ""
+    tau_ms = 100 * -(-reference.settings.tau_us * ENOUGH_EVENTS // (per_pixel * 100_000))
+    return (
+        f"a window has {per_pixel:.1f} events for each selected pixel, and with fewer than "
+        f"{FEW_EVENTS:g} few live matches are confident: for a drive as slow as this, map with "
+        f"--tau {tau_ms:.0f}ms"
+    )
 
 
 def _hot_pixel_file(args: argparse.Namespace) -> str | None:
