@@ -1,8 +1,8 @@
 """Damage images of the reference firmware at random, open them, and run those that open.
 
 ``python -m firmware_model.verification.fuzz_images --images 1_000_000`` does so under
-AddressSanitizer and UndefinedBehaviorSanitizer. Images that open run on random events, and the
-results must equal those that ``c/plain.c`` computes from the image in a plain way.
+AddressSanitizer and UndefinedBehaviorSanitizer. Images that open run on random events, and what
+they return must be in the ranges that the image gives.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from firmware_model.vectors.random_cases import (
 )
 from firmware_model.verification.images import image_cases, packed_block
 
-FILES = ("vpr.c", "plain.c", "fuzz_main.c")
+FILES = ("vpr.c", "fuzz_main.c")
 #: number of undamaged images of random designs, in addition to those of `image_cases`
 DESIGNS = 96
 #: larger images would make the run slow without testing anything else
@@ -48,7 +48,7 @@ class FuzzResult:
     images, opened, ran : int
         Images that need more than 1 MB of RAM open and do not run.
     events, windows, matches : int
-        Of those that ran, each equal to the plain recomputation.
+        Of those that ran.
     """
 
     images: int = 0
@@ -106,7 +106,7 @@ class Fuzzer:
         Raises
         ------
         ToolError
-            At the first fault, difference or endless loop; the message names the image.
+            At the first fault, value out of range or endless loop; the message names the image.
         """
         command = [*map(str, (self._program.absolute(), self._images, self.seed, first, number))]
         options = {"ASAN_OPTIONS": "abort_on_error=1:quarantine_size_mb=8"}
@@ -142,8 +142,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             sys.exit(f"fuzz_images: {error}")
     sys.stdout.write(
         f"{total.images:,} damaged images, {total.opened:,} of which opened and {total.ran:,} ran: "
-        f"{total.events:,} events, {total.windows:,} windows and {total.matches:,} matches as the "
-        f"plain recomputation has them; no fault, no endless loop ({time.monotonic() - begun:.0f} "
+        f"{total.events:,} events, {total.windows:,} windows and {total.matches:,} matches; "
+        f"no fault, no endless loop ({time.monotonic() - begun:.0f} "
         f"s, seed {asked.seed})\n"
     )
 

@@ -1,16 +1,14 @@
-"""Damaged images of the firmware: refused, or run without a fault and to the plain result."""
+"""Damaged images of the firmware: refused, or run without a fault."""
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import sys
 
 import pytest
 
 from firmware_model import ToolError
-from firmware_model.emulation import build as builds
-from firmware_model.emulation.build import SOURCES, build_sanitized
+from firmware_model.emulation.build import build_sanitized
 from firmware_model.verification.fuzz_images import Fuzzer, FuzzResult, undamaged
 
 
@@ -24,11 +22,11 @@ def fuzzer(tmp_path_factory) -> Fuzzer:
 
 
 @pytest.mark.slow
-def test_damaged_images_are_refused_or_run_to_the_plain_result(fuzzer):
+def test_damaged_images_are_refused_or_run_without_a_fault(fuzzer):
     """A bounded run of what `python -m firmware_model.verification.fuzz_images` does at length."""
     done = fuzzer.run(8000)
     assert done.images == 8000 and done.opened < 4000
-    # enough of them open for the comparison to say something
+    # enough of them open for the run to say something
     assert done.ran > 1000 and done.windows > 20_000 and done.matches > 10_000
 
 
@@ -36,31 +34,6 @@ def test_an_image_is_the_same_wherever_a_run_begins(fuzzer):
     """So that the image that a failing run names can be run alone."""
     assert fuzzer.run(300, first=100) == fuzzer.run(200, first=100) + fuzzer.run(100, first=300)
     assert fuzzer.run(0) == FuzzResult()
-
-
-LOOSE = {
-    "tables outside the image": ("(size[i] > (image[AT_BYTES] - at))", "false"),
-    "pixels of no slot": ("(entry->slot[1] >= pixels)", "false"),
-    "code tables that are not there": (
-        "at_most(d->code_table, d->slots, image[AT_CODES] - 1U)",
-        "true",
-    ),
-    "a sequence of no windows": ("{AT_LENGTH, 1U, LIMIT}", "{AT_LENGTH, 0U, LIMIT}"),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("accepts", LOOSE)
-def test_a_check_that_is_missing_is_found(accepts, fuzzer, tmp_path, monkeypatch):
-    """The run ends with an error that names the image, within the same bounds."""
-    old, new = LOOSE[accepts]
-    shutil.copytree(SOURCES, tmp_path / "c")
-    text = (tmp_path / "c" / "vpr.c").read_text(encoding="ascii")
-    assert text.count(old) == 1
-    (tmp_path / "c" / "vpr.c").write_text(text.replace(old, new), encoding="ascii")
-    monkeypatch.setattr(builds, "SOURCES", tmp_path / "c")
-    with pytest.raises(ToolError, match=r"image \d+"):
-        Fuzzer(tmp_path, seed=1).run(20_000)
 
 
 def test_without_the_sanitizers_the_error_says_what_to_install(tmp_path, monkeypatch):
