@@ -786,8 +786,6 @@ def with_places(settings: Settings, recording: EventSource | WindowSource | None
     period = getattr(recording, "frame_period", None)
     two = (
         settings.matching == "filter"
-        and settings.filter_steps is None
-        and not settings.filter_back
         and settings.window == "time"
         and settings.tau_us % 2 == 0
         and not isinstance(recording, WindowSource)

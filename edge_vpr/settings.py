@@ -50,7 +50,6 @@ Score = Literal["distance", "ratio", "margin", "trust"]
 _MICROSECONDS = {"us": 1, "ms": 1_000, "s": 1_000_000, "": 1_000_000}
 #: a cost of the place filter is one byte, and 255 marks a step that is not allowed
 MOST_COST = 254
-MOST_COSTS = 16
 
 
 def duration_us(text: str) -> int:
@@ -79,32 +78,6 @@ def duration_word(microseconds: int) -> str:
     """
     unit = next(unit for unit in ("s", "ms", "us") if microseconds % _MICROSECONDS[unit] == 0)
     return f"{microseconds // _MICROSECONDS[unit]}{unit}"
-
-
-def costs(text: str) -> tuple[int, ...]:
-    """Read a list of costs of the place filter, such as ``1,0,1``.
-
-    Raises
-    ------
-    UsageError
-        If the text is not a list of whole numbers.
-    """
-    try:
-        return tuple(int(cost) for cost in text.split(","))
-    except ValueError:
-        raise UsageError(f"{text!r}: expected costs such as 1,0,1") from None
-
-
-def costs_word(values: tuple[int, ...]) -> str:
-    """Write costs in the form that `costs` reads."""
-    return ",".join(map(str, values))
-
-
-def are_costs(values: tuple[object, ...]) -> bool:
-    """Return whether all values are costs that the place filter can store."""
-    return len(values) <= MOST_COSTS and all(
-        type(cost) is int and 0 <= cost <= MOST_COST for cost in values
-    )
 
 
 # The record that describes one setting: default, meaning, unit, range and accepted words.
@@ -402,8 +375,7 @@ _WINDOWS = _group(
         most=2,
         more="2 takes twice the memory and work, and needs the place filter and a reference of "
         "events. auto is 1 for windows of a number of events or of an odd number of microseconds, "
-        "for fewer than 20 count frames per window, and with `filter_steps` or `filter_back`, "
-        "which count places.",
+        "and for fewer than 20 count frames per window.",
         needs=_FILTER,
     ),
     keep_incomplete=SettingField(help="keep an incomplete last window"),
@@ -455,28 +427,6 @@ _MATCHING = _group(
     matching=SettingField(
         help="match with the place filter, or by sequences of windows (the paper)",
         more="See docs/place_filter.md.",
-    ),
-    filter_steps=SettingField(
-        help="place filter: cost of moving on by 0, 1, 2 ... places per window; auto: by the "
-        "events of the window and of the place, or 1,0,0,1 for fixed-count windows",
-        metavar="C,C,...",
-        words={"auto": None},
-        read=costs,
-        show=costs_word,
-        valid=lambda values: len(values) > 0 and are_costs(values),
-        expected="1 to 16 costs from 0 to 254, for example 1,0,1",
-        more="With two places per window, steps are half as long; those are 1,0,0,0,0,1.",
-        needs=_FILTER,
-    ),
-    filter_back=SettingField(
-        help="place filter: cost of moving back by 1, 2 ... places per window; none: never back",
-        metavar="C,C,...",
-        words={"none": ()},
-        read=costs,
-        show=costs_word,
-        valid=are_costs,
-        expected="0 to 16 costs from 0 to 254, for example 2,4",
-        needs=_FILTER,
     ),
     filter_restart=SettingField(
         help="place filter: cost of moving to any other place",
@@ -588,8 +538,6 @@ class Settings:
     remove_bursts: bool = True
     keep_incomplete: bool = False
     matching: Matching = "sequence"
-    filter_steps: tuple[int, ...] | None = None
-    filter_back: tuple[int, ...] = ()
     filter_restart: int = 16
     smooth: bool = False
     delay: int = 0
@@ -680,10 +628,7 @@ class Settings:
         shared = (self.matching, self.exclusion)
         if self.matching == "sequence":
             return (*shared, self.sequence_length)
-        return (
-            *shared, self.filter_steps, self.filter_back, self.filter_restart, self.smooth,
-            self.match_delay,
-        )  # fmt: skip
+        return (*shared, self.filter_restart, self.smooth, self.match_delay)
 
     @property
     def own_mean_code(self) -> OwnMeanCode | None:

@@ -38,19 +38,22 @@ def memories(design: Design, slow_blocks: bool = False) -> dict[str, Memory]:
         Row displacements and look-up, with its delay line of pixels; counters; code tables, and
         which each counter uses; running means, and those that they begin with; of contrast codes,
         the differences to them; the descriptor that is compared; the places; the distances of the
-        last L windows, or the filter's metrics, powers of two for logarithms of events and, if
-        kept, distances; activities of places, and costs by them; the delay line of the search.
+        last L windows, or the filter's metrics and distances, powers of two for logarithms of
+        events, activities of places, and costs by them; the delay line of the search.
     """
     bits = widths_of(design)
     lanes = design.lanes * bits["code"]
     if design.filters:
+        cost_bits = max(map(max, design.step_costs)).bit_length()
         kept = {
             "metric": Memory(design.places, bits["metric"]),
+            "place_activity": Memory(design.places, bits["place_activity"]),
+            # a row a quarter of an octave, of 16 octaves
+            "costs": Memory(64, design.steps * cost_bits),
+            "distance": Memory(design.places, bits["distance"]),
             # 16 powers of 24 bits, each in 32 words of a bit
             "powers": Memory(16 * 32, 1),
         }
-        if design.keep_distances:
-            kept["distance"] = Memory(design.places, bits["distance"])
     else:
         kept = {"history": Memory(design.length * design.places, bits["distance"])}
     if design.own_mean:
@@ -59,11 +62,6 @@ def memories(design: Design, slow_blocks: bool = False) -> dict[str, Memory]:
     if design.contrast:
         # with sign and rounding
         kept["deviation"] = Memory(design.slots, bits["entry"] + 2)
-    if design.activity_costs:
-        kept["place_activity"] = Memory(design.places, bits["place_activity"])
-        # a row a quarter of an octave, of 16 octaves
-        width = max(map(max, design.costs_by_activity)).bit_length()
-        kept["costs"] = Memory(64, design.forward_steps * width)
     return {
         "displacement": Memory(design.height, bits["address"]),
         "lookup": Memory(design.lookup_depth, bits["owner"] + bits["slot"]),
@@ -130,8 +128,8 @@ def window_mean_cycles(design: Design) -> int:
 class FilterCycles(NamedTuple):
     """Clock cycles of the filter's parts.
 
-    Distances to all places, P codes in a cycle; the mean; the metrics, a place in a cycle or in as
-    many as its distance takes, if that is computed again; the spread and its reciprocal.
+    Distances to all places, P codes in a cycle; the mean; the metrics, a place in two
+    cycles; the spread and its reciprocal.
     """
 
     compare: int
@@ -148,8 +146,7 @@ def filter_cycles(design: Design) -> FilterCycles:
     """
     form = formats_of(design)
     total, compare = form["distance_total"].width, design.places * design.words
-    advance = design.places if design.keep_distances else compare
-    return FilterCycles(compare, total, advance, total + form["reciprocal"].width)
+    return FilterCycles(compare, total, 2 * design.places, total + form["reciprocal"].width)
 
 
 class Operations(NamedTuple):
@@ -167,8 +164,8 @@ def operations(design: Design) -> Operations:
     With the filter, the count is for a window that is neither the first nor a pause. For each place
     it has a term of two sums (all distances, and their deviations from the mean), the difference to
     the smallest distance and its product, the cost of each step and their minimum, the evidence,
-    its weight and its limits, and the search by a delay line. Where costs are by activity, their
-    row is a difference of activities and its limits. In addition there are two products of the
+    its weight and its limits, the row of the costs (a difference of activities and its limits), and
+    the search by a delay line. In addition there are two products of the
     acceptance and three divisions.
 
     Returns
@@ -189,22 +186,16 @@ def operations(design: Design) -> Operations:
 
 
 def _filter_operations(design: Design) -> Operations:
-    places, again = design.places, 1 if design.keep_distances else 2
+    places = design.places
     # steps that lead to a place from within the map
-    row = places if design.activity_costs else 0
-    steps = sum(max(0, places - step) for step in range(design.forward_steps))
-    steps += sum(max(0, places - step) for step in range(1, len(design.back) + 1))
+    steps = sum(max(0, places - step) for step in range(design.steps))
     return Operations(
-        absolute_differences=again * places * design.slots + places,
+        absolute_differences=places * design.slots + places,
         # distances; both sums over places; the cost of a step, less the least metric; the
         # difference to the least distance, and the evidence; the row of the costs
-        additions=again * places * (design.slots - 1)
-        + 2 * (places - 1)
-        + 2 * steps
-        + 2 * places
-        + row,
+        additions=places * (design.slots - 1) + 2 * (places - 1) + 2 * steps + 2 * places + places,
         # least distance; least cost, and restart; limits of evidence and metric; search; those of
         # the row; accept
-        comparisons=(places - 1) + steps + 2 * places + 3 * places + 2 * row + 1,
+        comparisons=(places - 1) + steps + 2 * places + 3 * places + 2 * places + 1,
         multiplications=2 * places + (2 if design.accept == "ratio" else 0),
     )

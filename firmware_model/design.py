@@ -51,8 +51,6 @@ AcceptKind = Literal["margin", "ratio"]
 
 #: largest number of code tables in a design
 MAX_TABLES = 16
-#: largest number of steps in each direction
-MAX_STEPS = 16
 #: largest cost: with its fraction bits, it is below the largest metric
 MAX_COST = (METRIC_TOP >> FRACTION_BITS) - 1
 #: an event has 15 bits for the row, and one for the polarity
@@ -60,8 +58,8 @@ MAX_SIDE = 1 << 15
 #: largest length of a list, checked first
 MOST_PARTS = 4_096
 
-_TUPLES = ("full_scales", "steps", "back", "ratio")
-_SWITCHES = ("polarity", "keep_distances")
+_TUPLES = ("full_scales", "ratio")
+_SWITCHES = ("polarity",)
 _CHOICES = {"window": WindowKind, "matching": Matching, "accept": AcceptKind}
 _RANGES = {
     "width": (1, MAX_SIDE),
@@ -72,6 +70,7 @@ _RANGES = {
     "timestamp_bits": (2, 64),
     "places": (1, 1 << 24),
     "length": (0, 1 << 12),
+    "places_per_window": (1, 2),
     "restart": (0, MAX_COST),
     "trust": (0, TRUST_TOP),
     "lanes": (1, 1 << 10),
@@ -90,8 +89,8 @@ def _shown(value: object) -> str:
 
 #: a longer file is no design
 _MOST_BYTES = 1 << 20
-#: sequence length if 0 is given, and costs of steps if none are given
-LENGTH, STEPS = 5, (1, 0, 1)
+#: sequence length if 0 is given
+LENGTH = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,18 +127,11 @@ class Design:
         Sequences of L windows, or the place filter (`firmware_model.specification`).
     length : int
         L, windows in a sequence; 0 takes 5. The filter has 1.
-    activity_costs : {False, True, 2}
-        Of the filter, take the costs of steps from `COSTS_BY_ACTIVITY`, by the activity of the
-        window against that of the place: with one place per window (true), of 0 to 3 places; or
-        with 2, of 0 to 6.
-    steps, back : tuple of int
-        Of the filter, the cost of a step of 0, 1, 2 ... places in a window, and of -1, -2 ...
-        With `activity_costs` there are no `steps`; otherwise none given stands for `STEPS`.
+    places_per_window : {1, 2}
+        Of the filter, places that start in one window: costs of steps are those of
+        `COSTS_BY_ACTIVITY`, of 0 to 3 places, or of 0 to 6.
     restart : int
-        Of the filter, the cost of getting to any place.
-    keep_distances : bool
-        Of the filter, keep the distances of a window in memory; or compute them twice, which takes
-        no memory and more time.
+        Of the filter, the cost of jumping to any place.
     lanes : int
         P, codes that are compared in one cycle.
     exclusion : int
@@ -175,11 +167,8 @@ class Design:
     places: int
     matching: Matching = "sequence"
     length: int = 0
-    activity_costs: int = False
-    steps: tuple[int, ...] = ()
-    back: tuple[int, ...] = ()
+    places_per_window: int = 1
     restart: int = 16
-    keep_distances: bool = False
     lanes: int = 8
     exclusion: int = 3
     accept: AcceptKind = "ratio"
@@ -208,13 +197,6 @@ class Design:
             value = getattr(self, name)
             if not isinstance(value, bool):
                 raise DesignError(f"design: {name} = {_shown(value)}: expected true or false")
-        costs = self.activity_costs
-        if not isinstance(costs, int) or costs not in (0, *COSTS_BY_ACTIVITY):
-            raise DesignError(
-                f"design: activity_costs = {_shown(costs)}: expected false, true or 2"
-            )
-        # as files have it
-        object.__setattr__(self, "activity_costs", costs if costs > 1 else bool(costs))
         for name, (low, high) in _RANGES.items():
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
@@ -279,20 +261,11 @@ class Design:
             raise DesignError(
                 f"design: trust = {self.trust} of sequences: only the place filter has it"
             )
-        if self.activity_costs and (self.matching != "filter" or self.steps):
+        if self.matching == "sequence" and self.places_per_window != 1:
             raise DesignError(
-                f"design: activity_costs of matching by {self.matching} with steps = "
-                f"{list(self.steps)}: only the place filter has them, instead of steps"
+                f"design: places_per_window = {self.places_per_window} of sequences: only the "
+                "place filter has places at half windows"
             )
-        if not (self.activity_costs or self.steps):
-            object.__setattr__(self, "steps", STEPS)
-        for name in ("steps", "back"):
-            costs = getattr(self, name)
-            if len(costs) > MAX_STEPS or not all(0 <= cost <= MAX_COST for cost in costs):
-                raise DesignError(
-                    f"design: {name} = {list(costs)}: expected at most {MAX_STEPS} costs from 0 "
-                    f"to {MAX_COST}"
-                )
 
     def _code(self, scale: int) -> CounterCode | OwnMeanCode:
         if self.code == "own-mean" or self.code == "contrast":
@@ -317,24 +290,14 @@ class Design:
         return self.code == "contrast"
 
     @property
-    def places_per_window(self) -> int:
-        """Places that start in one window by its costs of steps; 1 where these are fixed."""
-        return int(self.activity_costs) or 1
+    def step_costs(self) -> tuple[tuple[int, ...], ...]:
+        """Costs of steps of 0, 1, 2 ... places, a row for each half octave of activity."""
+        return COSTS_BY_ACTIVITY[self.places_per_window]
 
     @property
-    def forward_steps(self) -> int:
+    def steps(self) -> int:
         """Number of steps of 0, 1, 2 ... places that have a cost."""
-        return len(self.costs_by_activity[0]) if self.activity_costs else len(self.steps)
-
-    @property
-    def costs_by_activity(self) -> tuple[tuple[int, ...], ...]:
-        """Costs of steps by activity; a design without `activity_costs` has none."""
-        return COSTS_BY_ACTIVITY.get(self.activity_costs, ())
-
-    @property
-    def largest_step(self) -> int:
-        """Places by which a match may be further than the one before that it follows."""
-        return max(self.forward_steps, len(STEPS)) - 1
+        return len(self.step_costs[0])
 
     @property
     def slots(self) -> int:
@@ -498,17 +461,15 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
         found |= {"mean": holding(design.entry_max << MEAN_BITS)}
     if design.contrast:
         found |= {"level_total": holding(design.entry_max * design.slots)}
-    if design.activity_costs:
-        found |= {"place_activity": UnsignedFormat(PLACE_ACTIVITY_BITS)}
     if design.filters:
-        by_activity = max(map(max, design.costs_by_activity), default=0)
-        fixed = (*design.steps, *design.back, design.restart)
+        highest_cost = max(*map(max, design.step_costs), design.restart << FRACTION_BITS)
         found |= {
+            "place_activity": UnsignedFormat(PLACE_ACTIVITY_BITS),
             "distance_total": distance.sum_of(design.places),
             "reciprocal": holding(1 << RECIPROCAL_BITS),
             "evidence": holding(EVIDENCE_TOP),
             "weight": holding(1 << WEIGHT_BITS),
-            "cost": holding(max(by_activity, max(fixed) << FRACTION_BITS)),
+            "cost": holding(highest_cost),
             "prediction": holding(METRIC_TOP),
             "metric": holding(METRIC_TOP),
             "trust": holding(TRUST_TOP),

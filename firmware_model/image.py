@@ -10,7 +10,7 @@ from firmware_model.design import FRACTION_BITS, Design, formats_of
 from firmware_model.errors import DesignError
 from firmware_model.memories import Memories
 
-MAGIC, VERSION = 0x49525056, 3
+MAGIC, VERSION = 0x49525056, 4
 HEADER_WORDS = 40
 
 
@@ -42,18 +42,14 @@ class Word(IntEnum):
     CODE_TABLE = 22
     WHICH_CODE_TABLE = 23
     PLACES_TABLE = 24
-    COST_TABLE = 25
-    MEAN_TABLE = 26
-    PLACE_ACTIVITY_TABLE = 27
-    STEPS = 28
-    BACK = 29
-    RESTART = 30
-    KEEP_DISTANCES = 31
-    TRUST = 32
-    OWN_MEAN = 33
-    ACTIVITY = 34
-    CONTRAST = 35
-    ACTIVITY_COSTS = 36
+    MEAN_TABLE = 25
+    PLACE_ACTIVITY_TABLE = 26
+    PLACES_PER_WINDOW = 27
+    RESTART = 28
+    TRUST = 29
+    OWN_MEAN = 30
+    ACTIVITY = 31
+    CONTRAST = 32
 
 
 #: offsets of the tables, in the order in which they lie in the image
@@ -63,7 +59,6 @@ TABLES = (
     Word.CODE_TABLE,
     Word.WHICH_CODE_TABLE,
     Word.PLACES_TABLE,
-    Word.COST_TABLE,
     Word.MEAN_TABLE,
     Word.PLACE_ACTIVITY_TABLE,
 )
@@ -103,7 +98,6 @@ def image(memories: Memories) -> bytes:
         b"".join(map(_words if design.own_mean else bytes, memories.codes)),
         bytes(memories.tables),
         b"".join(bytes(place).ljust(row, b"\0") for place in memories.places),
-        _words(step_costs(design)),
         _words(memories.mean),
         struct.pack(f"{len(memories.place_activity)}b", *memories.place_activity),
     ]
@@ -137,25 +131,16 @@ def image(memories: Memories) -> bytes:
         Word.OWN_MEAN: design.code_bits if design.own_mean else 0,
         Word.ACTIVITY: memories.activity,
         Word.CONTRAST: int(design.contrast),
-        Word.ACTIVITY_COSTS: int(design.activity_costs),
         **dict(zip(TABLES, offsets, strict=True)),
     }
     if design.filters:
         header |= {
-            Word.STEPS: len(design.steps),
-            Word.BACK: len(design.back),
+            Word.PLACES_PER_WINDOW: design.places_per_window,
             Word.RESTART: design.restart << FRACTION_BITS,
-            Word.KEEP_DISTANCES: int(design.keep_distances),
             Word.TRUST: design.trust,
         }
     words = [header.get(word, 0) for word in range(HEADER_WORDS)]
     return struct.pack(f"<{HEADER_WORDS}I", *words) + body
-
-
-def step_costs(design: Design) -> list[int]:
-    """Return the costs of steps with fraction bits, forward, then back; none for sequences."""
-    found = (*design.steps, *design.back) if design.filters else ()
-    return [cost << FRACTION_BITS for cost in found]
 
 
 def _words(values: Sequence[int]) -> bytes:
@@ -168,8 +153,8 @@ def ram_arrays(design: Design) -> dict[str, int]:
         "query": stride(design),
         "counts": _aligned(2 * design.slots),
         "history": _aligned(2 * design.length * design.places),
-        "delay": 0 if design.filters else _aligned(4 * (design.exclusion + 1)),
         "distance": kept_bytes(design),
+        "delay": 0 if design.filters else _aligned(4 * (design.exclusion + 1)),
         "mean": _aligned(4 * design.slots) if design.own_mean else 0,
     }
 
@@ -180,8 +165,8 @@ def ram_bytes(design: Design) -> int:
 
 
 def kept_bytes(design: Design) -> int:
-    """Return the RAM in which the filter keeps the distances of a window; 0 if it does not."""
-    return _aligned(2 * design.places) if design.filters and design.keep_distances else 0
+    """Return the RAM in which the filter keeps the distances of a window."""
+    return _aligned(2 * design.places) if design.filters else 0
 
 
 def check_limits(design: Design) -> None:

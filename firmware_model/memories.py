@@ -62,8 +62,8 @@ class Memories:
         Selected events that a window usually has, in units of 1/256 event; 0 if windows never
         pause. Of the filter and of own-mean codes.
     place_activity : sequence of int, length K, optional
-        Of a design with `activity_costs`, the logarithm of each place's events less that of the
-        usual number, in units of 1/16 octave, -128 to 127; by default 0.
+        Of the filter, the logarithm of each place's events less that of the usual number, in units
+        of 1/16 octave, -128 to 127; by default 0.
 
     Raises
     ------
@@ -99,7 +99,7 @@ class Memories:
         start = (0,) * (design.slots if design.own_mean else 0)
         object.__setattr__(self, "mean", start if mean is None else tuple(map(int, mean)))
         object.__setattr__(self, "activity", int(activity))
-        still = (0,) * (design.places if design.activity_costs else 0)
+        still = (0,) * (design.places if design.filters else 0)
         of_places = still if place_activity is None else tuple(map(int, place_activity))
         object.__setattr__(self, "place_activity", of_places)
         object.__setattr__(self, "pixels", tuple((int(x), int(y)) for x, y in pixels))
@@ -156,11 +156,11 @@ class Memories:
         if not 0 <= self.activity <= most:
             raise DesignError(f"activity = {self.activity}: expected 0 to {most}")
         half = 1 << (PLACE_ACTIVITY_BITS - 1)
-        if len(self.place_activity) != (design.places if design.activity_costs else 0) or not all(
+        if len(self.place_activity) != (design.places if design.filters else 0) or not all(
             -half <= activity < half for activity in self.place_activity
         ):
             raise DesignError(
-                f"activities of {len(self.place_activity)} places: designs with activity_costs "
+                f"activities of {len(self.place_activity)} places: designs of the filter "
                 f"have one of each of {design.places}, from {-half} to {half - 1}, and others none"
             )
 

@@ -16,7 +16,6 @@ from firmware_model.design import (
     MARGIN_TOP,
     METRIC_TOP,
     RESIDUAL_TOP,
-    STEPS,
     Design,
 )
 from firmware_model.memories import Codes, Memories
@@ -212,18 +211,12 @@ class Costs(NamedTuple):
 
     #: of steps of 0, 1, 2 ... places, a row for each half octave of activity
     rows: Sequence[Sequence[int]]
-    back: Sequence[int]  #: Of steps of -1, -2 ... places.
     restart: int
-    last: int  #: Longest step by which a match follows the one before.
 
-    @classmethod
-    def of(cls, design: Design) -> Costs:
-        """Return the costs of a design; those of fixed steps do not depend on the activity."""
-        back = [cost << FRACTION_BITS for cost in design.back]
-        fixed = tuple(cost << FRACTION_BITS for cost in design.steps)
-        rows = design.costs_by_activity or [fixed] * len(ACTIVITY_COSTS)
-        last = max(len(rows[0]), len(STEPS)) - 1
-        return cls(rows, back, design.restart << FRACTION_BITS, last)
+    @property
+    def last(self) -> int:
+        """Longest step by which a match follows the one before."""
+        return len(self.rows[0]) - 1
 
 
 def row_of(activity: int) -> int:
@@ -233,12 +226,10 @@ def row_of(activity: int) -> int:
 
 def transitions_by_steps(costs: Costs, activity: int, place_activity: Sequence[int]) -> Transitions:
     """Return all steps from place to place in a window of this activity, step 1."""
-    found, places = [], len(place_activity)
+    found = []
     for target, of_place in enumerate(place_activity):
         for step, cost in enumerate(costs.rows[row_of(activity - of_place)][: target + 1]):
             found.append((target - step, target, cost))
-        for origin, cost in enumerate(costs.back[: places - 1 - target], target + 1):
-            found.append((origin, target, cost))
     return found
 
 
@@ -397,9 +388,7 @@ class Machine:
         self.history: list[list[int]] = []
         self.states: list[WindowState] = []
         self._pixels = {pixel: slot for slot, pixel in enumerate(memories.pixels)}
-        self._costs = Costs.of(self.design)
-        # without costs by activity, any row will do
-        self._place_activity = memories.place_activity or (0,) * self.design.places
+        self._costs = Costs(self.design.step_costs, self.design.restart << FRACTION_BITS)
 
     def take(self, event: Event) -> Iterator[Result]:
         """Process an event, section 2.
@@ -491,7 +480,7 @@ class Machine:
         before = self.kept.filter
         if before.place is None:
             return [0] * self.design.places
-        transitions = transitions_by_steps(self._costs, activity, self._place_activity)
+        transitions = transitions_by_steps(self._costs, activity, self.memories.place_activity)
         return predict(before.metrics, transitions, self._costs.restart)
 
     def _filter(self, window: WindowResult, state: WindowState) -> tuple[MatchResult, WindowState]:
@@ -503,7 +492,7 @@ class Machine:
         advanced, evidence = advance(before, self.predictions(window.activity), distances, weight)
         found = search(advanced.metrics, design.exclusion)
         step = None if before.place is None else found.place - before.place
-        follows = step is not None and -len(design.back) <= step <= self._costs.last
+        follows = step is not None and 0 <= step <= self._costs.last
         after, trust = judge(advanced, found, evidence[found.place], follows)
         self.kept = replace(self.kept, filter=after)
         if distances is not None:

@@ -274,7 +274,7 @@ class Drive:
                 (j, k) == (before, place) and cost < self.costs.restart
                 for j, k, cost in self.transitions[w]
             )
-        if -len(self.costs.back) <= place - before <= self.costs.last:
+        if 0 <= place - before <= self.costs.last:
             return True
         return any(
             a >= before and place >= b and (a - before) + (place - b) < self.costs.last

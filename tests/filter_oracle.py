@@ -81,12 +81,12 @@ def place_activities(reference: ReferenceMap) -> list[int]:
 
 
 def costs_of(costs: TransitionCosts) -> Costs:
-    """Return all costs with their fraction bits; those of fixed steps in a single kind of row."""
+    """Return all costs with their fraction bits; those of windows by number in equal rows."""
     rows = COSTS_BY_ACTIVITY[costs.places_per_window]
-    if costs.forward is not None:
-        rows = (tuple(4 * cost for cost in costs.forward),) * len(rows)
-    last = max(len(rows[0]) - 1, 2 * costs.places_per_window)
-    return Costs(rows, [4 * cost for cost in costs.back], 4 * costs.restart, last)
+    if not costs.by_activity:
+        fixed = {1: (4, 0, 0, 4), 2: (4, 0, 0, 0, 0, 4)}[costs.places_per_window]
+        rows = (fixed,) * len(rows)
+    return Costs(rows, 4 * costs.restart)
 
 
 def zone_of(settings: Settings) -> int:

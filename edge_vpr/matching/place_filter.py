@@ -51,9 +51,6 @@ Narrow = npt.NDArray[np.int16]
 FRACTION_BITS = 2
 #: largest metric: 10 bits
 METRIC_TOP = (1 << 10) - 1
-#: a match follows from the one before over as many windows' distances at least, even if no step is
-#: as long
-LEAST_LAST = 2
 #: costs of steps where windows have a fixed count, by the number of places per window
 COUNT_COSTS = {1: (1, 0, 0, 1), 2: (1, 0, 0, 0, 0, 1)}
 
@@ -64,64 +61,42 @@ class TransitionCosts:
 
     Parameters
     ----------
-    forward : tuple of int, optional
-        Cost of a step of 0, 1, 2 ... places. By default `COSTS_BY_ACTIVITY`: by the activity of the
-        window against that of the place that is reached.
-    back : tuple of int
-        Cost of a step of -1, -2 ... places; empty if the route is never driven backwards.
     restart : int
-        Cost of getting anywhere else: the robot was carried, or the filter is wrong.
+        Cost of jumping to any place: the robot was carried, or the filter is wrong.
     places_per_window : {1, 2}
         Number of places that start in one window of the reference.
+    by_activity : bool
+        Take the costs from `COSTS_BY_ACTIVITY`, by the activity of the window against that of the
+        place that is reached; or take `COUNT_COSTS`.
     """
 
-    forward: tuple[int, ...] | None = None
-    back: tuple[int, ...] = ()
     restart: int = 16
     places_per_window: int = 1
+    by_activity: bool = True
 
     def __post_init__(self) -> None:
         most = (METRIC_TOP >> FRACTION_BITS) - 1
-        costs = (*(self.forward or ()), *self.back, self.restart)
-        if self.forward == () or min(costs) < 0 or max(costs) > most:
-            raise UsageError(
-                f"filter costs {self.forward} forward, {self.back} back and {self.restart} for a "
-                f"restart: expected 0 to {most}, and at least one step forward"
-            )
+        if not 0 <= self.restart <= most:
+            raise UsageError(f"cost of {self.restart} for a restart: expected 0 to {most}")
 
     @classmethod
     def of(cls, settings: Settings) -> TransitionCosts:
-        """Return the costs of the settings; the default depends on the kind of window."""
-        forward, number = settings.filter_steps, settings.window_parts
-        if forward is None and settings.window == "count":  # whose activity is always the same
-            forward = COUNT_COSTS[number]
-        return cls(forward, settings.filter_back, settings.filter_restart, number)
+        """Return the costs of the settings.
+
+        Windows of a number of events always have the same activity.
+        """
+        return cls(settings.filter_restart, settings.window_parts, settings.window == "time")
 
     @property
-    def first(self) -> int:
-        """Smallest step, in places: 0, or below."""
-        return -len(self.back)
-
-    @property
-    def last(self) -> int:
-        """Largest step, in places; a match that is farther away is a jump."""
-        forward = self._by_activity[0] if self.forward is None else self.forward
-        return max(len(forward) - 1, LEAST_LAST * self.places_per_window)
-
-    @property
-    def scaled(self) -> npt.NDArray[np.int32]:
-        """Costs from the smallest to the largest step, with fraction bits.
+    def rows(self) -> npt.NDArray[np.int32]:
+        """Costs of a step of 0, 1, 2 ... places, with fraction bits.
 
         A row for each row of `COSTS_BY_ACTIVITY`, or one for all.
         """
-        one = np.array([self.forward or ()], dtype=np.int32) << FRACTION_BITS
-        forward = np.array(self._by_activity, dtype=np.int32) if self.forward is None else one
-        back = np.array(self.back[::-1], dtype=np.int32) << FRACTION_BITS
-        return np.hstack([np.tile(back, (len(forward), 1)), forward])
-
-    @property
-    def _by_activity(self) -> tuple[tuple[int, ...], ...]:
-        return COSTS_BY_ACTIVITY[self.places_per_window]
+        if self.by_activity:
+            return np.array(COSTS_BY_ACTIVITY[self.places_per_window], dtype=np.int32)
+        fixed = [COUNT_COSTS[self.places_per_window]]
+        return np.array(fixed, dtype=np.int32) << FRACTION_BITS
 
 
 # Prediction: the cost of each place one window later, by steps or by a known distance.
@@ -139,10 +114,8 @@ class FilterTable(NamedTuple):
     Attributes
     ----------
     costs : ndarray of int32, shape (rows, steps)
-        Of a step of ``first``, ``first + 1`` ... places, with fraction bits. Several rows are those
-        of `COSTS_BY_ACTIVITY`; one row is for any activity.
-    first, last : int
-        Smallest step, and the largest after which a match follows from the one before.
+        Of a step of 0, 1, 2 ... places, with fraction bits. Several rows are those of
+        `COSTS_BY_ACTIVITY`; one row is for any activity.
     restart : int
         With fraction bits.
     jumps : ndarray of int32, shape (n, 2)
@@ -156,8 +129,6 @@ class FilterTable(NamedTuple):
     """
 
     costs: Metrics
-    first: int
-    last: int
     restart: int
     jumps: npt.NDArray[np.int32]
     activity: npt.NDArray[np.int32]
@@ -166,11 +137,9 @@ class FilterTable(NamedTuple):
 
 
 @kernel(inner=True)
-def leads_to(
-    place: int, next_place: int, first: int, last: int, jumps: npt.NDArray[np.int32]
-) -> bool:
-    """Return whether a step of ``first`` to ``last`` places, or one over a jump, leads there."""
-    if first <= next_place - place <= last:
+def leads_to(place: int, next_place: int, last: int, jumps: npt.NDArray[np.int32]) -> bool:
+    """Return whether a step of 0 to ``last`` places, or one over a jump, leads there."""
+    if 0 <= next_place - place <= last:
         return True
     for n in range(len(jumps)):
         before, beyond = jumps[n, 0] - place, next_place - jumps[n, 1]
@@ -234,18 +203,16 @@ def move(metric: Narrow, table: FilterTable, costs: Narrow, back: bool, predicti
     for k in range(places):
         prediction[k] = restarted
     for i in range(costs.shape[0]):
-        step = table.first + i
-        number = max(places - abs(step), 0)
-        before, reached = min(max(-step, 0), places), min(max(step, 0), places)
-        found, source = (before, reached) if back else (reached, before)
+        number, reached = max(places - i, 0), min(i, places)
+        found, source = (0, reached) if back else (reached, 0)
         # loops over slices, all from 0 on, compile to vector instructions
         cost = costs[i, reached : reached + number]
         moved, stayed = prediction[found : found + number], metric[source : source + number]
         for k in range(number):
             moved[k] = min(moved[k], np.int16(stayed[k] + cost[k]))
         for j in range(len(table.jumps)):
-            for over in range(step):
-                begin, end = table.jumps[j, 0] - (step - 1 - over), table.jumps[j, 1] + over
+            for over in range(i):
+                begin, end = table.jumps[j, 0] - (i - 1 - over), table.jumps[j, 1] + over
                 if begin >= 0 and end < places:
                     to, other = (begin, end) if back else (end, begin)
                     jumped = np.int16(metric[other] + costs[i, end])
@@ -359,7 +326,8 @@ class Transitions:
 
     Examples
     --------
-    >>> costs, jumps = TransitionCosts((1, 0, 1), restart=5), np.array([[3, 0]], dtype=np.int32)
+    >>> costs = TransitionCosts(restart=5, by_activity=False)
+    >>> jumps = np.array([[3, 0]], dtype=np.int32)
     >>> transitions, prediction = Transitions(4, costs, jumps=jumps), np.empty(4, dtype=np.int16)
     >>> metric = np.array([9, 9, 9, 0], dtype=np.int32)  # at the end, which leads to the start
     >>> predict(metric, transitions.table, 0, prediction)
@@ -388,8 +356,8 @@ class Transitions:
         if typical is None:
             typical = np.zeros(places, dtype=np.int64)
         self.table = FilterTable(
-            costs.scaled, costs.first, costs.last, costs.restart << FRACTION_BITS, self.jumps,
-            place_activity, typical, exclusion,
+            costs.rows, costs.restart << FRACTION_BITS, self.jumps, place_activity, typical,
+            exclusion,
         )  # fmt: skip
         self._along = along_mm
         #: mean distance between two places; 0 if the map holds none
@@ -451,7 +419,7 @@ class Transitions:
         """Return whether `next_place` can be reached from `place` without a restart."""
         table = self.table
         if travelled_mm is None:
-            follows = plain(leads_to)(place, next_place, table.first, table.last, table.jumps)
+            follows = plain(leads_to)(place, next_place, table.costs.shape[1] - 1, table.jumps)
             return bool(follows)
         return bool(self.following(place, travelled_mm)[next_place])
 
@@ -998,7 +966,8 @@ def write_trust(
     if by_distance:
         led_to = follows[place]
     else:
-        led_to = before >= 0 and leads_to(before, place, table.first, table.last, table.jumps)
+        last = table.costs.shape[1] - 1
+        led_to = before >= 0 and leads_to(before, place, last, table.jumps)
     support = support_after(now.support if led_to else 0, place == before, margin)
     residual = residual_of(evidence[place])
     row[5] = trust_of(support, max(residual, now.residual, now.residual_before))

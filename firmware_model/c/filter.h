@@ -10,6 +10,7 @@
 
 #include "quotient.h"
 #include "sad.h"
+#include "step_costs.h"
 #include "vpr.h"
 
 #define METRIC_TOP 1023U
@@ -20,62 +21,20 @@
 #define TRUST_SHIFT 2U
 #define MARGIN_TOP 23U
 #define STANDING_SHIFT 4U
-#define FEW_STEPS 3U /* what a match may always follow by, from 0 on */
-#define STEPS_MAX 16U
-#define NEAR 4U      /* steps whose metrics stay in registers: 0 to 3 places */
-#define HALF_STEPS 7U /* of places at half windows: 0 to 6 places */
-#define BLOCK 16U    /* places whose distances are at hand at once */
-#define FAR 0xFFFFU /* metric of a place off the map, and cost of a step that there is not */
 #define WEIGHT_BITS 3U
 #define WEIGHT_TOP 8U
 #define WEIGHT_FROM 48 /* activity below the usual from which on evidence has weight */
-#define ROWS 17U
 #define ROW_BITS 3U
 #define ROW_ORIGIN 100 /* the row of the same activity is 12 times 8 from the first; half of 8 rounds */
 
-/* Costs of a step of 0, 1, 2 and 3 places, with fraction bits, by the activity of the window
- * against that of the place that is reached: from 6 octaves below to 2 above, in half octaves. */
-static const uint8_t activity_costs[ROWS][NEAR] = {
-    {4U, 24U, 47U, 71U}, {4U, 22U, 43U, 66U}, {4U, 20U, 39U, 61U}, {4U, 17U, 36U, 57U},
-    {4U, 15U, 32U, 52U}, {4U, 12U, 28U, 48U}, {4U, 10U, 24U, 43U}, {4U, 7U, 20U, 38U},
-    {4U, 5U, 17U, 34U},  {4U, 3U, 13U, 30U},  {5U, 1U, 10U, 26U},  {7U, 0U, 8U, 22U},
-    {9U, 0U, 6U, 20U},   {11U, 0U, 5U, 18U},  {15U, 1U, 5U, 17U},  {19U, 3U, 5U, 16U},
-    {22U, 4U, 4U, 15U}};
-
-/* The same of a step of 0 to 6 places at half windows. */
-static const uint8_t half_place_costs[ROWS][HALF_STEPS] = {
-    {4U, 17U, 44U, 63U, 80U, 107U, 120U}, {4U, 15U, 39U, 57U, 73U, 100U, 111U},
-    {4U, 14U, 35U, 51U, 67U, 92U, 103U},  {4U, 12U, 31U, 45U, 60U, 84U, 95U},
-    {4U, 10U, 26U, 40U, 53U, 77U, 87U},   {4U, 8U, 22U, 34U, 46U, 69U, 79U},
-    {4U, 6U, 18U, 28U, 40U, 62U, 70U},    {4U, 4U, 14U, 22U, 33U, 54U, 62U},
-    {5U, 3U, 10U, 17U, 27U, 47U, 55U},    {5U, 1U, 6U, 11U, 20U, 40U, 46U},
-    {6U, 1U, 2U, 7U, 14U, 33U, 39U},      {8U, 1U, 1U, 4U, 10U, 28U, 34U},
-    {12U, 3U, 0U, 2U, 7U, 24U, 29U},      {17U, 6U, 1U, 1U, 5U, 22U, 26U},
-    {23U, 11U, 2U, 1U, 4U, 20U, 24U},     {30U, 16U, 6U, 3U, 5U, 20U, 23U},
-    {37U, 21U, 8U, 4U, 5U, 20U, 22U}};
-
-/* What a step to a place costs. Near costs are less the least metric: they wrap where they are below
- * it, and their sum with a metric does not. */
+/* What a step to a place costs. */
 typedef struct {
-    const int8_t *place_activity; /* NULL: steps cost the same to all places */
-    int32_t activity;             /* of the window, so that it gives the row of a place */
-    uint32_t steps;               /* of 0, 1 ... places that have a cost */
-    uint32_t near[NEAR];          /* of the first of these if they do */
-    const uint16_t *fixed;        /* of all of these if they do, in the design */
-    const uint16_t *back; /* of -1, -2 ... */
-    uint32_t back_count;
-    uint32_t least;
-    uint32_t limit;            /* what any place costs at most: a restart */
-    uint32_t above;            /* metrics in `ahead` */
-    uint16_t ahead[STEPS_MAX]; /* of the places above the present one, before they changed */
+    const int8_t *place_activity;
+    int32_t activity; /* of the window, so that it gives the row of a place */
+    uint32_t steps;   /* of 0, 1 ... places that have a cost */
+    uint32_t least;   /* metric */
+    uint32_t limit;   /* what any place costs at most: a restart */
 } costs_t;
-
-/* Places next to one another, and the distances to them. */
-typedef struct {
-    uint32_t from;
-    uint32_t end; /* behind the last one */
-    const uint16_t *distance;
-} block_t;
 
 /* What the distances of a window have in common. */
 typedef struct {
@@ -106,67 +65,21 @@ static inline uint32_t row_of(int32_t activity, int32_t of_place)
     return (above > 0) ? lesser((uint32_t)above >> ROW_BITS, ROWS - 1U) : 0U;
 }
 
-/* Cost of the cheapest path to a place by any step: metrics at and below it have not changed yet,
- * and those above it are in the delay line. */
+/* Cost of the cheapest path to a place by any step: metrics at and below it have not changed yet. */
 static uint32_t cheapest(const costs_t *p, const uint16_t *metric, uint32_t at)
 {
     const uint32_t steps = lesser(p->steps, at + 1U);
+    const uint32_t row = row_of(p->activity, p->place_activity[at]);
+    const uint8_t *const costs = (p->steps == STEPS) ? activity_costs[row] : half_place_costs[row];
     uint32_t found = p->limit + p->least;
-    if (p->place_activity != NULL) {
-        const uint32_t row = row_of(p->activity, p->place_activity[at]);
-        const uint8_t *const costs =
-            (p->steps == NEAR) ? activity_costs[row] : half_place_costs[row];
-        for (uint32_t i = 0U; i < steps; i++) {
-            found = lesser(found, (uint32_t)metric[at - i] + costs[i]);
-        }
-    } else {
-        for (uint32_t i = 0U; i < steps; i++) {
-            found = lesser(found, (uint32_t)metric[at - i] + p->fixed[i]);
-        }
-    }
-    for (uint32_t i = 0U; i < p->above; i++) {
-        found = lesser(found, (uint32_t)p->ahead[i] + p->back[i]);
+    for (uint32_t i = 0U; i < steps; i++) {
+        found = lesser(found, (uint32_t)metric[at - i] + costs[i]);
     }
     return found - p->least;
 }
 
-/* Move the delay line of the metrics above by one place. */
-static void shift_ahead(costs_t *p, uint16_t metric)
-{
-    if (p->above < p->back_count) {
-        p->above++;
-    }
-    for (uint32_t i = p->above; i > 1U; i--) {
-        p->ahead[i - 1U] = p->ahead[i - 2U];
-    }
-    p->ahead[0] = metric;
-}
-
-/* The same for places from the fourth on, in a design without other steps than the near ones. */
-static inline void predict_near(const costs_t *p, uint16_t *metric, uint32_t from, uint32_t end)
-{
-    const uint32_t limit = p->limit;
-    const uint32_t stay = p->near[0];
-    const uint32_t one = p->near[1];
-    const uint32_t two = p->near[2];
-    const uint32_t three = p->near[3];
-    uint32_t here = metric[end - 1U];
-    uint32_t below = metric[end - 2U];
-    uint32_t lower = metric[end - 3U];
-    for (uint32_t at = end - 1U; at >= from; at--) {
-        const uint32_t lowest = metric[at - 3U];
-        uint32_t path = lesser(lesser(limit, here + stay), below + one);
-        path = lesser(lesser(path, lower + two), lowest + three);
-        metric[at] = (uint16_t)path;
-        here = below;
-        below = lower;
-        lower = lowest;
-    }
-}
-
-/* The same where steps cost what the activities of the window and of the place say. */
-static inline void predict_by_activity(const costs_t *p, uint16_t *metric, uint32_t from,
-                                       uint32_t end)
+/* The same for places from the fourth on, with one place per window: metrics stay in registers. */
+static inline void predict_whole(const costs_t *p, uint16_t *metric, uint32_t end)
 {
     const int8_t *const place_activity = p->place_activity;
     const int32_t activity = p->activity;
@@ -175,7 +88,7 @@ static inline void predict_by_activity(const costs_t *p, uint16_t *metric, uint3
     uint32_t here = metric[end - 1U];
     uint32_t below = metric[end - 2U];
     uint32_t lower = metric[end - 3U];
-    for (uint32_t at = end - 1U; at >= from; at--) {
+    for (uint32_t at = end - 1U; at >= (STEPS - 1U); at--) {
         const uint8_t *const costs = activity_costs[row_of(activity, place_activity[at])];
         const uint32_t lowest = metric[at - 3U];
         uint32_t path = lesser(lesser(limit, here + costs[0]), below + costs[1]);
@@ -187,82 +100,63 @@ static inline void predict_by_activity(const costs_t *p, uint16_t *metric, uint3
     }
 }
 
-/* Put the prediction in the place of the metric, from the last place of a block to the first: steps
- * lead from lower places, which have not changed by then. */
-static void predict(costs_t *p, uint16_t *metric, const block_t *b)
+/* Put the prediction in the place of the metric, from the last place to the first: steps lead from
+ * lower places, which have not changed by then. */
+static void predict(const costs_t *p, uint16_t *metric, uint32_t places)
 {
-    uint32_t end = b->end;
-    if ((p->steps <= NEAR) && (p->back_count == 0U) && (end >= NEAR)) {
-        const uint32_t from = (b->from < (NEAR - 1U)) ? (NEAR - 1U) : b->from;
-        if (p->place_activity != NULL) {
-            predict_by_activity(p, metric, from, end);
-        } else {
-            predict_near(p, metric, from, end);
-        }
-        end = from;
+    uint32_t end = places;
+    if ((p->steps == STEPS) && (end >= STEPS)) {
+        predict_whole(p, metric, end);
+        end = STEPS - 1U;
     }
-    while (end > b->from) {
+    while (end > 0U) {
         end--;
-        const uint16_t before = metric[end];
         metric[end] = (uint16_t)cheapest(p, metric, end);
-        shift_ahead(p, before);
     }
 }
 
-/* Add the evidence to the predictions of a block; the sum of the deviations from the mean. */
-static uint32_t add_evidence(const scale_t *scale, uint16_t *metric, const block_t *b,
-                             uint32_t *least)
+/* Add the evidence to the predictions; the sum of the deviations from the mean. */
+static uint32_t add_evidence(const vpr_design_t *d, vpr_state_t *s, const scale_t *scale)
 {
-    const uint16_t *const distances = b->distance;
+    const uint16_t *const distances = s->distance;
     const uint32_t nearest = scale->nearest;
     const uint32_t mean = scale->mean;
     const uint32_t reciprocal = scale->reciprocal;
     const uint32_t weight = scale->weight;
     uint32_t deviations = 0U;
-    uint16_t *const metrics = &metric[b->from];
-    uint32_t found = *least;
-    for (uint32_t i = b->end - b->from; i > 0U; i--) {
+    uint16_t *const metrics = s->metric;
+    uint32_t least = VPR_NONE;
+    for (uint32_t i = d->place_count; i > 0U; i--) {
         const uint32_t distance = distances[i - 1U];
         const uint32_t scaled = ((distance - nearest) * reciprocal) >> EVIDENCE_SHIFT;
         const uint32_t against = (lesser(scaled, EVIDENCE_TOP) * weight) >> WEIGHT_BITS;
         const uint32_t value = lesser(metrics[i - 1U] + against, METRIC_TOP);
         metrics[i - 1U] = (uint16_t)value;
         deviations += (distance < mean) ? (mean - distance) : (distance - mean);
-        found = lesser(found, value);
+        least = lesser(least, value);
     }
-    *least = found;
+    s->least = least;
     return deviations;
 }
 
-/* Distances to the places of a block. */
-static void compare(const vpr_design_t *d, const uint8_t *query, uint32_t from, uint32_t end,
-                    uint16_t *distance)
+/* Keep the distances to all places. */
+static void compare(const vpr_design_t *d, vpr_state_t *s)
 {
-    const uint8_t *codes = &d->places[from * d->stride];
-    for (uint32_t i = 0U; i < (end - from); i++) {
-        distance[i] = (uint16_t)sad(query, codes, d->stride);
+    uint16_t *const distance = s->distance;
+    const uint8_t *codes = d->places;
+    for (uint32_t i = 0U; i < d->place_count; i++) {
+        distance[i] = (uint16_t)sad(s->query, codes, d->stride);
         codes = &codes[d->stride];
     }
 }
 
-/* The sum of the deviations from the mean. */
-static uint32_t deviations_of(const block_t *b, uint32_t mean)
-{
-    uint32_t sum = 0U;
-    for (uint32_t i = 0U; i < (b->end - b->from); i++) {
-        const uint32_t distance = b->distance[i];
-        sum += (distance < mean) ? (mean - distance) : (distance - mean);
-    }
-    return sum;
-}
-
 /* The sum of the distances, and the least of them. */
-static uint32_t total_of(const block_t *b, uint32_t *nearest)
+static uint32_t total_of(const vpr_design_t *d, const vpr_state_t *s, uint32_t *nearest)
 {
-    uint32_t least = *nearest;
+    uint32_t least = VPR_NONE;
     uint32_t total = 0U;
-    for (uint32_t i = 0U; i < (b->end - b->from); i++) {
-        const uint32_t distance = b->distance[i];
+    for (uint32_t i = 0U; i < d->place_count; i++) {
+        const uint32_t distance = s->distance[i];
         total += distance;
         least = lesser(least, distance);
     }
@@ -270,52 +164,44 @@ static uint32_t total_of(const block_t *b, uint32_t *nearest)
     return total;
 }
 
-/* Advance by a window that does not pause, in passes over the places: for the mean of the
- * distances, for the spread, which only the first window needs beforehand, and for the metrics. If
- * the distances are not kept, each pass computes them again, a block at a time. `scale`
- * is set. */
-static void advance_by_evidence(const vpr_design_t *d, vpr_state_t *s, costs_t *p, scale_t *scale)
+/* The sum of the deviations from the mean. */
+static uint32_t deviations_of(const vpr_design_t *d, const vpr_state_t *s, uint32_t mean)
 {
-    enum { FOR_MEAN, FOR_SPREAD, FOR_METRICS, PASSES };
-    uint16_t room[BLOCK];
-    for (uint32_t pass = FOR_MEAN; pass < PASSES; pass++) {
-        uint32_t sum = 0U;
-        if ((pass == FOR_SPREAD) && (s->reciprocal != 0U)) {
-            continue;
-        }
-        scale->reciprocal = s->reciprocal;
-        block_t block = {0U, d->place_count, s->distance};
-        while (block.end > 0U) {
-            uint16_t *const distance = d->keep_distances ? s->distance : room;
-            block.from = d->keep_distances ? 0U : ((block.end - 1U) & ~(uint32_t)(BLOCK - 1U));
-            block.distance = distance;
-            if (!d->keep_distances || (pass == FOR_MEAN)) {
-                compare(d, s->query, block.from, block.end, distance);
-            }
-            if (pass == FOR_MEAN) {
-                sum += total_of(&block, &scale->nearest);
-            } else if (pass == FOR_SPREAD) {
-                sum += deviations_of(&block, scale->mean);
-            } else {
-                predict(p, s->metric, &block);
-                sum += add_evidence(scale, s->metric, &block, &s->least);
-            }
-            block.end = block.from;
-        }
-        sum = quotient(sum, d->place_count);
-        if (pass == FOR_MEAN) {
-            scale->mean = sum;
-        } else {
-            s->reciprocal = quotient(RECIPROCAL_ONE, (sum == 0U) ? 1U : sum);
-        }
+    uint32_t sum = 0U;
+    for (uint32_t i = 0U; i < d->place_count; i++) {
+        const uint32_t distance = s->distance[i];
+        sum += (distance < mean) ? (mean - distance) : (distance - mean);
     }
+    return sum;
+}
+
+/* The reciprocal of the spread, from the sum of the deviations. */
+static uint32_t reciprocal_of(const vpr_design_t *d, uint32_t deviations)
+{
+    const uint32_t spread = quotient(deviations, d->place_count);
+    return quotient(RECIPROCAL_ONE, (spread == 0U) ? 1U : spread);
+}
+
+/* Advance by a window that does not pause. The first one is scaled by its own spread, the others by
+ * that of the window before. `scale` is set. */
+static void advance_by_evidence(const vpr_design_t *d, vpr_state_t *s, const costs_t *p,
+                                scale_t *scale)
+{
+    compare(d, s);
+    scale->mean = quotient(total_of(d, s, &scale->nearest), d->place_count);
+    if (s->reciprocal == 0U) {
+        s->reciprocal = reciprocal_of(d, deviations_of(d, s, scale->mean));
+    }
+    scale->reciprocal = s->reciprocal;
+    predict(p, s->metric, d->place_count);
+    s->reciprocal = reciprocal_of(d, add_evidence(d, s, scale));
 }
 
 /* Advance by a window that pauses, without evidence. */
-static void advance_paused(const vpr_design_t *d, vpr_state_t *s, costs_t *p)
+static void advance_paused(const vpr_design_t *d, vpr_state_t *s, const costs_t *p)
 {
-    const block_t all = {0U, d->place_count, s->distance};
-    predict(p, s->metric, &all);
+    predict(p, s->metric, d->place_count);
+    s->least = VPR_NONE;
     for (uint32_t place = 0U; place < d->place_count; place++) {
         s->least = lesser(s->least, s->metric[place]);
     }
@@ -333,14 +219,7 @@ static void set_costs(const vpr_design_t *d, const vpr_state_t *s, costs_t *p)
 {
     p->place_activity = d->place_activity;
     p->activity = s->activity + ROW_ORIGIN;
-    for (uint32_t i = 0U; (i < NEAR) && (d->place_activity == NULL); i++) {
-        p->near[i] = ((i < d->steps) ? d->cost[i] : FAR) - s->least;
-    }
     p->steps = d->steps;
-    p->fixed = d->cost;
-    p->back = d->back_cost;
-    p->back_count = d->back;
-    p->above = 0U;
     p->least = s->least;
     /* before the first window, each place is as likely as another */
     p->limit = (s->place == VPR_NONE) ? 0U : d->restart;
@@ -388,11 +267,9 @@ static void search_places(const vpr_design_t *d, const uint16_t *metric, vpr_mat
 
 /* Evidence against a place in a window that does not pause. It is not limited, as above 23 it takes
  * all trust anyway, which 255 of any weight is. */
-static uint32_t residual_of(const vpr_design_t *d, const vpr_state_t *s, const scale_t *scale,
-                          uint32_t place)
+static uint32_t residual_of(const vpr_state_t *s, const scale_t *scale, uint32_t place)
 {
-    const uint32_t distance = sad(s->query, &d->places[place * d->stride], d->stride);
-    return ((((distance - scale->nearest) * scale->reciprocal) >> EVIDENCE_SHIFT) *
+    return ((((s->distance[place] - scale->nearest) * scale->reciprocal) >> EVIDENCE_SHIFT) *
             scale->weight) >>
            WEIGHT_BITS;
 }
@@ -402,9 +279,7 @@ static uint32_t residual_of(const vpr_design_t *d, const vpr_state_t *s, const s
 static void trust(const vpr_design_t *d, vpr_state_t *s, uint32_t residual, vpr_match_t *m)
 {
     const uint32_t margin = (m->second == VPR_NONE) ? METRIC_TOP : (m->second_sum - m->sum);
-    const uint32_t last = ((d->steps > FEW_STEPS) ? d->steps : FEW_STEPS) - 1U;
-    const bool follows =
-        (s->place != VPR_NONE) && (((m->place + d->back) - s->place) <= (d->back + last));
+    const bool follows = (s->place != VPR_NONE) && ((m->place - s->place) < d->steps);
     const uint32_t kept = follows ? s->support : 0U;
     const uint32_t stood = kept - (kept >> STANDING_SHIFT);
     s->support = moved(kept, lesser(margin, MARGIN_TOP) << TRUST_BITS, TRUST_SHIFT);
@@ -424,7 +299,6 @@ static void filter_places(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
 {
     costs_t costs;
     set_costs(d, s, &costs);
-    s->least = VPR_NONE;
     scale_t scale = {VPR_NONE, 0U, 0U, weight_of(s->activity)};
     if (s->paused) {
         advance_paused(d, s, &costs);
@@ -432,7 +306,7 @@ static void filter_places(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
         advance_by_evidence(d, s, &costs, &scale);
     }
     search_places(d, s->metric, m);
-    trust(d, s, s->paused ? 0U : residual_of(d, s, &scale, m->place), m);
+    trust(d, s, s->paused ? 0U : residual_of(s, &scale, m->place), m);
 }
 
 #endif

@@ -33,18 +33,14 @@ enum {
     AT_CODE_TABLE,
     AT_WHICH_CODE_TABLE,
     AT_PLACES_TABLE,
-    AT_COST_TABLE,
     AT_MEAN_TABLE,
     AT_PLACE_ACTIVITY_TABLE,
-    AT_STEPS, /* costs of the place filter; 0: sequences, or costs by activity */
-    AT_BACK,
+    AT_PLACES_PER_WINDOW, /* of the place filter; 0: sequences */
     AT_RESTART,
-    AT_KEEP_DISTANCES,
     AT_TRUST,
     AT_OWN_MEAN, /* bits of own-mean codes; 0: others */
     AT_ACTIVITY,
-    AT_CONTRAST,
-    AT_ACTIVITY_COSTS /* places per window whose costs of steps are by activity; 0: fixed costs */
+    AT_CONTRAST
 };
 
 #define LIMIT 0xFFFFU     /* of what is multiplied */
@@ -96,14 +92,11 @@ static bool fits(uint32_t wide, uint32_t narrow)
 static bool adaptive_within_limits(const uint32_t *image)
 {
     const uint32_t own_mean = image[AT_OWN_MEAN];
-    const bool by_activity = image[AT_ACTIVITY_COSTS] != 0U;
-    const bool filters = by_activity || (image[AT_STEPS] != 0U);
-    const uint32_t of_filter =
-        image[AT_BACK] | image[AT_RESTART] | image[AT_KEEP_DISTANCES] | image[AT_TRUST];
+    const bool filters = image[AT_PLACES_PER_WINDOW] != 0U;
+    const uint32_t of_filter = image[AT_RESTART] | image[AT_TRUST];
     const uint32_t activity_max =
         (filters || (own_mean != 0U)) ? (EVENTS_TOP << ACTIVITY_BITS) : 0U;
     return (filters ? (image[AT_LENGTH] == 1U) : (of_filter == 0U)) &&
-           (!by_activity || (image[AT_STEPS] == 0U)) &&
            ((own_mean == 0U)
                 ? (image[AT_CONTRAST] == 0U)
                 : ((image[AT_CODES] == 1U) &&
@@ -126,10 +119,9 @@ static bool within_limits(const uint32_t *image)
                  {AT_WINDOW_KIND, 0U, 1U},  {AT_TIMESTAMP_BITS, 2U, 32U},
                  {AT_CODE_MAX, 1U, 255U},   {AT_CODES, 1U, 16U},
                  {AT_RATIO_DENOMINATOR, 0U, LIMIT},
-                 {AT_STEPS, 0U, STEPS_MAX}, {AT_BACK, 0U, STEPS_MAX},
-                 {AT_RESTART, 0U, COST_MAX}, {AT_KEEP_DISTANCES, 0U, 1U},
-                 {AT_TRUST, 0U, TRUST_MAX}, {AT_OWN_MEAN, 0U, 8U},
-                 {AT_CONTRAST, 0U, 1U},     {AT_ACTIVITY_COSTS, 0U, 2U}};
+                 {AT_PLACES_PER_WINDOW, 0U, 2U},
+                 {AT_RESTART, 0U, COST_MAX}, {AT_TRUST, 0U, TRUST_MAX},
+                 {AT_OWN_MEAN, 0U, 8U},     {AT_CONTRAST, 0U, 1U}};
     for (uint32_t i = 0U; i < (sizeof range / sizeof *range); i++) {
         const uint32_t value = image[range[i].word];
         if ((value < range[i].least) || (value > range[i].most)) {
@@ -162,9 +154,8 @@ static bool laid_out(const uint32_t *image)
                              image[AT_CODES] * (image[AT_COUNT_MAX] + 1U) * (own_mean ? 2U : 1U),
                              image[AT_SLOTS],
                              image[AT_PLACES] * image[AT_STRIDE],
-                             (image[AT_STEPS] + image[AT_BACK]) * 2U,
                              own_mean ? (image[AT_SLOTS] * 2U) : 0U,
-                             (image[AT_ACTIVITY_COSTS] != 0U) ? image[AT_PLACES] : 0U};
+                             (image[AT_PLACES_PER_WINDOW] != 0U) ? image[AT_PLACES] : 0U};
     uint32_t end = VPR_HEADER_WORDS * 4U;
     for (uint32_t i = 0U; i < (sizeof size / sizeof *size); i++) {
         const uint32_t at = image[AT_DISPLACEMENT_TABLE + i];
@@ -257,7 +248,6 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     }
     const uint8_t *const bytes = (const uint8_t *)image;
     const bool by_time = image[AT_WINDOW_KIND] == 0U;
-    const bool by_activity = image[AT_ACTIVITY_COSTS] != 0U;
 
     /* MISRA deviation 11.3: the tables lie aligned in the image */
     d->displacement = (const uint16_t *)(const void *)&bytes[image[AT_DISPLACEMENT_TABLE]];
@@ -266,10 +256,7 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->level = (image[AT_OWN_MEAN] != 0U)
                    ? (const uint16_t *)(const void *)&bytes[image[AT_CODE_TABLE]]
                    : NULL;
-    d->cost = (const uint16_t *)(const void *)&bytes[image[AT_COST_TABLE]];
-    d->back_cost = &d->cost[image[AT_STEPS]];
-    d->place_activity =
-        by_activity ? (const int8_t *)(const void *)&bytes[image[AT_PLACE_ACTIVITY_TABLE]] : NULL;
+    d->place_activity = (const int8_t *)(const void *)&bytes[image[AT_PLACE_ACTIVITY_TABLE]];
     d->mean = (const uint16_t *)(const void *)&bytes[image[AT_MEAN_TABLE]];
     d->code_table = &bytes[image[AT_WHICH_CODE_TABLE]];
     d->places = &bytes[image[AT_PLACES_TABLE]];
@@ -287,26 +274,24 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->ratio_denominator = image[AT_RATIO_DENOMINATOR];
     d->accept = image[AT_ACCEPT];
     d->code_max = image[AT_CODE_MAX];
-    d->steps = by_activity ? ((image[AT_ACTIVITY_COSTS] == 1U) ? NEAR : HALF_STEPS)
-                           : image[AT_STEPS];
-    d->back = image[AT_BACK];
+    d->steps = (image[AT_PLACES_PER_WINDOW] == 0U)
+                   ? 0U
+                   : ((image[AT_PLACES_PER_WINDOW] == 1U) ? STEPS : HALF_STEPS);
     d->restart = image[AT_RESTART];
     d->trust = image[AT_TRUST];
     d->activity = image[AT_ACTIVITY];
     d->contrast = image[AT_CONTRAST] != 0U;
-    d->keep_distances = image[AT_KEEP_DISTANCES] != 0U;
     return lookup_sound(d, image[AT_WIDTH], image[AT_PIXELS]) && codes_sound(d, image[AT_CODES]) &&
            at_most(d->code_table, d->slots, image[AT_CODES] - 1U) &&
-           words_at_most(d->cost, image[AT_STEPS] + d->back, COST_MAX) &&
            places_sound(d, d->code_max);
 }
 
 uint32_t vpr_ram_bytes(const vpr_design_t *d)
 {
-    /* of the filter, a metric takes the room of a sequence of 1, and there is no delay line */
+    /* of the filter, a metric takes the room of a sequence of 1, and distances are kept where
+     * sequences have the delay line */
     return d->stride + rounded_up(d->slots * 2U) + rounded_up(d->length * d->place_count * 2U) +
-           ((d->steps != 0U) ? 0U : rounded_up((d->exclusion + 1U) * 4U)) +
-           (d->keep_distances ? rounded_up(d->place_count * 2U) : 0U) +
+           rounded_up((d->steps != 0U) ? (d->place_count * 2U) : ((d->exclusion + 1U) * 4U)) +
            ((d->level != NULL) ? rounded_up(d->slots * 4U) : 0U);
 }
 
@@ -323,9 +308,8 @@ void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t st
     at += rounded_up(d->length * d->place_count * 2U);
     s->metric = s->history;
     s->delay = (uint32_t *)(void *)&bytes[at];
-    at += (d->steps != 0U) ? 0U : rounded_up((d->exclusion + 1U) * 4U);
     s->distance = (uint16_t *)(void *)&bytes[at];
-    at += d->keep_distances ? rounded_up(d->place_count * 2U) : 0U;
+    at += rounded_up((d->steps != 0U) ? (d->place_count * 2U) : ((d->exclusion + 1U) * 4U));
     s->mean = (uint32_t *)(void *)&bytes[at];
 
     /* the padding of the query must be zero as that of the places is; the rest is written

@@ -20,7 +20,7 @@
 #include <stdint.h>
 
 #define VPR_MAGIC 0x49525056U /* "VPRI" */
-#define VPR_VERSION 3U
+#define VPR_VERSION 4U
 #define VPR_HEADER_WORDS 40U
 #define VPR_NONE 0xFFFFFFFFU
 
@@ -44,9 +44,7 @@ typedef struct {
     const uint16_t *level;        /* [count_max + 1]: its logarithm, of own-mean codes; else NULL */
     const uint8_t *code_table;    /* [slots]: which of the tables a counter uses */
     const uint8_t *places;        /* [places][stride]: codes, padded with zeros */
-    const uint16_t *cost;         /* [steps]: of a step of 0, 1 ... places, if not by activity */
-    const uint16_t *back_cost;    /* [back]: of a step of -1, -2 ... */
-    const int8_t *place_activity; /* [places], if steps cost what it says; else NULL */
+    const int8_t *place_activity; /* [places], of the place filter: steps cost what it says */
     const uint16_t *mean;         /* [slots]: where running means start; of other codes unused */
     uint32_t height;
     uint32_t lookup_mask;
@@ -62,13 +60,12 @@ typedef struct {
     uint32_t ratio_denominator; /* 0: accept by margin */
     uint32_t accept;            /* margin, or numerator of the ratio */
     uint32_t code_max;
-    uint32_t steps;   /* forward, from 0 places on, of the place filter; of sequences 0 */
-    uint32_t back;
-    uint32_t restart; /* cost of getting anywhere */
-    uint32_t trust;   /* least that is accepted */
+    uint32_t steps;   /* of 0, 1 ... places that have a cost, of the place filter; of sequences 0 */
+    uint32_t restart; /* cost of jumping to any place (kidnapped robot): 64 suits most routes, 0
+                         matches every window alone */
+    uint32_t trust;   /* least that is accepted, 0 to 368 */
     uint32_t activity; /* where the usual number of events starts, in units of 1/256 */
     bool contrast;     /* own-mean codes are less the mean of their window, too */
-    bool keep_distances; /* 2 bytes of RAM a place, or each distance computed twice */
 } vpr_design_t;
 
 typedef struct {
@@ -88,7 +85,7 @@ typedef struct {
     uint32_t mean_shift;
     uint32_t mean_windows; /* until the shift grows */
     uint16_t *metric;      /* [place_count], of the place filter */
-    uint16_t *distance;    /* [place_count], if kept */
+    uint16_t *distance;    /* [place_count], of the place filter: of the newest window */
     uint32_t reciprocal; /* of the spread of the window before: scales the evidence */
     uint32_t least;      /* metric */
     uint32_t place;      /* of the match before, or VPR_NONE */
@@ -115,7 +112,7 @@ typedef struct {
 
 /* Check an image and read its design. False: it is none, of another version, damaged, or beyond the
  * limits of this firmware (codes of at most 8 bits, a distance of at most 16, and comparisons of at
- * most 32); `*d` is of no use then. `image` is aligned to 16 bytes, and `image_bytes` of it can be
+ * most 32); on failure `*d` is undefined. `image` is aligned to 16 bytes, and `image_bytes` of it can be
  * read; both are all that is trusted.
  *
  * True: every word of the header and every entry of the tables is within its range. As long as the

@@ -27,10 +27,9 @@ TABLE = SOURCES / "instructions.csv"
 
 #: the measured design: 150 pixels of a DAVIS346, codes of 4 bits, sequences of 5
 DESIGN = Design(width=346, height=260, pixels=150, places=40, length=5, code_bits=4)
-#: the same with contrast codes and the place filter by activity, distances computed twice
+#: the same with contrast codes and the place filter
 FILTER = Design(
-    width=346, height=260, pixels=150, places=40, code="contrast", code_bits=4, matching="filter",
-    activity_costs=True,
+    width=346, height=260, pixels=150, places=40, code="contrast", code_bits=4, matching="filter"
 )  # fmt: skip
 
 # addresses are not needed inside: the structures are opaque here
@@ -62,13 +61,10 @@ class Instructions:
     contrast_window_end: int  #: Of `vpr_window_end` with contrast codes.
     filter_match: int  #: Of a match by the place filter, for `FILTER`.
     filter_per_place: int
-    kept_match: int  #: The same with distances kept.
-    kept_per_place: int
     sad_per_byte: float  #: Of a distance with call and return, over the slots (not their padding).
     code_bytes: int  #: Functions and constants of ``vpr.c``.
     ram_bytes: int  #: Arrays and structures, beside the stack.
     filter_ram_bytes: int
-    kept_ram_bytes: int
     stack_bytes: int  #: The most of all functions.
 
 
@@ -162,9 +158,6 @@ def measure(target: Target, folder: str | Path) -> Instructions:
     per_place = _per_place(emulator, DESIGN, DESIGN.length, matched)
     contrast, filtered = FirmwareRun(emulator, _memories(FILTER)).match(_WINDOWS)
     filter_per_place = _per_place(emulator, FILTER, _WINDOWS, filtered)
-    kept = replace(FILTER, keep_distances=True)
-    kept_match = FirmwareRun(emulator, _memories(kept)).match(_WINDOWS)[1]
-    kept_per_place = _per_place(emulator, kept, _WINDOWS, kept_match)
     alone = Emulator(target, build(target, folder, files=("vpr.c",), name="alone"))
     return Instructions(
         target=target.name,
@@ -179,13 +172,10 @@ def measure(target: Target, folder: str | Path) -> Instructions:
         contrast_window_end=contrast,
         filter_match=filtered,
         filter_per_place=filter_per_place,
-        kept_match=kept_match,
-        kept_per_place=kept_per_place,
         sad_per_byte=round(distance / DESIGN.slots, 2),
         code_bytes=alone.code_bytes,
         ram_bytes=ram_bytes(DESIGN) + structures,
         filter_ram_bytes=ram_bytes(FILTER) + structures,
-        kept_ram_bytes=ram_bytes(kept) + structures,
         stack_bytes=emulator.stack,
     )
 

@@ -6,6 +6,7 @@ import re
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import chain
 
 from firmware_model.design import FRACTION_BITS, Design
 from firmware_model.errors import ToolError
@@ -15,13 +16,13 @@ from firmware_model.hardware import sources
 PACKAGE = "vpr_pkg"
 #: tables that the core reads from files, by their numbers; places are loaded at run time
 TABLES = ("displacement", "lookup", "codes", "code_tables", "means", "place_activity")
-#: bits of each cost in `STEP_COSTS` and `BACK_COSTS`
-FIXED_COST_BITS = 10
+#: bits of each cost in the table of step costs
+COST_BITS = 7
 
 
 def tables(design: Design) -> tuple[str, ...]:
     """Return those of `TABLES` that the core of a design has."""
-    adaptive = {"means": design.own_mean, "place_activity": design.activity_costs > 0}
+    adaptive = {"means": design.own_mean, "place_activity": design.filters}
     return tuple(name for name in TABLES if adaptive.get(name, True))
 
 
@@ -48,12 +49,8 @@ def constants(design: Design) -> dict[str, int]:
         "LANES": design.lanes,
         "LENGTH": design.length,
         "FILTER": int(design.filters),
-        "KEEP_DISTANCES": int(design.keep_distances),
-        "STEPS": design.forward_steps,
-        "BACK": len(design.back),
-        "ACTIVITY_COSTS": int(design.activity_costs > 0),
-        "STEP_COSTS": _costs(design.steps),
-        "BACK_COSTS": _costs(design.back),
+        "STEPS": design.steps,
+        "STEP_COSTS": _costs(design.step_costs),
         "RESTART": design.restart << FRACTION_BITS,
         "TRUST": design.trust,
         "EXCLUSION": design.exclusion,
@@ -88,14 +85,17 @@ def package_with(values: Mapping[str, int]) -> str:
         found = re.search(pattern, text)
         if found is None:
             raise ToolError(f"{PACKAGE}.sv has no constant {name}: name one of its localparams")
-        size = {"int": "", "bit": "1'd"}.get(found[2], f"{int(found[3] or 0) + 1}'d")
-        text = f"{text[: found.start()]}{found[1]}{size}{value};{text[found.end() :]}"
+        bits = int(found[3] or 0) + 1
+        size = {"int": "", "bit": "1'd"}.get(found[2], f"{bits}'d")
+        # tools read wide numbers in hexadecimal alone
+        shown = f"{bits}'h{value:x}" if bits > 64 else f"{size}{value}"
+        text = f"{text[: found.start()]}{found[1]}{shown};{text[found.end() :]}"
     return text
 
 
-def _costs(costs: tuple[int, ...]) -> int:
-    shifts = ((cost << FRACTION_BITS, at * FIXED_COST_BITS) for at, cost in enumerate(costs))
-    return sum(cost << shift for cost, shift in shifts)
+def _costs(rows: tuple[tuple[int, ...], ...]) -> int:
+    """Pack the table of step costs, the first step of the first row in the lowest bits."""
+    return sum(cost << at * COST_BITS for at, cost in enumerate(chain(*rows)))
 
 
 # Boards with open tools: top module, pins, and the commands for synthesis and placement.

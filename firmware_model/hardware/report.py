@@ -34,15 +34,13 @@ DOCUMENTED = Design(
     width=346, height=260, pixels=150, places=860, length=5, lanes=8, code="log", code_bits=4
 )
 _FILTER = replace(DOCUMENTED, matching="filter", length=1)
-_BY_ACTIVITY = replace(_FILTER, activity_costs=True, steps=())
-_DEFAULT = replace(_BY_ACTIVITY, code="contrast", full_scales=(0,))
+_DEFAULT = replace(_FILTER, code="contrast", full_scales=(0,))
 KINDS = {
     "sequences of 5": DOCUMENTED,
-    "place filter, fixed costs": _FILTER,
-    "place filter, fixed costs, own means": replace(_FILTER, code="own-mean", full_scales=(0,)),
-    "place filter, costs by activity": _BY_ACTIVITY,
-    "place filter, costs by activity, contrast codes": _DEFAULT,
-    "place filter, places at half windows, contrast codes": replace(_DEFAULT, activity_costs=2),
+    "place filter": _FILTER,
+    "place filter, own means": replace(_FILTER, code="own-mean", full_scales=(0,)),
+    "place filter, contrast codes": _DEFAULT,
+    "place filter, places at half windows, contrast codes": replace(_DEFAULT, places_per_window=2),
 }
 
 

@@ -134,7 +134,7 @@ module vpr_axi_bench;
         load("codes.mem", 2);
         if (TABLES > 1) load("code_tables.mem", 3);
         if (OWN_MEAN) load("means.mem", 4);
-        if (ACTIVITY_COSTS) load("place_activity.mem", 5);
+        if (FILTER) load("place_activity.mem", 5);
         value_of("start.mem");
         give(vpr_registers::START, word[31:0]);
         if (TIMESTAMP_BITS > 32) give(vpr_registers::START_HIGH, word[63:32]);

@@ -125,7 +125,7 @@ module vpr_core #(
     // Distances, sums, and the search
 
     logic [31:0]                   window_q;
-    logic                          begun_q, compare_q, distance_start, filter_idle;
+    logic                          begun_q, compare_q, filter_idle;
     logic                          place_step, place_last;
     logic                          distance_valid;
     logic [DISTANCE_BITS-1:0]      distance;
@@ -144,7 +144,7 @@ module vpr_core #(
 
     vpr_distance #(.SLOW_BLOCKS(SLOW_BLOCKS)) distances (
         .clk_i(clk_i), .rst_i(rst_i), .query_write_i(query_write), .query_inverse_i(~m_window_tdata),
-        .follow_i(begun_q && !(FILTER && paused)), .start_i(distance_start),
+        .follow_i(begun_q && !(FILTER && paused)),
         .place_step_o(place_step), .place_last_i(place_last), .place_word_i(place_word),
         .distance_valid_o(distance_valid), .distance_o(distance)
     );
@@ -163,8 +163,7 @@ module vpr_core #(
                 .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[5]), .load_address_i(load_address_i),
                 .load_word_i(load_word_i), .start_i(compare_q), .paused_i(paused), .settled_i(settled),
                 .activity_inverse_i(activity_inverse), .idle_o(filter_idle),
-                .distance_start_o(distance_start), .distance_valid_i(distance_valid),
-                .distance_i(distance), .sum_valid_o(sum_valid), .sum_last_o(sum_last), .place_o(place),
+                .distance_valid_i(distance_valid), .distance_i(distance), .sum_valid_o(sum_valid), .sum_last_o(sum_last), .place_o(place),
                 .sum_o(sum), .residual_o(residual), .found_i(ends_search), .best_sum_i(best_sum)
             );
             assign sum_complete = 1'b1;
@@ -179,7 +178,6 @@ module vpr_core #(
                 window_q
             };
         end else begin : g_sequence
-            assign distance_start = 1'b0;
             assign filter_idle    = 1'b1;
             vpr_sequence #(.MEMORY_STYLE(MEMORY_STYLE), .SLOW_BLOCKS(SLOW_BLOCKS)) sequence_sums (
                 .clk_i(clk_i), .rst_i(rst_i), .start_i(compare_q),

@@ -1,7 +1,7 @@
 // Distances of a descriptor to all places, in the order of places, one every PERIOD clocks.
 //
 // After `follow_i`, the first place is compared while the descriptor is written, each word in the clock
-// after it; after `start_i`, with what was written. The fixed period leaves the sequence unit its
+// after it. The fixed period leaves the sequence unit its
 // LENGTH clocks and the search its two, so that nothing within a match ever waits.
 module vpr_distance #(
     localparam int WORDS         = vpr_pkg::WORDS,
@@ -17,7 +17,6 @@ module vpr_distance #(
     input  logic                       query_write_i,
     input  logic [WORD_BITS-1:0]       query_inverse_i,  // of a word of the descriptor
     input  logic                       follow_i,
-    input  logic                       start_i,
     output logic                       place_step_o,
     input  logic                       place_last_i,
     input  logic [WORD_BITS-1:0]       place_word_i,
@@ -58,10 +57,10 @@ module vpr_distance #(
         if (query_write_i)
             write_address_q <= write_address_q == QUERY_BITS'(WORDS - 1) ? '0 : write_address_q + 1'b1;
         written_q <= query_write_i;
-        if (start_i || follow_i) begin
+        if (follow_i) begin
             running_q       <= 1'b1;
             reading_q       <= 1'b1;
-            following_q     <= follow_i;
+            following_q     <= 1'b1;
             phase_q         <= '0;
             query_address_q <= '0;
         end else if (goes) begin

@@ -3,24 +3,18 @@
 //
 // A window takes passes over all places: for the mean of the distances; for their spread, unless it
 // is known from the window before; and for the metrics, each the prediction plus the evidence,
-// saturated. Each pass asks for the distances again (`distance_start_o`), unless they are kept
-// (KEEP_DISTANCES); those of the first pass come unasked, some clocks after `start_i`. In a pause there
-// is no evidence, and there are no distances. The spread of this window is divided after its match;
-// until then the unit is not `idle_o`, and no window may end. No pass for metrics begins before the
-// window's activity stands (`settled_i`): it says what the evidence weighs, and what steps cost
-// (ACTIVITY_COSTS; otherwise STEP_COSTS).
+// saturated. Distances come in the first pass, some clocks after `start_i`, and are kept for the
+// others. In a pause there is no evidence, and there are no distances. The spread of this window is
+// divided after its match; until then the unit is not `idle_o`, and no window may end. No pass for
+// metrics begins before the window's activity stands (`settled_i`): it says what the evidence weighs,
+// and what steps cost.
 //
 // `residual_o` is the evidence that the metric has, saturated at RESIDUAL_TOP. `found_i` says that
 // the search stands at `best_sum_i`, the least metric. Distances come two clocks apart at least, and
 // so do metrics.
 module vpr_filter #(
     localparam int           PLACES          = vpr_pkg::PLACES,
-    localparam bit           KEEP_DISTANCES  = vpr_pkg::KEEP_DISTANCES,
     localparam int           STEPS           = vpr_pkg::STEPS,
-    localparam int           BACK            = vpr_pkg::BACK,
-    localparam bit           ACTIVITY_COSTS  = vpr_pkg::ACTIVITY_COSTS,
-    localparam logic [159:0] STEP_COSTS      = vpr_pkg::STEP_COSTS,
-    localparam logic [9:0]   RESTART         = vpr_pkg::RESTART,
     localparam int           PLACE_BITS      = vpr_pkg::PLACE_BITS,
     localparam int           DISTANCE_BITS   = vpr_pkg::DISTANCE_BITS,
     localparam int           RECIPROCAL_BITS = vpr_pkg::RECIPROCAL_BITS,
@@ -42,7 +36,6 @@ module vpr_filter #(
     input  logic                     settled_i,
     input  logic [9:0]               activity_inverse_i,
     output logic                     idle_o,
-    output logic                     distance_start_o,
     input  logic                     distance_valid_i,
     input  logic [DISTANCE_BITS-1:0] distance_i,
     output logic                     sum_valid_o,
@@ -53,19 +46,16 @@ module vpr_filter #(
     input  logic                     found_i,
     input  logic [METRIC_BITS-1:0]   best_sum_i
 );
-    localparam int ENTRIES       = STEPS + BACK;
     // from a place's distance to its prediction; the evidence takes 4 or 5, and waits for it
-    localparam int PREDICTED     = 3 + $clog2(ENTRIES + 1);
+    localparam int PREDICTED     = 3 + $clog2(STEPS + 1);
     localparam int WAITS         = PREDICTED > 5 ? PREDICTED - 5 : 0;
     localparam int PRODUCT_BITS  = DISTANCE_BITS + RECIPROCAL_BITS - 1;
     // fraction bits of the reciprocal, less those of a metric
     localparam int SHIFT         = RECIPROCAL_BITS - 1 - 2;
-    localparam int LEAD_BITS     = $clog2(BACK + 2);
 
     localparam logic [1:0] IDLE   = 2'd0;
-    localparam logic [1:0] LEAD   = 2'd1;  // metrics of the BACK places ahead of the first
-    localparam logic [1:0] RUN    = 2'd2;
-    localparam logic [1:0] DIVIDE = 2'd3;
+    localparam logic [1:0] RUN    = 2'd1;
+    localparam logic [1:0] DIVIDE = 2'd2;
 
     localparam logic [1:0] FOR_MEAN    = 2'd0;
     localparam logic [1:0] FOR_SPREAD  = 2'd1;
@@ -74,21 +64,19 @@ module vpr_filter #(
     logic [1:0]                 state_q, pass_q;
     logic                       waiting_q, beat_q, ends_q, divide_q, done;
     logic                       scaled_q;  // by the spread of this window
-    logic [LEAD_BITS-1:0]       lead_q;
     logic [PLACE_BITS-1:0]      index_q;
     logic [DISTANCE_BITS-1:0]   kept, nearest_inverse_q;
     logic                       known, whole;
     logic [RECIPROCAL_BITS-2:0] factor;  // see vpr_spread
 
-    // A place: its distance comes from the distance unit, from memory, or is not asked for
-    wire                     unasked   = paused_i || (KEEP_DISTANCES && pass_q != FOR_MEAN);
-    wire                     item      = state_q == RUN && (unasked ? beat_q : distance_valid_i);
-    wire [DISTANCE_BITS-1:0] here      = KEEP_DISTANCES && pass_q != FOR_MEAN ? kept : distance_i;
+    // A place: its distance comes from the distance unit, or later from memory
+    wire                     comes     = pass_q == FOR_MEAN;
+    wire                     item      = state_q == RUN && (comes ? distance_valid_i : beat_q);
+    wire [DISTANCE_BITS-1:0] here      = comes ? distance_i : kept;
     // the distance less the nearest; the carry says that it is not below
     wire [DISTANCE_BITS+1:0] farther   = {1'b0, here, 1'b1} + {1'b0, nearest_inverse_q, 1'b1};
     wire                     item_last = index_q == PLACE_BITS'(PLACES - 1);
     wire                     begins    = waiting_q;  // it is idle when a window begins
-    wire                     leads     = state_q == LEAD && beat_q;
     assign idle_o = state_q == IDLE && !waiting_q;
     // the next pass: one after the mean, unless this window's own spread is needed first
     wire [1:0]               pass_d =
@@ -96,19 +84,13 @@ module vpr_filter #(
 
     always_ff @(posedge clk_i) begin
         waiting_q        <= start_i || (waiting_q && paused_i && !settled_i);
-        beat_q           <= (state_q == RUN || state_q == LEAD) && !beat_q;
-        distance_start_o <= 1'b0;
+        beat_q           <= state_q == RUN && !beat_q;
         divide_q         <= 1'b0;
         ends_q           <= (item && item_last) || (ends_q && !settled_i);
         case (state_q)
             IDLE: begin
                 pass_q <= paused_i ? FOR_METRICS : FOR_MEAN;
-                if (waiting_q && (!paused_i || settled_i)) state_q <= paused_i && BACK > 0 ? LEAD : RUN;
-            end
-            LEAD: if (leads && lead_q == 1) begin
-                state_q          <= RUN;
-                beat_q           <= 1'b0;
-                distance_start_o <= !unasked;
+                if (waiting_q && (!paused_i || settled_i)) state_q <= RUN;
             end
             RUN: if (ends_q && settled_i) begin
                 state_q  <= paused_i || scaled_q ? IDLE : DIVIDE;
@@ -117,27 +99,19 @@ module vpr_filter #(
             default: if (done) begin
                 pass_q   <= pass_d;
                 scaled_q <= pass_q == FOR_SPREAD;
-                if (pass_q == FOR_METRICS) state_q <= IDLE;
-                else begin
-                    state_q          <= pass_d == FOR_METRICS && BACK > 0 ? LEAD : RUN;
-                    distance_start_o <= !KEEP_DISTANCES && !(pass_d == FOR_METRICS && BACK > 0);
-                end
+                state_q  <= pass_q == FOR_METRICS ? IDLE : RUN;
             end
         endcase
-        if (leads) lead_q <= lead_q - 1'b1;
-        if (state_q == IDLE || state_q == DIVIDE) begin
-            index_q <= '0;
-            lead_q  <= LEAD_BITS'(BACK);
-        end else if (item && !item_last) index_q <= index_q + 1'b1;
+        if (state_q == IDLE || state_q == DIVIDE) index_q <= '0;
+        else if (item && !item_last) index_q <= index_q + 1'b1;
         if (begins) scaled_q <= 1'b0;
         if (begins) nearest_inverse_q <= '0;
         else if (distance_valid_i && pass_q == FOR_MEAN && !farther[DISTANCE_BITS+1])
             nearest_inverse_q <= ~distance_i;
         if (rst_i) begin
-            state_q          <= IDLE;
-            waiting_q        <= 1'b0;
-            ends_q           <= 1'b0;
-            distance_start_o <= 1'b0;
+            state_q   <= IDLE;
+            waiting_q <= 1'b0;
+            ends_q    <= 1'b0;
         end
     end
 
@@ -147,32 +121,22 @@ module vpr_filter #(
         .known_o(known), .whole_o(whole), .factor_o(factor)
     );
 
-    generate
-        if (KEEP_DISTANCES) begin : g_keep
-            vpr_ram #(
-                .DEPTH(PLACES), .BITS(DISTANCE_BITS), .ADDRESS_BITS(PLACE_BITS)
-            ) distances (
-                .clk_i(clk_i), .write_i(item && pass_q == FOR_MEAN && !paused_i),
-                .write_address_i(index_q),
-                .write_word_i(distance_i), .read_i(1'b1), .read_address_i(index_q), .read_word_o(kept)
-            );
-        end else begin : g_again
-            assign kept = '0;
-        end
-    endgenerate
+    vpr_ram #(
+        .DEPTH(PLACES), .BITS(DISTANCE_BITS), .ADDRESS_BITS(PLACE_BITS)
+    ) distances (
+        .clk_i(clk_i), .write_i(item && comes && !paused_i), .write_address_i(index_q),
+        .write_word_i(distance_i), .read_i(1'b1), .read_address_i(index_q), .read_word_o(kept)
+    );
 
     logic [METRIC_BITS-1:0] sum_inverse_q;  // as the search compares it
     assign sum_o = ~sum_inverse_q;
 
-    // Prediction: the metrics of the window before are read BACK places ahead
+    // Prediction, from the metrics of the window before
 
     logic                   placed_q;
     logic [METRIC_BITS-1:0] least_q, former_inverse, prediction;
-    logic [PLACE_BITS-1:0]  ahead;  // its metric is read
-    logic                   off;
 
     wire metrics = item && pass_q == FOR_METRICS;
-    wire shift   = metrics || leads;
 
     always_ff @(posedge clk_i) begin
         if (found_i) begin
@@ -182,52 +146,23 @@ module vpr_filter #(
         if (rst_i) placed_q <= 1'b0;
     end
 
-    generate
-        if (BACK == 0) begin : g_here
-            assign ahead = index_q;
-            assign off   = 1'b0;
-        end else begin : g_ahead
-            always_ff @(posedge clk_i) begin
-                if (state_q == IDLE || state_q == DIVIDE) begin
-                    ahead <= '0;
-                    off   <= 1'b0;
-                end else if (shift) begin
-                    if (ahead == PLACE_BITS'(PLACES - 1)) off <= 1'b1;
-                    else ahead <= ahead + 1'b1;
-                end
-            end
-        end
-    endgenerate
-
     vpr_ram #(
         .DEPTH(PLACES), .BITS(METRIC_BITS), .ADDRESS_BITS(PLACE_BITS)
     ) metric_memory (
         .clk_i(clk_i), .write_i(sum_valid_o), .write_address_i(place_o), .write_word_i(sum_inverse_q),
-        .read_i(1'b1), .read_address_i(ahead), .read_word_o(former_inverse)
+        .read_i(1'b1), .read_address_i(index_q), .read_word_o(former_inverse)
     );
 
     logic [STEPS*COST_BITS-1:0] costs;
 
-    generate
-        if (ACTIVITY_COSTS) begin : g_by_activity
-            vpr_step_costs #(.LOADABLE(LOADABLE)) step_costs (
-                .clk_i(clk_i), .load_i(load_i), .load_address_i(load_address_i),
-                .load_word_i(load_word_i),
-                .activity_inverse_i(activity_inverse_i), .place_i(index_q), .costs_o(costs)
-            );
-        end else begin : g_fixed
-            genvar step;
-            for (step = 0; step < STEPS; step = step + 1) begin : g_step
-                localparam logic [9:0] COST = STEP_COSTS[10*step+:10];
-                assign costs[COST_BITS*step+:COST_BITS] = COST < RESTART ? COST : RESTART;
-            end
-            wire unused = &{1'b0, load_i, load_address_i, load_word_i};
-        end
-    endgenerate
+    vpr_step_costs #(.LOADABLE(LOADABLE)) step_costs (
+        .clk_i(clk_i), .load_i(load_i), .load_address_i(load_address_i), .load_word_i(load_word_i),
+        .activity_inverse_i(activity_inverse_i), .place_i(index_q), .costs_o(costs)
+    );
 
     vpr_prediction predictions (
-        .clk_i(clk_i), .clear_i(state_q == IDLE || state_q == DIVIDE), .shift_i(shift),
-        .off_i(off), .metric_i(~former_inverse), .costs_i(costs), .placed_i(placed_q),
+        .clk_i(clk_i), .clear_i(state_q == IDLE || state_q == DIVIDE), .shift_i(metrics),
+        .metric_i(~former_inverse), .costs_i(costs), .placed_i(placed_q),
         .least_i(least_q), .prediction_o(prediction)
     );
 

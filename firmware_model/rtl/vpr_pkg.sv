@@ -26,12 +26,9 @@ package vpr_pkg;
     localparam int           LANES          = 1;      // codes that are compared in a clock
     localparam int           LENGTH         = 1;      // windows of a sequence; 1 with the filter
     localparam bit           FILTER         = 1'd0;   // the place filter; else sequences
-    localparam bit           KEEP_DISTANCES = 1'd0;
-    localparam int           STEPS          = 1;      // costs of steps ahead, from 0 places on
-    localparam int           BACK           = 0;      // and of steps back
-    localparam bit           ACTIVITY_COSTS = 1'd0;   // the activity makes the costs ahead
-    localparam logic [159:0] STEP_COSTS     = 160'd0; // else these, of 10 bits each
-    localparam logic [159:0] BACK_COSTS     = 160'd0;
+    localparam int           STEPS          = 4;      // of 0, 1 ... places that have a cost
+    // the table of their costs, 17 rows of 7 bits each, see vpr_step_costs
+    localparam logic [832:0] STEP_COSTS     = 833'h0;
     localparam logic [9:0]   RESTART        = 10'd0;  // cost
     localparam logic [8:0]   TRUST          = 9'd0;   // below which a match is not trusted
     localparam int           EXCLUSION      = 0;      // places on each side of the best's zone
@@ -97,7 +94,7 @@ package vpr_pkg;
     localparam int RESIDUAL_LOW        = 3;
     localparam int RESIDUAL_TOP        = (1 << RESIDUAL_BITS) - (1 << RESIDUAL_LOW) - 1;
     localparam int TRUST_BITS          = 9;
-    localparam int COST_BITS           = ACTIVITY_COSTS ? 7 : 10;  // of a step ahead
+    localparam int COST_BITS           = 7;  // of a step
 
     // window, place, sum, has_second, second, second_sum, ties, accepted, trust
     localparam int MATCH_BITS =

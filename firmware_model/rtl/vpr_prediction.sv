@@ -1,34 +1,28 @@
-// Cost of the cheapest path to a place: by a step of 0, 1 ... places from a lower one, by a step
-// back from a higher one, or by a restart, which costs the same for all. The metrics of the window
-// before come in the order of places, with `shift_i`; `metric_i` is that of the place BACK ahead, or
-// there is none (`off_i`). `clear_i` forgets those before. `costs_i` are those of steps of 0, 1 ...
-// places to the place that is BACK below it, in the second clock behind `shift_i`; none is above
-// RESTART.
+// Cost of the cheapest path to a place: by a step of 0, 1 ... places from a lower one, or by a
+// restart, which costs the same for all. The metrics of the window before come in the order of
+// places, with `shift_i`. `clear_i` forgets those before. `costs_i` are those of steps of 0, 1 ...
+// places to the place, in the second clock behind `shift_i`; none is above RESTART.
 //
 // `prediction_o` is registered at the third clock edge after the one that shifts, and one more for
 // each level of the tree of comparisons; it stays until the next. Before the first window
 // (`placed_i`) it is 0.
 module vpr_prediction #(
     localparam int           STEPS       = vpr_pkg::STEPS,
-    localparam int           BACK        = vpr_pkg::BACK,
     localparam int           COST_BITS   = vpr_pkg::COST_BITS,
-    localparam logic [159:0] BACK_COSTS = vpr_pkg::BACK_COSTS,
     localparam logic [9:0]   RESTART     = vpr_pkg::RESTART,
     localparam int           METRIC_BITS = vpr_pkg::METRIC_BITS
 ) (
     input  logic                   clk_i,
     input  logic                   clear_i,
     input  logic                   shift_i,
-    input  logic                   off_i,
     input  logic [METRIC_BITS-1:0] metric_i,
     input  logic [STEPS*COST_BITS-1:0] costs_i,
     input  logic                   placed_i,
     input  logic [METRIC_BITS-1:0] least_i,
     output logic [METRIC_BITS-1:0] prediction_o
 );
-    localparam int ENTRIES = STEPS + BACK;
-    localparam int LEVELS  = $clog2(ENTRIES + 1);
-    localparam int WIDE    = 1 << LEVELS;
+    localparam int LEVELS = $clog2(STEPS + 1);
+    localparam int WIDE   = 1 << LEVELS;
     // no path is dearer than a restart: what is dearer saturates before a cost is added
     localparam int BITS    = RESTART == 0 ? 1 : $clog2(RESTART + 1);
     // nor does a step cost more than it
@@ -37,22 +31,21 @@ module vpr_prediction #(
     localparam logic [BITS-1:0] LIMIT = BITS'(RESTART);
 
     // the newest, of the highest place, is the first; those off the map are as dear as a restart
-    logic [ENTRIES*BITS-1:0] entries_q;
+    logic [STEPS*BITS-1:0] entries_q;
 
     // of the metric of the clock before
     logic [METRIC_BITS-1:0] above_inverse_q;
     wire  [METRIC_BITS-1:0] above = ~above_inverse_q;  // metric - least
-    logic                   shifts_q, shifts_off_q;
+    logic                   shifts_q;
 
     wire [METRIC_BITS:0]   below = {1'b0, above} - (METRIC_BITS + 1)'(RESTART);
-    wire [BITS-1:0]        entry = shifts_off_q || !below[METRIC_BITS] ? LIMIT : BITS'(above);
+    wire [BITS-1:0]        entry = !below[METRIC_BITS] ? LIMIT : BITS'(above);
 
     always_ff @(posedge clk_i) begin
         above_inverse_q <= ~metric_i + least_i;
         shifts_q        <= shift_i;
-        shifts_off_q    <= off_i;
-        if (clear_i) entries_q <= {ENTRIES{LIMIT}};
-        else if (shifts_q) entries_q <= (ENTRIES * BITS)'({entries_q, entry});
+        if (clear_i) entries_q <= {STEPS{LIMIT}};
+        else if (shifts_q) entries_q <= (STEPS * BITS)'({entries_q, entry});
     end
 
     genvar level, node;
@@ -68,14 +61,8 @@ module vpr_prediction #(
                     wire [SUM_BITS-1:0] right =
                         g_level[level-1].nearest[(2*node+1)*SUM_BITS+:SUM_BITS];
                     always_ff @(posedge clk_i) found <= right < left ? right : left;
-                end else if (node < ENTRIES) begin : g_cost
-                    wire [BITS-1:0] cost;
-                    if (node < BACK) begin : g_back
-                        localparam logic [9:0] COST = BACK_COSTS[10*(BACK-1-node)+:10];
-                        assign cost = BITS'(COST < RESTART ? COST : RESTART);
-                    end else begin : g_ahead
-                        assign cost = BITS'(costs_i[COST_BITS*(node-BACK)+:COST_BITS]);
-                    end
+                end else if (node < STEPS) begin : g_cost
+                    wire [BITS-1:0] cost = BITS'(costs_i[COST_BITS*node+:COST_BITS]);
                     always_ff @(posedge clk_i)
                         found <= SUM_BITS'(entries_q[node*BITS+:BITS]) + SUM_BITS'(cost);
                 end else begin : g_filler

@@ -10,6 +10,8 @@ module vpr_step_costs #(
     localparam int         PLACES     = vpr_pkg::PLACES,
     localparam int         PLACE_BITS = vpr_pkg::PLACE_BITS,
     localparam int         STEPS      = vpr_pkg::STEPS,
+    // row by row, from -6 octaves on, each of steps of 0, 1 ... places, from the lowest bits on
+    localparam logic [832:0] STEP_COSTS = vpr_pkg::STEP_COSTS,
     localparam logic [9:0] RESTART    = vpr_pkg::RESTART,
     localparam int         COST_BITS  = vpr_pkg::COST_BITS,
     parameter  bit         LOADABLE   = 0
@@ -24,50 +26,6 @@ module vpr_step_costs #(
 );
     localparam int ROWS     = 17;
     localparam int ROW_BITS = 6;
-    localparam int HALF     = 7;  // steps of places at half windows
-
-    // rows from +2 octaves down to -6, each of steps of 3, 2, 1 and 0 places
-    localparam logic [ROWS*4*COST_BITS-1:0] WHOLE_TABLE = {
-        7'd15, 7'd4,  7'd4,  7'd22,
-        7'd16, 7'd5,  7'd3,  7'd19,
-        7'd17, 7'd5,  7'd1,  7'd15,
-        7'd18, 7'd5,  7'd0,  7'd11,
-        7'd20, 7'd6,  7'd0,  7'd9,
-        7'd22, 7'd8,  7'd0,  7'd7,
-        7'd26, 7'd10, 7'd1,  7'd5,
-        7'd30, 7'd13, 7'd3,  7'd4,
-        7'd34, 7'd17, 7'd5,  7'd4,
-        7'd38, 7'd20, 7'd7,  7'd4,
-        7'd43, 7'd24, 7'd10, 7'd4,
-        7'd48, 7'd28, 7'd12, 7'd4,
-        7'd52, 7'd32, 7'd15, 7'd4,
-        7'd57, 7'd36, 7'd17, 7'd4,
-        7'd61, 7'd39, 7'd20, 7'd4,
-        7'd66, 7'd43, 7'd22, 7'd4,
-        7'd71, 7'd47, 7'd24, 7'd4
-    };
-    // of 6, 5 ... 0 places
-    localparam logic [ROWS*HALF*COST_BITS-1:0] HALF_TABLE = {
-        7'd22,   7'd20,   7'd5,    7'd4,    7'd8,    7'd21,   7'd37,
-        7'd23,   7'd20,   7'd5,    7'd3,    7'd6,    7'd16,   7'd30,
-        7'd24,   7'd20,   7'd4,    7'd1,    7'd2,    7'd11,   7'd23,
-        7'd26,   7'd22,   7'd5,    7'd1,    7'd1,    7'd6,    7'd17,
-        7'd29,   7'd24,   7'd7,    7'd2,    7'd0,    7'd3,    7'd12,
-        7'd34,   7'd28,   7'd10,   7'd4,    7'd1,    7'd1,    7'd8,
-        7'd39,   7'd33,   7'd14,   7'd7,    7'd2,    7'd1,    7'd6,
-        7'd46,   7'd40,   7'd20,   7'd11,   7'd6,    7'd1,    7'd5,
-        7'd55,   7'd47,   7'd27,   7'd17,   7'd10,   7'd3,    7'd5,
-        7'd62,   7'd54,   7'd33,   7'd22,   7'd14,   7'd4,    7'd4,
-        7'd70,   7'd62,   7'd40,   7'd28,   7'd18,   7'd6,    7'd4,
-        7'd79,   7'd69,   7'd46,   7'd34,   7'd22,   7'd8,    7'd4,
-        7'd87,   7'd77,   7'd53,   7'd40,   7'd26,   7'd10,   7'd4,
-        7'd95,   7'd84,   7'd60,   7'd45,   7'd31,   7'd12,   7'd4,
-        7'd103,  7'd92,   7'd67,   7'd51,   7'd35,   7'd14,   7'd4,
-        7'd111,  7'd100,  7'd73,   7'd57,   7'd39,   7'd15,   7'd4,
-        7'd120,  7'd107,  7'd80,   7'd63,   7'd44,   7'd17,   7'd4
-    };
-    localparam logic [ROWS*STEPS*COST_BITS-1:0] TABLE = STEPS == HALF
-        ? (ROWS * STEPS * COST_BITS)'(HALF_TABLE) : (ROWS * STEPS * COST_BITS)'(WHOLE_TABLE);
 
     // The address is the difference in quarters of an octave, of 6 bits with sign
     (* ram_style = "block" *)
@@ -78,7 +36,7 @@ module vpr_step_costs #(
         quarters = address < 32 ? address : address - 64;
         // half octaves, rounded, from -12 to 4
         row      = quarters < -24 ? 0 : quarters > 7 ? ROWS - 1 : (quarters + 25) / 2;
-        cost_at  = TABLE[COST_BITS*(STEPS*row+step)+:COST_BITS];
+        cost_at  = STEP_COSTS[COST_BITS*(STEPS*row+step)+:COST_BITS];
         if (10'(cost_at) > RESTART) cost_at = RESTART[COST_BITS-1:0];
     endfunction
 

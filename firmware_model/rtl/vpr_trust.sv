@@ -10,7 +10,6 @@
 // the eighth, and stay.
 module vpr_trust #(
     localparam int         STEPS       = vpr_pkg::STEPS,
-    localparam int         BACK        = vpr_pkg::BACK,
     localparam logic [8:0] TRUST       = vpr_pkg::TRUST,
     localparam int         PLACE_BITS  = vpr_pkg::PLACE_BITS,
     localparam int         METRIC_BITS = vpr_pkg::METRIC_BITS,
@@ -34,15 +33,13 @@ module vpr_trust #(
     localparam int FRACTION       = TRUST_BITS - MARGIN_BITS;
     localparam int TRUST_SHIFT    = 2;
     localparam int STANDING_SHIFT = 4;
-    // a place follows by 2 at least, whatever the steps
-    localparam int LAST           = (STEPS > 3 ? STEPS : 3) - 1;
     // steps to compare: wide enough for the longest as well
     localparam int BITS           = (PLACE_BITS > 5 ? PLACE_BITS : 5) + 1;
-    localparam logic [4:0] LONGEST = 5'(LAST + BACK);
+    localparam logic [4:0] LONGEST = 5'(STEPS - 1);
 
     logic [5:0]                    phase_q;
     logic                          placed_q, beyond_q, stays_q, falls_q;
-    // as they are subtracted: the lowest place that follows from the match before, and the margin
+    // as they are subtracted: the place of the match before, and the margin
     logic [BITS-1:0]               lowest_inverse_q;
     logic [METRIC_BITS-1:0]        margin_inverse_q;
     logic [MARGIN_BITS-1:0]        limited_inverse_q;
@@ -71,7 +68,7 @@ module vpr_trust #(
             ? margin_inverse_q[MARGIN_BITS-1:0] : ~MARGIN_TOP;
         step_q       <= BITS'(({BITS'(best_i), 1'b1} + {lowest_inverse_q, 1'b1}) >> 1);
         beyond_q     <= step_q[BITS-1:5] != 0 || step_q[4:0] > LONGEST;
-        stays_q      <= placed_q && step_q == BITS'(BACK);
+        stays_q      <= placed_q && step_q == '0;
         difference_q <= ~({1'b1, limited_inverse_q, {FRACTION{1'b1}}} + {1'b0, support_q});
         falls_q      <= stays_q && !more[TRUST_BITS];
         moves_q      <= stays_q && !more[TRUST_BITS] ? ~fall : moved[TRUST_BITS-1:0];
@@ -82,7 +79,7 @@ module vpr_trust #(
         if (phase_q[4]) begin
             // the inverse of the fall, and a carry
             support_q <= TRUST_BITS'(({support_q, 1'b1} + {moves_q, falls_q}) >> 1);
-            lowest_inverse_q <= ~(BITS'(best_i) - BITS'(BACK));
+            lowest_inverse_q <= ~(BITS'(best_i));
             placed_q <= 1'b1;
         end
         if (phase_q[5]) begin

@@ -228,7 +228,7 @@ def window_codes(memories: Memories, events: Iterable[Event], start: int) -> lis
     """Return the codes of each window that events end."""
     # matching is the quickest by sequences of one window, to one place
     design = replace(
-        memories.design, matching="sequence", length=1, places=1, trust=0, activity_costs=False
+        memories.design, matching="sequence", length=1, places=1, trust=0, places_per_window=1
     )
     memories = replace(
         memories, design=design, places=memories.places[:1], place_activity=(),

@@ -31,7 +31,7 @@ def corner_cases(design: Design) -> list[Case]:
         # places with room for a sequence; their number is replaced below
         places = design.places + LENGTH
         design = replace(
-            design, matching="sequence", length=0, trust=0, places=places, activity_costs=False
+            design, matching="sequence", length=0, trust=0, places=places, places_per_window=1
         )
     if design.own_mean:
         design = replace(design, code="log", full_scales=(0,))

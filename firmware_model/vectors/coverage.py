@@ -267,12 +267,9 @@ FILTER_CORNERS = {
     "stepped": "a match one place further",
     "largest_step": "a match that follows by the largest step that there is",
     "beyond_the_largest_step": "a match one place further than that, which does not follow",
-    "smallest_step": "a match that follows by the smallest step: backwards, if there is such a one",
-    "beyond_the_smallest_step": "a match one place lower than that, which does not follow",
+    "stepped_back": "a match one place lower, which does not follow",
     "filter_tie": "a match with another place at its metric",
     "filter_no_second": "a match of the filter without a second best",
-    "several_blocks": "a window of a map of more than 32 places whose distances are not kept",
-    "kept_distances": "a window of a map whose distances are kept",
     "trusted_at_threshold": "a match whose trust is the least that is accepted",
     "distrusted_at_threshold": "a match that is rejected for a trust less by one",
     "margin_limited": "a match with a margin that is above the largest that counts",
@@ -343,15 +340,13 @@ class FilterCoverage:
             and predictions.index(min(predictions))
             in {place for place, metric in enumerate(predictions) if metric == limit}
         )
-        if design.activity_costs and not first:
+        if not first:
             self._see_costs(window.activity)
         if not first and design.restart:
             found["restarted"] += limit in predictions
         if paused:
             return
         found[f"weight_{weight_of(window.activity)}"] += 1
-        found["several_blocks"] += design.places > 32 and not design.keep_distances
-        found["kept_distances"] += design.keep_distances
         found["spread_of_nothing"] += design.places > 1 and len(set(distances)) == 1
         one = 1 << RECIPROCAL_BITS
         scale = self.machine.kept.filter.reciprocal or one // spread_of(distances)
@@ -367,7 +362,7 @@ class FilterCoverage:
     def _see_costs(self, activity: int) -> None:
         """Count the rows of the costs of a window's steps, and the activities of places."""
         found, rows = self.found, len(ACTIVITY_COSTS)
-        half = "half_" if self.machine.design.activity_costs == 2 else ""
+        half = "half_" if self.machine.design.places_per_window == 2 else ""
         for own in self.machine.memories.place_activity:
             row = row_of(activity - own)
             beyond = ((activity - own + 4) >> 3) + SAME_ROW
@@ -391,13 +386,12 @@ class FilterCoverage:
         found["distrusted_at_threshold"] += second and match.trust == design.trust - 1
         if last < 0:
             return
-        step, largest = match.place - last, design.largest_step
+        step, largest = match.place - last, design.steps - 1
         found["stood"] += step == 0
         found["stepped"] += step == 1
         found["largest_step"] += step == largest
         found["beyond_the_largest_step"] += step == largest + 1
-        found["smallest_step"] += step == -len(design.back)
-        found["beyond_the_smallest_step"] += step == -len(design.back) - 1
+        found["stepped_back"] += step == -1
 
     def _see_trust(self, match: MatchResult) -> None:
         """Count the corners of the trust in a match, and keep its residual."""

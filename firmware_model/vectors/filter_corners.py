@@ -32,7 +32,7 @@ def filter_cases(design: Design) -> list[Case]:
     design : Design
         The cases change it to have the filter, own-mean or contrast codes, or both.
     """
-    adaptive = replace(design, matching="filter", length=1, places=12, activity_costs=False)
+    adaptive = replace(design, matching="filter", length=1, places=12, places_per_window=1)
     plain = adaptive
     if design.own_mean:
         adaptive = replace(adaptive, code="own-mean")
@@ -40,8 +40,8 @@ def filter_cases(design: Design) -> list[Case]:
     else:
         bits = min(design.code_bits, 8)
         adaptive = replace(adaptive, code="own-mean", code_bits=bits, full_scales=(0,))
-    by_activity = replace(plain, activity_costs=True, steps=(), back=(), restart=40, exclusion=1)
-    half_places = replace(by_activity, activity_costs=2)
+    by_activity = replace(plain, restart=40, exclusion=1)
+    half_places = replace(by_activity, places_per_window=2)
     contrast = replace(adaptive, code="contrast")
     return [
         *(drive(name, variant, route) for name, (variant, route) in _routes(plain).items()),
@@ -112,56 +112,27 @@ def counts_at(design: Design, place: int) -> tuple[list[int], int]:
 def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
     """Return drives by name: a design, and the places that the windows show."""
     last = design.places - 1
-    forward = replace(design, steps=(1, 0, 1), back=(), restart=16, exclusion=1)
-    back = replace(forward, back=(2, 5), steps=(1, 0, 2, 3, 4, 6))
-    dear = replace(forward, steps=(254,), back=(254,), restart=254)
+    forward = replace(design, restart=16, exclusion=1)
     long = replace(forward, places=40)
-    blocks = replace(long, keep_distances=False)
-    (other, suffix), (other_back, _) = _other_distances(forward), _other_distances(back)
+    dear = replace(forward, restart=254)
     walk = [0, 1, 2, 2, 3, 4, 6, 7, 7, 9, 10, 11, last]
     jumps = [0, 1, 2, 2, 2, 8, 8, 8, 3, 3, 3, last, last, last, 0, 0, 0]
-    backwards = [6, 5, 4, 4, 2, 1, 0, 0, 5, 5, 10, 10, 7, 7, 4, 4]
     return {
         "walk": (forward, walk),
-        f"walk_{suffix}": (other, walk),
         "jumps": (forward, jumps),
         "past_what_does_not_fit": (forward, [0, 1, 2, 3, 4, 5, 0, 1, 3, 4, 8, 0]),
-        "by_one_too_many": (forward, [0, 0, 3, 3, 3, 2, 2, 4, 4, 5, 5, 4, 4, 8, 8, 7, 7]),
-        "backwards": (back, backwards),
-        f"backwards_{suffix}": (other_back, backwards),
-        "by_one_too_many_back": (back, [8, 8, 5, 5, 5, 4, 4, 2, 2, 8, 8, 8, 1, 1, 7, 7, 7]),
-        "dear_steps": (dear, [0, 0, 5, 5, 11, 0, 3, 3]),
-        "four_steps": (replace(forward, steps=(1, 0, 0, 1)), walk),
-        "by_three_places": (replace(forward, steps=(1, 0, 0, 1)), [0, 3, 6, 9, 9, 0, 3, 3]),
+        "by_one_too_many": (forward, [0, 0, 4, 4, 4, 3, 3, 6, 6, 7, 7, 6, 6, 10, 10, 9, 9]),
+        "backwards": (forward, [6, 5, 4, 4, 2, 1, 0, 0, 5, 5, 10, 10, 7, 7, 4, 4]),
+        "dear_restart": (dear, [0, 0, 5, 5, 11, 0, 3, 3]),
+        "by_three_places": (forward, [0, 3, 6, 9, 9, 0, 3, 3]),
         # the cost is below the least metric, which a jump has raised
-        "by_three_places_after_jumps": (
-            replace(forward, steps=(9, 9, 9, 0)),
-            [0, 3, 6, 0, 3, 6, 11, 2, 5, 8],
-        ),
-        # two places do not break the trust, even of fewer steps
-        "by_two_of_one_step": (
-            replace(forward, steps=(1,), back=(1,)),
-            [0, 0, 0, 2, 2, 2, 5, 5, 4, 4, 2, 2],
-        ),
-        "by_two_of_two_steps": (
-            replace(forward, steps=(1, 0)),
-            [0, 0, 0, 2, 4, 5, 5, 7, 7, 10, 10, 10, 9],
-        ),
-        # only the longest step is free; the drives begin at the first place
-        "by_four_places": (replace(forward, steps=(9, 9, 9, 9, 0)), [0, 4, 8, 8, 0, 4]),
-        "by_five_places": (replace(forward, steps=(9, 9, 9, 9, 9, 0)), [0, 5, 10, 10, 0, 5]),
-        "free_way_back": (replace(forward, back=(9, 0)), [0, 0, last - 1, last, last, last - 2]),
-        "dear_near_steps": (replace(dear, back=()), [0, 0, 5, 5, 11, 0, 3, 3]),
-        "free_steps": (replace(forward, steps=(0, 0, 0), restart=0), jumps),
-        "sixteen_steps": (
-            replace(long, steps=tuple(range(16)), back=tuple(range(16)), restart=40),
-            [0, 10, 25, 39, 39, 24, 12, 12, 0],
-        ),
-        "several_blocks": (blocks, [*range(0, 40, 2), 39, 16, 17, 33, 32, 31, 15]),
+        "by_three_places_after_jumps": (forward, [0, 3, 6, 0, 3, 6, 11, 2, 5, 8]),
+        "free_restart": (replace(forward, restart=0), jumps),
+        "forty_places": (long, [*range(0, 40, 2), 39, 16, 17, 33, 32, 31, 15]),
         "one_place_of_a_filter": (replace(forward, places=1), [0, 0, 0]),
         "two_places": (replace(forward, places=2, exclusion=0), [0, 1, 1, 0]),
         "three_places": (replace(forward, places=3, exclusion=0), [0, 2, 1, 0, 2]),
-        "four_places": (replace(forward, places=4, exclusion=0, steps=(1, 0, 1, 1)), [3, 0, 3, 1]),
+        "four_places": (replace(forward, places=4, exclusion=0), [3, 0, 3, 1]),
         "zone_covers_the_filter": (replace(forward, exclusion=11), [0, 1, 2]),
         "by_margin": (replace(forward, accept="margin", margin=9), walk),
         "by_ratio": (replace(forward, accept="ratio", ratio=(1, 2)), walk),
@@ -187,8 +158,6 @@ def _pauses(design: Design) -> list[Case]:
     cases.append(drive("pauses_of_eight_places", eight, list(range(8)), None, busy))
     if design.window == "time":
         cases.append(drive("pauses", forward, route))
-        other, suffix = _other_distances(replace(forward, back=(1, 2)))
-        cases.append(drive(f"pauses_{suffix}", other, route))
         # in a pause, a restart for nothing leads to the first place
         free = replace(forward, restart=0)
         cases.append(drive("pauses_of_free_restart", free, route))
@@ -267,18 +236,14 @@ def _activities(design: Design) -> list[Case]:
     """Make drives whose steps cost what the activity says, among places of any activity."""
     last = design.places - 1
     walk, jumps = [0, 1, 2, 2, 3, 4, 6, 9, 9, 10, 11, last], [0, 1, 2, 8, 8, 3, 3, last, 0, 0]
-    back = replace(design, back=(2, 5))
-    long = replace(design, places=40, keep_distances=False)
-    (other, suffix), (other_back, _) = _other_distances(design), _other_distances(back)
+    long = replace(design, places=40)
     variants = {
         "by_activity": (design, walk),
-        f"by_activity_{suffix}": (other, walk),
         "jumps_by_activity": (design, jumps),
-        "back_by_activity": (back, [6, 5, 4, 4, 2, 1, 0, 0, 5, 5, 10, 7, 4]),
-        f"back_by_activity_{suffix}": (other_back, jumps),
+        "backwards_by_activity": (design, [6, 5, 4, 4, 2, 1, 0, 0, 5, 5, 10, 7, 4]),
         # by three places the match follows, by four it does not
         "by_three_and_four": (replace(design, restart=1), [0, 3, 6, 9, 9, 0, 4, 8, 8]),
-        "blocks_by_activity": (long, [*range(0, 40, 2), 39, 16, 17, 33, 32, 31, 15]),
+        "forty_places_by_activity": (long, [*range(0, 40, 2), 39, 16, 17, 33, 32, 31, 15]),
         "free_restart_by_activity": (replace(design, restart=0), jumps),
         "dear_restart_by_activity": (replace(design, restart=254), jumps),
         **{
@@ -298,18 +263,15 @@ def _half_places(design: Design) -> list[Case]:
     design = replace(design, places=16)
     last = design.places - 1
     walk = [0, 2, 4, 5, 5, 8, 10, 14, last, last, 0, 5, 11, last, 9]
-    back, long = replace(design, back=(2, 5)), replace(design, places=40, keep_distances=False)
-    other, suffix = _other_distances(design)
-    other_back, _ = _other_distances(back)
+    long = replace(design, places=40)
     jumps = [0, 2, 3, 11, 11, 4, 4, last, 0, 0]
     variants = {
         "half_places": (design, walk),
-        f"half_places_{suffix}": (other, walk),
-        "half_places_back": (back, [6, 5, 4, 4, 2, 1, 0, 0, 5, 7, 13, 10, 7]),
-        f"half_places_back_{suffix}": (other_back, jumps),
+        "half_places_backwards": (design, [6, 5, 4, 4, 2, 1, 0, 0, 5, 7, 13, 10, 7]),
+        "jumps_of_half_places": (design, jumps),
         # by six places the match follows, by seven it does not
         "by_six_and_seven": (replace(design, restart=1), [0, 6, 12, 12, 1, 8, 15, 15]),
-        "blocks_of_half_places": (long, [*range(0, 40, 3), 39, 16, 18, 33, 32, 31, 15]),
+        "forty_half_places": (long, [*range(0, 40, 3), 39, 16, 18, 33, 32, 31, 15]),
         "free_restart_of_half_places": (replace(design, restart=0), jumps),
         "dear_restart_of_half_places": (replace(design, restart=254), jumps),
         **{
@@ -394,7 +356,7 @@ def _view_of_another_place(design: Design) -> Case:
 
     The match has much support before, so that its trust tells every bit of this evidence.
     """
-    design = replace(design, places=40, steps=(1, 0, 1), back=(), restart=254, exclusion=1)
+    design = replace(design, places=40, restart=254, exclusion=1)
     places, last = [], design.places - 1
     for place in range(last):
         raised = {
@@ -418,8 +380,8 @@ def _tabulated_costs(design: Design) -> list[Case]:
     as many places as the exclusion zone leaves; or the other way round, if the step costs less. The
     number of events tells the row of the table.
     """
-    cases, half = [], "half_" if design.activity_costs == 2 else ""
-    for zone, reached in enumerate(((0, 1), *((step,) for step in range(2, design.forward_steps)))):
+    cases, half = [], "half_" if design.places_per_window == 2 else ""
+    for zone, reached in enumerate(((0, 1), *((step,) for step in range(2, design.steps)))):
         for name, rows, activity in (("low", range(9), -22), ("high", range(8, 17), -84)):
             apart = {_APART: 0} | {_APART + step: activity for step in reached}
             memories = _place_apart(replace(design, exclusion=zone), 127, apart)
@@ -443,11 +405,10 @@ def _contrasts(design: Design) -> list[Case]:
     """Make the cases of codes less the mean of their window."""
     four = replace(design, places=4, exclusion=1)
     sequences = replace(four, matching="sequence", length=2, trust=0)
-    by_activity = replace(design, activity_costs=True, steps=(), back=())
     top = design.entry_max
     high = [min(4 * 256, top) * (slot % 2) for slot in range(design.slots)]
     cases = [
-        drive("contrasts", by_activity, [*range(12)] * 2, high),
+        drive("contrasts", design, [*range(12)] * 2, high),
         drive("contrasts_of_sequences", sequences, [0, 1, 2, 3] * 3, high),
         drive("contrasts_from_the_top", four, [0, 1, 2, 3], [top] * design.slots),
         drive(
@@ -456,7 +417,7 @@ def _contrasts(design: Design) -> list[Case]:
         *_rounded_means(four),
     ]
     if design.window == "time":
-        cases.append(drive("contrasts_and_pauses", by_activity, [0, PAUSE, 1, PAUSE, 2, 3], high))
+        cases.append(drive("contrasts_and_pauses", design, [0, PAUSE, 1, PAUSE, 2, 3], high))
     return cases
 
 
@@ -582,7 +543,7 @@ def evidence_cases(design: Design) -> list[Case]:
         _far(design),
         _beyond_a_byte(design),
         *_small_spreads(design),
-        *_wide_sums(design),
+        _wide_sums(design),
         *_wide_evidence(design),
     ]
 
@@ -611,12 +572,11 @@ def _wide_evidence(design: Design) -> list[Case]:
     return [stream.case("evidence_above_16_bits", rows)]
 
 
-def _wide_sums(design: Design) -> list[Case]:
+def _wide_sums(design: Design) -> Case:
     """Show windows of few events to places of many, with sums of distances above 16 bits.
 
     Both the sum of the distances and that of the deviations from their mean are above, over all
-    places; the first also over a block of 16 places, of which the reference firmware computes the
-    distances at once, if the design has enough slots.
+    places.
     """
     slots = design.slots
     bits = max(n for n in range(1, 9) if n == 1 or slots * ((1 << n) - 1) <= 0xFFFF)
@@ -633,20 +593,7 @@ def _wide_sums(design: Design) -> list[Case]:
     half = [top] * (slots // 2) + [0] * (slots - slots // 2) if slots > 1 else [top // 2]
     rows = [half if place % 3 == 1 else [top] * slots for place in range(places)]
     rows[places // 2] = list(stream.shown_codes()[0])
-    return _by_both_distances(stream.case("wide_sums", rows))
-
-
-def _other_distances(design: Design) -> tuple[Design, str]:
-    """Return a design that keeps distances if this one does not, and what to call its cases."""
-    suffix = "distances_twice" if design.keep_distances else "of_kept_distances"
-    return replace(design, keep_distances=not design.keep_distances), suffix
-
-
-def _by_both_distances(case: Case) -> list[Case]:
-    """Return a case, and the same of the other design of `_other_distances`."""
-    other, suffix = _other_distances(case.design)
-    memories = replace(case.memories, design=other)
-    return [case, replace(case, name=f"{case.name}_{suffix}", memories=memories)]
+    return stream.case("wide_sums", rows)
 
 
 def _far(design: Design) -> Case:
@@ -668,7 +615,7 @@ def _beyond_a_byte(design: Design) -> Case:
     design = replace(design, code="linear", code_bits=8, full_scales=(0,))
     # the exclusion zone is as wide as a block of equal places
     design = replace(design, exclusion=design.places // 4 - 1)
-    design = replace(design, window_events=411, steps=(0,), back=(), restart=0)
+    design = replace(design, window_events=411, restart=0)
     rest = [0] * max(0, design.slots - 2)
     kinds = [[counts, counts][: design.slots] + rest for counts in (1, 101, 181, 201)]
     stream = Stream.showing(design, kinds * 2)
@@ -692,7 +639,7 @@ def _small_spreads(design: Design) -> list[Case]:
     apart = _at_distances(near, shown, lambda place: 1 + place * 5 % 4)
     alike = _at_distances(near, shown, lambda _: 1)
     return [
-        *_by_both_distances(stream.case("spread_of_one", apart)),
+        stream.case("spread_of_one", apart),
         stream.case("spread_of_none", alike),
     ]
 
@@ -724,13 +671,12 @@ def ram_cases(plain: Design, adaptive: Design) -> list[Case]:
         Both have the place filter, and the second has own-mean codes.
     """
     route = [0, 1, 2, 3, 4, 5, 6, 7]
-    eight = replace(plain, places=8, exclusion=1, keep_distances=True)
+    eight = replace(plain, places=8, exclusion=1)
     # the means take a multiple of 16 bytes, if there are enough pixels
     full = replace(adaptive, pixels=adaptive.pixels // 4 * 4 or adaptive.pixels, exclusion=1)
     sequences = replace(full, matching="sequence", length=2, trust=0)
     variants = {
         "own_means_fill_the_ram": full,
-        "own_means_behind_distances": replace(full, keep_distances=True),
         # four sums fill their room, five need more
         "own_means_behind_four_sums": replace(sequences, exclusion=3),
         "own_means_behind_five_sums": replace(sequences, exclusion=4),

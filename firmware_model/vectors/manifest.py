@@ -29,7 +29,7 @@ UNITS = {
     "weight": "1/8 of the evidence",
     "codes of own-mean and contrast designs (levels), means, window_mean": "1/256 octave: "
     "round(256 log2(1 + count))",
-    "steps, back, restart": "whole units of cost; a device holds them times 4 (2 fraction bits)",
+    "restart": "whole units of cost; a device holds it times 4 (2 fraction bits)",
     "sum, second_sum": "units of code; of the filter metrics, 1/4 unit of cost (2 fraction bits)",
     "margin": "that of sum",
     "trust, support, kept": "1/16 of a metric, 1/64 unit of cost",

@@ -71,7 +71,7 @@ def _case(name: str, design: Design, rng: np.random.Generator, number: int) -> C
 
 def _place_activity(design: Design, rng: np.random.Generator) -> list[int] | None:
     """Draw activities of places about those of windows; the first and the last of all extremes."""
-    if not design.activity_costs:
+    if not design.filters:
         return None
     drawn = np.clip(np.rint(rng.normal(-8, 40, design.places)), -128, 127).astype(int).tolist()
     return [-128, *drawn[1:-1], 127][: design.places]
@@ -186,17 +186,11 @@ def random_adaptive_design(rng: np.random.Generator) -> Design:
         code = ("own-mean", "contrast")[rng.integers(2)]
         values |= {"code": code, "full_scales": [int(rng.integers(1, 40))]}
     if kind != 1:
-        most, by_activity = int(rng.choice([4, 40, 254])), bool(rng.integers(2))
-        steps = rng.integers(0, most + 1, int(rng.integers(1, 6))).tolist()
         values |= {
             "matching": "filter",
             "length": 1,
-            # some with two places per window: by a step's cost, which these designs do not need
-            "activity_costs": by_activity * (1 + steps[0] % 2),
-            "steps": [] if by_activity else steps,
-            "back": rng.integers(0, most + 1, int(rng.integers(0, 4))).tolist(),
-            "restart": int(rng.integers(0, most + 1)),
-            "keep_distances": bool(rng.integers(2)),
+            "places_per_window": int(rng.integers(1, 3)),
+            "restart": int(rng.integers(0, int(rng.choice([4, 40, 254])) + 1)),
             "trust": int(rng.choice([0, int(rng.integers(1, 300))])),
         }
     return Design(**values)

@@ -56,7 +56,7 @@ def memory_words(memories: Memories) -> dict[str, Table]:
     }
     if design.own_mean:
         words["means"] = _single("mean", bits["entry"], memories.mean)
-    if design.activity_costs:
+    if design.filters:
         width = bits["place_activity"]
         unsigned = (activity % (1 << width) for activity in memories.place_activity)
         words["place_activity"] = _single("place_activity", width, unsigned)
@@ -353,7 +353,7 @@ def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) ->
         ram, kept = ram_bytes(case.design), kept_bytes(case.design)
         firmware = f"image.bin and events.bin are for it; its state takes {ram} bytes of RAM"
         if case.design.filters:
-            firmware += f", {kept} of which keep distances" if kept else ", and no distance is kept"
+            firmware += f", {kept} of which keep distances"
         files |= {"image.bin": flash, "events.bin": events}
         files["image.hex"] = formats.intel_hex(flash)
         files["case.h"] = formats.case_header(

@@ -14,7 +14,6 @@ from typing import NamedTuple
 from firmware_model.hardware.sources import UNITS
 from firmware_model.verification.formal import (
     SIMPLIFIED,
-    UNBOUNDED,
     Claim,
     broken_source,
     holds,
@@ -22,29 +21,12 @@ from firmware_model.verification.formal import (
 
 #: first clocks that claims with a bound are about; cores of sequences have two windows in fewer
 CLOCKS, CLOCKS_OF_SEQUENCES = 120, 80
-#: claim of each define of ``vpr_core_properties.sv``
-CORE_CLAIMS = {
-    "EVENT": "m_event stays until it is taken, and returns each event that s_event took",
-    "WINDOW": "m_window stays until it is taken",
-    "MATCH": "m_match stays until it is taken",
-    "ONE": "exactly one match follows each window once L are seen, before the next",
-    "NUMBER": "a match has the number of its window",
-    "IDLE": "a window ends only while the place filter is idle",
-    "PATIENCE": "a match comes within so many clocks of its window",
-    "PROGRESS": "an event that is offered is taken, or a window or match is complete, within so "
-    "many clocks in which the core waits for nobody",
-}
 #: state of each define of ``vpr_core_properties.sv`` that a core must be able to reach
 COVERS = {
     "THREE": "three matches are taken",
     "RESET": "a match follows after a reset that came after a match",
     "WAIT": "an event waits while a match does",
-    "SECOND": "a match has a second best place",
-    "ACCEPTED": "a match is accepted",
 }
-#: claims about place filters alone, with reciprocals of as many bits as those of a design: with
-#: fewer, the division ends before its match is taken
-_OF_FILTERS = {"IDLE": {"RECIPROCAL_BITS": 17}}
 #: constants of the cores that are proved: 2 slots and 2 places, and numbers of few bits
 _SMALL = {
     "PIXELS": 2, "TIMESTAMP_BITS": 4, "EVENT_TIME_BITS": 4, "TAU_US": 3, "WINDOW_EVENTS": 2,
@@ -60,25 +42,15 @@ Broken = tuple[Claim, str, str, str]
 class Kind(NamedTuple):
     """Clocks within which the core must get on, and its constants beside those of `_SMALL`."""
 
-    patience: int
     progress: int
     constants: dict[str, int]
 
 
 #: cores that are proved, by the kind of design
 CORE_KINDS = {
-    "sequences of 2, windows by time": Kind(24, 36, {"LENGTH": 2}),
-    "sequences of 1, own means, windows by count": Kind(24, 36, {"BY_TIME": 0, "OWN_MEAN": 1}),
-    "place filter, windows by time": Kind(64, 70, {"FILTER": 1}),
-    "place filter that keeps distances, own means, a step back, windows by count": Kind(
-        64, 70,
-        {"FILTER": 1, "BY_TIME": 0, "KEEP_DISTANCES": 1, "OWN_MEAN": 1, "BACK": 1,
-         "ACTIVITY_COSTS": 1, "STEPS": 4},
-    ),
-    "sequences of 1, contrast, windows by count": Kind(
-        24, 52, {"BY_TIME": 0, "OWN_MEAN": 1, "CONTRAST": 1}
-    ),
-}  # fmt: skip
+    "sequences of 2": Kind(36, {"LENGTH": 2}),
+    "place filter, contrast": Kind(90, {"FILTER": 1, "OWN_MEAN": 1, "CONTRAST": 1}),
+}
 
 
 #: units of the core, and what stands for its memories and its activity
@@ -89,25 +61,14 @@ _CORE = (
 )
 
 
-def core_claim(define: str, kind: str, *, slow_blocks: bool = False) -> Claim:
-    """Return a claim of `CORE_CLAIMS` about a kind of `CORE_KINDS`.
-
-    With `slow_blocks`, it is about the core that has registers behind its block memories.
-    """
-    filters = "FILTER" in CORE_KINDS[kind].constants
-    name = f"{CORE_CLAIMS[define]} ({kind})"
-    if slow_blocks:
-        name = f"{name}, with registers behind block memories"
-    bound = None
-    if define == "PROGRESS" or (define == "PATIENCE" and filters):
-        bound = CLOCKS if filters else CLOCKS_OF_SEQUENCES
-        name = f"in the first {bound} clocks, {name}"
-    claim = _of_core(name, f"PROVE_{define}", kind, bound, slow_blocks=slow_blocks)
-    return replace(
-        claim,
-        constants={**claim.constants, **_OF_FILTERS.get(define, {})},
-        method=SIMPLIFIED if define == "MATCH" and filters else UNBOUNDED,
+def progress(kind: str) -> Claim:
+    """Return the claim that the core of a kind of `CORE_KINDS` gets on."""
+    bound = CLOCKS if "FILTER" in CORE_KINDS[kind].constants else CLOCKS_OF_SEQUENCES
+    name = (
+        f"in the first {bound} clocks, an event that is offered is taken, or a window or match is "
+        f"complete, within so many clocks in which the core waits for nobody ({kind})"
     )
+    return _of_core(name, "PROVE_PROGRESS", kind, bound)
 
 
 def cover(define: str, kind: str) -> Claim:
@@ -118,14 +79,12 @@ def cover(define: str, kind: str) -> Claim:
     return _of_core(f"never: {COVERS[define]} ({kind})", f"COVER_{define}", kind, CLOCKS)
 
 
-def _of_core(
-    name: str, define: str, kind: str, bound: int | None, *, slow_blocks: bool = False
-) -> Claim:
-    patience, progress, constants = CORE_KINDS[kind]
-    parameters = {"PATIENCE": patience, "PROGRESS": progress, "SLOW_BLOCKS": int(slow_blocks)}
+def _of_core(name: str, define: str, kind: str, bound: int) -> Claim:
+    clocks, constants = CORE_KINDS[kind]
     return Claim(
-        name, "vpr_core_properties", _CORE, define, _SMALL | constants, parameters, bound=bound
-    )
+        name, "vpr_core_properties", _CORE, define, _SMALL | constants, {"PROGRESS": clocks},
+        bound=bound,
+    )  # fmt: skip
 
 
 _REGISTERS_OF_SEARCH = (
@@ -161,14 +120,12 @@ def search(size: Size, *, invariant: bool = True) -> Claim:
 #: the search of the broken versions, by its outputs alone
 SMALL_SEARCH = search(Size(1, 2, 3), invariant=False)
 #: each prediction is the cost of the cheapest path, and at most that of a restart; with steps of 0,
-#: 1 and 2 places of any costs, and one back
+#: 1 and 2 places of any costs
 PREDICTION = Claim(
     "prediction of the place filter",
     "vpr_prediction_properties",
     ("vpr_prediction.sv",),
-    constants={
-        "STEPS": 3, "BACK": 1, "COST_BITS": 4, "BACK_COSTS": 3, "RESTART": 9, "METRIC_BITS": 4,
-    },
+    constants={"STEPS": 3, "COST_BITS": 4, "RESTART": 9, "METRIC_BITS": 4},
     exposed=("entries_q",),
 )  # fmt: skip
 #: a window by time ends when the time of an event requires it, of 6 bits
@@ -200,29 +157,11 @@ CLAIMS = (
     COUNTERS,
     DELAY,
     DELAY_OF_THREE,
-    *(
-        core_claim(define, kind)
-        for kind in CORE_KINDS
-        for define in CORE_CLAIMS
-        if define not in _OF_FILTERS or "FILTER" in CORE_KINDS[kind].constants
-    ),
-    *(
-        core_claim(define, kind, slow_blocks=True)
-        for kind in CORE_KINDS
-        for define in ("EVENT", "WINDOW")
-    ),
+    *map(progress, CORE_KINDS),
 )
 
-_BY_TIME, _BY_COUNT, _FILTER, _KEPT, _CONTRAST = CORE_KINDS
-#: covers: a map of two places has one sequence of 2, and no second best
-REACHED = (
-    *(cover(define, kind) for kind in (_BY_COUNT, _KEPT) for define in COVERS),
-    *(
-        cover(define, kind)
-        for kind in (_BY_TIME, _CONTRAST)
-        for define in ("THREE", "RESET", "WAIT")
-    ),
-)
+_SEQUENCES, _FILTER = CORE_KINDS
+REACHED = tuple(cover(define, kind) for kind in CORE_KINDS for define in COVERS)
 
 
 def _broken(claim: Claim, texts: dict[str, tuple[str, str]]) -> dict[str, Broken]:
@@ -278,7 +217,6 @@ BROKEN: dict[str, Broken] = {
         PREDICTION,
         {
             "the dearer of two ways is taken": ("right < left ?", "right > left ?"),
-            "a place off the map is one to come from": ("shifts_off_q || !below", "!below"),
         },
     ),
     **_broken(
@@ -293,77 +231,17 @@ BROKEN: dict[str, Broken] = {
             "a carry between the halves is lost": ("(due_q && passes_q)", "1'b0"),
         },
     ),
-    "an event that is not taken is overwritten": (
-        core_claim("EVENT", _BY_TIME),
-        "vpr_events.sv",
-        "!has_raised_q || m_event_tready;",
-        "1'b1;",
-    ),
-    "an event is lost when the window is full": (
-        core_claim("EVENT", _BY_COUNT),
-        "vpr_events.sv",
-        "has_count_q  <= has_slot_q && looks;",
-        "has_count_q  <= has_slot_q && looks && !counting;",
-    ),
-    "a word of a window is not held": (
-        core_claim("WINDOW", _BY_TIME),
-        "vpr_encoder.sv",
-        "!word_valid_o || word_ready_i;",
-        "1'b1;",
-    ),
-    "a match is not held until it is taken": (
-        core_claim("MATCH", _BY_TIME),
-        "vpr_core.sv",
-        "else if (match_taken) m_match_tvalid",
-        "else m_match_tvalid",
-    ),
-    "a window ends before the match is taken": (
-        core_claim("MATCH", _BY_COUNT),
-        "vpr_core.sv",
-        "match_taken || (finished && !has_best)",
-        "finished",
-    ),
-    "a window before the L-th gives a match": (
-        core_claim("ONE", _BY_TIME),
-        "vpr_sequence.sv",
-        "sum_complete_o = seen_all && place_o",
-        "sum_complete_o = place_o",
-    ),
-    "a reset keeps the windows that were seen": (
-        core_claim("ONE", _BY_TIME),
-        "vpr_sequence.sv",
-        "seen_q      <= '0;",
-        "seen_q      <= seen_q;",
-    ),
-    "the first window has the number 1": (
-        core_claim("NUMBER", _BY_TIME),
-        "vpr_core.sv",
-        "window_q         <= '1;",
-        "window_q         <= '0;",
-    ),
-    "a window ends while the spread is divided": (
-        core_claim("IDLE", _FILTER),
-        "vpr_core.sv",
-        "settled && filter_idle;",
-        "settled;",
-    ),
     "a core stops after its first match": (
-        core_claim("PROGRESS", _BY_TIME),
+        progress(_SEQUENCES),
         "vpr_core.sv",
         "match_taken || (finished && !has_best)",
         "match_taken && (finished && !has_best)",
     ),
     "a filter stops after its first match": (
-        core_claim("PROGRESS", _FILTER),
+        progress(_FILTER),
         "vpr_core.sv",
         "match_taken || (finished && !has_best)",
         "match_taken && (finished && !has_best)",
-    ),
-    "the last sum of a window is not recognised": (
-        core_claim("PATIENCE", _BY_COUNT),
-        "vpr_sequence.sv",
-        "sum_last_o = place_o == PLACE_BITS'(PLACES - 1);",
-        "sum_last_o = 1'b0;",
     ),
     **_broken(
         COUNTERS,

@@ -30,10 +30,10 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from firmware_model.design import FRACTION_BITS, MAX_COST, Design
+from firmware_model.design import Design
 from firmware_model.emulation.build import SOURCES
 from firmware_model.errors import ToolError
-from firmware_model.image import HEADER_WORDS, TABLES, Word, image, ram_arrays, step_costs
+from firmware_model.image import HEADER_WORDS, TABLES, Word, image, ram_arrays
 from firmware_model.memories import Memories
 from firmware_model.vectors.case import choose_pixels
 
@@ -47,28 +47,19 @@ SIZES = {
     "sequences_by_count": replace(_DESIGN, window="count", full_scales=(7, 15)),
     "sequences_of_one": replace(_DESIGN, length=1, exclusion=0, places=3),
     "filter": replace(_FILTER, code="log"),
-    "filter_of_all_steps": replace(_FILTER, code="log", steps=(1,) * 16, back=(1,) * 16),
-    "filter_of_three_places": replace(_FILTER, code="log", places=3, back=(1,)),
+    "filter_of_three_places": replace(_FILTER, code="log", places=3),
     "own_means_by_count": replace(_FILTER, window="count"),
-    "default": replace(
-        _FILTER, code="contrast", activity_costs=True, steps=(), keep_distances=True, places=20
-    ),
-    "default_distances_twice": replace(
-        _FILTER, code="contrast", activity_costs=True, steps=(), places=20
-    ),
+    "default": replace(_FILTER, code="contrast", places=20),
     "places_at_half_windows": replace(
-        _FILTER, code="contrast", activity_costs=2, steps=(), back=(1,), places=20
+        _FILTER, code="contrast", places_per_window=2, places=20
     ),
 }  # fmt: skip
 _LARGE = Design(
     width=346, height=260, pixels=150, places=1000, matching="filter", code="contrast",
-    code_bits=3, activity_costs=True, keep_distances=True,
+    code_bits=3,
 )  # fmt: skip
 #: sizes of the designs that edge-vpr makes of a map: of 150 pixels of a DAVIS346 and 1,000 places
-LARGE_SIZES = {
-    "large_default": _LARGE,
-    "large_default_distances_twice": replace(_LARGE, keep_distances=False),
-}
+LARGE_SIZES = {"large_default": _LARGE}
 #: words of the header that may be any; the others are sizes
 FREE = (
     Word.MAGIC, Word.VERSION, Word.BYTES, Word.WIDTH, Word.WINDOW, Word.TIMESTAMP_BITS, Word.ACCEPT,
@@ -101,7 +92,7 @@ _LEVEL_MAX = 4096
 #: names and types of the tables, in their order in the image
 _TABLES = (
     ("displacement", "H"), ("lookup", "IHH"), ("code", "B"), ("code_table", "B"), ("places", "B"),
-    ("cost", "H"), ("mean", "H"), ("place_activity", "b"),
+    ("mean", "H"), ("place_activity", "b"),
 )  # fmt: skip
 _C_TYPES = {"B": "uint8_t", "b": "int8_t", "H": "uint16_t", "I": "uint32_t", "IHH": "vpr_entry_t"}
 _DRIVER = """
@@ -266,7 +257,6 @@ def _ranges(design: Design) -> list[tuple[str, int, int]]:
         ("displacement", design.height, design.lookup_depth - 1),
         ("code", codes, _LEVEL_MAX if design.own_mean else design.code_max),
         ("code_table", design.slots, len(design.full_scales) - 1),
-        ("cost", len(step_costs(design)), MAX_COST << FRACTION_BITS),
     ]
     found += [("mean", design.slots, _LEVEL_MAX)] * design.own_mean
     return [one for one in found if one[1]]

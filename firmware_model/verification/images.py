@@ -118,20 +118,16 @@ _ACTIVITY, _COST, _LEVEL = 0x7FFF_FF00, 1016, 4096
 def adaptive(**changes: object) -> Draft:
     """Draft an image of `BASE` with the filter and own-mean codes; `changes` go to the design."""
     values = {"matching": "filter", "length": 1, "code": "own-mean", "full_scales": [3]}
-    values |= {"steps": [1, 0, 2], "back": [3], "restart": 9, "trust": 5}
+    if changes.get("matching") != "sequence":
+        values |= {"restart": 9, "trust": 5}
     design = Design(**(BASE.to_dict() | values | changes))
     places = [[(k + slot) % 4 for slot in range(design.slots)] for k in range(design.places)]
     mean = [256 * (slot % 2) for slot in range(design.slots)] if design.own_mean else None
-    activity = [-128, 127, -1, 0, 1, 40] if design.activity_costs else None
+    activity = [-128, 127, -1, 0, 1, 40] if design.filters else None
     pixels = (*PIXELS, *((x, 1) for x in range(8)))[: design.pixels]
     return Draft(
         image(Memories(design, pixels, places, mean=mean, activity=99, place_activity=activity))
     )
-
-
-def by_activity(**changes: object) -> Draft:
-    """Draft an image of `adaptive` whose steps cost what the activities of its places say."""
-    return adaptive(**{"activity_costs": True, "steps": []} | changes)
 
 
 _SEQUENCES: dict[str, object] = {"matching": "sequence", "length": 2, "trust": 0}
@@ -145,24 +141,16 @@ def _adaptive_words(**changes: int) -> tuple[str, bytes]:
 def accepted_adaptive() -> Named:
     """Yield the names and bytes of images that must open."""
     yield "filter_and_own_mean", adaptive().pack()
-    yield "filter_by_activity", by_activity().pack()
-    yield "filter_by_activity_alone", by_activity(code="linear", full_scales=[3, 2]).pack()
-    yield "no_steps_back_by_activity", by_activity(back=[]).pack()
-    yield "filter_at_half_windows", by_activity(activity_costs=2).pack()
+    yield "filter_at_half_windows", adaptive(places_per_window=2).pack()
     yield "contrast", adaptive(code="contrast").pack()
     yield "contrast_of_sequences", adaptive(code="contrast", **_SEQUENCES).pack()
     yield "filter_alone", adaptive(code="linear", full_scales=[3, 2]).pack()
     yield "own_mean_alone", adaptive(**_SEQUENCES).pack()
-    yield _adaptive_words(steps=1)
-    yield _adaptive_words(back=0)
     yield from each(_adaptive_words, "restart", 0, _COST)
-    yield _adaptive_words(keep_distances=1)
     yield from each(_adaptive_words, "trust", 0, 0x170)
     yield from each(_adaptive_words, "activity", 0, _ACTIVITY)
     # a metric has 10 bits, so that its product with any ratio fits
     yield _adaptive_words(accept=1, ratio_denominator=0xFFFF)
-    yield "sixteen_steps", _many(16, 16).pack()
-    yield "cost_at_its_limit", adaptive().poke(Word.COST_TABLE, "H", 3, _COST).pack()
     yield "level_at_its_limit", adaptive().poke(Word.CODE_TABLE, "H", 3, _LEVEL).pack()
     many = adaptive().header(count_max=0xFFFF).grow(Word.CODE_TABLE, 1 << 17)
     yield "largest_counts_of_own_means", many.pack()
@@ -176,10 +164,6 @@ def accepted_adaptive() -> Named:
     yield "one_bit_of_own_mean", one.pack()
 
 
-def _many(steps: int, back: int) -> Draft:
-    return adaptive().header(steps=steps, back=back).grow(Word.COST_TABLE, 2 * (steps + back))
-
-
 def _cut_means() -> bytes:
     """Cut the image off after the first 32 bytes of its means, where no activities begin."""
     draft = adaptive(pixels=11, code_bits=2, lookup_depth=32)
@@ -191,7 +175,7 @@ def _cut_means() -> bytes:
 
 def _cut_activities() -> bytes:
     """Cut the image off after the first 16 of the activities of 17 places."""
-    draft = by_activity().header(places=17)
+    draft = adaptive().header(places=17)
     draft.grow(Word.PLACES_TABLE, 17 * 16).grow(Word.PLACE_ACTIVITY_TABLE, 17)
     whole = draft.pack()
     cut = draft.words[Word.PLACE_ACTIVITY_TABLE] + 16
@@ -201,36 +185,25 @@ def _cut_activities() -> bytes:
 
 def refused_adaptive() -> Named:
     """Yield the names and bytes of images that must not open."""
-    yield "seventeen_steps", _many(17, 1).pack()
-    yield "seventeen_back", _many(1, 17).pack()
-    yield from each(_adaptive_words, "steps", 0xFFFF_FFFF, 0)
+    yield from each(_adaptive_words, "places_per_window", 3, 0xFFFF_FFFF, 0)
     yield from each(_adaptive_words, "length", 2, 6)
     yield _adaptive_words(restart=_COST + 1)
-    yield _adaptive_words(keep_distances=2)
     yield _adaptive_words(trust=0x171)
     yield from each(_adaptive_words, "own_mean", 9, 3, 1)
     yield from each(_adaptive_words, "contrast", 2, 0x100)
     plain = adaptive(code="linear", full_scales=[3, 2])
     yield "contrast_of_counts", plain.header(contrast=1).pack()
     yield "contrast_of_sequences_of_counts", base().header(contrast=1).pack()
-    # one way of costs or the other
-    yield "activity_costs_and_steps", by_activity().header(steps=1, back=0).pack()
-    both = adaptive().header(activity_costs=1).grow(Word.PLACE_ACTIVITY_TABLE, 16)
-    yield "steps_and_activity_costs", both.pack()
-    yield "activity_costs_3", by_activity().header(activity_costs=3).pack()
-    yield "activity_costs_of_sequences", by_activity().header(length=2).pack()
-    yield "without_activities", by_activity().header(place_activity_table=0).raw(b"")
+    yield "without_activities", adaptive().header(place_activity_table=0).raw(b"")
     yield _adaptive_words(own_mean=33, code_max=1)
     yield _adaptive_words(own_mean=3, code_max=6)
     yield from each(_adaptive_words, "activity", _ACTIVITY + 1, 0xFFFF_FFFF)
     two = adaptive().header(codes=2).grow(Word.CODE_TABLE, 2 * 2 * 4)
     yield "two_tables_of_own_means", two.pack()
     # header words of parts that the design does not have must be zero
-    for word in ("back", "restart", "keep_distances", "trust", "activity"):
-        changed = base().grow(Word.COST_TABLE, 16).header(**{word: 1})
-        yield f"sequences_with_{word}", changed.pack()
+    for word in ("restart", "trust", "activity"):
+        yield f"sequences_with_{word}", base().header(**{word: 1}).pack()
     for name, table, count, most in (
-        ("cost", Word.COST_TABLE, 4, _COST),
         ("level", Word.CODE_TABLE, 4, _LEVEL),
         ("mean", Word.MEAN_TABLE, 6, _LEVEL),
     ):
@@ -244,18 +217,14 @@ def refused_adaptive() -> Named:
     yield "level_65_535_beyond", last.poke(Word.CODE_TABLE, "H", 0xFFFF, _LEVEL + 1).pack()
     # tables that begin at the end of the image, so that their entries lie behind it
     for name, table in (
-        ("costs", Word.COST_TABLE),
         ("means", Word.MEAN_TABLE),
         ("activities", Word.PLACE_ACTIVITY_TABLE),
     ):
-        draft = by_activity()
+        draft = adaptive()
         whole = draft.pack()
         behind = TABLES[TABLES.index(table) :]
         draft.header(**{word.name.lower(): len(whole) for word in behind})
         yield f"{name}_behind_the_image", draft.raw(whole[HEADER_WORDS * 4 :])
-    # nine costs reach into the means, whose values would be valid costs
-    yield "costs_reach_the_means", adaptive().header(steps=5, back=4).pack()
-    yield "back_cost_beyond", by_activity().poke(Word.COST_TABLE, "H", 0, _COST + 1).pack()
     yield "activities_end_behind_the_image", _cut_activities()
     yield "means_end_behind_the_image", _cut_means()
     levels = adaptive().header(count_max=8)
@@ -276,7 +245,7 @@ def refused_layouts() -> Named:
             struct.pack_into("<I", cut, Word.BYTES * 4, size)
             yield f"cut_to_{size}_and_says_so", bytes(cut)
     yield "longer_than_it_says", whole + bytes(16)
-    whole = by_activity().pack()  # an image with all tables
+    whole = adaptive().pack()  # an image with all tables
     for i, word in enumerate(TABLES):
         at, end = struct.unpack_from("<I", whole, word * 4)[0], len(whole)
         before = HEADER_WORDS * 4 if i == 0 else struct.unpack_from("<I", whole, word * 4 - 4)[0]
@@ -307,7 +276,7 @@ def _unaligned() -> bytes:
     whole = draft.pack()
     at = draft.words[Word.PLACES_TABLE]
     end = len(whole) + 16
-    draft.header(places_table=at + 8, cost_table=end, mean_table=end, bytes=end)
+    draft.header(places_table=at + 8, mean_table=end, bytes=end)
     draft.header(place_activity_table=end)
     return draft.raw(whole[HEADER_WORDS * 4 : at] + bytes(8) + whole[at:] + bytes(8))
 

@@ -87,8 +87,7 @@ def _logarithms(design: Design) -> list[LongWindow]:
     than 23 bits can count. The metric of the only place is the cost of staying there.
     """
     design = replace(
-        design, code="linear", code_bits=1, full_scales=(1,), places=1, activity_costs=True,
-        steps=(), exclusion=0,
+        design, code="linear", code_bits=1, full_scales=(1,), places=1, exclusion=0,
     )  # fmt: skip
     # from an empty window on, whose costs are those of the first one
     stream = Stream(design)

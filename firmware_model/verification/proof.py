@@ -4,23 +4,19 @@ The proofs use yosys and the model checker pdr of its yosys-abc (``apt install y
 in ``formal/`` state what must hold. No proof has a bound on the number of clocks, unless its claim
 says so. Each deliberately broken version must be refused, and so must be the claim that a state is
 never reached.
-Each line ends with the seconds of the processor; ``--table`` puts those of the claims about the
-core's streams into a table, in which those of other runs stay.
+Each line ends with the seconds of the processor.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import resource
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 from firmware_model.errors import ToolError
-from firmware_model.vectors.formats import csv_text
 from firmware_model.verification import claims
 from firmware_model.verification.formal import holds
 
@@ -41,7 +37,6 @@ def main(words: Sequence[str] | None = None) -> int:
         "--only", metavar="TEXT", default="", help="those whose name has this text alone"
     )
     parser.add_argument("--skip", type=int, default=0, metavar="N", help="go on behind the first N")
-    parser.add_argument("--table", type=Path, metavar="FILE.csv", help="seconds by claim and kind")
     args = parser.parse_args(words)
     chosen = [trial for trial in _trials() if args.only in trial.name][args.skip :]
     failures = 0
@@ -58,8 +53,6 @@ def main(words: Sequence[str] | None = None) -> int:
         failures += not good
         taken = _processor_seconds() - begun
         print(f"{trial.name}: {said}, {taken:.0f} s", flush=True)
-        if args.table is not None:
-            _put(args.table, trial.name, taken if good else None)
     return int(failures > 0)
 
 
@@ -76,30 +69,6 @@ def _trials() -> Iterator[Trial]:
         yield Trial(claim.name, partial(claims.reached, claim), "refused", "NEVER REACHED")
     for name in claims.BROKEN:
         yield Trial(name, partial(claims.refused, name), "refused", "NOT REFUSED")
-
-
-def _put(table: Path, name: str, seconds: float | None) -> None:
-    """Put a claim about the core's streams into a table, as the others are of runs before.
-
-    Its cell has the seconds and the bound, if there is one; a claim without a proof has none.
-    """
-    kinds = list(claims.CORE_KINDS)
-    rows: dict[str, dict[str, str]] = {claim: {} for claim in claims.CORE_CLAIMS.values()}
-    if table.exists():
-        with table.open(newline="", encoding="utf-8") as file:
-            rows |= {row["claim"]: row for row in csv.DictReader(file)}
-    for define, claim in claims.CORE_CLAIMS.items():
-        for kind in kinds:
-            stated = claims.core_claim(define, kind)
-            if stated.name == name:
-                first = f"first {stated.bound} clocks: " if stated.bound else ""
-                rows[claim][kind] = "" if seconds is None else f"{first}{seconds:.0f}"
-    cells = {
-        claim: [rows[claim].get(kind, "") for kind in kinds]
-        for claim in claims.CORE_CLAIMS.values()
-    }
-    found = ([claim, *of_claim] for claim, of_claim in cells.items() if any(of_claim))
-    table.write_text(csv_text(["claim", *kinds], found), encoding="utf-8")
 
 
 if __name__ == "__main__":

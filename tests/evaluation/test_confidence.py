@@ -267,7 +267,7 @@ def test_a_table_is_not_used_with_settings_that_give_trust_another_scale():
 
 #: another value of each setting that changes the scale of the trust, and those that do not
 OF_TRUST = {
-    "matching": "sequence", "filter_steps": (1, 0), "filter_back": (1,), "filter_restart": 9,
+    "matching": "sequence", "filter_restart": 9,
     "smooth": False, "delay": 2, "exclusion": 1, "sequence_length": 9,
 }  # fmt: skip
 NOT_OF_TRUST = {"query_mean", "anchor", "score", "precision", "stays_on_map"}

@@ -81,7 +81,7 @@ def replayed(case: Case, folder: Path) -> list[tuple[str, tuple[int, ...]]]:
         "corners/events_by_time", "corners/narrow_clock", "by_count",
         "corners/ratio_of_16_bits", "corners/tie_across_zone", "filter/jumps", "filter/by_activity",
         "filter/back_by_activity", "filter/half_places", "filter/weights", "filter/contrasts",
-        "filter/own_means", "filter/spread_of_one_of_kept_distances",
+        "filter/own_means", "filter/spread_of_one",
     ],
 )  # fmt: skip
 def test_windows_and_matches_are_those_of_the_vectors(name, tmp_path):

@@ -97,10 +97,8 @@ def accepts(design: Design, best: int, second: int) -> bool:
 def by_filter(memories: Memories, codes, events):
     """Matches of each window by the pipeline's place filter."""
     design = memories.design
-    costs = TransitionCosts(
-        design.steps or None, design.back, design.restart, int(design.activity_costs) or 1
-    )
-    own = np.array(memories.place_activity, dtype=np.int32) if design.activity_costs else None
+    costs = TransitionCosts(design.restart, design.places_per_window)
+    own = np.array(memories.place_activity, dtype=np.int32)
     transitions = Transitions(design.places, costs, own, exclusion=design.exclusion)
     found = PlaceFilter(transitions, memories.activity)
     distances, matches = distance_matrix(np.array(memories.places), codes), []
@@ -135,12 +133,10 @@ def test_the_filter_and_own_mean_codes_equal_the_pipeline():
         seen["filter"] += design.filters
         seen["pauses"] += sum(window.paused for window in done.windows)
         seen["contrast"] += design.contrast
-        seen["costs by activity"] += design.activity_costs == 1
-        seen["places at half windows"] += design.activity_costs == 2
+        seen["places at half windows"] += design.places_per_window == 2
         weights = [state.weight for state in done.states if not state.paused]
         seen["less weight"] += sum(weight in range(8) for weight in weights)
         seen["moves"] += sum(not window.paused for window in done.windows)
-        seen["back"] += bool(design.back)
         seen["rejected by trust"] += sum(
             m.second is not None and m.trust < design.trust for m in matches if design.filters
         )
@@ -308,14 +304,6 @@ def test_a_design_survives_its_file(tmp_path):
         assert Design.load(tmp_path / "design.toml") == design
 
 
-@pytest.mark.parametrize(("costs", "text"), [(0, "false"), (1, "true"), (2, "2")])
-def test_a_file_says_true_of_one_place_per_window_as_files_always_did(tmp_path, costs, text):
-    design = small(matching="filter", activity_costs=costs)
-    design.save(tmp_path / "design.toml")
-    assert f"activity_costs = {text}\n" in (tmp_path / "design.toml").read_text()
-    assert Design.load(tmp_path / "design.toml") == design
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -331,12 +319,8 @@ def test_a_file_says_true_of_one_place_per_window_as_files_always_did(tmp_path, 
         ({"window": "sliding"}, "choose from"),
         ({"matching": "viterbi"}, "choose from sequence"),
         ({"matching": "filter", "length": 2}, "leave length out"),
-        ({"steps": (0,) * 17}, "at most 16 costs"),
-        ({"activity_costs": True}, "matching by sequence"),
-        ({"activity_costs": 3, "matching": "filter"}, "expected false, true or 2"),
-        ({"activity_costs": 2.0, "matching": "filter"}, "expected false, true or 2"),
-        ({"activity_costs": True, "matching": "filter", "steps": (1,)}, "instead of steps"),
-        ({"back": (255,)}, "from 0 to 254"),
+        ({"places_per_window": 2}, "of sequences"),
+        ({"places_per_window": 3, "matching": "filter"}, "expected 1 to 2"),
         ({"restart": 255}, "restart = 255"),
         ({"trust": 1}, "only the place filter"),
         ({"code": "own-mean", "full_scales": (7, 3)}, "expected 1"),

@@ -111,13 +111,11 @@ def test_a_place_filter_of_fewer_places_than_a_sequence_has_corners(places):
 def test_the_filter_suite_reaches_every_corner(window, code):
     """Of a design with the filter, own-mean codes, or both; the other suites stay as they are."""
     changes = {"code": code, "full_scales": (0,), "window": window, "window_events": 30}
-    if code == "contrast":
-        changes |= {"activity_costs": True, "steps": ()}
     design = replace(DESIGN, matching="filter", length=1, **changes)
     suites = standard_suites(design, 0)
     reached = {c for case in suites["filter"] for c, n in coverage(case).items() if n}
     assert reached >= set(FILTER_CORNERS)
-    sequences = replace(design, matching="sequence", length=3, activity_costs=False)
+    sequences = replace(design, matching="sequence", length=3)
     assert ("filter" in standard_suites(sequences, 0)) == (code != "log")
     assert {c for case in suites["corners"] for c, n in coverage(case).items() if n} == set(CORNERS)
 
@@ -506,9 +504,6 @@ def test_a_suite_that_a_design_has_not_is_refused(tmp_path, capsys):
         ["--counter-code", "sqrt", "--counter-scaling", "per-pixel"],
         ["--preset", "paper"],
         ["--places-per-window", "2"],
-        # fewer steps than the places within which a match follows
-        ["--places-per-window", "2", "--filter-steps", "1,0"],
-        ["--places-per-window", "2", "--window", "count"],
     ],
     ids=[
         "defaults",
@@ -516,8 +511,6 @@ def test_a_suite_that_a_design_has_not_is_refused(tmp_path, capsys):
         "codes of each pixel, filter",
         "counts",
         "half windows",
-        "half windows, fixed costs",
-        "half windows by count",
     ],
 )
 def test_a_map_and_a_recording_make_vectors_that_are_the_pipelines_matches(tmp_path, settings):
@@ -597,52 +590,14 @@ def test_a_recording_is_limited_in_windows_and_fits_a_microcontroller(tmp_path):
         parts = ("image", "events", "expected")
         assert sum((drive / f"{p}.bin").stat().st_size for p in parts) < bytes_in_flash - 8_192
         same_as_the_pipeline(folder, made, query)
-        assert Design.load(folder / "design.toml").keep_distances
-
-
-def test_distances_are_kept_where_the_ram_allows(tmp_path, capsys):
-    """Of a map, and of a design file that does not say; the output tells what it takes."""
-    made, _ = recorded_drive(tmp_path)
-    silent = tmp_path / "silent.toml"
-    silent.write_text('width = 9\nheight = 9\npixels = 4\nplaces = 40\nmatching = "filter"\n')
-    stated = tmp_path / "stated.toml"
-    stated.write_text(silent.read_text() + "keep_distances = false\n")
-    few = ["--suite", "filter", "--vectors", "200kB"]
-    for i, (source, ram, kept) in enumerate(
-        (
-            (["--map", str(made)], "64KiB", True),
-            (["--map", str(made)], "4KiB", False),
-            (["--design", str(silent)], "64KiB", True),
-            (["--design", str(silent)], "4KiB", False),
-            (["--design", str(stated)], "64KiB", False),
-        )
-    ):
-        folder = tmp_path / f"v{i}"
-        assert main(["golden", *source, *few, "--ram", ram, "-o", str(folder)]) == 0
-        design = Design.load(folder / "design.toml")
-        assert design.keep_distances == kept
-        told = f"{ram_bytes(design):,} bytes"
-        words = "keeps the distances" if kept else "computes the distances of a window twice"
-        assert words in (error := capsys.readouterr().err) and told in error
 
 
 def test_a_header_of_c_says_what_ram_it_takes():
     """All of it, and what keeps distances."""
-    design = replace(FILTER, keep_distances=True)
+    design = FILTER
     header = case_header("one", 0, ram_bytes(design), kept_bytes(design), b"", b"", b"")
     assert f"#define CASE_RAM_BYTES {ram_bytes(design)}U" in header
-    twice = ram_bytes(replace(design, keep_distances=False))
-    assert f"#define CASE_KEPT_DISTANCES_BYTES {ram_bytes(design) - twice}U" in header
-
-
-@pytest.mark.parametrize("kept", [True, False])
-def test_the_cases_of_the_filter_take_both_ways_of_distances(kept):
-    """Whichever the design has; most cases have that one."""
-    cases = filter_cases(replace(FILTER, keep_distances=kept))
-    found = [case.design.keep_distances for case in cases if case.design.filters]
-    assert 5 < sum(one != kept for one in found) < len(found) / 3
-    blocks = [c for c in cases if c.name in ("several_blocks", "blocks_by_activity")]
-    assert [c.design.keep_distances for c in blocks] == [False, False]
+    assert f"#define CASE_KEPT_DISTANCES_BYTES {kept_bytes(design)}U" in header
 
 
 def test_a_recording_without_a_match_is_an_error(tmp_path, capsys):

@@ -62,8 +62,6 @@ VARIANTS: tuple[dict[str, object], ...] = (
         "query_mean": "running",
         "window": "count",
         "polarity": True,
-        "filter_steps": [2, 0, 1],
-        "filter_back": [3],
         "precision": 0.9,
     },
 )
@@ -156,9 +154,9 @@ def _write_plain_values(new: Callable[[str, str], Path]) -> None:
         'bytes = 2\nendian = "little"\nx = {shift = 0, bits = 5}\ny = {shift = 5, bits = 5}\n'
     )
     Design(width=40, height=30, pixels=20, places=50).save(new("design", ".toml"))
-    Design(
-        width=40, height=30, pixels=20, places=50, matching="filter", code="own-mean", back=(2,)
-    ).save(new("design", ".toml"))
+    Design(width=40, height=30, pixels=20, places=50, matching="filter", code="own-mean").save(
+        new("design", ".toml")
+    )
     for name in targets.names():
         path = Path(targets.__file__).with_name("targets") / f"{name}.toml"
         new("target", ".toml").write_bytes(path.read_bytes())

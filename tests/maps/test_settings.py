@@ -108,8 +108,6 @@ ALL_FLAGS = {  # a value other than the preset's, as the flag takes it
     "hot_pixels": "keep",
     "bursts": "keep",
     "matching": "sequence",
-    "filter_steps": "2,0,2",
-    "filter_back": "3,4",
     "filter_restart": "20",
     "delay": "4",
     "sequence_length": "2",
@@ -168,7 +166,6 @@ def test_a_switch_is_true_in_a_file(tmp_path, key):
         ('window = "count"\nevents_per_pixel = 0', "--window count --events-per-pixel auto"),
         ('window = "count"\nevents_per_pixel = 0.0', "--window count --events-per-pixel 0"),
         ("precision = 0.0", "--precision none"),
-        ("filter_back = []", "--filter-back none"),
     ],
 )
 def test_old_files_keep_their_meaning(tmp_path, old, flags):
@@ -205,8 +202,6 @@ def test_none_and_not_zero_stands_for_what_is_absent(name):
         ("tau = true", "tau_us = True is of type bool"),
         ('clip = "some"', "clip = 'some': expected a whole number or none"),
         ('bursts = "maybe"', "bursts = 'maybe': expected remove or keep"),
-        ('filter_steps = "1,x"', "expected 1 to 16 costs"),
-        ("filter_steps = []", "expected 1 to 16 costs"),
     ],
 )
 def test_a_wrong_word_in_a_file_is_named_with_those_that_are_right(tmp_path, text, message):

@@ -38,13 +38,12 @@ from fixedpoint.activity import COSTS_BY_ACTIVITY, EVENTS_TOP, LOG_TOP, activity
 
 costs = st.builds(
     TransitionCosts,
-    forward=st.none() | st.lists(st.integers(0, 6), min_size=1, max_size=5).map(tuple),
-    back=st.lists(st.integers(0, 6), max_size=2).map(tuple),
     restart=st.integers(1, 40),
     places_per_window=st.sampled_from([1, 2]),
+    by_activity=st.booleans(),
 )
 #: with these, a path is followed at the pace of the reference, whatever the activity
-STEADY = TransitionCosts((1, 0, 1))
+STEADY = TransitionCosts(by_activity=False)
 #: far below, about and above the usual number of the tests, which is 0, 100 or 3,000
 EVENTS = [0, 1, 3, 9, 12, 17, 25, 60, 90, 200, 800, 9_000, 2**23, 2**40]
 
@@ -134,8 +133,8 @@ def test_a_smoothed_drive_has_the_cost_of_the_best_path_through_each_place(
         driven = [None, *np.diff(odometry.distance_mm).tolist()]
     chosen = Settings(
         matching="filter", pixels=3, smooth=delay is None, delay=delay or 0,
-        filter_steps=steps.forward, filter_back=steps.back, filter_restart=steps.restart,
-        exclusion=1, places_per_window=steps.places_per_window,
+        filter_restart=steps.restart, exclusion=1, places_per_window=steps.places_per_window,
+        window="time" if steps.by_activity else "count", events_per_pixel=1.0,
     )  # fmt: skip
     counted = replace(descriptors(queries), selected=events)
     found = match_descriptors(
@@ -309,15 +308,6 @@ def test_a_large_margin_is_not_remembered_for_long():
     assert falls[0] == falls[1] and falls[0][5] > 200
 
 
-def test_steps_back_are_followed_only_where_they_have_a_cost():
-    path = [*range(10, 25), *range(24, 5, -1)]
-    distances = drive_through(40, path, np.random.default_rng(2), noise=8)
-    forward = PlaceFilter(Transitions(40, replace(STEADY, restart=60)))
-    both = PlaceFilter(Transitions(40, replace(STEADY, back=(0,), restart=60)))
-    assert [both.update(row, 1).place for row in distances] == path
-    assert [forward.update(row, 1).place for row in distances] != path
-
-
 def test_while_the_camera_stands_the_match_stays():
     rng = np.random.default_rng(3)
     moving = drive_through(50, list(range(10)), rng)
@@ -393,13 +383,9 @@ def test_a_pause_has_less_than_a_sixteenth_of_the_usual_events():
     assert not find_pauses(np.full(400, 9), 256 * 160)[-1]
 
 
-@pytest.mark.parametrize(
-    "costs",
-    [{"forward": ()}, {"forward": (-1,)}, {"back": (300,)}, {"restart": 255}],
-)
-def test_costs_that_do_not_fit_are_refused(costs):
+def test_a_restart_that_does_not_fit_is_refused():
     with pytest.raises(UsageError, match="expected 0 to 254"):
-        TransitionCosts(**costs)
+        TransitionCosts(restart=255)
 
 
 def test_distances_must_be_one_a_place_and_whole():
@@ -413,18 +399,13 @@ def test_distances_must_be_one_a_place_and_whole():
         Transitions(2, TransitionCosts(), place_activity=np.array([0, 128], dtype=np.int32))
 
 
-def test_costs_follow_the_kind_of_window_unless_they_are_given():
-    assert TransitionCosts.of(Settings()).forward is None
-    assert TransitionCosts.of(Settings()).last == 3
-    assert TransitionCosts((0,)).last == 2
-    assert TransitionCosts.of(Settings(window="count")).forward == (1, 0, 0, 1)
-    assert TransitionCosts.of(Settings(filter_steps=(2, 0))).forward == (2, 0)
+def test_costs_follow_the_kind_of_window():
+    assert TransitionCosts.of(Settings()).rows.shape == (17, 4)
+    assert TransitionCosts.of(Settings(window="count")).rows.tolist() == [[4, 0, 0, 4]]
     half = Settings(matching="filter", places_per_window=2)
-    assert TransitionCosts.of(half).forward is None
-    assert TransitionCosts.of(half).last == 6
-    assert TransitionCosts((0,), places_per_window=2).last == 4
+    assert TransitionCosts.of(half).rows.shape == (17, 7)
     by_count = TransitionCosts.of(replace(half, window="count"))
-    assert (by_count.forward, by_count.last) == ((1, 0, 0, 0, 0, 1), 5)
+    assert by_count.rows.tolist() == [[4, 0, 0, 0, 0, 4]]
 
 
 @given(seed=st.integers(0, 2**32), places=st.integers(1, 30), queries=st.integers(1, 10))

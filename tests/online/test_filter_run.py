@@ -130,18 +130,15 @@ def test_every_match_equals_the_oracle_however_the_stream_is_cut(
     seed=st.integers(0, 2**32),
     window=st.sampled_from(["time", "count"]),
     code=st.sampled_from(CODES),
-    back=st.sampled_from([(), (1,), (0, 2)]),
     delay=st.sampled_from([0, 0, 1, 3, 50]),
     per_window=st.sampled_from([1, 2]),
     pieces=st.integers(1, 5),
 )
 @settings(max_examples=EXAMPLES)
-def test_at_window_ends_it_says_what_the_batch_says(
-    seed, window, code, back, delay, per_window, pieces
-):
+def test_at_window_ends_it_says_what_the_batch_says(seed, window, code, delay, per_window, pieces):
     rng = np.random.default_rng(seed)
     reference = random_map(
-        rng, 30, 9, window=window, tau_us=100, events_per_pixel=1.0, filter_back=back, delay=delay,
+        rng, 30, 9, window=window, tau_us=100, events_per_pixel=1.0, delay=delay,
         places_per_window=per_window, **code,
     )  # fmt: skip
     # from time to time the camera stands

@@ -205,7 +205,7 @@ def test_a_map_that_nothing_matches_is_not_written(drive, tmp_path, capsys, flag
         (["-L", "3"], "--sequence-length has no effect with --matching filter: it is for"),
         (["--events-per-pixel", "2"], "has no effect with --window time: it is for --window count"),
         (["--strategy", "top", "--sigma", "2"], "--sigma has no effect with --strategy top"),
-        (["--matching", "sequence", "--filter-back", "2"], "it is for --matching filter"),
+        (["--matching", "sequence", "--filter-restart", "2"], "it is for --matching filter"),
     ],
 )
 def test_a_flag_that_other_settings_make_void_is_a_warning(drive, tmp_path, capsys, flags, says):

@@ -37,7 +37,7 @@ SETTINGS = (
     "--hot-pixels {f}/hot.txt --bursts keep --sequence-length 2 --anchor end --exclusion 1"
 )
 FILTER = (
-    "--matching filter --filter-steps 1,0,1 --filter-back 2 --filter-restart 20 "
+    "--matching filter --filter-restart 20 "
     "--query-mean running --precision 0.5 --score auto --delay 0 --stays-on-map"
 )
 STREAM = "stream --port {f}/sent.bin --protocol evpr"
@@ -136,7 +136,7 @@ RUNS = [
     ("estimate --map {f}/map.npz --target cortex-m4", 0),
     ("golden --design {f}/design.toml -o {f}/vectors --seed 1", 0),
     ("golden --map {f}/map.npz --recording {f}/query.npz --max-windows 5 --lanes 2 "
-     "--case-size 256KiB --vectors 2MB --ram 64KiB -o {f}/vectors --overwrite", 0),
+     "--case-size 256KiB --vectors 2MB -o {f}/vectors --overwrite", 0),
     (f"golden --map {{f}}/map.npz --recording {{f}}/table.txt {TABLE} --max-windows 3 "
      "--suite recording -o {f}/vectors2", 0),
     ("golden --map {f}/map.npz --recording {f}/query.h5 --sensor 16x12 --topic left "

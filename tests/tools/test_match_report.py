@@ -156,17 +156,6 @@ def test_warnings_of_the_console_stand_in_the_report(street, capsys):
     assert "warnings" not in metrics["evaluated_by"]
 
 
-@pytest.mark.parametrize("flag", ["--filter-steps", "--filter-back"])
-def test_steps_that_are_half_as_long_in_this_map_are_noticed(flag, street, tmp_path, capsys):
-    asked = ("match", street / "map.npz", street / "pair/query.npz", flag, "2,0,2")
-    run(*asked, "-o", tmp_path / "half", "--no-figures")
-    assert f"{flag} counts places, and a window of this map has two" in capsys.readouterr().err
-    whole = tmp_path / "whole.npz"
-    run("map", street / "pair/reference.npz", "-o", whole, flag, "2,0,2")
-    run(asked[0], whole, *asked[2:], "-o", tmp_path / "whole", "--no-figures")
-    assert "has two" not in capsys.readouterr().err
-
-
 def test_warnings_of_matching_stay_in_the_report_of_an_evaluation(street, monkeypatch):
     monkeypatch.setattr("edge_vpr_tools.console._MANY_BURSTS", -1.0)
     folder = street / "burst"

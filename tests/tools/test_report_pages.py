@@ -20,7 +20,7 @@ RECORD = {
     "command": ["/usr/bin/edge-vpr", "match", "<script>alert(1)</script>"],
     "finished_utc": "2026-01-01T00:00:00+00:00",
     "settings": {
-        "pixels": 150, "smooth": True, "filter_back": [], "clip": None, "filter_steps": [1, 0, 1],
+        "pixels": 150, "smooth": True, "clip": None,
     },
     "versions": {"python": "3.12.1", "numpy": "2.1.0"},
     "machine": {"system": "Linux", "processor": "a processor & more"},
@@ -99,7 +99,7 @@ def test_all_files_of_a_figure_have_the_layout_of_its_page(tmp_path):
 
 def test_a_page_names_settings_versions_and_inputs(tmp_path):
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", report(tmp_path / "report.html")))
-    assert "pixels 150 smooth yes filter_back none clip none filter_steps 1, 0, 1" in text
+    assert "pixels 150 smooth yes clip none" in text
     assert "Python 3.12.1 NumPy 2.1.0" in text
     assert "drive.raw 1,234,567 abababababababab" in text
     assert "Made by: edge-vpr match" in text

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,6 @@ from edge_vpr_tools.estimate.model import flash_bytes
 from edge_vpr_tools.estimate.of_map import memories_of
 from edge_vpr_tools.estimate.search import Budget
 from firmware_model import Design, Event
-from firmware_model.image import kept_bytes, ram_bytes
 from firmware_model.vectors import FILTER_CORNERS, Case, load_manifest
 from firmware_model.vectors.manifest import SuiteEntry
 
@@ -54,34 +52,6 @@ def case_size(text: str) -> float:
     if budget.quantity != "bytes":
         raise UsageError(f"size {text!r}: expected memory, such as 512KiB")
     return budget.limit
-
-
-def keeping_distances(design: Design, ram: float) -> Design:
-    """Let the place filter keep its distances if the RAM suffices, which takes fewer instructions.
-
-    Parameters
-    ----------
-    ram : float
-        Bytes of a microcontroller's RAM.
-    """
-    kept = replace(design, keep_distances=True)
-    fits = design.filters and ram_bytes(kept) + _STACK_BYTES <= ram
-    return kept if fits else replace(design, keep_distances=False)
-
-
-def distances_text(design: Design) -> str:
-    """Return whether the place filter keeps its distances, and what RAM that takes."""
-    state = ram_bytes(design)
-    if design.keep_distances:
-        return (
-            f"the filter keeps the distances of a window, in {kept_bytes(design):,} of the "
-            f"{state:,} bytes of RAM of its state"
-        )
-    more = kept_bytes(replace(design, keep_distances=True))
-    return (
-        f"the filter computes the distances of a window twice, in a state of {state:,} bytes of "
-        f"RAM: to keep them takes {more:,} more, and fewer instructions"
-    )
 
 
 def recorded_case(

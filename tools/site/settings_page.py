@@ -11,16 +11,16 @@ from edge_vpr.settings import PRESETS, SETTING_FIELDS, SettingField
 
 _HEAD = """# Settings
 
-Every setting is a key of a TOML file for `--config`, and a flag of `edge-vpr map` (`filter_steps`:
-`--filter-steps`), those of matching of `match` too. Flags override the file, and the file the
-preset. A map stores its settings, by which queries are described.
+Every setting is a key of a TOML file for `--config`, and a flag of `edge-vpr map`: `filter_restart`
+is `--filter-restart`. Those of matching are flags of `match` too. Flags override the file, and the
+file the preset. A map stores its settings, by which queries are described.
 
 ```toml
 preset = "default"
 pixels = 100
 tau = "500ms"
 bursts = "keep"
-filter_steps = [1, 0, 1]   # or "1,0,1", as the flag takes it
+filter_restart = 20
 ```
 
 `edge_vpr.Settings` has the same names, except `tau_us` (in microseconds), `remove_hot_pixels` and

@@ -1,19 +1,13 @@
 // What the streams of vpr_core must do, for any inputs, tables and places: properties for the model
 // checker pdr. The core's memories are replaced by vpr_free_memories, and its activity by
 // vpr_free_activity.
-//
-// Windows and matches are seen at the ports alone. A window is complete with the word of m_window
-// that has tlast; from the LENGTH-th on, exactly one match follows it before the next one is, and
-// within PATIENCE clocks in which m_window does not wait.
 module vpr_core_properties #(
     localparam FILTER      = vpr_pkg::FILTER,
-    localparam LENGTH      = vpr_pkg::LENGTH,
     localparam EVENT_BITS  = vpr_pkg::EVENT_BITS,
     localparam SEEN_BITS   = vpr_pkg::SEEN_BITS,
     localparam WORD_BITS   = vpr_pkg::WORD_BITS,
     localparam MATCH_BITS  = vpr_pkg::MATCH_BITS,
     parameter  SLOW_BLOCKS = 0,
-    parameter  PATIENCE    = 40,
     parameter  PROGRESS    = 40
 ) (
     input logic                  clk,
@@ -65,60 +59,15 @@ module vpr_core_properties #(
         if (event_waited && !rst) assume (s_event_tvalid && s_event_tdata == event_before);
     end
 
-    // Streams: what is offered stays until it is taken
-    logic                  running = 1'b0;
-    logic                  event_held = 1'b0, window_held = 1'b0, match_held = 1'b0;
-    logic [SEEN_BITS-1:0]  event_data;
-    logic [WORD_BITS+32:0] window_data;
-    logic [MATCH_BITS-1:0] match_data;
-    wire  [WORD_BITS+32:0] window_word = {m_window_tlast, m_window_tuser, m_window_tdata};
+    logic running = 1'b0;
+    logic match_held = 1'b0;
     always_ff @(posedge clk) begin
-        running     <= begun || rst;
-        event_held  <= running && m_event_tvalid && !m_event_tready && !rst;
-        window_held <= running && m_window_tvalid && !m_window_tready && !rst;
-        match_held  <= running && m_match_tvalid && !m_match_tready && !rst;
-        event_data  <= m_event_tdata;
-        window_data <= window_word;
-        match_data  <= m_match_tdata;
+        running    <= begun || rst;
+        match_held <= running && m_match_tvalid && !m_match_tready && !rst;
     end
-
-    // Windows and matches
-    localparam LENGTH_BITS = $clog2(LENGTH + 1);
-    localparam WAIT_BITS = $clog2(PATIENCE + 2);
-
-    logic [LENGTH_BITS-1:0] seen;
-    logic                 owed;
-    logic [31:0]          windows;
-    logic [WAIT_BITS-1:0] waited;
 
     wire complete = m_window_tvalid && m_window_tready && m_window_tlast;
     wire taken    = m_match_tvalid && m_match_tready;
-
-    always_ff @(posedge clk) begin
-        if (complete) begin
-            windows <= windows + 1'b1;
-            if (seen != LENGTH) seen <= seen + 1'b1;
-        end
-        if (complete && seen >= LENGTH - 1) owed <= 1'b1;
-        else if (taken) owed <= 1'b0;
-        if (complete || m_match_tvalid) waited <= '0;
-        else if (owed && waited <= PATIENCE) waited <= waited + 1'b1;
-        if (rst) begin
-            seen    <= '0;
-            owed    <= 1'b0;
-            windows <= '0;
-            waited  <= '0;
-        end
-    end
-
-    // Events: each that is taken is returned, in at most DEPTH steps
-    localparam DEPTH = SLOW_BLOCKS ? 8 : 7;
-    logic [3:0] under_way;
-    always_ff @(posedge clk) begin
-        if (rst) under_way <= '0;
-        else under_way <= under_way + (s_event_tvalid && s_event_tready)
-                                    - (m_event_tvalid && m_event_tready);
-    end
 
     // Progress: while an event is offered, it is taken, or a window or a match is complete, within
     // PROGRESS clocks in which the core waits for nobody. A core that ends no window any more fails.
@@ -153,33 +102,6 @@ module vpr_core_properties #(
 `endif
 `ifdef COVER_WAIT
             assert (!(match_held && s_event_tvalid && !s_event_tready));
-`endif
-`ifdef COVER_SECOND
-            assert (!(m_match_tvalid && m_match_tdata[35]));
-`endif
-`ifdef COVER_ACCEPTED
-            assert (!(m_match_tvalid && m_match_tdata[40]));
-`endif
-`ifdef PROVE_EVENT
-            if (event_held) assert (m_event_tvalid && m_event_tdata == event_data);
-            if (m_event_tvalid) assert (under_way != 0);
-            assert (under_way < DEPTH);
-`endif
-`ifdef PROVE_WINDOW
-            if (window_held) assert (m_window_tvalid && window_word == window_data);
-`endif
-`ifdef PROVE_MATCH
-            if (match_held) assert (m_match_tvalid && m_match_tdata == match_data);
-`endif
-`ifdef PROVE_ONE
-            if (complete) assert (!owed);
-            if (m_match_tvalid) assert (owed);
-`endif
-`ifdef PROVE_NUMBER
-            if (m_match_tvalid) assert (m_match_tdata[1:0] + 2'd1 == windows[1:0]);
-`endif
-`ifdef PROVE_PATIENCE
-            assert (waited < PATIENCE);
 `endif
         end
     end

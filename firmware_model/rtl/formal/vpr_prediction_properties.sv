@@ -11,13 +11,12 @@ module vpr_prediction_properties #(
     input logic                   clk,
     input logic                   clear,
     input logic                   shift,
-    input logic                   off,
     input logic [METRIC_BITS-1:0] metric,
     input logic [11:0]            costs
 );
-    // steps of 0, 1 and 2 places with costs of 4 bits, and one back for 3, as the script sets them
-    localparam ENTRIES = 4;
-    localparam LATENCY = 5;  // of a tree of three levels, from the clock behind the one that shifts
+    // steps of 0, 1 and 2 places with costs of 4 bits, as the script sets them
+    localparam ENTRIES = 3;
+    localparam LATENCY = 4;  // of a tree of two levels, from the clock behind the one that shifts
     localparam WIDE    = 12;
 
     (* anyconst *) logic                   placed;
@@ -28,38 +27,36 @@ module vpr_prediction_properties #(
     logic [ENTRIES*BITS-1:0] entries;
 
     vpr_prediction predictions (
-        .clk_i(clk), .clear_i(clear), .shift_i(shift), .off_i(off), .metric_i(metric), .costs_i(costs),
+        .clk_i(clk), .clear_i(clear), .shift_i(shift), .metric_i(metric), .costs_i(costs),
         .placed_i(placed), .least_i(least), .prediction_o(prediction), .entries_q(entries)
     );
 
     logic                   begun = 1'b0;
     logic                   shifted = 1'b0;
     // as they came with the clock before
-    logic                   shift_1 = 1'b0, off_1;
+    logic                   shift_1 = 1'b0;
     logic [METRIC_BITS-1:0] metric_1;
     logic [ENTRIES-1:0]     there;
-    logic [METRIC_BITS-1:0] come_0, come_1, come_2, come_3;
+    logic [METRIC_BITS-1:0] come_0, come_1, come_2;
 
     always_ff @(posedge clk) begin
         shifted  <= shift && !clear;
         shift_1  <= shift;
-        off_1    <= off;
         metric_1 <= metric;
         if (clear) begin
             begun <= 1'b1;
             there <= '0;
         end else if (shift_1) begin
-            there  <= {there[2:0], !off_1};
+            there  <= {there[1:0], 1'b1};
             come_0 <= metric_1;
             come_1 <= come_0;
             come_2 <= come_1;
-            come_3 <= come_2;
         end
     end
 
     always_comb begin
         if (!begun) assume (clear);
-        if (shift) assume (!shifted && (off || metric >= least));
+        if (shift) assume (!shifted && metric >= least);
         assume (costs[3:0] <= RESTART && costs[7:4] <= RESTART && costs[11:8] <= RESTART);
     end
 
@@ -70,20 +67,18 @@ module vpr_prediction_properties #(
         lesser = b < a ? b : a;
     endfunction
 
-    // the newest is the place ahead
     wire [WIDE-1:0] moving = lesser(
-        lesser(path(there[0], come_0, 3), path(there[1], come_1, WIDE'(costs[3:0]))),
-        lesser(path(there[2], come_2, WIDE'(costs[7:4])), path(there[3], come_3, WIDE'(costs[11:8]))));
+        path(there[0], come_0, WIDE'(costs[3:0])),
+        lesser(path(there[1], come_1, WIDE'(costs[7:4])), path(there[2], come_2, WIDE'(costs[11:8]))));
     wire [WIDE-1:0] cheapest = lesser(moving, WIDE'(RESTART));
 
-    logic [WIDE-1:0]    due_1, due_2, due_3, due_4, due_5;
+    logic [WIDE-1:0]    due_1, due_2, due_3;
     logic [LATENCY-1:0] follows = '0;
     always_ff @(posedge clk) begin
         follows <= {follows[LATENCY-2:0], shift_1 && !clear && begun};
         due_1   <= cheapest;  // of the metric that was shifted in the clock before
         due_2   <= due_1;
         due_3   <= due_2;
-        due_4   <= due_3;
     end
 
     function automatic [BITS-1:0] held(input is, input [METRIC_BITS-1:0] from);
@@ -95,13 +90,12 @@ module vpr_prediction_properties #(
             assert (!there[0] || come_0 >= least);
             assert (!there[1] || come_1 >= least);
             assert (!there[2] || come_2 >= least);
-            assert (!there[3] || come_3 >= least);
-            assert (entries == {held(there[3], come_3), held(there[2], come_2),
-                                held(there[1], come_1), held(there[0], come_0)});
+            assert (entries == {held(there[2], come_2), held(there[1], come_1),
+                                held(there[0], come_0)});
             if (follows[LATENCY-1]) begin
-                assert (prediction == (placed ? due_4[METRIC_BITS-1:0] : '0));
+                assert (prediction == (placed ? due_3[METRIC_BITS-1:0] : '0));
                 assert (prediction <= RESTART);
-                assert (due_4 <= RESTART);
+                assert (due_3 <= RESTART);
             end
         end
     end

@@ -54,12 +54,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "and events at unselected pixels, are left out until it does",
     )  # fmt: skip
     vectors.add_argument(
-        "--ram", metavar="SIZE", default="64KiB",
-        help="RAM of the microcontroller: the place filter keeps the distances of a window where "
-        "they fit (2 bytes per place), and otherwise computes them twice; keep_distances in a "
-        "design file decides instead",
-    )  # fmt: skip
-    vectors.add_argument(
         "--vectors", metavar="SIZE", default="all",
         help="leave out the cases with most events, so that the folder has about this size, such "
         "as 20MB",
@@ -82,14 +76,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Make vectors and write them."""
-    from edge_vpr.files import check_output, read_toml, replacing_folder
+    from edge_vpr.files import check_output, replacing_folder
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.estimate.of_map import design_of
     from edge_vpr_tools.golden_vectors import (
         case_size,
         check_vectors_folder,
-        distances_text,
-        keeping_distances,
         missed_corners,
         recorded_case,
         vectors_size,
@@ -110,12 +102,9 @@ def run(args: argparse.Namespace) -> None:
     recorded: list[Case] = []
     if args.map is None:
         design = Design.load(args.design)
-        stated = read_toml(args.design, "a design", "name a design file")
-        if "keep_distances" not in stated:
-            design = keeping_distances(design, case_size(args.ram))
     else:
         reference = ReferenceMap.load(args.map)
-        design = keeping_distances(design_of(reference, args.lanes), case_size(args.ram))
+        design = design_of(reference, args.lanes)
         if args.recording is not None:
             recording = open_from(args, args.recording, default_period=reference.frame_period)
             with status("windows of the recording"):
@@ -124,8 +113,6 @@ def run(args: argparse.Namespace) -> None:
                         reference, design, recording, args.max_windows, case_size(args.case_size)
                     )
                 ]
-    if design.filters:
-        note(distances_text(design))
     with replacing_folder(output) as folder, status("cases") as show_case:
         suites = _suites(args, design, recorded)
         made = {name: cases for name, cases in suites.items() if name != "recording"}

@@ -131,12 +131,6 @@ def run(args: argparse.Namespace) -> None:
         results.check_new_file(Path(path), inputs, args.overwrite)
     asked = with_match_flags(args, reference, online=args.online)
     _ = asked.acceptance  # a precision that the table cannot reach is an error before any work
-    for flag, given in (("--filter-steps", args.filter_steps), ("--filter-back", args.filter_back)):
-        if given and asked.settings.window_parts > 1:
-            warning(
-                f"{flag} counts places, and a window of this map has two: half the steps per "
-                f"window; give {flag} to map, which then makes places at whole windows"
-            )
     if args.every is not None and not args.online:
         raise UsageError("--every says when to match online: add --online, or leave it out")
     odometry = None if args.odometry is None else load_odometry(args.odometry)

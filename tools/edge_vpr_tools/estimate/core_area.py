@@ -30,7 +30,7 @@ _SINGLE = replace(_SEQUENCES, length=1)
 _FILTER = replace(_SINGLE, matching="filter")
 _OWN_MEANS = replace(_SINGLE, code="own-mean", full_scales=(0,))
 _BOTH = replace(_OWN_MEANS, matching="filter")
-_DEFAULT = replace(_BOTH, code="contrast", activity_costs=True, steps=())
+_DEFAULT = replace(_BOTH, code="contrast")
 #: sizes that change apart from one another
 FITTED_ON = {
     "sequences, 2 lanes": replace(_SEQUENCES, lanes=2),
@@ -42,9 +42,8 @@ FITTED_ON = {
     "place filter, 16 lanes": replace(_FILTER, lanes=16),
     "single windows, own means, 4 lanes": replace(_OWN_MEANS, lanes=4),
     "place filter, own means, 8 lanes": _BOTH,
-    "place filter by activity, 8 lanes": replace(_FILTER, activity_costs=True, steps=()),
-    "place filter by activity, contrast codes, 8 lanes": _DEFAULT,
-    "place filter at half windows, contrast codes, 8 lanes": replace(_DEFAULT, activity_costs=2),
+    "place filter, contrast codes, 8 lanes": _DEFAULT,
+    "place filter at half windows, contrast codes, 8 lanes": replace(_DEFAULT, places_per_window=2),
 }
 #: designs that the fit is checked with
 CHECKED_ON = {
@@ -55,11 +54,11 @@ CHECKED_ON = {
     "place filter, own means, 60 pixels, 1,500 places, 12 lanes": replace(
         _BOTH, pixels=60, places=1500, lanes=12
     ),
-    "place filter by activity, contrast codes, 60 pixels, 1,500 places, 4 lanes": replace(
+    "place filter, contrast codes, 60 pixels, 1,500 places, 4 lanes": replace(
         _DEFAULT, pixels=60, places=1500, lanes=4
     ),
     "place filter at half windows, contrast codes, 60 pixels, 1,500 places, 4 lanes": replace(
-        _DEFAULT, activity_costs=2, pixels=60, places=1500, lanes=4
+        _DEFAULT, places_per_window=2, pixels=60, places=1500, lanes=4
     ),
 }
 
@@ -105,13 +104,13 @@ def _fitted() -> tuple[float, ...]:
 def _terms(design: Design) -> tuple[int, ...]:
     """Return what each term of the fit counts, in this order.
 
-    The core, bits of a word, the place filter, step costs by activity and at half windows, own
-    means, contrast codes, and sums of several windows.
+    The core, bits of a word, the place filter, places at half windows, own means, contrast codes,
+    and sums of several windows.
     """
     several = not design.filters and design.length > 1
     word, contrast = design.lanes * design.code_bits, design.code == "contrast"
-    activity, half = design.activity_costs > 0, design.activity_costs == 2
-    return 1, word, design.filters, activity, half, design.own_mean, contrast, several
+    half = design.places_per_window == 2
+    return 1, word, design.filters, half, design.own_mean, contrast, several
 
 
 def measure(designs: Mapping[str, Design]) -> list[Netlist]:

@@ -43,25 +43,15 @@ _MATCH = (
     "match_per_sum_of_several",
     "match_per_term",
 )
-#: of the filter, with distances kept, and computed twice
-_KEPT, _TWICE = (
-    tuple(
-        f"{name}_{of}"
-        for of in (
-            "call",
-            "per_place",
-            "per_16_bytes",
-            "per_16_bytes_left_over",
-            "per_place_by_activity",
-            "per_place_of_other_steps",
-            "per_other_step",
-            "per_step_back",
-        )
-    )
-    for name in ("kept", "twice")
+_FILTER = (
+    "filter_call",
+    "filter_per_place",
+    "filter_per_16_bytes",
+    "filter_per_16_bytes_left_over",
+    "filter_per_half_place",
 )
 _WINDOWS = (_WINDOW, _OWN_WINDOW, _CONTRAST_WINDOW)
-_GROUPS = (*_WINDOWS, _MATCH, _KEPT, _TWICE)
+_GROUPS = (*_WINDOWS, _MATCH, _FILTER)
 
 #: sizes that change apart from one another, so that no coefficient hides behind another
 FITTED_ON = tuple(
@@ -88,22 +78,16 @@ FITTED_ON = tuple(
 )
 
 
-#: the same for the filter: sizes, fixed costs of steps forward, or for how many places per window
-#: they are by activity, and costs of steps back
+#: the same for the filter: sizes, and places per window
 _FILTERS = tuple(
     Design(
         width=64, height=64, pixels=pixels, places=places, code_bits=4, matching="filter",
-        code="own-mean" if steps else "contrast", activity_costs=activity, steps=(1,) * steps,
-        back=(2,) * back, keep_distances=keep,
+        code=code, places_per_window=per_window,
     )
-    for keep in (True, False)
-    for pixels, places, steps, activity, back in (
-        (16, 20, 3, 0, 0), (150, 20, 3, 0, 0), (40, 60, 3, 0, 0), (64, 90, 4, 0, 0),
-        (25, 40, 4, 0, 0), (100, 30, 3, 0, 0), (208, 24, 3, 0, 0), (40, 30, 5, 0, 0),
-        (64, 40, 8, 0, 2), (16, 60, 3, 0, 1), (150, 24, 6, 0, 4), (250, 40, 2, 0, 0),
-        (16, 24, 0, 1, 0), (150, 20, 0, 1, 0), (40, 60, 0, 1, 0), (208, 30, 0, 1, 0),
-        (64, 90, 0, 1, 0), (40, 30, 0, 1, 2), (25, 60, 0, 2, 0), (150, 40, 0, 2, 0),
-        (64, 30, 0, 2, 3),
+    for code in ("own-mean", "contrast")
+    for pixels, places, per_window in (
+        (16, 20, 1), (150, 20, 1), (40, 60, 1), (64, 90, 1), (100, 30, 1), (208, 24, 1),
+        (250, 40, 1), (16, 24, 2), (25, 60, 2), (150, 40, 2), (64, 30, 2), (208, 30, 2),
     )
 )  # fmt: skip
 
@@ -172,7 +156,7 @@ def _groups(design: Design) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Name the coefficients of the design's windows and matches."""
     window = _WINDOWS[design.own_mean + design.contrast]
     if design.filters:
-        return window, _KEPT if design.keep_distances else _TWICE
+        return window, _FILTER
     return window, _MATCH
 
 
@@ -198,18 +182,14 @@ def _match_terms(design: Design) -> tuple[int, ...]:
 
 
 def _filter_terms(design: Design, rows: int) -> tuple[int, ...]:
-    forward = design.forward_steps
-    places, others = design.places, forward > 4 or len(design.back) > 0
+    places = design.places
     return (
         1,
         places,
         places * rows,
         places * (rows % 4),
-        places * (design.activity_costs > 0),
-        # up to four steps forward are at hand; others take a loop
-        places * others,
-        places * others * (forward + len(design.back)),
-        places * len(design.back),
+        # four steps are at hand; seven take a loop
+        places * (design.places_per_window == 2),
     )
 
 

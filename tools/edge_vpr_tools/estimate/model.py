@@ -19,7 +19,7 @@ from edge_vpr_tools.estimate.targets import Constant, Spread, Target, constants
 from firmware_model.cost import Memory, cycles, memories, operations
 from firmware_model.design import Design
 from firmware_model.emulation.instructions import TABLE
-from firmware_model.image import ALIGNMENT, HEADER_WORDS, ram_bytes, step_costs, stride
+from firmware_model.image import ALIGNMENT, HEADER_WORDS, ram_bytes, stride
 from fixedpoint.codes import packed_bytes
 
 # Exact counts of a design: operations, memory traffic and sizes, from its parameters alone.
@@ -144,16 +144,15 @@ def _sequence_traffic(design: Design) -> dict[str, Traffic]:
 
 def _filter_traffic(design: Design) -> dict[str, Traffic]:
     places = design.places
-    words = places * design.words * (1 if design.keep_distances else 2)
-    kept = places if design.keep_distances else 0
+    words = places * design.words
     return _traffic(
         design,
         query=(words, 0),
         places=(words, 0),
         # those of the steps' other places are at hand
         metric=(places, places),
-        place_activity=(places if design.activity_costs else 0, 0),
-        distance=(kept, kept),
+        place_activity=(places, 0),
+        distance=(places, places),
         delay=(max(0, places - design.exclusion - 1), places),
     )
 
@@ -189,9 +188,8 @@ def flash_bytes(design: Design) -> int:
         len(design.full_scales) * (design.count_max + 1) * (2 if design.own_mean else 1),
         design.slots,
         design.places * stride(design),
-        2 * len(step_costs(design)),
         2 * design.slots if design.own_mean else 0,
-        design.places if design.activity_costs else 0,
+        design.places if design.filters else 0,
     )
     return HEADER_WORDS * 4 + sum(-(-size // ALIGNMENT) * ALIGNMENT for size in tables)
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from edge_vpr.descriptors.windows import narrow, place_activity
-from edge_vpr.matching.place_filter import TransitionCosts
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from firmware_model.design import Design, DeviceCode
@@ -64,30 +63,21 @@ def design_by(settings: Settings, **others: Any) -> Design:
         If the device could not be.
     """
     filters = settings.matching == "filter"
-    costs = TransitionCosts.of(settings)
+    if filters and settings.window == "count":
+        raise DesignError(
+            "a place filter of windows of a number of events: a device has costs of steps by the "
+            "activity of windows, which these do not have: take windows of fixed time"
+        )
     of_settings = {
         "window": settings.window,
         "tau_us": settings.tau_us,
         "matching": settings.matching,
-        "activity_costs": filters and costs.forward is None and settings.window_parts,
-        "steps": _steps_of(costs),
-        "back": costs.back,
-        "restart": costs.restart,
+        "places_per_window": settings.window_parts if filters else 1,
+        "restart": settings.filter_restart,
         "accept": "margin" if filters else "ratio",
         "exclusion": settings.exclusion_places,
     }
     return Design(**of_settings | others)
-
-
-def _steps_of(costs: TransitionCosts) -> tuple[int, ...]:
-    """Return fixed costs of steps forward, up to the longest by which a match follows.
-
-    What costs as much as a restart makes no place cheaper.
-    """
-    steps = costs.forward or ()
-    if costs.places_per_window == 1 or not steps:
-        return steps
-    return steps + (costs.restart,) * (costs.last + 1 - len(steps))
 
 
 def memories_of(reference: ReferenceMap, design: Design) -> Memories:
@@ -107,7 +97,7 @@ def memories_of(reference: ReferenceMap, design: Design) -> Memories:
         tables,
         mean=None if reference.mean is None else reference.mean.tolist(),
         activity=reference.mean_activity if adaptive else 0,
-        place_activity=of_places.tolist() if design.activity_costs else None,
+        place_activity=of_places.tolist() if design.filters else None,
     )
 
 
