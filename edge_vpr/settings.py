@@ -620,6 +620,54 @@ class Settings:
         }
 
     @property
+    def profile(self) -> Literal["robot", "paper"] | None:
+        """Profile that the settings belong to, if any.
+
+        The two are promised on every implementation, equal to the bit: ``"robot"`` is the place
+        filter with contrast codes and windows of fixed time, ``"paper"`` sequences of saturating
+        counts with windows of either kind.
+        """
+        return (
+            None if self._beyond_profiles else ("robot" if self.matching == "filter" else "paper")
+        )
+
+    @property
+    def beyond_profile(self) -> str:
+        """What to change for the nearest profile, in one sentence; empty if it is one already."""
+        found = self._beyond_profiles
+        if not found:
+            return ""
+        name, values = (
+            ("robot", "the place filter with contrast codes and windows of fixed time")
+            if self.matching == "filter"
+            else ("paper", "sequences of saturating counts")
+        )
+        wanted = ", ".join(f"{key} = {value}" for key, value in found.items())
+        return f"the settings are of no profile of a device: set {wanted} for {name}, {values}"
+
+    @property
+    def _beyond_profiles(self) -> dict[str, str]:
+        """Return the settings that keep these from the nearest profile, and their values there."""
+        filters = self.matching == "filter"
+        wanted: dict[str, tuple[bool, str]] = {
+            "polarity": (not self.polarity, "false"),
+            "clip": (not self.clip, "none"),
+            "counter_full_scale": (not self.counter_full_scale, "auto"),
+            "window": (not filters or self.window == "time", "time"),
+        }
+        if filters:
+            wanted |= {
+                "counter_code": (self.counter_code == "log", "log"),
+                "counter_scaling": (self.counter_scaling == "contrast", "contrast"),
+            }
+        else:
+            wanted |= {
+                "counter_code": (self.counter_code in ("none", "linear"), "linear"),
+                "counter_scaling": (self.counter_scaling == "shared", "shared"),
+            }
+        return {name: value for name, (fits, value) in wanted.items() if not fits}
+
+    @property
     def of_trust(self) -> tuple[object, ...]:
         """Settings that the scale of the trust depends on.
 

@@ -500,15 +500,13 @@ def test_a_suite_that_a_design_has_not_is_refused(tmp_path, capsys):
     "settings",
     [
         [],
-        ["--polarity", "--window", "count", "--counter-bits", "4", "--matching", "sequence"],
-        ["--counter-code", "sqrt", "--counter-scaling", "per-pixel"],
+        ["--preset", "paper", "--window", "count", "--counter-code", "linear"],
         ["--preset", "paper"],
         ["--places-per-window", "2"],
     ],
     ids=[
         "defaults",
-        "own means, sequences",
-        "codes of each pixel, filter",
+        "saturating counts, windows by number",
         "counts",
         "half windows",
     ],

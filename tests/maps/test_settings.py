@@ -221,3 +221,34 @@ def test_the_docstring_has_every_attribute():
 
 def test_a_word_of_a_setting_of_words_is_read_as_what_it_means():
     assert Settings(score="ratio").replaced({"score": "auto"}, "a file").score is None
+
+
+@pytest.mark.parametrize(
+    ("preset", "changes", "profile"),
+    [
+        ("default", {}, "robot"),
+        ("default", {"pixels": 25, "delay": 4, "smooth": False, "places_per_window": 1}, "robot"),
+        ("paper", {}, "paper"),
+        ("paper", {"window": "count", "counter_code": "linear", "counter_bits": 4}, "paper"),
+        ("default", {"polarity": True}, None),
+        ("default", {"counter_scaling": "own-mean"}, None),
+        ("default", {"window": "count"}, None),
+        ("paper", {"counter_code": "log"}, None),
+        ("seed-code", {}, None),
+    ],
+)
+def test_settings_belong_to_a_profile_or_say_what_to_change(preset, changes, profile):
+    found = PRESETS[preset].replaced(changes, "the test")
+    assert found.profile == profile
+    if profile is not None:
+        assert found.beyond_profile == ""
+        return
+    asked = found.beyond_profile.partition("set ")[2].partition(" for ")[0].split(", ")
+    wanted = dict(one.split(" = ") for one in asked)
+    assert wanted
+    # what it names is all that there is to change
+    values = {"false": False, "none": None, "auto": None}
+    if "clip" in wanted:
+        values["none"] = 0
+    named = {name: values.get(value, value) for name, value in wanted.items()}
+    assert found.replaced(named, "the test").profile in ("robot", "paper")

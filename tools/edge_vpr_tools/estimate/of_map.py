@@ -32,6 +32,8 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         If the device could not be.
     """
     settings = reference.settings
+    if settings.profile is None:
+        raise DesignError(settings.beyond_profile)
     if reference.jumps is not None and len(reference.jumps):
         raise DesignError(
             f"the map has {len(reference.jumps)} jumps, which the device has not: make the map "
@@ -64,10 +66,7 @@ def design_by(settings: Settings, **others: Any) -> Design:
     """
     filters = settings.matching == "filter"
     if filters and settings.window == "count":
-        raise DesignError(
-            "a place filter of windows of a number of events: a device has costs of steps by the "
-            "activity of windows, which these do not have: take windows of fixed time"
-        )
+        raise DesignError(settings.beyond_profile)
     of_settings = {
         "window": settings.window,
         "tau_us": settings.tau_us,

@@ -1,0 +1,121 @@
+"""The promise of both profiles: recorded, live, specification, C and core are equal to the bit.
+
+The specification is what the others are held to, by one drive of each profile.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from edge_vpr_tools.estimate.of_map import design_of, memories_of
+from streams import Drive, cut_up, random_events, with_sums
+
+from edge_vpr.events import Events, Sensor
+from edge_vpr.map_record import describe_query
+from edge_vpr.matching.drive import match_descriptors
+from edge_vpr.online.localiser import Localiser, MatchSchedule
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import PRESETS
+from firmware_model import Event, MatchResult
+from firmware_model.emulation.build import HOST, build
+from firmware_model.hardware import replay
+from firmware_model.hardware.simulation import Conditions
+from firmware_model.image import image
+from firmware_model.vectors import in_order, records, to_binary, write_suites
+from firmware_model.vectors.case import Case
+
+SENSOR = Sensor(24, 16)
+_SMALL = {"pixels": 12, "sigma": 1.0, "tau_us": 100_000, "remove_bursts": False}
+#: settings of each profile, by what is chosen
+PROFILES: dict[str, dict[str, Any]] = {
+    "robot": {"preset": "default"},
+    "robot, one place per window": {"preset": "default", "places_per_window": 1},
+    "paper": {"preset": "paper", "counter_code": "linear", "counter_bits": 4},
+    "paper, windows by number": {
+        "preset": "paper", "counter_code": "linear", "counter_bits": 4, "window": "count",
+        "events_per_pixel": 1.0,
+    },
+}  # fmt: skip
+
+
+class Driven(NamedTuple):
+    """A map, a drive of it, and what the specification says of the drive."""
+
+    reference: ReferenceMap
+    events: Events
+    case: Case
+    matches: list[MatchResult]
+
+    def same(self, rows: Sequence[Sequence[int]]) -> None:
+        """Hold place, sum, second place and its sum of all matches to those of the device."""
+        expected = [
+            (m.place, m.sum, -1 if m.second is None else m.second,
+             -1 if m.second_sum is None else m.second_sum)
+            for m in self.matches
+        ]  # fmt: skip
+        assert len(expected) > 15
+        assert [tuple(map(int, row)) for row in rows][: len(expected)] == expected
+
+
+@pytest.fixture(scope="module", params=PROFILES)
+def driven(request) -> Driven:
+    rng = np.random.default_rng(11)
+    given = dict(PROFILES[request.param])
+    settings = PRESETS[given.pop("preset")].replaced(_SMALL | given, "the test")
+    assert settings.profile == request.param.partition(",")[0]
+    drives = [random_events(rng, 12_000, SENSOR, 3_000_000) for _ in range(2)]
+    reference = ReferenceMap.build(Drive(drives[0], SENSOR), settings)
+    # as a robot: every window by what came before it
+    now = replace(reference.settings, smooth=False, query_mean="auto", anchor="end")
+    reference = replace(reference, settings=now)
+    design = design_of(reference, lanes=4)
+    found = tuple(Event(t, x, y, bool(p)) for t, x, y, p in drives[1].tolist())
+    case = Case("drive", memories_of(reference, design), found)
+    return Driven(reference, drives[1], case, case.trace().matches)
+
+
+def test_recorded_matches_are_those_of_the_specification(driven):
+    """By Numba, all windows at once."""
+    queries = describe_query(driven.reference, Drive(driven.events, SENSOR))
+    found = match_descriptors(driven.reference.places, queries, driven.reference.settings)
+    driven.same(
+        list(zip(found.place, found.distance_sum, found.second, found.second_sum, strict=True))
+    )
+
+
+def test_live_matches_are_those_of_the_specification(driven):
+    """By Numba, event by event, in pieces of any size."""
+    settings = driven.reference.settings
+    localiser = Localiser(driven.reference, every=MatchSchedule.window(settings))
+    pieces = cut_up(np.random.default_rng(3), driven.events, 20)
+    found = np.concatenate([localiser.update(piece) for piece in pieces])
+    rows = with_sums(found, settings.windows_per_match)
+    driven.same(rows[["place", "distance", "second", "second_distance"]].tolist())
+
+
+def test_the_firmware_returns_every_record_of_the_specification(driven, tmp_path):
+    """In C, as a program of this computer."""
+    pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
+    (tmp_path / "image").write_bytes(image(driven.case.memories))
+    (tmp_path / "events").write_bytes(driven.case.event_bytes())
+    program = build(HOST, tmp_path)
+    words = [tmp_path / "image", tmp_path / "events", str(driven.case.start), tmp_path / "out"]
+    subprocess.run([program.absolute(), *words], check=True)
+    expected = to_binary(records(in_order(driven.case.trace())))
+    assert (tmp_path / "out").read_bytes() == expected
+
+
+@pytest.mark.skipif(shutil.which("iverilog") is None, reason="iverilog is not installed")
+def test_the_core_returns_every_record_of_the_specification(driven, tmp_path: Path):
+    """In SystemVerilog, simulated with stalls and a reset."""
+    short = replace(driven.case, events=driven.case.events[:8_000])
+    write_suites(tmp_path / "v", short.design, {"drive": [short]}, 0, rtl=True)
+    outcome = replay.hold(tmp_path / "v", Conditions(seed=2, stall=20, resets=1))
+    assert outcome.differences == [] and outcome.compared["match"] > 5
