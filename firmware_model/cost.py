@@ -65,8 +65,8 @@ def memories(design: Design, slow_blocks: bool = False) -> dict[str, Memory]:
     return {
         "displacement": Memory(design.height, bits["address"]),
         "lookup": Memory(design.lookup_depth, bits["owner"] + bits["slot"]),
-        # while its entry is read: row of a pixel, whether it is off the sensor, its polarity
-        "pixel_delay": Memory(3 if slow_blocks else 2, bits["row"] + 2),
+        # while its entry is read: row of a pixel, and whether it is off the sensor
+        "pixel_delay": Memory(3 if slow_blocks else 2, bits["row"] + 1),
         "counts": Memory(design.slots, bits["count"]),
         "code": Memory(len(design.full_scales) * (design.count_max + 1), bits["entry"]),
         # a single table needs no number

@@ -53,13 +53,12 @@ AcceptKind = Literal["margin", "ratio"]
 MAX_TABLES = 16
 #: largest cost: with its fraction bits, it is below the largest metric
 MAX_COST = (METRIC_TOP >> FRACTION_BITS) - 1
-#: an event has 15 bits for the row, and one for the polarity
+#: an event has 15 bits for the row, and one for the polarity, which a device does not look at
 MAX_SIDE = 1 << 15
 #: largest length of a list, checked first
 MOST_PARTS = 4_096
 
 _TUPLES = ("full_scales", "ratio")
-_SWITCHES = ("polarity",)
 _CHOICES = {"window": WindowKind, "matching": Matching, "accept": AcceptKind}
 _RANGES = {
     "width": (1, MAX_SIDE),
@@ -103,8 +102,6 @@ class Design:
         Of the sensor, in pixels.
     pixels : int
         J, selected pixels.
-    polarity : bool
-        Count ON and OFF events apart: J counters for ON are followed by J for OFF.
     code : {"linear", "sqrt", "log", "own-mean", "contrast"}
         How counts are coded.
     code_bits : int
@@ -156,7 +153,6 @@ class Design:
     width: int
     height: int
     pixels: int
-    polarity: bool = False
     code: DeviceCode = "log"
     code_bits: int = 3
     full_scales: tuple[int, ...] = (0,)
@@ -193,10 +189,6 @@ class Design:
             if not all(isinstance(part, numbers.Integral) for part in parts):
                 raise DesignError(f"design: {name} = {_shown(parts)}: expected whole numbers")
             object.__setattr__(self, name, tuple(int(part) for part in parts))
-        for name in _SWITCHES:
-            value = getattr(self, name)
-            if not isinstance(value, bool):
-                raise DesignError(f"design: {name} = {_shown(value)}: expected true or false")
         for name, (low, high) in _RANGES.items():
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
@@ -301,8 +293,8 @@ class Design:
 
     @property
     def slots(self) -> int:
-        """Number of counters, and of codes in a descriptor: J, or 2 J with separate polarities."""
-        return self.pixels * (2 if self.polarity else 1)
+        """Number of counters, and of codes in a descriptor: J."""
+        return self.pixels
 
     @cached_property
     def count_max(self) -> int:

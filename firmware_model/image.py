@@ -23,33 +23,32 @@ class Word(IntEnum):
     WIDTH = 3
     HEIGHT = 4
     PIXELS = 5
-    SLOTS = 6
-    STRIDE = 7
-    COUNT_MAX = 8
-    PLACES = 9
-    LENGTH = 10
-    EXCLUSION = 11
-    WINDOW_KIND = 12
-    WINDOW = 13
-    TIMESTAMP_BITS = 14
-    ACCEPT = 15
-    RATIO_DENOMINATOR = 16
-    LOOKUP_DEPTH = 17
-    CODE_MAX = 18
-    CODES = 19
-    DISPLACEMENT_TABLE = 20
-    LOOKUP_TABLE = 21
-    CODE_TABLE = 22
-    WHICH_CODE_TABLE = 23
-    PLACES_TABLE = 24
-    MEAN_TABLE = 25
-    PLACE_ACTIVITY_TABLE = 26
-    PLACES_PER_WINDOW = 27
-    RESTART = 28
-    TRUST = 29
-    OWN_MEAN = 30
-    ACTIVITY = 31
-    CONTRAST = 32
+    STRIDE = 6
+    COUNT_MAX = 7
+    PLACES = 8
+    LENGTH = 9
+    EXCLUSION = 10
+    WINDOW_KIND = 11
+    WINDOW = 12
+    TIMESTAMP_BITS = 13
+    ACCEPT = 14
+    RATIO_DENOMINATOR = 15
+    LOOKUP_DEPTH = 16
+    CODE_MAX = 17
+    CODES = 18
+    DISPLACEMENT_TABLE = 19
+    LOOKUP_TABLE = 20
+    CODE_TABLE = 21
+    WHICH_CODE_TABLE = 22
+    PLACES_TABLE = 23
+    MEAN_TABLE = 24
+    PLACE_ACTIVITY_TABLE = 25
+    PLACES_PER_WINDOW = 26
+    RESTART = 27
+    TRUST = 28
+    OWN_MEAN = 29
+    ACTIVITY = 30
+    CONTRAST = 31
 
 
 #: offsets of the tables, in the order in which they lie in the image
@@ -87,11 +86,10 @@ def image(memories: Memories) -> bytes:
     design = memories.design
     check_limits(design)
     lookup, row = memories.lookup(), stride(design)
-    entries = [struct.pack("<IHH", 0xFFFF_FFFF, 0, 0)] * design.lookup_depth
-    off = design.slots - design.pixels
+    entries = [struct.pack("<II", 0xFFFF_FFFF, 0)] * design.lookup_depth
     for slot, (x, y) in enumerate(memories.pixels):
         at = (x + lookup.displacement[y]) % design.lookup_depth
-        entries[at] = struct.pack("<IHH", y << 16 | x, slot + off, slot)
+        entries[at] = struct.pack("<II", y << 16 | x, slot)
     tables = [
         struct.pack(f"<{design.height}H", *lookup.displacement),
         b"".join(entries),
@@ -114,7 +112,6 @@ def image(memories: Memories) -> bytes:
         Word.WIDTH: design.width,
         Word.HEIGHT: design.height,
         Word.PIXELS: design.pixels,
-        Word.SLOTS: design.slots,
         Word.STRIDE: row,
         Word.COUNT_MAX: design.count_max,
         Word.PLACES: design.places,

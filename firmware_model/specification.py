@@ -420,10 +420,7 @@ class Machine:
 
     def slot(self, event: Event) -> int | None:
         """Return the slot of an event; None if its pixel is not selected."""
-        slot = self._pixels.get((event.x, event.y))
-        if slot is not None and self.design.polarity and not event.on:
-            return slot + self.design.pixels
-        return slot
+        return self._pixels.get((event.x, event.y))
 
     def entries(self) -> list[int]:
         """Return the entry of each counter in its code table: a code, or a level."""

@@ -14,7 +14,6 @@ enum {
     AT_WIDTH,
     AT_HEIGHT,
     AT_PIXELS,
-    AT_SLOTS,
     AT_STRIDE,
     AT_COUNT_MAX,
     AT_PLACES,
@@ -48,7 +47,6 @@ enum {
 #define COLUMN_MASK 0xFFFFU
 #define ROW_SHIFT 16U
 #define PIXEL_MASK 0x7FFFFFFFU
-#define ON_SHIFT 31U
 #define COST_MAX 1016U
 #define TRUST_MAX 368U
 #define LEVEL_MAX 4096U /* logarithm of 65,536 in units of 1/256 octave */
@@ -113,7 +111,7 @@ static bool within_limits(const uint32_t *image)
         uint8_t least;
         uint16_t most;
     } range[] = {{AT_WIDTH, 1U, SIDE_MAX},  {AT_HEIGHT, 1U, SIDE_MAX},
-                 {AT_PIXELS, 1U, LIMIT},    {AT_SLOTS, 1U, LIMIT},
+                 {AT_PIXELS, 1U, LIMIT},
                  {AT_COUNT_MAX, 1U, LIMIT}, {AT_PLACES, 1U, LIMIT},
                  {AT_LENGTH, 1U, LIMIT},    {AT_EXCLUSION, 0U, LIMIT},
                  {AT_WINDOW_KIND, 0U, 1U},  {AT_TIMESTAMP_BITS, 2U, 32U},
@@ -128,7 +126,7 @@ static bool within_limits(const uint32_t *image)
             return false;
         }
     }
-    const uint32_t slots = image[AT_SLOTS];
+    const uint32_t slots = image[AT_PIXELS];
     const uint32_t depth = image[AT_LOOKUP_DEPTH];
     const uint32_t denominator = image[AT_RATIO_DENOMINATOR];
     const uint32_t distance_max = slots * image[AT_CODE_MAX];
@@ -136,8 +134,7 @@ static bool within_limits(const uint32_t *image)
     const uint32_t windows = (image[AT_WINDOW_KIND] == 0U)
                                  ? (((uint32_t)1U << (image[AT_TIMESTAMP_BITS] - 1U)) - 1U)
                                  : VPR_NONE;
-    return ((slots == image[AT_PIXELS]) || (slots == (image[AT_PIXELS] * 2U))) &&
-           (image[AT_STRIDE] == rounded_up(slots)) && ((depth - 1U) <= LIMIT) &&
+    return (image[AT_STRIDE] == rounded_up(slots)) && ((depth - 1U) <= LIMIT) &&
            ((depth & (depth - 1U)) == 0U) && ((image[AT_WINDOW] - 1U) < windows) &&
            (image[AT_LENGTH] <= image[AT_PLACES]) &&
            ((denominator == 0U) || (image[AT_ACCEPT] < denominator)) && (distance_max <= LIMIT) &&
@@ -152,9 +149,9 @@ static bool laid_out(const uint32_t *image)
     const uint32_t size[] = {image[AT_HEIGHT] * 2U,
                              image[AT_LOOKUP_DEPTH] * 8U,
                              image[AT_CODES] * (image[AT_COUNT_MAX] + 1U) * (own_mean ? 2U : 1U),
-                             image[AT_SLOTS],
+                             image[AT_PIXELS],
                              image[AT_PLACES] * image[AT_STRIDE],
-                             own_mean ? (image[AT_SLOTS] * 2U) : 0U,
+                             own_mean ? (image[AT_PIXELS] * 2U) : 0U,
                              (image[AT_PLACES_PER_WINDOW] != 0U) ? image[AT_PLACES] : 0U};
     uint32_t end = VPR_HEADER_WORDS * 4U;
     for (uint32_t i = 0U; i < (sizeof size / sizeof *size); i++) {
@@ -207,7 +204,7 @@ static bool lookup_sound(const vpr_design_t *d, uint32_t width, uint32_t pixels)
         }
         if ((column >= width) || (y >= d->height) ||
             (((column + d->displacement[y]) & d->lookup_mask) != at) ||
-            (entry->slot[1] >= pixels) || (entry->slot[0] != (entry->slot[1] + d->slots - pixels))) {
+            (entry->slot >= pixels)) {
             return false;
         }
         owned++;
@@ -262,7 +259,7 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->places = &bytes[image[AT_PLACES_TABLE]];
     d->height = image[AT_HEIGHT];
     d->lookup_mask = image[AT_LOOKUP_DEPTH] - 1U;
-    d->slots = image[AT_SLOTS];
+    d->slots = image[AT_PIXELS];
     d->stride = image[AT_STRIDE];
     d->count_max = image[AT_COUNT_MAX];
     d->time_scale = by_time ? ((uint32_t)1U << (32U - image[AT_TIMESTAMP_BITS])) : 0U;
@@ -356,7 +353,7 @@ uint32_t vpr_slot(const vpr_design_t *d, const vpr_event_t *e)
     if (entry->pixel != pixel) {
         return VPR_NONE;
     }
-    return entry->slot[e->pixel >> ON_SHIFT];
+    return entry->slot;
 }
 
 /* The same look-up as in vpr_slot stands in the loop: what does not change stays in registers. */
@@ -393,7 +390,7 @@ vpr_status_t vpr_events(const vpr_design_t *d, vpr_state_t *s, const vpr_event_t
         if (lookup[at].pixel != pixel) {
             continue;
         }
-        const uint32_t slot = lookup[at].slot[pixel_on >> ON_SHIFT];
+        const uint32_t slot = lookup[at].slot;
         const uint32_t count = counts[slot];
         counts[slot] = (uint16_t)((count < count_max) ? (count + 1U) : count);
         left--;

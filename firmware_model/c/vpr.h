@@ -27,13 +27,13 @@
 /* As it arrives: 8 bytes. */
 typedef struct {
     uint32_t t;     /* microseconds; the upper bits beyond timestamp_bits are ignored */
-    uint32_t pixel; /* bit 31: 1 for ON; bits 30..16: row; bits 15..0: column */
+    uint32_t pixel; /* bit 31: any, as 1 for ON; bits 30..16: row; bits 15..0: column */
 } vpr_event_t;
 
-/* Of the look-up: whose entry it is, and the slots of its OFF and its ON events. */
+/* Of the look-up: whose entry it is, and its slot. */
 typedef struct {
     uint32_t pixel; /* bits 30..16: row; bits 15..0: column; all ones: nobody's */
-    uint16_t slot[2];
+    uint32_t slot;
 } vpr_entry_t;
 
 /* Constants: read from the image once, and the same ever after. */

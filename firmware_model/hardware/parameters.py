@@ -33,7 +33,6 @@ def constants(design: Design) -> dict[str, int]:
         "WIDTH": design.width,
         "HEIGHT": design.height,
         "PIXELS": design.pixels,
-        "POLARITY": int(design.polarity),
         "LOOKUP_DEPTH": design.lookup_depth,
         "TIMESTAMP_BITS": design.timestamp_bits,
         "BY_TIME": int(design.window == "time"),

@@ -96,7 +96,7 @@ module vpr_events #(
         end
     end
 
-    // windows by count do not look at the time, nor narrow clocks at all of it
+    // nobody looks at the polarity; windows by count do not look at the time, nor narrow clocks at all of it
     wire unused = &{1'b0, s_event_tdata, start_time_i};
 
     vpr_pixel_lookup #(.LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)) pixel_lookup (
@@ -105,7 +105,6 @@ module vpr_events #(
         .take_i(take), .enable_i(looks),
         .column_i(s_event_tdata[EVENT_TIME_BITS+:16]),
         .row_i(s_event_tdata[EVENT_TIME_BITS+16+:15]),
-        .on_i(s_event_tdata[EVENT_TIME_BITS+31]),
         .selected_o(selected), .slot_o(slot)
     );
 

@@ -6,8 +6,6 @@
 // come with each clock.
 module vpr_pixel_lookup #(
     localparam int HEIGHT       = vpr_pkg::HEIGHT,
-    localparam int PIXELS       = vpr_pkg::PIXELS,
-    localparam bit POLARITY     = vpr_pkg::POLARITY,
     localparam int DEPTH        = vpr_pkg::LOOKUP_DEPTH,
     localparam int COLUMN_BITS  = vpr_pkg::COLUMN_BITS,
     localparam int ROW_BITS     = vpr_pkg::ROW_BITS,
@@ -26,7 +24,6 @@ module vpr_pixel_lookup #(
     input  logic                 enable_i,
     input  logic [15:0]          column_i,
     input  logic [14:0]          row_i,
-    input  logic                 on_i,
     output logic                 selected_o,
     output logic [SLOT_BITS-1:0] slot_o
 );
@@ -41,7 +38,6 @@ module vpr_pixel_lookup #(
     logic [COLUMN_BITS-1:0]  held_column_q;
     logic [ROW_BITS-1:0]     held_row_q, entry_row;
     logic                    off_column_q, off_row_q, entry_off;
-    logic                    second_half_q, entry_second;
     logic [ADDRESS_BITS-1:0] address_q;
 
     always_ff @(posedge clk_i) begin
@@ -52,17 +48,15 @@ module vpr_pixel_lookup #(
             // to 2^COLUMN_BITS, which is at most DEPTH, have entries that their row does not own.
             off_column_q  <= column_i != 16'(column_i[COLUMN_BITS-1:0]);
             off_row_q     <= {1'b0, row_i} >= 16'(HEIGHT);
-            second_half_q <= POLARITY && !on_i;
         end
         if (enable_i) address_q <= ADDRESS_BITS'(held_column_q) + displacement;
     end
 
     vpr_delay #(
-        .STEPS(SLOW_BLOCKS ? 3 : 2), .BITS(ROW_BITS + 2), .IN_LOGIC(SLOW_BLOCKS)
+        .STEPS(SLOW_BLOCKS ? 3 : 2), .BITS(ROW_BITS + 1), .IN_LOGIC(SLOW_BLOCKS)
     ) pixels (
         .clk_i(clk_i), .rst_i(rst_i), .push_i(enable_i),
-        .word_i({off_column_q || off_row_q, second_half_q, held_row_q}),
-        .oldest_o({entry_off, entry_second, entry_row})
+        .word_i({off_column_q || off_row_q, held_row_q}), .oldest_o({entry_off, entry_row})
     );
 
     vpr_rom #(
@@ -94,7 +88,7 @@ module vpr_pixel_lookup #(
     always_ff @(posedge clk_i) begin
         if (enable_i) begin
             selected_o <= !entry_off && owner == OWNER_BITS'(entry_row);
-            slot_o <= entry[HELD+:SLOT_BITS] + (entry_second ? SLOT_BITS'(PIXELS) : SLOT_BITS'(0));
+            slot_o     <= entry[HELD+:SLOT_BITS];
         end
     end
 endmodule

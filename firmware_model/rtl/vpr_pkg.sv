@@ -10,7 +10,6 @@ package vpr_pkg;
     localparam int           WIDTH          = 2;      // of the sensor, in pixels
     localparam int           HEIGHT         = 2;
     localparam int           PIXELS         = 1;      // that are selected
-    localparam bit           POLARITY       = 1'd0;   // a counter for each polarity
     localparam int           LOOKUP_DEPTH   = 2;      // entries of the pixel look-up
     localparam int           TIMESTAMP_BITS = 32;
     localparam bit           BY_TIME        = 1'd1;   // windows of TAU_US; else of WINDOW_EVENTS
@@ -47,8 +46,8 @@ package vpr_pkg;
         width_of = highest == 0 ? 1 : $clog2(highest + 1);
     endfunction
 
-    localparam int SLOTS = POLARITY ? 2 * PIXELS : PIXELS;  // counters, and codes of a descriptor
-    localparam int WORDS = (SLOTS + LANES - 1) / LANES;     // of a descriptor
+    localparam int SLOTS = PIXELS;                       // counters, and codes of a descriptor
+    localparam int WORDS = (SLOTS + LANES - 1) / LANES;  // of a descriptor
 
     // events: their words, the pixel look-up, counters
     localparam int EVENT_TIME_BITS   = TIMESTAMP_BITS <= 32 ? 32 : 64;

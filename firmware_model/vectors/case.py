@@ -169,9 +169,8 @@ class Stream:
 
     def slot(self, slot: int, times: int = 1, offset: int = 0) -> None:
         """Add events that are counted by a slot."""
-        pixel, on = self.pixels[slot % self.design.pixels], slot < self.design.pixels
         for _ in range(times):
-            self.at(*pixel, offset, on)
+            self.at(*self.pixels[slot], offset)
 
     def fill(self, counts: Sequence[int]) -> None:
         """Add the events of one window, `counts[slot]` for each slot, and end it.

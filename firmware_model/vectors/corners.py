@@ -58,7 +58,7 @@ def event_cases(design: Design) -> list[Case]:
 
 def adaptive_event_cases(design: Design) -> list[Case]:
     """Make the corner cases of events and windows that a filter or own-mean codes change."""
-    names = ("events_by_time", "events_by_count", "both_polarities", "one_place", "narrow_clock")
+    names = ("events_by_time", "events_by_count", "one_place", "narrow_clock")
     designs = _event_designs(design)
     return [_event_case(f"adaptive_{name}", designs[name]) for name in names]
 
@@ -78,8 +78,6 @@ def _event_designs(design: Design) -> dict[str, Design]:
     return {
         "events_by_time": by_time,
         "events_by_count": by_count,
-        "both_polarities": replace(by_time, polarity=not design.polarity),
-        "both_polarities_by_count": replace(by_count, polarity=not design.polarity),
         "unfilled_lanes": replace(by_time, lanes=odd),
         **({} if design.own_mean else {"several_code_tables": several}),
         "counts_above_255": replace(by_time, full_scales=(300,)),

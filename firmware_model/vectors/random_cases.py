@@ -153,7 +153,6 @@ def random_design(rng: np.random.Generator) -> Design:
         width=width,
         height=height,
         pixels=pixels,
-        polarity=bool(rng.integers(2)),
         code=("linear", "sqrt", "log")[rng.integers(3)],
         code_bits=int(rng.integers(1, 9)),
         full_scales=tuple(rng.integers(1, 12, int(rng.integers(1, 4))).tolist()),

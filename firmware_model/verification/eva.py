@@ -43,7 +43,7 @@ _DESIGN = Design(
 _FILTER = replace(_DESIGN, matching="filter", length=1, code="own-mean")
 #: sizes of which every content of the tables is analysed
 SIZES = {
-    "sequences_by_time": replace(_DESIGN, polarity=True, accept="margin"),
+    "sequences_by_time": replace(_DESIGN, accept="margin"),
     "sequences_by_count": replace(_DESIGN, window="count", full_scales=(7, 15)),
     "sequences_of_one": replace(_DESIGN, length=1, exclusion=0, places=3),
     "filter": replace(_FILTER, code="log"),
@@ -91,10 +91,10 @@ _LARGE_OPTIONS = (
 _LEVEL_MAX = 4096
 #: names and types of the tables, in their order in the image
 _TABLES = (
-    ("displacement", "H"), ("lookup", "IHH"), ("code", "B"), ("code_table", "B"), ("places", "B"),
+    ("displacement", "H"), ("lookup", "II"), ("code", "B"), ("code_table", "B"), ("places", "B"),
     ("mean", "H"), ("place_activity", "b"),
 )  # fmt: skip
-_C_TYPES = {"B": "uint8_t", "b": "int8_t", "H": "uint16_t", "I": "uint32_t", "IHH": "vpr_entry_t"}
+_C_TYPES = {"B": "uint8_t", "b": "int8_t", "H": "uint16_t", "I": "uint32_t", "II": "vpr_entry_t"}
 _DRIVER = """
 static vpr_design_t design;
 static vpr_state_t state;
@@ -179,16 +179,14 @@ RESET
         //@ loop unroll DEPTH;
         for (uint32_t i = 0U; i < DEPTH; i++) {
             flash.lookup[i].pixel = VPR_NONE;
-            flash.lookup[i].slot[0] = (uint16_t)UP_TO(0xFFFFU);
-            flash.lookup[i].slot[1] = (uint16_t)UP_TO(0xFFFFU);
+            flash.lookup[i].slot = UP_TO(0xFFFFFFFFU);
         }
         take_any();
     } else {
         //@ loop unroll DEPTH;
         for (uint32_t i = 0U; i < DEPTH; i++) {
             flash.lookup[i].pixel = ANY;
-            flash.lookup[i].slot[0] = (uint16_t)UP_TO(SLOTS - 1U);
-            flash.lookup[i].slot[1] = (uint16_t)UP_TO(SLOTS - 1U);
+            flash.lookup[i].slot = UP_TO(SLOTS - 1U);
         }
         take_any();
     }

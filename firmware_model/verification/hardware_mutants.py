@@ -68,7 +68,7 @@ QUICK_EVENTS, QUICK_RESETS = 150, 6
 DEAR = replace(_FILTER, places=16, restart=254, timestamp_bits=9, tau_us=51, trust=8)
 DEAR_EVENTS = 600
 _SMALL = Design(
-    width=4, height=2, pixels=3, places=4, length=3, full_scales=(3,), lanes=3, polarity=True,
+    width=4, height=2, pixels=3, places=4, length=3, full_scales=(3,), lanes=3,
     window="count", window_events=6,
 )  # fmt: skip
 _CLOCKS = range(200, 400)
@@ -93,7 +93,7 @@ ALSO_SLOW = (
 FIRST = (
     *ALSO_SLOW, "usually_more_events", "pause_at_threshold", "by_activity", "contrasts", "weights",
     "spread_of_one", "pauses", "random_2", "events_by_count", "backwards",
-    "margin_at_threshold", "several_code_tables", "both_polarities", "all_shifts", "trusted",
+    "margin_at_threshold", "several_code_tables", "all_shifts", "trusted",
 )  # fmt: skip
 _CHANGES = tuple(
     (re.compile(old), new)

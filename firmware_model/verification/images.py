@@ -70,13 +70,13 @@ class Draft:
         return struct.pack(f"<{HEADER_WORDS}I", *self.words) + body
 
 
-#: three pixels of both polarities, two code tables for counts up to 3, and six places; every table
+#: six pixels, two code tables for counts up to 3, and six places; every table
 #: except that of the places has padding
 BASE = Design(
-    width=9, height=5, pixels=3, polarity=True, code="linear", code_bits=2, full_scales=(3, 2),
+    width=9, height=5, pixels=6, code="linear", code_bits=2, full_scales=(3, 2),
     places=6, length=2, exclusion=1, timestamp_bits=16, tau_us=1000, lookup_depth=16,
 )  # fmt: skip
-PIXELS = ((8, 0), (3, 2), (4, 2))  # in no pixel of the last two rows
+PIXELS = ((8, 0), (3, 2), (4, 2), (0, 0), (1, 2), (6, 0))  # in no pixel of the last two rows
 
 
 def base() -> Draft:
@@ -93,7 +93,7 @@ def each(words: Callable[..., tuple[str, bytes]], word: str, *values: int) -> Na
 
 def one_pixel_draft(width: int = 9, **changes: object) -> Draft:
     """Draft an image of a design of one pixel at the origin; `changes` go to the design."""
-    values = {"pixels": 1, "places": 1, "length": 1, "polarity": False}
+    values = {"pixels": 1, "places": 1, "length": 1}
     design = Design(**(BASE.to_dict() | values | {"width": width} | changes))
     count = design.pixels
     pixels = [(i % design.width, i // design.width) for i in range(count)]
@@ -103,7 +103,7 @@ def one_pixel_draft(width: int = 9, **changes: object) -> Draft:
 def deep_draft(depth: int) -> Draft:
     """Draft an image whose look-up has `depth` entries, with its pixel at the first one."""
     draft = one_pixel_draft(1, height=1).header(lookup_depth=depth)
-    draft.tables[Word.LOOKUP_TABLE][:] = struct.pack("<IHH", NOBODY, 0, 0) * depth
+    draft.tables[Word.LOOKUP_TABLE][:] = struct.pack("<II", NOBODY, 0) * depth
     draft.poke(Word.LOOKUP_TABLE, "Q", 0, 0)
     return draft.poke(Word.DISPLACEMENT_TABLE, "H", 0, 0)
 
@@ -357,16 +357,12 @@ def _accepted_words() -> Named:
 
 def _refused_words() -> Named:
     yield _words(magic=0x4952_5057)
-    yield from each(_words, "version", 0, 1, 2, 4)
-    for word in ("width", "height", "pixels", "slots", "stride", "count_max", "places", "length"):
+    yield from each(_words, "version", 0, 3, 5)
+    for word in ("width", "height", "pixels", "stride", "count_max", "places", "length"):
         yield from each(_words, word, 0, 0x1_0000, 0xFFFF_FFFF)
     yield from each(_words, "width", 8, (1 << 15) + 1)
     yield _words(height=2)
-    yield from each(_words, "pixels", 2, 4, 6)
-    yield _words(pixels=0x8000_0003)  # twice that is six in 32 bits
-    yield from each(_words, "slots", 3, 5, 7)
-    yield _words(pixels=2, slots=4)
-    yield _words(pixels=4, slots=8)
+    yield from each(_words, "pixels", 5, 7, 16)
     yield _words(stride=8)
     yield "stride_32", base().header(stride=32).grow(Word.PLACES_TABLE, 6 * 32).pack()
     yield _words(count_max=8)
@@ -390,11 +386,6 @@ def _refused_words() -> Named:
     yield from each(_words, "codes", 0, 1, 5)
     yield "codes_17", base().header(codes=17).grow(Word.CODE_TABLE, 17 * 4).pack()
     yield from each(_words, "lookup_depth", 0, 1, 3, 8, 15, 0x8000_0000)
-    three = one_pixel_draft().header(slots=3)
-    yield (
-        "three_slots_of_a_pixel",
-        three.poke(Word.LOOKUP_TABLE, "H", _entry(three) * 4 + 2, 2).pack(),
-    )
     yield "lookup_depth_12_of_one_pixel", deep_draft(12).pack()
     # twelve entries hold all pixels, but are not a power of two
     wide = one_pixel_draft(8, lookup_depth=16)
@@ -425,14 +416,8 @@ def _nobody(draft: Draft) -> Draft:
     table = draft.tables[Word.LOOKUP_TABLE]
     for at in range(0, len(table), 8):
         if struct.unpack_from("<I", table, at)[0] == NOBODY:
-            struct.pack_into("<HH", table, at + 4, 0xFFFF, 0xFFFF)
+            struct.pack_into("<I", table, at + 4, 0xFFFF_FFFF)
     return draft
-
-
-def _entry(draft: Draft) -> int:
-    """Return where the only pixel is in the look-up."""
-    entries = struct.iter_unpack("<IHH", draft.tables[Word.LOOKUP_TABLE])
-    return next(at for at, (pixel, _, _) in enumerate(entries) if pixel != NOBODY)
 
 
 def _beyond_64_kib() -> Named:
@@ -462,24 +447,22 @@ def _refused_tables() -> Named:
     first, last = taken[0], taken[-1]
     empty = next(i for i in range(16) if i not in taken)
     for which, at in (("first", first), ("last", last)):
-        pixel, off, on = struct.unpack_from("<IHH", table, 8 * at)
+        pixel, slot = struct.unpack_from("<II", table, 8 * at)
         for name, entry in {
-            "column_beyond": (pixel | 0xFFFF, off, on),
-            "row_beyond": (5 << 16 | pixel & 0xFFFF, off, on),
-            "polarity_set": (pixel | 1 << 31, off, on),
-            "column_of_another": (pixel ^ 1, off, on),
-            "on_slot_beyond": (pixel, 6, 3),
-            "on_slot_far_beyond": (pixel, 2, 0xFFFF),
-            "off_slot_of_on": (pixel, on, on),
-            "off_slot_beyond": (pixel, 6, on),
-            "missing": (NOBODY, off, on),
+            "column_beyond": (pixel | 0xFFFF, slot),
+            "row_beyond": (5 << 16 | pixel & 0xFFFF, slot),
+            "polarity_set": (pixel | 1 << 31, slot),
+            "column_of_another": (pixel ^ 1, slot),
+            "slot_beyond": (pixel, 6),
+            "slot_far_beyond": (pixel, 0x1_0000),
+            "missing": (NOBODY, slot),
         }.items():
             draft = base()
-            struct.pack_into("<IHH", draft.tables[lookup], 8 * at, *entry)
+            struct.pack_into("<II", draft.tables[lookup], 8 * at, *entry)
             yield f"{which}_entry_{name}", draft.pack()
     # an additional pixel, in the row whose displacement leads to the empty entry
     extra = base().poke(displacement, "H", 4, empty)
-    struct.pack_into("<IHH", extra.tables[lookup], 8 * empty, 4 << 16, 3, 0)
+    struct.pack_into("<II", extra.tables[lookup], 8 * empty, 4 << 16, 3)
     yield "one_pixel_too_many", extra.pack()
     nothing = base().header(code_max=0)
     for zeroed in (Word.CODE_TABLE, Word.PLACES_TABLE):

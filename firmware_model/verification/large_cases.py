@@ -30,9 +30,9 @@ def large_cases(design: Design) -> list[Case]:
     held = replace(one, length=40, places=1_700, exclusion=1, accept="margin")
     # a second best place is searched for behind place 65,536
     zone = replace(one, matching="filter", length=1, places=32_800, exclusion=1 << 15)
-    # rows of 65,536 bytes
+    # rows of 32,768 bytes
     wide = Design(
-        width=1 << 15, height=1, pixels=(1 << 15) - 1, polarity=True, places=2, length=1,
+        width=1 << 15, height=2, pixels=1 << 15, places=2, length=1,
         code="linear", code_bits=1, exclusion=0, accept="margin",
     )  # fmt: skip
     return [

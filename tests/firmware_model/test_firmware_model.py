@@ -53,7 +53,6 @@ def pipeline(memories: Memories, events: list[Event], start: int):
     stream = DescriptorStream(
         PixelMap(Sensor(design.width, design.height), x, y),
         FixedTime(design.tau_us) if design.window == "time" else FixedCount(design.window_events),
-        polarity=design.polarity,
     )
     t, x, y, on = zip(*events, strict=True)
     counted = stream.update(make_events(np.array(t) - start, x, y, on))

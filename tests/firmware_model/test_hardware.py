@@ -127,7 +127,7 @@ def test_icarus_compiles_the_core_and_its_bench_without_a_warning(vectors, tmp_p
 @needs_iverilog
 @pytest.mark.parametrize("seed", [21, 22])
 def test_the_core_returns_random_cases_of_random_designs(tmp_path, seed):
-    """Both kinds of window, one polarity and both, lanes that do not divide the slots."""
+    """Both kinds of window, lanes that do not divide the slots."""
     design = random_design(np.random.default_rng(seed))
     folder = write_vectors(tmp_path / "v", design, seed, "random", slice(1))
     outcome = replay.hold(folder, Conditions(seed=seed, stall=30, resets=2))
@@ -248,11 +248,10 @@ def filter_cycles(design, slow_blocks=False):
 
 
 @needs_iverilog
-@pytest.mark.parametrize("polarity", [False, True])
 @pytest.mark.parametrize("slow_blocks", [False, True])
-def test_an_event_is_taken_in_each_clock(tmp_path, polarity, slow_blocks):
+def test_an_event_is_taken_in_each_clock(tmp_path, slow_blocks):
     """All of a window, often of the same pixel; none is taken while its end is set."""
-    design = replace(DESIGN, polarity=polarity, tau_us=1000)
+    design = replace(DESIGN, tau_us=1000)
     (case,) = random_cases(design, np.random.default_rng(7), 1, 10)
     rng = np.random.default_rng(8)
     pixels = [*case.memories.pixels[:3], (0, 0)]
@@ -567,7 +566,7 @@ def test_vectors_without_sources_are_refused_in_one_line(tmp_path):
 KINDS = [
     DESIGN,
     replace(DESIGN, window="count", accept="margin", full_scales=(7, 3), lanes=5),
-    replace(DESIGN, polarity=True, timestamp_bits=40, length=1, lanes=1),
+    replace(DESIGN, timestamp_bits=40, length=1, lanes=1),
     replace(ADAPTIVE, trust=100),
     replace(FILTER, window="count", places=1, lanes=9),
     replace(DESIGN, code="own-mean", code_bits=8),

@@ -178,7 +178,7 @@ def words_of_a_window(package: str) -> int:
     """Return the number of words of a descriptor by the constants of a design."""
     found = re.findall(r"localparam \w+ +(\w+) += (?:1'd)?(\d+);", package)
     known = {name: int(value) for name, value in found}
-    return -(-(known["PIXELS"] << known["POLARITY"]) // known["LANES"])
+    return -(-known["PIXELS"] // known["LANES"])
 
 
 async def until_all(

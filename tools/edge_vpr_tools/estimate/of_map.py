@@ -45,7 +45,6 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         width=reference.pixel_map.sensor.width,
         height=reference.pixel_map.sensor.height,
         pixels=len(reference.pixel_map),
-        polarity=settings.polarity,
         code=code,
         code_bits=bits,
         full_scales=full_scales,
