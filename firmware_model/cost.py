@@ -165,8 +165,7 @@ def operations(design: Design) -> Operations:
     it has a term of two sums (all distances, and their deviations from the mean), the difference to
     the smallest distance and its product, the cost of each step and their minimum, the evidence,
     its weight and its limits, the row of the costs (a difference of activities and its limits), and
-    the search by a delay line. In addition there are two products of the
-    acceptance and three divisions.
+    the search by a delay line. In addition there are three divisions.
 
     Returns
     -------
@@ -181,7 +180,7 @@ def operations(design: Design) -> Operations:
         absolute_differences=design.places * design.slots,
         additions=design.places * (design.slots - 1) + sums * (design.length - 1),
         comparisons=3 * sums + 1,
-        multiplications=2 if design.accept == "ratio" else 0,
+        multiplications=0,
     )
 
 
@@ -197,5 +196,5 @@ def _filter_operations(design: Design) -> Operations:
         # least distance; least cost, and restart; limits of evidence and metric; search; those of
         # the row; accept
         comparisons=(places - 1) + steps + 2 * places + 3 * places + 2 * places + 1,
-        multiplications=2 * places + (2 if design.accept == "ratio" else 0),
+        multiplications=2 * places,
     )

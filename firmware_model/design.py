@@ -47,7 +47,6 @@ PLACE_ACTIVITY_BITS = 8
 DeviceCode = Literal[CodeKind, "own-mean", "contrast"]
 WindowKind = Literal["time", "count"]
 Matching = Literal["sequence", "filter"]
-AcceptKind = Literal["margin", "ratio"]
 
 #: largest number of code tables in a design
 MAX_TABLES = 16
@@ -55,11 +54,13 @@ MAX_TABLES = 16
 MAX_COST = (METRIC_TOP >> FRACTION_BITS) - 1
 #: an event has 15 bits for the row, and one for the polarity, which a device does not look at
 MAX_SIDE = 1 << 15
+#: accepts sequences of any sum
+LARGEST_SUM = (1 << 32) - 1
 #: largest length of a list, checked first
 MOST_PARTS = 4_096
 
-_TUPLES = ("full_scales", "ratio")
-_CHOICES = {"window": WindowKind, "matching": Matching, "accept": AcceptKind}
+_TUPLES = ("full_scales",)
+_CHOICES = {"window": WindowKind, "matching": Matching}
 _RANGES = {
     "width": (1, MAX_SIDE),
     "height": (1, MAX_SIDE),
@@ -74,7 +75,7 @@ _RANGES = {
     "trust": (0, TRUST_TOP),
     "lanes": (1, 1 << 10),
     "exclusion": (0, 1 << 15),
-    "margin": (0, (1 << 32) - 1),
+    "largest_sum": (0, LARGEST_SUM),
     "lookup_depth": (0, 1 << 20),
 }
 
@@ -133,13 +134,11 @@ class Design:
         P, codes that are compared in one cycle.
     exclusion : int
         The second best place is looked for more than so many places from the best.
-    accept : {"margin", "ratio"}
-        A match is accepted if ``second - best >= margin``; or, by ratio, if ``second > 0`` and
-        ``best * ratio[1] <= second * ratio[0]``. It is not if there is no second.
     trust : int
-        A match of the filter of less trust is not accepted either, in units of 1/16 of a metric.
-    ratio : tuple of int
-        Numerator and denominator, in lowest terms or not, below 1.
+        A match of the filter is accepted if it has a second best place and at least this trust, in
+        units of 1/16 of a metric.
+    largest_sum : int
+        A match of sequences is accepted if its sum is at most this.
     lookup_depth : int
         Entries of the pixel look-up, a power of two and not less than `width`; 0 takes the smallest
         that is also at least twice `pixels`.
@@ -167,10 +166,8 @@ class Design:
     restart: int = 16
     lanes: int = 8
     exclusion: int = 3
-    accept: AcceptKind = "ratio"
-    margin: int = 0
     trust: int = 0
-    ratio: tuple[int, int] = (7, 8)
+    largest_sum: int = LARGEST_SUM
     lookup_depth: int = 0
 
     def __post_init__(self) -> None:
@@ -230,11 +227,6 @@ class Design:
                 f"design: sequences of {self.length} places in a map of {self.places}: take a "
                 "shorter sequence or a longer map"
             )
-        if len(self.ratio) != 2 or not 0 < self.ratio[0] < self.ratio[1] < 1 << 16:
-            raise DesignError(
-                f"design: ratio = {list(self.ratio)}: expected a numerator and a larger "
-                "denominator of at most 16 bits"
-            )
         depth = self.lookup_depth
         if depth and (depth & (depth - 1) or depth < max(self.width, self.pixels)):
             raise DesignError(
@@ -248,6 +240,10 @@ class Design:
         if self.matching == "filter" and self.length != 1:
             raise DesignError(
                 f"design: sequences of {self.length} in a place filter: leave length out"
+            )
+        if self.matching == "filter" and self.largest_sum != LARGEST_SUM:
+            raise DesignError(
+                f"design: largest_sum = {self.largest_sum} of the place filter: it accepts by trust"
             )
         if self.matching == "sequence" and self.trust:
             raise DesignError(
@@ -440,7 +436,6 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
         "code": code,
         "distance": distance,
         "sum": total,
-        "product": holding(total.highest * design.ratio[1]),
         "place": holding(design.places - 1),
     }
     if design.own_mean or design.filters:

@@ -31,24 +31,23 @@ class Word(IntEnum):
     WINDOW_KIND = 11
     WINDOW = 12
     TIMESTAMP_BITS = 13
-    ACCEPT = 14
-    RATIO_DENOMINATOR = 15
-    LOOKUP_DEPTH = 16
-    CODE_MAX = 17
-    CODES = 18
-    DISPLACEMENT_TABLE = 19
-    LOOKUP_TABLE = 20
-    CODE_TABLE = 21
-    WHICH_CODE_TABLE = 22
-    PLACES_TABLE = 23
-    MEAN_TABLE = 24
-    PLACE_ACTIVITY_TABLE = 25
-    PLACES_PER_WINDOW = 26
-    RESTART = 27
-    TRUST = 28
-    OWN_MEAN = 29
-    ACTIVITY = 30
-    CONTRAST = 31
+    LARGEST_SUM = 14
+    LOOKUP_DEPTH = 15
+    CODE_MAX = 16
+    CODES = 17
+    DISPLACEMENT_TABLE = 18
+    LOOKUP_TABLE = 19
+    CODE_TABLE = 20
+    WHICH_CODE_TABLE = 21
+    PLACES_TABLE = 22
+    MEAN_TABLE = 23
+    PLACE_ACTIVITY_TABLE = 24
+    PLACES_PER_WINDOW = 25
+    RESTART = 26
+    TRUST = 27
+    OWN_MEAN = 28
+    ACTIVITY = 29
+    CONTRAST = 30
 
 
 #: offsets of the tables, in the order in which they lie in the image
@@ -104,7 +103,6 @@ def image(memories: Memories) -> bytes:
         offsets.append(HEADER_WORDS * 4 + len(body))
         body += table.ljust(_aligned(len(table)), b"\0")
     by_time = design.window == "time"
-    by_ratio = design.accept == "ratio"
     header: dict[int, int] = {
         Word.MAGIC: MAGIC,
         Word.VERSION: VERSION,
@@ -120,8 +118,7 @@ def image(memories: Memories) -> bytes:
         Word.WINDOW_KIND: 0 if by_time else 1,
         Word.WINDOW: design.tau_us if by_time else design.window_events,
         Word.TIMESTAMP_BITS: design.timestamp_bits,
-        Word.ACCEPT: design.ratio[0] if by_ratio else design.margin,
-        Word.RATIO_DENOMINATOR: design.ratio[1] if by_ratio else 0,
+        Word.LARGEST_SUM: 0 if design.filters else design.largest_sum,
         Word.LOOKUP_DEPTH: design.lookup_depth,
         Word.CODE_MAX: design.code_max,
         Word.CODES: len(design.full_scales),
@@ -170,13 +167,12 @@ def check_limits(design: Design) -> None:
     """Raise DesignError if the numbers of the design exceed limits of the reference firmware."""
     formats = formats_of(design)
     distance = design.slots * design.code_max
-    product = distance * design.length * (design.ratio[1] if design.accept == "ratio" else 1)
     for what, value, bits in (
         ("codes", design.code_max, 8),
         ("timestamps", formats["timestamp"].highest, 32),
         ("counts", design.count_max, 16),
         ("a distance", distance, 16),
-        ("sums times the ratio's denominator", product, 32),
+        ("sums", distance * design.length, 32),
         ("places", design.places, 16),
         ("look-up addresses", design.lookup_depth - 1, 16),
         ("distances held", design.places * design.length * 8, 32),

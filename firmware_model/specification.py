@@ -193,14 +193,11 @@ def search(sums: Sequence[int], exclusion: int, first: int = 0) -> Found:
     return Found(first + best, least, first + second, sums[second], ties)
 
 
-def accepts(design: Design, best: int, second: int | None) -> bool:
-    """Return whether the second best sum is far enough behind the best."""
-    if second is None:
-        return False
-    if design.accept == "margin":
-        return second - best >= design.margin
-    numerator, denominator = design.ratio
-    return second > 0 and best * denominator <= second * numerator
+def accepts(design: Design, found: Found, trust: int) -> bool:
+    """Return whether a match is accepted; the trust is that of the filter."""
+    if design.filters:
+        return found.second is not None and trust >= design.trust
+    return found.sum <= design.largest_sum
 
 
 # Section 6: the place filter.
@@ -469,8 +466,7 @@ class Machine:
         if len(self.history) < length:
             return None
         found = search(sequence_sums(self.history), self.design.exclusion, length - 1)
-        accepted = accepts(self.design, found.sum, found.second_sum)
-        return MatchResult(window.number, *found, accepted)
+        return MatchResult(window.number, *found, accepts(self.design, found, 0))
 
     def predictions(self, activity: int) -> list[int]:
         """Return the cost of being at each place after a window of this activity, section 6."""
@@ -499,7 +495,7 @@ class Machine:
             weight=weight, least=min(after.metrics), margin=trust.margin, kept=trust.kept,
             support=trust.support, worst_residual=trust.worst_residual,
         )  # fmt: skip
-        accepted = trust.trust >= design.trust and accepts(design, found.sum, found.second_sum)
+        accepted = accepts(design, found, trust.trust)
         return MatchResult(window.number, *found, accepted, trust.trust), state
 
 

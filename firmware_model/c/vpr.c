@@ -22,8 +22,7 @@ enum {
     AT_WINDOW_KIND, /* 0: by time, 1: by count */
     AT_WINDOW,      /* microseconds, or events at selected pixels */
     AT_TIMESTAMP_BITS,
-    AT_ACCEPT,
-    AT_RATIO_DENOMINATOR,
+    AT_LARGEST_SUM, /* of sequences that are accepted */
     AT_LOOKUP_DEPTH,
     AT_CODE_MAX,
     AT_CODES,
@@ -116,7 +115,6 @@ static bool within_limits(const uint32_t *image)
                  {AT_LENGTH, 1U, LIMIT},    {AT_EXCLUSION, 0U, LIMIT},
                  {AT_WINDOW_KIND, 0U, 1U},  {AT_TIMESTAMP_BITS, 2U, 32U},
                  {AT_CODE_MAX, 1U, 255U},   {AT_CODES, 1U, 16U},
-                 {AT_RATIO_DENOMINATOR, 0U, LIMIT},
                  {AT_PLACES_PER_WINDOW, 0U, 2U},
                  {AT_RESTART, 0U, COST_MAX}, {AT_TRUST, 0U, TRUST_MAX},
                  {AT_OWN_MEAN, 0U, 8U},     {AT_CONTRAST, 0U, 1U}};
@@ -128,7 +126,6 @@ static bool within_limits(const uint32_t *image)
     }
     const uint32_t slots = image[AT_PIXELS];
     const uint32_t depth = image[AT_LOOKUP_DEPTH];
-    const uint32_t denominator = image[AT_RATIO_DENOMINATOR];
     const uint32_t distance_max = slots * image[AT_CODE_MAX];
     /* by time, windows are shorter than half the clock's period */
     const uint32_t windows = (image[AT_WINDOW_KIND] == 0U)
@@ -137,8 +134,7 @@ static bool within_limits(const uint32_t *image)
     return (image[AT_STRIDE] == rounded_up(slots)) && ((depth - 1U) <= LIMIT) &&
            ((depth & (depth - 1U)) == 0U) && ((image[AT_WINDOW] - 1U) < windows) &&
            (image[AT_LENGTH] <= image[AT_PLACES]) &&
-           ((denominator == 0U) || (image[AT_ACCEPT] < denominator)) && (distance_max <= LIMIT) &&
-           fits(distance_max * image[AT_LENGTH], denominator) &&
+           (distance_max <= LIMIT) &&
            fits(image[AT_PLACES] * image[AT_LENGTH], 8U) && adaptive_within_limits(image);
 }
 
@@ -268,8 +264,7 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->place_count = image[AT_PLACES];
     d->length = image[AT_LENGTH];
     d->exclusion = image[AT_EXCLUSION];
-    d->ratio_denominator = image[AT_RATIO_DENOMINATOR];
-    d->accept = image[AT_ACCEPT];
+    d->largest_sum = image[AT_LARGEST_SUM];
     d->code_max = image[AT_CODE_MAX];
     d->steps = (image[AT_PLACES_PER_WINDOW] == 0U)
                    ? 0U
@@ -555,14 +550,10 @@ static void search(const vpr_design_t *d, uint32_t *delay, search_t *f, vpr_matc
 
 static bool accepted(const vpr_design_t *d, const vpr_match_t *m)
 {
-    if ((m->second == VPR_NONE) || (m->trust < d->trust)) {
-        return false;
+    if (d->steps != 0U) {
+        return (m->second != VPR_NONE) && (m->trust >= d->trust);
     }
-    if (d->ratio_denominator == 0U) {
-        return (m->second_sum - m->sum) >= d->accept;
-    }
-    return (m->second_sum != 0U) &&
-           ((m->sum * d->ratio_denominator) <= (m->second_sum * d->accept));
+    return m->sum <= d->largest_sum;
 }
 
 static bool match_sequences(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)

@@ -57,13 +57,12 @@ typedef struct {
     uint32_t place_count;
     uint32_t length;
     uint32_t exclusion;
-    uint32_t ratio_denominator; /* 0: accept by margin */
-    uint32_t accept;            /* margin, or numerator of the ratio */
+    uint32_t largest_sum; /* of a sequence that is accepted */
     uint32_t code_max;
     uint32_t steps;   /* of 0, 1 ... places that have a cost, of the place filter; of sequences 0 */
     uint32_t restart; /* cost of jumping to any place (kidnapped robot): 64 suits most routes, 0
                          matches every window alone */
-    uint32_t trust;   /* least that is accepted, 0 to 368 */
+    uint32_t trust;   /* least of the place filter that is accepted, 0 to 368 */
     uint32_t activity; /* where the usual number of events starts, in units of 1/256 */
     bool contrast;     /* own-mean codes are less the mean of their window, too */
 } vpr_design_t;

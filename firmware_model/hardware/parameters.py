@@ -53,10 +53,7 @@ def constants(design: Design) -> dict[str, int]:
         "RESTART": design.restart << FRACTION_BITS,
         "TRUST": design.trust,
         "EXCLUSION": design.exclusion,
-        "BY_MARGIN": int(design.accept == "margin"),
-        "MARGIN": design.margin,
-        "NUMERATOR": design.ratio[0],
-        "DENOMINATOR": design.ratio[1],
+        "LARGEST_SUM": design.largest_sum,
     }
 
 

@@ -25,6 +25,7 @@ module vpr_core #(
     localparam int ACTIVITY_BITS  = vpr_pkg::ACTIVITY_BITS,
     localparam int TRUST_BITS     = vpr_pkg::TRUST_BITS,
     localparam int MATCH_BITS     = vpr_pkg::MATCH_BITS,
+    localparam logic [31:0] LARGEST_SUM = vpr_pkg::LARGEST_SUM,
     parameter      MEMORY_STYLE   = "auto",  // of places and past distances, see vpr_ram_single
     parameter      PLACES_FILE    = "",      // of the places; they may be loaded instead
     parameter      LOADABLE       = 0,       // tables are loaded, in place of their files
@@ -149,7 +150,7 @@ module vpr_core #(
         .distance_valid_o(distance_valid), .distance_o(distance)
     );
 
-    logic                became, has_best, has_second, accepted, ends_search;
+    logic                became, has_best, has_second, ends_search;
     logic [PLACE_BITS-1:0] best, ties, second;
     logic [SUM_BITS-1:0]   best_sum, second_sum;
     logic [TRUST_BITS-1:0] trust;
@@ -174,7 +175,7 @@ module vpr_core #(
                 .second_sum_i(second_sum), .trust_o(trust), .trusted_o(trusted)
             );
             assign m_match_tdata = {
-                trust, accepted && trusted, ties, second_sum, second, has_second, best_sum, best,
+                trust, has_second && trusted, ties, second_sum, second, has_second, best_sum, best,
                 window_q
             };
         end else begin : g_sequence
@@ -185,11 +186,14 @@ module vpr_core #(
                 .sum_valid_o(sum_valid), .sum_complete_o(sum_complete), .sum_last_o(sum_last),
                 .place_o(place), .sum_o(sum)
             );
+            // registered at the clock edge behind the last sum's two of the search
+            logic accepted_q;
+            always_ff @(posedge clk_i) accepted_q <= 64'(best_sum) <= 64'(LARGEST_SUM);
             assign trust   = '0;
             assign trusted = 1'b1;
             wire unused = &{1'b0, trust, trusted, became, ends_search, activity_inverse, load_i[5]};
             assign m_match_tdata = {
-                accepted, ties, second_sum, second, has_second, best_sum, best, window_q
+                accepted_q, ties, second_sum, second, has_second, best_sum, best, window_q
             };
         end
     endgenerate
@@ -200,11 +204,6 @@ module vpr_core #(
         .has_best_o(has_best),
         .best_o(best), .best_sum_o(best_sum), .ties_o(ties),
         .has_second_o(has_second), .second_o(second), .second_sum_o(second_sum)
-    );
-
-    vpr_accept accept (
-        .clk_i(clk_i), .best_sum_i(best_sum), .has_second_i(has_second), .second_sum_i(second_sum),
-        .accepted_o(accepted)
     );
 
     // A window at a time: from its end until its match is taken, or there is none

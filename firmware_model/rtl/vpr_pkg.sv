@@ -31,10 +31,7 @@ package vpr_pkg;
     localparam logic [9:0]   RESTART        = 10'd0;  // cost
     localparam logic [8:0]   TRUST          = 9'd0;   // below which a match is not trusted
     localparam int           EXCLUSION      = 0;      // places on each side of the best's zone
-    localparam bit           BY_MARGIN      = 1'd0;   // accepted by MARGIN; else by the ratio
-    localparam logic [31:0]  MARGIN         = 32'd0;
-    localparam logic [15:0]  NUMERATOR      = 16'd1;
-    localparam logic [15:0]  DENOMINATOR    = 16'd2;
+    localparam logic [31:0]  LARGEST_SUM    = 32'hFFFFFFFF;  // of a sequence that is accepted
 
     // What follows from it
 
@@ -81,7 +78,6 @@ package vpr_pkg;
     localparam int METRIC_BITS   = 10;
     localparam int SUM_BITS      =
         FILTER ? METRIC_BITS : width_of(CODE_MAX * 64'(SLOTS) * 64'(LENGTH));
-    localparam int PRODUCT_BITS  = width_of(((64'd1 << SUM_BITS) - 64'd1) * 64'(DENOMINATOR));
 
     // the place filter
     localparam int DISTANCE_TOTAL_BITS = width_of(((64'd1 << DISTANCE_BITS) - 64'd1) * 64'(PLACES));

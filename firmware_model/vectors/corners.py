@@ -245,7 +245,7 @@ def _sums_above_16_bits(design: Design) -> Case:
     zone = min(design.exclusion, length)
     wide = replace(
         design, code="linear", code_bits=bits, full_scales=(0,), length=length, exclusion=zone,
-        window_events=1, accept="margin", margin=1, places=3 * length + 2 * zone + 2,
+        window_events=1, places=3 * length + 2 * zone + 2,
     )  # fmt: skip
     stream = Stream.showing(wide, [[1, *[0] * (slots - 1)]] * (length + 2))
     rows = [[top] * slots for _ in range(wide.places)]
@@ -263,33 +263,25 @@ def _patterns(design: Design) -> dict[str, tuple[Design, str]]:
     """
     length, zone = design.length, design.exclusion
     near, far = "n" * length, "f" * (length + zone + 1)
-    ratio = replace(design, accept="ratio", ratio=(1, 2))
-    below = replace(design, accept="ratio", ratio=(1, 3))
-    margin = {t: replace(design, accept="margin", margin=t) for t in (1, 2)}
+    limited = {limit: replace(design, largest_sum=limit) for limit in (0, 1)}
     one, two = near[:-1] + "1", near[:-1] + "2"
-    # products above 16 bits, whose lower 16 bits are in another order
-    wide = replace(design, accept="ratio", ratio=(65_534, 65_535))
-    single = replace(margin[1], length=1)
+    single = replace(design, length=1)
     longer = replace(design, length=max(design.length, 8) + 4, places=design.places + 12)
     mixed = ("n1n2" * longer.length)[: longer.length - 1]
     return {
         "tie_of_two": (design, far + near + "n" + far),
         "tie_of_three": (design, near + "nn" + far + "f"),
-        "tie_across_zone": (ratio, far + near + "f" * (zone + 1) + near + far),
+        "tie_across_zone": (design, far + near + "f" * (zone + 1) + near + far),
         "all_places_equal": (design, "n" * (length + 2 * zone + 4)),
         "all_places_far": (design, "f" * (length + 2 * zone + 4)),
         "tie_of_seconds": (design, near + far + one + far + one),
         "tie_of_seconds_on_the_left": (design, far + one + far + one + far + near + far),
         "tie_of_seconds_on_both_sides": (design, far + one + far + near + far + one),
-        "second_on_the_left": (margin[1], far + one + far + near + far),
-        "second_on_the_right": (margin[2], near + far + one),
+        "second_on_the_left": (design, far + one + far + near + far),
+        "second_on_the_right": (design, near + far + one),
         "nearer_in_the_zone": (design, far + near + "1" + far + two + far),
-        "ratio_at_threshold": (ratio, one + far + two),
-        "ratio_below_threshold": (below, one + far + two),
-        "ratio_of_16_bits": (wide, one + far + two),
-        "margin_at_threshold": (margin[1], one + far + two),
-        "margin_below_threshold": (margin[2], one + far + two),
-        "margin_of_17_bits": (replace(margin[1], margin=1 << 16), one + far + two),
+        "sum_at_the_limit": (limited[1], one + far + two),
+        "sum_above_the_limit": (limited[0], one + far + two),
         "place_0_on_the_left": (single, "1" + "f" * (zone + 1) + "n" + "f" * (zone + 2)),
         "long_sequence": (
             longer,

@@ -22,7 +22,6 @@ from firmware_model.specification import (
     MatchResult,
     Trace,
     WindowResult,
-    accepts,
     differences_of,
     evidence_of,
     mean_shift,
@@ -76,7 +75,7 @@ CORNERS = {
     "no_second": "a match without a second best",
     "one_place": "a match in a map of one place",
     "accepted": "a match that is accepted",
-    "rejected": "a match that has a second best and is not accepted",
+    "rejected": "a match that is not accepted",
     "accepted_at_threshold": "a match that is accepted, and would not be were its sum one larger",
     "rejected_at_threshold": "a match that is rejected, and would not be were its sum one smaller",
     "lanes_unfilled": "a window whose last memory word is not full",
@@ -84,7 +83,6 @@ CORNERS = {
     "three_tables": "a window with counters of three code tables or more",
     "long_sequence": "a match of a sequence of more than eight windows",
     "place_0_on_the_left": "a match whose second best is place 0, and lower than the best",
-    "product_above_16_bits": "a match by ratio, one of whose products takes more than 16 bits",
 }
 
 
@@ -206,14 +204,13 @@ def _see_match(
     found["long_sequence"] += design.length > 8
     found["one_place"] += design.places == 1
     found["accepted"] += match.accepted
+    found["rejected"] += not match.accepted
+    found["accepted_at_threshold"] += match.sum == design.largest_sum
+    found["rejected_at_threshold"] += match.sum == design.largest_sum + 1
     if match.second is None or match.second_sum is None:
         found["no_second"] += 1
         return
     found["place_0_on_the_left"] += match.second == 0 < match.place
-    if design.accept == "ratio":
-        products = match.sum * design.ratio[1], match.second_sum * design.ratio[0]
-        found["product_above_16_bits"] += max(products) > 0xFFFF
-    found["rejected"] += not match.accepted
     found["tie_across_zone"] += match.second_sum == match.sum
     outside = [(k, s) for k, s in sums if abs(k - match.place) > design.exclusion]
     seconds = [k for k, s in outside if s == match.second_sum]
@@ -224,10 +221,6 @@ def _see_match(
     found["nearer_in_the_zone"] += min(inside, default=match.second_sum) < match.second_sum
     left = match.second < match.place
     found["second_on_the_left" if left else "second_on_the_right"] += 1
-    one_more = accepts(design, match.sum + 1, match.second_sum)
-    one_less = match.sum > 0 and accepts(design, match.sum - 1, match.second_sum)
-    found["accepted_at_threshold"] += match.accepted and not one_more
-    found["rejected_at_threshold"] += not match.accepted and one_less
 
 
 # Corners of the place filter and of own-mean codes.

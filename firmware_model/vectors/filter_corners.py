@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from firmware_model.design import ACTIVITY_BITS, TRUST_TOP, Design
+from firmware_model.design import ACTIVITY_BITS, LARGEST_SUM, TRUST_TOP, Design
 from firmware_model.memories import Memories
 from firmware_model.specification import (
     activity_of,
@@ -32,7 +32,9 @@ def filter_cases(design: Design) -> list[Case]:
     design : Design
         The cases change it to have the filter, own-mean or contrast codes, or both.
     """
-    adaptive = replace(design, matching="filter", length=1, places=12, places_per_window=1)
+    adaptive = replace(
+        design, matching="filter", length=1, places=12, places_per_window=1, largest_sum=LARGEST_SUM
+    )
     plain = adaptive
     if design.own_mean:
         adaptive = replace(adaptive, code="own-mean")
@@ -134,8 +136,6 @@ def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
         "three_places": (replace(forward, places=3, exclusion=0), [0, 2, 1, 0, 2]),
         "four_places": (replace(forward, places=4, exclusion=0), [3, 0, 3, 1]),
         "zone_covers_the_filter": (replace(forward, exclusion=11), [0, 1, 2]),
-        "by_margin": (replace(forward, accept="margin", margin=9), walk),
-        "by_ratio": (replace(forward, accept="ratio", ratio=(1, 2)), walk),
     }
 
 
@@ -301,7 +301,7 @@ def _among_any_activity(
 def _weights(design: Design) -> Case:
     """Show windows of as many events while the usual number falls: evidence has every weight."""
     design = replace(design, code="linear", code_bits=5, full_scales=(0,), window_events=24)
-    design = replace(design, accept="margin", margin=0, exclusion=0)
+    design = replace(design, exclusion=0)
     events, usual = 24, 24 * 9 << ACTIVITY_BITS
     shown = [[events - number % 3, *[0] * (design.slots - 1)] for number in range(110)]
     if design.slots > 1:
@@ -322,7 +322,7 @@ def _place_apart(design: Design, activity: int, apart: dict[int, int]) -> Memori
     """Make the tables of a map with one place apart, and its and some others' own activities."""
     design = replace(
         design, window="time", tau_us=max(design.tau_us, 4), code="linear", code_bits=7,
-        full_scales=(_APART_COUNT,), places=80, accept="margin", margin=0,
+        full_scales=(_APART_COUNT,), places=80,
     )  # fmt: skip
     rest, places = [0] * (design.slots - 1), range(design.places)
     codes = [[_APART_COUNT if place == _APART else 0, *rest] for place in places]
@@ -441,7 +441,7 @@ def _rounded_means(design: Design) -> list[Case]:
 
 def _thresholds(design: Design) -> list[Case]:
     """Set the threshold of trust to a value that occurs, to one above it, and above 8 bits."""
-    forward = replace(design, exclusion=1, accept="margin", margin=0, trust=0)
+    forward = replace(design, exclusion=1, trust=0)
     route = [0, 1, 2, 3, 4, 5, 6]
     trusts = [match.trust for match in drive("", forward, route).trace().matches]
     trust = min(max(trusts[4] or 0, 1), TRUST_TOP - 1)
@@ -557,7 +557,7 @@ def _wide_evidence(design: Design) -> list[Case]:
         return []
     wide = replace(
         design, code="linear", code_bits=8, full_scales=(0,), exclusion=1, restart=254,
-        accept="margin", margin=0, window_events=64 * 128 + 40,
+        window_events=64 * 128 + 40,
     )  # fmt: skip
     rest = wide.slots - 65
     near, far = [0] * wide.slots, [255] * 64 + [74] + [0] * rest
@@ -586,7 +586,7 @@ def _wide_sums(design: Design) -> Case:
     places = max(12, -(-6 * 0x10000 // (slots * top)))
     wide = replace(
         design, code="linear", code_bits=bits, full_scales=(0,), places=places, exclusion=1,
-        restart=254, accept="margin", margin=0, window_events=2,
+        restart=254, window_events=2,
     )  # fmt: skip
     counts = [2, *[0] * (slots - 1)]
     stream = Stream.showing(wide, [counts] * 4)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from firmware_model.design import Design
+from firmware_model.design import LARGEST_SUM, Design
 from firmware_model.memories import Memories
 from firmware_model.specification import Event
 from firmware_model.vectors.case import Case, window_codes
@@ -148,7 +148,6 @@ def random_design(rng: np.random.Generator) -> Design:
     pixels = int(rng.integers(1, min(width * height, 20) + 1))
     length = int(rng.integers(1, 5))
     timestamp_bits = int(rng.integers(9, 33))
-    denominator = int(rng.integers(2, 40))
     return Design(
         width=width,
         height=height,
@@ -164,9 +163,7 @@ def random_design(rng: np.random.Generator) -> Design:
         length=length,
         lanes=int(rng.integers(1, 10)),
         exclusion=int(rng.integers(0, 5)),
-        accept=("margin", "ratio")[rng.integers(2)],
-        margin=int(rng.integers(0, 30)),
-        ratio=(int(rng.integers(1, denominator)), denominator),
+        largest_sum=int(rng.integers(0, 4 * pixels)),
         lookup_depth=1 << int(max(width, 4 * pixels)).bit_length(),
     )
 
@@ -188,6 +185,7 @@ def random_adaptive_design(rng: np.random.Generator) -> Design:
         values |= {
             "matching": "filter",
             "length": 1,
+            "largest_sum": LARGEST_SUM,
             "places_per_window": int(rng.integers(1, 3)),
             "restart": int(rng.integers(0, int(rng.choice([4, 40, 254])) + 1)),
             "trust": int(rng.choice([0, int(rng.integers(1, 300))])),

@@ -30,7 +30,7 @@ COVERS = {
 #: constants of the cores that are proved: 2 slots and 2 places, and numbers of few bits
 _SMALL = {
     "PIXELS": 2, "TIMESTAMP_BITS": 4, "EVENT_TIME_BITS": 4, "TAU_US": 3, "WINDOW_EVENTS": 2,
-    "PLACES": 2, "RESTART": 2, "TRUST": 1, "BY_MARGIN": 1, "MARGIN": 1, "WINDOW_EVENTS_BITS": 2,
+    "PLACES": 2, "RESTART": 2, "TRUST": 1, "LARGEST_SUM": 1, "WINDOW_EVENTS_BITS": 2,
     "METRIC_BITS": 2, "SUM_BITS": 2, "RECIPROCAL_BITS": 5, "EVIDENCE_BITS": 2, "TRUST_BITS": 6,
 }  # fmt: skip
 

@@ -43,7 +43,7 @@ _DESIGN = Design(
 _FILTER = replace(_DESIGN, matching="filter", length=1, code="own-mean")
 #: sizes of which every content of the tables is analysed
 SIZES = {
-    "sequences_by_time": replace(_DESIGN, accept="margin"),
+    "sequences_by_time": _DESIGN,
     "sequences_by_count": replace(_DESIGN, window="count", full_scales=(7, 15)),
     "sequences_of_one": replace(_DESIGN, length=1, exclusion=0, places=3),
     "filter": replace(_FILTER, code="log"),
@@ -62,8 +62,8 @@ _LARGE = Design(
 LARGE_SIZES = {"large_default": _LARGE}
 #: words of the header that may be any; the others are sizes
 FREE = (
-    Word.MAGIC, Word.VERSION, Word.BYTES, Word.WIDTH, Word.WINDOW, Word.TIMESTAMP_BITS, Word.ACCEPT,
-    Word.RATIO_DENOMINATOR, Word.RESTART, Word.TRUST, Word.ACTIVITY,
+    Word.MAGIC, Word.VERSION, Word.BYTES, Word.WIDTH, Word.WINDOW, Word.TIMESTAMP_BITS,
+    Word.LARGEST_SUM, Word.RESTART, Word.TRUST, Word.ACTIVITY,
 )  # fmt: skip
 #: functions after which Eva goes on apart with what they let through, and what they refuse
 _APART = (

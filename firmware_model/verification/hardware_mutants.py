@@ -93,7 +93,7 @@ ALSO_SLOW = (
 FIRST = (
     *ALSO_SLOW, "usually_more_events", "pause_at_threshold", "by_activity", "contrasts", "weights",
     "spread_of_one", "pauses", "random_2", "events_by_count", "backwards",
-    "margin_at_threshold", "several_code_tables", "all_shifts", "trusted",
+    "sum_at_the_limit", "several_code_tables", "all_shifts", "trusted",
 )  # fmt: skip
 _CHANGES = tuple(
     (re.compile(old), new)

@@ -149,15 +149,13 @@ def accepted_adaptive() -> Named:
     yield from each(_adaptive_words, "restart", 0, _COST)
     yield from each(_adaptive_words, "trust", 0, 0x170)
     yield from each(_adaptive_words, "activity", 0, _ACTIVITY)
-    # a metric has 10 bits, so that its product with any ratio fits
-    yield _adaptive_words(accept=1, ratio_denominator=0xFFFF)
     yield "level_at_its_limit", adaptive().poke(Word.CODE_TABLE, "H", 3, _LEVEL).pack()
     many = adaptive().header(count_max=0xFFFF).grow(Word.CODE_TABLE, 1 << 17)
     yield "largest_counts_of_own_means", many.pack()
     padded = adaptive().grow(Word.CODE_TABLE, 16).poke(Word.CODE_TABLE, "H", 4, 0xFFFF)
     yield "padding_behind_the_levels", padded.pack()
     yield "mean_at_its_limit", adaptive().poke(Word.MEAN_TABLE, "H", 5, _LEVEL).pack()
-    wide = adaptive(code_bits=8, accept="ratio", ratio=(65_534, 65_535))
+    wide = adaptive(code_bits=8)
     yield "eight_bits_of_own_mean", wide.pack()
     one = adaptive().header(own_mean=1, code_max=1)
     one.tables[Word.PLACES_TABLE][:] = bytes(len(one.tables[Word.PLACES_TABLE]))
@@ -350,9 +348,7 @@ def _accepted_words() -> Named:
     yield _words(window_kind=1, window=0xFFFF_FFFF)
     yield _words(timestamp_bits=2, window=1)
     yield _words(timestamp_bits=32, window=0x7FFF_FFFF)
-    yield _words(accept=0)
-    yield _words(accept=0xFFFF_FFFF, ratio_denominator=0)
-    yield _words(accept=0xFFFE, ratio_denominator=0xFFFF)
+    yield from each(_words, "largest_sum", 0, 0xFFFF_FFFF)
 
 
 def _refused_words() -> Named:
@@ -380,8 +376,6 @@ def _refused_words() -> Named:
     # windows by count do not use the width of the clock
     yield _words(timestamp_bits=1, window_kind=1)
     yield _words(timestamp_bits=33, window_kind=1)
-    yield from each(_words, "accept", 8, 0xFFFF_FFFF)
-    yield _words(ratio_denominator=0x1_0000)
     yield from each(_words, "code_max", 0, 2, 256)
     yield from each(_words, "codes", 0, 1, 5)
     yield "codes_17", base().header(codes=17).grow(Word.CODE_TABLE, 17 * 4).pack()
@@ -479,17 +473,13 @@ def _refused_tables() -> Named:
 
 
 def _at_products() -> Named:
-    yield "largest_distance", _product(pixels=257, code_max=255, length=1, denominator=3)
-    yield "largest_sum_times_ratio", _product(4, 192, 128, 43_690)
-    yield "ratio_of_a_power_of_two", _product(4, 128, 256, 32_767)
-    yield "largest_history", _product(1, 3, 23_170, 0)
+    yield "largest_distance", _product(pixels=257, code_max=255, length=1)
+    yield "largest_history", _product(1, 3, 23_170)
 
 
 def _beyond_products() -> Named:
-    yield "distance_beyond", _product(pixels=258, code_max=255, length=1, denominator=3)
-    yield "sum_times_ratio_beyond", _product(4, 192, 128, 43_691)
-    yield "ratio_beyond_by_a_power_of_two", _product(4, 128, 256, 32_768)
-    yield "history_beyond", _product(1, 3, 23_171, 0)
+    yield "distance_beyond", _product(pixels=258, code_max=255, length=1)
+    yield "history_beyond", _product(1, 3, 23_171)
     yield "lookup_too_deep", deep_draft(1 << 17).pack()
     yield (
         "height_beyond",
@@ -504,11 +494,10 @@ def _beyond_products() -> Named:
     yield "places_beyond", places.pack()
 
 
-def _product(pixels: int, code_max: int, length: int, denominator: int) -> bytes:
+def _product(pixels: int, code_max: int, length: int) -> bytes:
     """Make an image of as many places as the sequence is long, all codes zero."""
     draft = one_pixel_draft(512, pixels=pixels, height=1, lookup_depth=512)
     draft.header(code_max=code_max, length=length, places=length)
-    draft.header(accept=denominator // 2, ratio_denominator=denominator)
     return draft.grow(Word.PLACES_TABLE, length * draft.words[Word.STRIDE]).pack()
 
 

@@ -27,13 +27,13 @@ def large_cases(design: Design) -> list[Case]:
     evidence = [c for c in evidence_cases(many_pixels) if c.name == "evidence_above_16_bits"]
     one = Design(width=4, height=4, pixels=1, places=1, length=1, code="linear", code_bits=8)
     # more than 65,536 distances are held, and the RAM is above 64 KiB
-    held = replace(one, length=40, places=1_700, exclusion=1, accept="margin")
+    held = replace(one, length=40, places=1_700, exclusion=1)
     # a second best place is searched for behind place 65,536
     zone = replace(one, matching="filter", length=1, places=32_800, exclusion=1 << 15)
     # rows of 32,768 bytes
     wide = Design(
         width=1 << 15, height=2, pixels=1 << 15, places=2, length=1,
-        code="linear", code_bits=1, exclusion=0, accept="margin",
+        code="linear", code_bits=1, exclusion=0,
     )  # fmt: skip
     return [
         by_count,
@@ -52,7 +52,6 @@ def _wide_residual(design: Design) -> Case:
     """
     design = replace(
         design, code="linear", code_bits=8, full_scales=(0,), restart=254, exclusion=1,
-        accept="margin", margin=0,
     )  # fmt: skip
     near = [0] * 65
     far, between = [255] * 64 + [64], [127] * 32 + [128] * 32 + [32]

@@ -229,10 +229,6 @@ def test_designs_beyond_the_firmware_are_refused():
         ({"code": "linear", "code_bits": 9, "full_scales": (0,)}, "codes up to 511"),
         ({"timestamp_bits": 40}, "timestamps"),
         ({"pixels": 3000, "code_bits": 5}, "a distance up to"),
-        (
-            {"accept": "ratio", "ratio": (1, 65_535), "pixels": 2000, "length": 40, "places": 40},
-            "sums times",
-        ),
     ):
         design = replace(DESIGN, **({"lookup_depth": 0} | changes))
         memories = random_memories(np.random.default_rng(0), design)

@@ -75,22 +75,10 @@ def pipeline(memories: Memories, events: list[Event], start: int):
         zip(*map(np.ndarray.tolist, best_matches(sums, design.exclusion)), strict=True)
     ):
         best_sum = int(sums[best, j])
-        if second < 0:
-            matches.append(MatchResult(j + last, best + last, best_sum, None, None, ties, False))
-            continue
-        second_sum = int(sums[second, j])
-        accepted = accepts(design, best_sum, second_sum)
-        matches.append(
-            MatchResult(j + last, best + last, best_sum, second + last, second_sum, ties, accepted)
-        )
+        found = (second + last, int(sums[second, j])) if second >= 0 else (None, None)
+        accepted = best_sum <= design.largest_sum
+        matches.append(MatchResult(j + last, best + last, best_sum, *found, ties, accepted))
     return codes, matches
-
-
-def accepts(design: Design, best: int, second: int) -> bool:
-    ratio = best / second if second else 1.0
-    if design.accept == "ratio":
-        return ratio <= design.ratio[0] / design.ratio[1]
-    return second - best >= design.margin
 
 
 def by_filter(memories: Memories, codes, events):
@@ -105,7 +93,6 @@ def by_filter(memories: Memories, codes, events):
         m = found.update(distances[:, j], window)
         second = (None, None) if m.second < 0 else (m.second, m.second_metric)
         accepted = m.second >= 0 and m.trust >= design.trust
-        accepted = accepted and accepts(design, m.metric, m.second_metric)
         matches.append(MatchResult(j, m.place, m.metric, *second, m.ties, accepted, m.trust))
     return matches
 
@@ -312,7 +299,7 @@ def test_a_design_survives_its_file(tmp_path):
         ({"code_bits": 17}, "expected 1 to 16"),
         ({"full_scales": ()}, "0 full scales"),
         ({"length": 4}, "longer map"),
-        ({"ratio": (8, 8)}, "larger denominator"),
+        ({"largest_sum": 9, "matching": "filter"}, "accepts by trust"),
         ({"lookup_depth": 5}, "power of two"),
         ({"timestamp_bits": 4}, "half of the time"),
         ({"window": "sliding"}, "choose from"),

@@ -22,7 +22,8 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
     ----------
     reference : ReferenceMap
         Where it holds counts, the device's counters have as many bits as the map stores. The place
-        filter gives every match that has a second best as accepted: its trust is for the user.
+        filter gives every match that has a second best as accepted, and sequences give every match:
+        trust and sum are for the user.
     lanes : int
         P, which a map does not say.
 
@@ -72,7 +73,6 @@ def design_by(settings: Settings, **others: Any) -> Design:
         "matching": settings.matching,
         "places_per_window": settings.window_parts if filters else 1,
         "restart": settings.filter_restart,
-        "accept": "margin" if filters else "ratio",
         "exclusion": settings.exclusion_places,
     }
     return Design(**of_settings | others)
