@@ -261,7 +261,7 @@ def test_memory_sizes_of_a_known_design():
     )
     sizes = cost.memories(design)
     assert sizes["displacement"] == (260, 9) and sizes["lookup"] == (512, 9 + 8)
-    assert sizes["pixel_delay"] == (2, 9 + 2)
+    assert sizes["pixel_delay"] == (2, 9 + 1)
     assert sizes["counts"] == (150, 4) and sizes["code"] == (16, 4)
     assert sizes["places"] == (860 * 19, 32) and sizes["places"].bits == 522_880
     assert sizes["history"] == (5 * 860, 12) and sizes["delay"] == (4, 14)

@@ -135,7 +135,7 @@ def test_readings_that_cannot_be_are_refused(time_us, distance_mm, message):
 def map_of_places(counts, **changes):
     figures = np.zeros((SENSOR.height, SENSOR.width), dtype=np.float32)
     settings = Settings(pixels=len(PIXELS), matching="filter", **changes)
-    counted = ReferenceMap(settings, PIXEL_MAP, descriptors(counts), figures, figures > 0)
+    counted = ReferenceMap(settings.uncoded, PIXEL_MAP, descriptors(counts), figures, figures > 0)
     return coded_map(counted, settings)
 
 
@@ -232,15 +232,20 @@ def test_a_map_without_distances_refuses_odometry():
         Transitions(3, TransitionCosts(), jumps=np.array([[0, 3]], dtype=np.int32))
 
 
+#: codes of the robot's profile
+CONTRAST = {"counter_code": "log", "counter_scaling": "contrast"}
+
+
 def test_the_device_refuses_a_map_with_jumps():
-    reference = map_of_places(np.ones((4, len(PIXELS)), dtype=np.int64), exclusion=1)
+    reference = map_of_places(np.ones((4, len(PIXELS)), dtype=np.int64), exclusion=1, **CONTRAST)
     design_of(reference)
     with pytest.raises(DesignError, match="the map has 1 jumps, which the device has not"):
         design_of(replace(reference, jumps=np.array([[3, 0]], dtype=np.int32)))
 
 
 def test_a_device_has_places_at_half_windows(tmp_path, capsys):
-    half = map_of_places(np.ones((8, len(PIXELS)), dtype=np.int64), places_per_window=2)
+    counts = np.ones((8, len(PIXELS)), dtype=np.int64)
+    half = map_of_places(counts, places_per_window=2, **CONTRAST)
     design = design_of(half)
     assert (design.places, design.exclusion, design.places_per_window) == (8, 6, 2)
     half.save(tmp_path / "half.npz")

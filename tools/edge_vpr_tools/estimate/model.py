@@ -173,7 +173,7 @@ def sizes(design: Design) -> Sizes:
     """Size a design's memories."""
     bits = sum(memory.bits for memory in memories(design).values())
     return Sizes(
-        place_bytes=packed_bytes(design.slots, design.code_bits) + design.activity_costs,
+        place_bytes=packed_bytes(design.slots, design.code_bits) + design.filters,
         packed_bytes=-(-bits // 8),
         flash_bytes=flash_bytes(design),
         ram_bytes=ram_bytes(design),
