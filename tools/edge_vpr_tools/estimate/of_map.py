@@ -30,11 +30,22 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
     Raises
     ------
     DesignError
+        If the map is of no profile, or the device could not be.
+    """
+    if reference.settings.profile is None:
+        raise DesignError(reference.settings.beyond_profile)
+    return tried_design_of(reference, lanes)
+
+
+def tried_design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
+    """Do the same for a map of any settings, which `estimate` tries beside the profiles.
+
+    Raises
+    ------
+    DesignError
         If the device could not be.
     """
     settings = reference.settings
-    if settings.profile is None:
-        raise DesignError(settings.beyond_profile)
     if reference.jumps is not None and len(reference.jumps):
         raise DesignError(
             f"the map has {len(reference.jumps)} jumps, which the device has not: make the map "
