@@ -93,12 +93,11 @@ def test_operations_are_those_that_the_specification_does(seed):
     Metered.tally.clear()
     newest = [distance(query, place) for place in places]
     found = search_sums(sequence_sums([newest, *history]), design.exclusion)
-    accepts(design, found.sum, found.second_sum)
+    assert accepts(design, found, 0) == (found.sum <= design.largest_sum)
     expected = counts.match_work(design)
     assert Metered.tally["absolute_differences"] == expected.absolute_differences
     assert Metered.tally["additions"] == expected.additions
-    asked = expected.multiplications if found.second_sum else 0
-    assert Metered.tally["multiplications"] == asked
+    assert Metered.tally["multiplications"] == expected.multiplications == 0
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -179,27 +178,18 @@ def test_instructions_are_predicted_as_well_as_the_page_says(target, tmp_path):
 
 
 def test_counts_of_a_filter_by_hand():
-    """Four pixels, three places, steps of 0 and 1: distances, both sums, costs, evidence."""
-    design = Design(
-        width=8, height=8, pixels=4, places=3, matching="filter", steps=(1, 0), lanes=2,
-        accept="margin", keep_distances=True,
-    )  # fmt: skip
+    """Four pixels, three places, steps of 0 to 3: distances, both sums, costs, evidence."""
+    design = Design(width=8, height=8, pixels=4, places=3, matching="filter", lanes=2)
     work = counts.match_work(design)
     # 12 of distances, 3 of deviations; 9 in distances, 2 + 2 in sums over places, two each of the
-    # 5 steps that lead from a place to a place, and two a place for the evidence
-    assert (work.absolute_differences, work.additions) == (12 + 3, 9 + 4 + 2 * 5 + 2 * 3)
-    # the least distance, costs, two limits and three of the search a place, and the acceptance;
-    # the evidence and its weight
-    assert (work.comparisons, work.multiplications) == (2 + 5 + 6 + 9 + 1, 3 + 3)
-    # two steps more lead to one place and to none; the row of costs is a difference of two limits
-    by_activity = counts.match_work(replace(design, activity_costs=True, steps=()))
-    assert by_activity.additions == work.additions + 2 * 1 + 3
-    assert by_activity.comparisons == work.comparisons + 1 + 2 * 3
-    assert by_activity.traffic["place_activity"].reads == 3
+    # 6 steps that lead from a place to a place, two a place for the evidence, and one for the row
+    # of the costs
+    assert (work.absolute_differences, work.additions) == (12 + 3, 9 + 4 + 2 * 6 + 2 * 3 + 3)
+    # the least distance, costs, two limits and three of the search a place, two limits of the row,
+    # and the acceptance; the evidence and its weight
+    assert (work.comparisons, work.multiplications) == (2 + 6 + 6 + 9 + 6 + 1, 3 + 3)
+    assert work.traffic["place_activity"].reads == 3
     assert (work.traffic["metric"].reads, work.traffic["distance"].writes) == (3, 3)
-    twice = counts.match_work(replace(design, keep_distances=False))
-    assert twice.absolute_differences == 24 + 3 and "distance" not in twice.traffic
-    assert twice.traffic["places"].reads == 2 * work.traffic["places"].reads == 12
     own = replace(design, code="own-mean", full_scales=(0,))
     assert counts.window_work(own).traffic["mean"].writes == 4
     contrast = counts.window_work(replace(own, code="contrast"))
@@ -215,11 +205,8 @@ def test_instructions_agree_with_the_table_beside_the_sources():
         told = emulation.predict(DESIGN, core)
         assert told.window == pytest.approx(int(row["window_end"]), rel=0.1)
         assert told.match == pytest.approx(int(row["match"]), rel=0.1)
-        for design, name in (
-            (FILTER, "filter_match"),
-            (replace(FILTER, keep_distances=True), "kept_match"),
-        ):
-            assert emulation.predict(design, core).match == pytest.approx(int(row[name]), rel=0.1)
+        found = emulation.predict(FILTER, core).match
+        assert found == pytest.approx(int(row["filter_match"]), rel=0.1)
         own = emulation.predict(FILTER, core).window
         assert own == pytest.approx(int(row["contrast_window_end"]), rel=0.1)
         each = instructions_of(DESIGN, core, replace(RATE, events_per_call=10**9))
@@ -324,7 +311,7 @@ def test_the_default_design_is_that_of_the_default_settings():
     default = PRESETS["default"]
     assert (design.pixels, design.code_bits) == (default.pixels, default.counter_bits)
     assert (design.matching, design.code) == (default.matching, default.counter_scaling)
-    assert design.activity_costs and design.restart == default.filter_restart
+    assert design.restart == default.filter_restart
     assert (design.places_per_window, design.exclusion) == (2, 2 * default.exclusion)
 
 
@@ -340,6 +327,8 @@ def test_a_route_has_as_many_places_as_its_map_would(drive, tmp_path):  # noqa: 
         reference.settings,
         matching="filter",
         places_per_window=2,
+        counter_code="log",
+        counter_scaling="contrast",
         pixel_map=reference.pixel_map,
     )
     half.save(tmp_path / "half.npz")
@@ -368,20 +357,6 @@ def test_a_map_of_frames_of_its_pixels_has_no_rate_of_events(drive, tmp_path, ca
     assert "an assumption: the map counts events at its pixels alone" in text
     assert main(["estimate", "--map", str(drive / "map.npz")]) == 0
     assert "(as in the map's drive)" in joined(capsys.readouterr().out)
-
-
-def test_distances_are_kept_where_the_memory_allows():
-    """2 bytes of RAM a place, for two thirds of the search; a file of a design says which."""
-    design, mission = asked_for(parsed([]))[:2]
-    m4 = targets.find("cortex-m4")
-    kept = on_target(design, mission, Limits(m4, choose_distances=True))
-    less = Budget.parse(f"{kept.memory_bytes - 1}B")
-    twice = on_target(design, mission, Limits(m4, [less], choose_distances=True))
-    assert (kept.design.keep_distances, twice.design.keep_distances) == (True, False)
-    assert kept.memory_bytes - twice.memory_bytes == 2 * 1000 and twice.limited_by == ""
-    assert kept.cost.instructions["search"] < 0.67 * twice.cost.instructions["search"]
-    as_said = on_target(replace(design, keep_distances=False), mission, Limits(m4))
-    assert not as_said.design.keep_distances
 
 
 def test_a_route_goes_before_the_places_of_a_design(tmp_path):
@@ -434,7 +409,7 @@ def test_the_smallest_design_that_is_as_good_is_recommended(monkeypatch):
 
     def recommended(budget, *tried):
         monkeypatch.setattr(search, "tried_designs", lambda: tried)
-        return recommend(design, mission, Limits(m4, [Budget.parse(budget)], choose_distances=True))
+        return recommend(design, mission, Limits(m4, [Budget.parse(budget)]))
 
     small, large = Tried(25, 3, 1, 0.90, 0.03), Tried(150, 3, 2, 0.95, 0.02)
     best, limit = recommended("1MiB", small, large)
@@ -535,22 +510,15 @@ def test_bad_use_is_one_line(capsys, arguments, says):
 
 
 def test_the_page_says_what_a_match_of_the_filter_takes():
-    """Beside sequences of 5 on a Cortex-M4, for each further place: with distances kept, or not."""
+    """Beside sequences of 5 on a Cortex-M4, for each further place."""
     with TABLE.open(encoding="ascii", newline="") as file:
         m4 = next(row for row in csv.DictReader(file) if row["target"] == "cortex-m4")
-    kept, twice = (
-        f"{int(m4[name]) / int(m4['match_per_place']):.2f}"
-        for name in ("kept_per_place", "filter_per_place")
+    of_whole = f"{int(m4['filter_per_place']) / int(m4['match_per_place']):.2f}"
+    few, many = (
+        emulation.predict(replace(FILTER, places_per_window=2, places=places), "cortex-m4").match
+        for places in (1_000, 2_000)
     )
-    half = replace(FILTER, activity_costs=2)
-    of_half = []
-    for design in (replace(half, keep_distances=True), half):
-        few, many = (
-            emulation.predict(replace(design, places=places), "cortex-m4").match
-            for places in (1_000, 2_000)
-        )
-        of_half.append(f"{(many - few) / 1_000 / int(m4['match_per_place']):.2f}")
+    of_half = f"{(many - few) / 1_000 / int(m4['match_per_place']):.2f}"
     text = " ".join((ROOT / "docs/firmware.md").read_text(encoding="utf-8").split())
-    assert f"{kept} times the instructions of sequences of 5 if" in text
-    assert f"{twice} times if" in text
-    assert f"at half windows, {of_half[0]} and {of_half[1]} times" in text
+    assert f"{of_whole} times the instructions of sequences of 5" in text
+    assert f"at half windows, {of_half} times" in text

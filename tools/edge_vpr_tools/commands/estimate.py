@@ -241,8 +241,7 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError(str(error)) from error
     if args.json is not None:
         check_parent(Path(args.json))
-    choose = args.design is None
-    limits = {of: search.Limits(of, (), measured, choose) for of in targets}
+    limits = {of: search.Limits(of, (), measured) for of in targets}
     values = {"schema": 3, "energy_is": "modelled", "includes": show.WORK, "mission": mission}
     if budgets and args.map is None and args.design is None:
         recommended, unknown = {}, []

@@ -208,9 +208,8 @@ def random_designs(number: int, seed: int) -> list[Design]:
         matching: dict[str, Any] = {"code": "linear", "length": int(rng.integers(1, 20))}
         if by_filter:
             matching = {
-                "code": "contrast", "matching": "filter", "accept": "margin",
-                "activity_costs": int(rng.integers(1, 3)),
-                "keep_distances": bool(rng.random() < 0.5),
+                "code": "contrast", "matching": "filter",
+                "places_per_window": int(rng.integers(1, 3)),
             }  # fmt: skip
         with suppress(DesignError):
             design = Design(

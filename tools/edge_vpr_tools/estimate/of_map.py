@@ -34,17 +34,6 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
     """
     if reference.settings.profile is None:
         raise DesignError(reference.settings.beyond_profile)
-    return tried_design_of(reference, lanes)
-
-
-def tried_design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
-    """Do the same for a map of any settings, which `estimate` tries beside the profiles.
-
-    Raises
-    ------
-    DesignError
-        If the device could not be.
-    """
     settings = reference.settings
     if reference.jumps is not None and len(reference.jumps):
         raise DesignError(

@@ -80,9 +80,6 @@ class Limits:
     target: Target
     budgets: Sequence[Budget] = ()
     cycle_energy: Constant | None = None  #: See `cost`.
-    #: Keep the distances of the place filter where the memory allows it, which takes less time and
-    #: energy than to compute them twice; else do as the design says.
-    choose_distances: bool = False
 
 
 def memory_bytes(design: Design, target: Target) -> int:
@@ -105,16 +102,9 @@ def on_target(design: Design, mission: Mission, limits: Limits) -> DesignOnTarge
     UsageError
         If a budget of power is given and the target's is unknown.
     """
-    kept: tuple[Design, ...] = (design,)
-    if limits.choose_distances and design.filters:
-        kept = tuple(replace(design, keep_distances=keep) for keep in (True, False))
-    for chosen in kept:
-        of = cost(chosen, limits.target, mission, limits.cycle_energy)
-        used = memory_bytes(chosen, limits.target)
-        limit = _broken_by(chosen, of, used, limits)
-        if not limit:
-            break
-    return DesignOnTarget(chosen, mission, of, used, limit)
+    of = cost(design, limits.target, mission, limits.cycle_energy)
+    used = memory_bytes(design, limits.target)
+    return DesignOnTarget(design, mission, of, used, _broken_by(design, of, used, limits))
 
 
 def _broken_by(design: Design, of: Cost, used: int, limits: Limits) -> str:
@@ -251,7 +241,7 @@ def recommend(design: Design, mission: Mission, limits: Limits) -> Recommendatio
         number = size.places_per_window
         changed = replace(
             design, pixels=size.pixels, code_bits=size.code_bits, places=whole * number,
-            activity_costs=number, exclusion=exclusion * number, lookup_depth=0,
+            places_per_window=number, exclusion=exclusion * number, lookup_depth=0,
         )  # fmt: skip
         share = min(1.0, mission.selected_share * size.pixels / design.pixels)
         device = on_target(changed, replace(mission, selected_share=share), limits)

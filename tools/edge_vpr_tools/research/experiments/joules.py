@@ -59,11 +59,11 @@ def measure(draw: Draw) -> Iterator[Row]:
     for pixels in PIXELS:
         design = Design(
             width=346, height=260, pixels=pixels, places=PLACES, matching="filter",
-            code="contrast", activity_costs=2, accept="margin",
+            code="contrast", places_per_window=2,
         )  # fmt: skip
         for name, rate in product(names(), EVENTS_PER_S):
             target, mission = find(name), Mission(rate, pixels / (346 * 260), 1.0)
-            of = on_target(design, mission, Limits(target, choose_distances=True))
+            of = on_target(design, mission, Limits(target))
             found = of.cost.matches_per_joule
             if found is None or of.limited_by or target.kind == "datapath":
                 continue
