@@ -27,7 +27,7 @@ import numpy as np
 
 from edge_vpr.errors import EdgeVprError, RecordingError, UsageError, as_path, expect
 from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, check_events
-from edge_vpr.files import check_absent, replacing
+from edge_vpr.files import check_absent, open_input, replacing
 from edge_vpr.plugins import Registry
 from edge_vpr.recordings.frames import CountFrames, parse_period, read_count_frames
 from edge_vpr.recordings.numpy_files import Archive
@@ -631,7 +631,7 @@ def sniff(path: Path) -> str:
     """
     if path.is_dir():
         return _sniff_folder(path)
-    with foreign_errors(path), path.open("rb") as file:
+    with foreign_errors(path), open_input(path) as file:
         head = file.read(4096)
     if not head:
         raise RecordingError(f"{path} is empty (0 bytes): record or copy it again")
