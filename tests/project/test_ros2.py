@@ -56,7 +56,7 @@ def row(**more):
 
 
 ALONG = {"along_m": 40.0, "along_from_m": 37.0, "along_to_m": 43.0, "route_m": 170.0}
-METRIC = {"x_m": 1.5, "y_m": -2.0, **ALONG}
+METRIC = {"x_m": 1.5, "y_m": -2.0, "heading_deg": 300.0, **ALONG}
 ON_EARTH = {"latitude": -27.5, "longitude": 153.0, **ALONG}
 STAMP_US = 1_700_000_000_250_001
 
@@ -81,9 +81,27 @@ def test_a_match_is_a_pose_stamped_with_the_hosts_time_and_a_covariance(messages
     assert found["odometry"]["child_frame_id"] == "base_link"
     covariance = np.reshape(found["pose"]["pose"]["covariance"], (6, 6))
     assert np.array_equal(covariance, np.diag(np.diag(covariance)))
-    # height and direction are not known
-    assert (np.diag(covariance)[2:] == messages.UNKNOWN).all()
+    # height, roll and pitch are not known
+    assert (np.diag(covariance)[2:5] == messages.UNKNOWN).all()
     assert set(by_topic(messages, row(**METRIC), tf=True)) == {*found, "/tf"}
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 60.0, 180.0, 300.0])
+def test_the_yaw_is_the_direction_of_the_route_from_east_anticlockwise(messages, heading_deg):
+    spread = []
+    for probability in (1.0, 0.5, 0.0):
+        given = {**METRIC, "heading_deg": heading_deg, "probability": probability}
+        pose = by_topic(messages, row(**given))["pose"]["pose"]
+        turned = pose["pose"]["orientation"]
+        ahead = complex(turned["w"], turned["z"]) ** 2  # a quaternion has half of the angle
+        north, east = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
+        assert ahead == pytest.approx(complex(east, north))
+        spread.append(pose["covariance"][-1])
+    assert spread == sorted(spread)
+    # a uniform angle on the circle
+    assert spread[-1] == pytest.approx(math.pi**2 / 3)
+    unknown = by_topic(messages, row(**{**METRIC, "heading_deg": None}))["pose"]["pose"]
+    assert unknown["covariance"][-1] == messages.UNKNOWN
 
 
 def test_the_variance_is_that_of_where_the_robot_can_be(messages):

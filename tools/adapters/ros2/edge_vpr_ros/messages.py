@@ -6,6 +6,7 @@ A row is checked here: what a row holds can end neither the node nor its message
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -55,6 +56,9 @@ TOPICS = {
 UNKNOWN = 1e6
 #: Standard deviation across the route in metres, and the least one along it.
 _ACROSS_M = 1.0
+#: Variance in square radians of the robot's yaw against the route's direction, of which
+#: 15 degrees are assumed, and of a yaw anywhere on the circle.
+_ALIGNED, _ANY_YAW = math.radians(15) ** 2, math.pi**2 / 3
 #: Of `sensor_msgs/msg/NavSatFix`: a fix without augmentation, by no known satellite system, and a
 #: covariance that is approximated.
 _STATUS, _APPROXIMATED = {"status": 0, "service": 0}, 1
@@ -76,6 +80,7 @@ _RANGES = {
     "latitude": (-90.0, 90.0),
     "longitude": (-180.0, 180.0),
     "silent_s": (0.0, _LONGEST_S),
+    "heading_deg": (-360.0, 360.0),
     **dict.fromkeys(
         ("x_m", "y_m", "z_m", "along_m", "along_from_m", "along_to_m", "route_m"),
         (-_FARTHEST_M, _FARTHEST_M),
@@ -246,16 +251,20 @@ class Translator:
             )  # fmt: skip
 
     def _pose(self, row: Mapping[str, Any], variance: float, stamp_us: int) -> Iterator[Message]:
-        # the direction of the route is not in the row, so that all of the plane has its variance
+        # one variance for all of the plane: the interval can lie round a bend
         header, frames = _header(stamp_us, self._frames.map), self._frames
         point = {axis: _number(row, f"{axis}_m") or 0.0 for axis in "xyz"}
         height = UNKNOWN if row.get("z_m") is None else variance
-        yield Message(
-            "pose", TOPICS["pose"],
-            {"header": header, "pose": _pose(point, (variance, variance, height))},
-        )  # fmt: skip
+        pose = _pose(point, (variance, variance, height))
+        heading_deg, probability = _number(row, "heading_deg"), _number(row, "probability")
+        if heading_deg is not None and probability is not None:
+            # clockwise from north, against anticlockwise from east (REP 103)
+            half = math.radians(90 - heading_deg) / 2
+            pose["pose"]["orientation"] = {"z": math.sin(half), "w": math.cos(half)}
+            pose["covariance"][-1] = probability * _ALIGNED + (1 - probability) * _ANY_YAW
+        yield Message("pose", TOPICS["pose"], {"header": header, "pose": pose})
         if frames.tf:
-            transform = {"translation": point, "rotation": {"w": 1.0}}
+            transform = {"translation": point, "rotation": pose["pose"]["orientation"]}
             stamped = {"header": header, "child_frame_id": frames.child, "transform": transform}
             yield Message("/tf", TOPICS["/tf"], {"transforms": [stamped]})
 
