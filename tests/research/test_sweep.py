@@ -497,6 +497,35 @@ def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
         pass
 
 
+def a_match(folder, **changed):
+    """Write the records of an evaluated match, with a setting changed."""
+    folder.mkdir()
+    shares = dict.fromkeys(list(comparison.MEASURES)[:3], 0.5)
+    metrics = {"evaluation": shares | {"recall_at": {"1": 0.5}}}
+    (folder / "metrics.json").write_text(json.dumps(metrics))
+    (folder / "run.json").write_text(json.dumps({"settings": {"seed": 1, "tau_us": 5} | changed}))
+    return folder
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{"seed": "x"}, {"seed": None}, {"tau_us": 0.5}, {"pixels": [1]}],
+)
+def test_a_changed_record_of_a_match_is_named(tmp_path, capsys, changed):
+    run = a_match(tmp_path / "run", **changed)
+    assert cli.main(["compare", str(run), "-o", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err.strip()
+    assert "\n" not in said
+    assert f"run.json: setting {next(iter(changed))}" in said.replace("tau =", "tau_us =")
+
+
+def test_a_name_of_a_folder_is_text_in_markdown(tmp_path, capsys):
+    run = a_match(tmp_path / "<img src=x>|[a](b)`_c_d_e")
+    assert cli.main(["compare", str(run), "-o", str(tmp_path / "out")]) == 0
+    page = (tmp_path / "out/compare.md").read_text()
+    assert r"| \<img src=x\>\|\[a\](b)\`\_c_d_e |" in page
+
+
 @pytest.mark.slow
 def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys):
     folder, output = tmp_path / "out", tmp_path / "compared"

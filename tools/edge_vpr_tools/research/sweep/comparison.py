@@ -6,6 +6,7 @@ curves over a setting, and a table in LaTeX.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -173,6 +174,13 @@ def _of_match(run: Path, name: str) -> Row:
     record = read_json(made, "run", "match again")
     with parse_errors(made, "run", "match again"):
         settings = dict(record["settings"])
+        for setting, value in settings.items():
+            if setting in SETTING_FIELDS:
+                checked = SETTING_FIELDS[setting]
+                try:
+                    checked.check(checked.value_of(value))
+                except UsageError as error:
+                    raise UsageError(f"{made}: {error}: match again") from None
     with parse_errors(path, "metrics", _REMEDY):
         evaluation = metrics["evaluation"]
         values = {name: evaluation[name] for name in list(MEASURES)[:3]}
@@ -218,6 +226,10 @@ def _cells(row: Row) -> list[str]:
     return cells
 
 
+#: characters of Markdown and HTML; an underscore within a word is none
+_MARKUP = re.compile(r"[\\`*<>&|\[\]~]|(?<!\w)_|_(?!\w)")
+
+
 def markdown(rows: Sequence[Row]) -> str:
     """Return a table as Markdown: means, and their spread if there are several seeds."""
     head = ["run", "variant", "drives", "seeds", *MEASURES.values()]
@@ -225,8 +237,8 @@ def markdown(rows: Sequence[Row]) -> str:
     for row in rows:
         counted = f"{row.number}" + (f" ({row.failed} failed)" if row.failed else "")
         lines.append([row.run, row.variant, row.drives, counted, *_cells(row)])
-    # names come from files: a bar would end a cell, and an escape sequence would reach the terminal
-    cells = [[printable(cell, 200).replace("|", "\\|") for cell in line] for line in lines]
+    # names come from files: they are text, neither Markdown, HTML nor escape sequences
+    cells = [[_MARKUP.sub(r"\\\g<0>", printable(cell, 200)) for cell in line] for line in lines]
     return markdown_table(head, cells) + "\n"
 
 
