@@ -62,7 +62,7 @@ RUNS = [
     (f"map {{f}}/reference.npz -o {{f}}/map.npz {SMALL} --no-polarity --no-keep-incomplete "
      "--clip 200 --places-per-window 1 --overwrite", 0),
     (f"map {{f}}/reference.npz -o {{f}}/filter_map.npz {FILTER} --pixels 5 --tau 100ms --sigma 1 "
-     "--track {f}/track.csv --track-offset 0.1 --odometry {f}/odometry.csv "
+     "--track {f}/track.csv --track-offset 0.1 --longest-gap 9 --odometry {f}/odometry.csv "
      "--jumps {f}/jumps.csv --places-per-window 2", 0),
     (f"map {{f}}/frames.npz -o {{f}}/frames_map.npz {SMALL} --frame-period 1/10 "
      "--frames-as-windows", 0),
@@ -96,14 +96,15 @@ RUNS = [
      "--figures pdf", 0),
     ("evaluate {f}/results --ground-truth {f}/truth.npy --rows reference", 0),
     ("evaluate {f}/filtered --ground-truth {f}/track.csv {f}/track.csv --tolerance 1 "
-     "--offset 0 0.05", 0),
+     "--longest-gap 9 --offset 0 0.05", 0),
     ("calibrate {f}/filtered --ground-truth {f}/track.csv {f}/track.csv --tolerance 1 "
-     "--offset 0 0.05 -o {f}/calibrated.npz", 0),
+     "--longest-gap 9 --offset 0 0.05 -o {f}/calibrated.npz", 0),
     ("calibrate {f}/results --ground-truth {f}/frames.csv --tolerance 2 --frame-period 1/10 "
      "-o {f}/calibrated.npz --overwrite", 0),
     ("calibrate {f}/results --ground-truth {f}/truth.npy --rows reference "
      "-o {f}/calibrated.npz --overwrite", 0),
     (f"{STREAM} --map {{f}}/map.npz --once --sensor 16x12 --every 20ms --log {{f}}/run.jsonl "
+     "--max-age 2s "
      "--record {f}/raw.bin --json --baud 115200 --flow-control --on-overload wait --max-lag 1s",
      0),
     (f"{STREAM} --map {{f}}/map.npz --once --log {{f}}/run.jsonl --overwrite -L 3 --anchor end "

@@ -24,7 +24,6 @@ MAIN_FLAGS = (
     "--overwrite",
     "--map",
     "--recording",
-    "--every",
     "--quick",
     "--meter",
     "--sensor-name",

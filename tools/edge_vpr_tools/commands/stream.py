@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import socket
 import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -283,6 +282,8 @@ def tell_systemd(state: str) -> None:
     """Send a state to the service manager, if it has started this program and waits for one."""
     address = os.environ.get("NOTIFY_SOCKET", "")
     if address:
+        import socket
+
         with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
             sock.sendto(state.encode(), address.replace("@", "\0", 1))
 
