@@ -44,14 +44,12 @@ class PathPosition:
 
     def __init__(self, places_per_window: int) -> None:
         self.jumps = 0
-        self._usual, self._jump = places_per_window, JUMP_WINDOWS * places_per_window
+        self._map_advance, self._jump = places_per_window, JUMP_WINDOWS * places_per_window
         self._ends: deque[tuple[int, int]] = deque(maxlen=MOST_WINDOWS + 1)  # time, place
         self._at = math.nan
         self._time_us = 0
 
-    def update(
-        self, time_us: int, window_us: int, place: int, driven: float | None = None
-    ) -> float:
+    def update(self, time_us: int, window_us: int, place: int) -> float:
         """Return the place where the robot is at the time of a match.
 
         Parameters
@@ -62,8 +60,6 @@ class PathPosition:
             Length of this window.
         place : int
             That is matched.
-        driven : float, optional
-            Places by which the robot has advanced in the newest window by its odometer.
 
         Returns
         -------
@@ -72,7 +68,7 @@ class PathPosition:
             two.
         """
         window_us = max(window_us, 1)
-        advance = self._advance(time_us, window_us, place) if driven is None else driven
+        advance = self._advance(time_us, window_us, place)
         seen = place + LEAD * advance
         if abs(seen - self._at) <= self._jump:
             passed_us = time_us - self._time_us
@@ -92,7 +88,7 @@ class PathPosition:
                 ends.clear()
             ends.append((time_us, place))
         if len(ends) <= LEAST_WINDOWS:
-            return self._usual
+            return self._map_advance
         (first_us, first), (last_us, last) = ends[0], ends[-1]
         return (last - first) * window_us / (last_us - first_us)
 

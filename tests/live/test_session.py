@@ -79,6 +79,9 @@ class Rover:
             text=True,
         )  # fmt: skip
         pieces = [events[i : i + 1_000] for i in range(0, events.size, 1_000)]
+        # what a rover prints ends with it, so that no test waits for ever
+        self.limit = threading.Timer(240, self.run.kill)
+        self.limit.start()
         self.playing = threading.Thread(target=self._play, args=(pieces,), daemon=True)
         self.playing.start()
 
@@ -100,6 +103,7 @@ class Rover:
         self.playing.join(timeout=10)
         self.link.close()
         self.run.wait(timeout=30)
+        self.limit.cancel()
         self.run.stdout.close()
         return self.events["t"][sent - 1]
 
@@ -206,9 +210,10 @@ def test_a_match_that_comes_late_is_lost(route):
             line.host, protocol="evpr", reference=route, max_age=limit, max_lag="10s"
         ) as session:
             camera.start()
-            while len(found) < 20:
+            while len(found) < 20 and camera.is_alive():
                 found += session.poll()
                 time.sleep(0.002)
+            assert len(found) >= 20
             time.sleep(1.5)
             late = session.poll()
         camera.join()
