@@ -302,6 +302,8 @@ class Odometer:
 
     def end_window(self) -> None:
         """Begin the next window."""
-        if self.travelled_mm != 0:
+        if self.travelled_mm is None:  # what was held is held on
+            self.anchor += self.latest - self.before
+        elif self.travelled_mm != 0:
             self.anchor = self.latest
         self.before, self.anchored, self.fresh = self.latest, self.fresh, False

@@ -88,7 +88,7 @@ def anchored(driven: Sequence[int | None], spacing: int) -> list[int | None]:
     found: list[int | None] = []
     since_anchor = 0
     for distance_mm in driven:
-        since_anchor = 0 if distance_mm is None else since_anchor + distance_mm
+        since_anchor += distance_mm or 0
         if distance_mm is None:
             found.append(None)
         elif 2 * abs(distance_mm) < spacing and abs(since_anchor) < spacing:

@@ -576,7 +576,7 @@ class FilterRun(MatchRun):
             "filter_metric": found.state.metric,
             "filter_state": np.array(state, dtype=np.int64),
         }
-        if meter.fresh or meter.anchored:
+        if meter.fresh or meter.anchored or meter.anchor != meter.latest:
             state = [meter.latest, meter.anchor, meter.fresh, meter.anchored, meter.before]
             arrays["filter_odometer"] = np.array(state, dtype=np.int64)
         if self.mean is not None:
