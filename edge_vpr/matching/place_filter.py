@@ -332,7 +332,7 @@ class Transitions:
     >>> metric = np.array([9, 9, 9, 0], dtype=np.int32)  # at the end, which leads to the start
     >>> predict(metric, transitions.table, 0, prediction)
     >>> prediction.tolist()
-    [0, 4, 9, 4]
+    [0, 0, 4, 4]
     """
 
     def __init__(

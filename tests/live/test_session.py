@@ -31,7 +31,7 @@ from edge_vpr.live.links import LinkError
 from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.online.localiser import Localiser, MatchSchedule
-from edge_vpr.recordings import open_recording
+from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
@@ -46,6 +46,7 @@ def street(tmp_path_factory):
     folder = tmp_path_factory.mktemp("street")
     first, second = simulate_pair(seed=0, length_m=200.0)
     ReferenceMap.build(first, track=first.track).save(folder / "map.npz")
+    write_recording(folder / "query.npz", second)
     return folder, np.concatenate(list(second)), second.track
 
 
