@@ -100,6 +100,8 @@ def verify(
     """
     folder = Path(folder)
     cases = dict(load_manifest(folder).cases())
+    if not cases:
+        raise VectorError(f"{folder} holds no case: write the vectors again")
     returned = _by_case(results, {one.number: name for name, one in cases.items()}, case)
     compared = dict.fromkeys(kinds, 0)
     differences = []

@@ -79,8 +79,8 @@ def replayed(case: Case, folder: Path) -> list[tuple[str, tuple[int, ...]]]:
     "name",
     [
         "corners/events_by_time", "corners/narrow_clock", "by_count",
-        "corners/ratio_of_16_bits", "corners/tie_across_zone", "filter/jumps", "filter/by_activity",
-        "filter/back_by_activity", "filter/half_places", "filter/weights", "filter/contrasts",
+        "corners/tie_across_zone", "filter/jumps", "filter/by_activity",
+        "filter/half_places", "filter/weights", "filter/contrasts",
         "filter/own_means", "filter/spread_of_one",
     ],
 )  # fmt: skip

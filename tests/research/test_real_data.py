@@ -46,8 +46,10 @@ def brisbane(shared_data):
 def figures_of_the_oracle(distances, truth, length, offset):
     """P@100R, R@99P and Recall@N by the oracle, from its distances and the ground truth."""
     sums = naive.sequence_sums(distances, length)
-    columns = [j for j in range(len(sums[0])) if truth.known[j + offset]]
-    best = [naive.best_and_second([row[j] for row in sums], 3)[0] for j in columns]
+    best = [naive.best_and_second(list(column), 3)[0] for column in zip(*sums, strict=True)]
+    known = [j for j in range(len(best)) if truth.known[j + offset]]
+    columns = [j for j in known if truth.placed[best[j] + offset]]
+    best = [best[j] for j in columns]
     right = [
         bool(truth.correct[k + offset, j + offset]) for k, j in zip(best, columns, strict=True)
     ]
@@ -55,7 +57,14 @@ def figures_of_the_oracle(distances, truth, length, offset):
     has_place = [bool(truth.correct[:, j + offset].any()) for j in columns]
     points = naive.precision_recall(scores, right, has_place, "rejected-correct")
     strict = [tp / (tp + fn) for tp, fp, fn in points if tp and 100 * tp >= 99 * (tp + fp)]
-    placed = [j for j in columns if truth.correct[:, j + offset].any()]
+
+    def decided(j):
+        """Whether one of the 25 nearest is correct, or all have positions."""
+        nearest = sorted(range(len(sums)), key=lambda k: sums[k][j])[:25]
+        hit = any(truth.correct[k + offset, j + offset] for k in nearest)
+        return hit or all(truth.placed[k + offset] for k in nearest)
+
+    placed = [j for j in columns if truth.correct[:, j + offset].any() and decided(j)]
     hits = naive.recall_at(
         [[row[j] for j in placed] for row in sums],
         [[bool(truth.correct[k + offset, j + offset]) for j in placed] for k in range(len(sums))],

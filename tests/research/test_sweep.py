@@ -589,14 +589,14 @@ def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys):
     assert cli.main(polar.split()) == 0
     assert cli.main(f"evaluate {tmp_path}/polar {truth}".split()) == 0
     assert rows_of([tmp_path / "polar"])[0].values["operations_per_match"] == (10 * places,)
-    # with places at half windows, two of 5 codes of 3 bits
+    # with places at half windows, two of 5 codes of 3 bits and their activity
     half = f"match {tmp_path}/half.npz {tmp_path}/tuesday.npz -o {tmp_path}/half --no-figures"
     assert cli.main(
         f"map {tmp_path}/monday.npz -o {tmp_path}/half.npz --pixels 5 --sigma 1 --tau 100ms".split()
     ) == 0  # fmt: skip
     assert cli.main(half.split()) == 0
     assert cli.main(f"evaluate {tmp_path}/half {truth}".split()) == 0
-    assert rows_of([tmp_path / "half"])[0].values["packed_bytes_per_window"] == (4,)
+    assert rows_of([tmp_path / "half"])[0].values["packed_bytes_per_window"] == (6,)
     capsys.readouterr()
     assert cli.main(f"compare {tmp_path}".split()) == 2
     # two folders of one name are told apart, and a name out of a file is no escape sequence

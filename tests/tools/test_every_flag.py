@@ -134,19 +134,19 @@ RUNS = [
     ("estimate --places-per-window 1 --route-km 1 --places-per-metre 0.2 --fit 64KiB "
      "--target cortex-m0plus", 0),
     ("estimate --design {f}/design.toml --target cortex-m4 --sources", 0),
-    ("estimate --map {f}/map.npz --target cortex-m4", 0),
+    ("estimate --map {f}/wide_map.npz --target cortex-m4", 0),
     ("golden --design {f}/design.toml -o {f}/vectors --seed 1", 0),
-    ("golden --map {f}/map.npz --recording {f}/query.npz --max-windows 5 --lanes 2 "
+    ("golden --map {f}/wide_map.npz --recording {f}/query.npz --max-windows 5 --lanes 2 "
      "--case-size 256KiB --vectors 2MB -o {f}/vectors --overwrite", 0),
-    (f"golden --map {{f}}/map.npz --recording {{f}}/table.txt {TABLE} --max-windows 3 "
+    (f"golden --map {{f}}/wide_map.npz --recording {{f}}/table.txt {TABLE} --max-windows 3 "
      "--suite recording -o {f}/vectors2", 0),
-    ("golden --map {f}/map.npz --recording {f}/query.h5 --sensor 16x12 --topic left "
+    ("golden --map {f}/wide_map.npz --recording {f}/query.h5 --sensor 16x12 --topic left "
      "--vectors 1MB -o {f}/vectors3", 0),
-    ("golden --map {f}/map.npz --recording {f}/frames.npz --frame-period 1/10 --vectors 1MB "
+    ("golden --map {f}/wide_map.npz --recording {f}/frames.npz --frame-period 1/10 --vectors 1MB "
      "-o {f}/vectors4", 0),
     ("golden --design {f}/design.toml -o {f}/core_vectors --rtl", 0),
     ("hardware --design {f}/design.toml -o {f}/core --seed 1 --vectors 1MB", 0),
-    ("hardware --map {f}/map.npz --lanes 2 -o {f}/core_of_map", (0, 2)),
+    ("hardware --map {f}/wide_map.npz --lanes 2 -o {f}/core_of_map", (0, 2)),
     ("golden verify {f}/vectors", 0),
     # the results that it names are of another case
     ("golden verify {f}/vectors --results {f}/none.csv --case corners/none --only match", 2),
