@@ -267,11 +267,13 @@ def test_instructions_stay_within_their_limits(measured):
 
 
 @pytest.mark.slow
-def test_the_filter_takes_less_than_sequences_of_five(measured):
+def test_the_filter_takes_at_most_0_85_of_sequences_of_five(measured):
     """A place and window, beside the distance that both need; and its RAM grows by 4 bytes."""
     for core in ("cortex-m4", "cortex-m7"):
         row = measured[core]
-        assert row.filter_per_place < row.match_per_place, core
+        distance = row.sad_per_byte * 150
+        # it always keeps its distances, which takes 9 instructions a place more than it once did
+        assert row.filter_per_place - distance <= 0.85 * (row.match_per_place - distance), core
     more = replace(FILTER, places=FILTER.places + 800)
     # a metric and a distance a place
     assert ram_bytes(more) - ram_bytes(FILTER) == 2 * 2 * 800
