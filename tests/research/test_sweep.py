@@ -609,7 +609,7 @@ def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys):
     said = capsys.readouterr().out
     assert f"| {folder} | pixels=3 |" in said
     assert f"| {tmp_path}/other/out |  |" in said
-    assert "a\\x1b[2J\\|b" in said
+    assert r"a\\x1b\[2J\|b" in said  # each mark of Markdown is escaped, too
 
 
 def test_a_name_is_no_formula_of_a_figure_or_a_spreadsheet(tmp_path):
