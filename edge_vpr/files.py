@@ -47,12 +47,17 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
-def replacing(path: str | Path) -> Iterator[Path]:
+def replacing(path: str | Path, overwrite: bool = True) -> Iterator[Path]:
     """Yield the path of a temporary file that replaces `path` if the block succeeds.
 
     After an error or an interrupt, `path` is unchanged. If it is a link, its target is replaced.
     The file keeps the permissions of the old one, or gets those of the umask. File and folder are
     on the disk (fsync) when this returns.
+
+    Parameters
+    ----------
+    overwrite : bool
+        Whether a file may be replaced, also one that another run writes in the meantime.
 
     Yields
     ------
@@ -62,10 +67,12 @@ def replacing(path: str | Path) -> Iterator[Path]:
     Raises
     ------
     UsageError
-        If the folder does not exist or cannot be written to, or `path` is not a file.
+        If the folder does not exist or cannot be written to, `path` is not a file, or it exists
+        and may not be replaced.
     """
     target = _followed(Path(path))
     mode = _mode_of_file(target)
+    check_absent(path, overwrite)
     with work_folder(target) as work:
         temporary = work / target.name
         temporary.touch()
@@ -73,12 +80,15 @@ def replacing(path: str | Path) -> Iterator[Path]:
         if mode is not None:
             temporary.chmod(mode)
         _sync(temporary)
-        temporary.replace(target)
+        if overwrite:
+            temporary.replace(target)
+        else:
+            _name_new_file(temporary, target)
         _sync(target.parent)
 
 
 @contextmanager
-def replacing_folder(path: str | Path) -> Iterator[Path]:
+def replacing_folder(path: str | Path, overwrite: bool = True) -> Iterator[Path]:
     """Yield an empty temporary folder that replaces `path` if the block succeeds.
 
     After an error or an interrupt, `path` is unchanged. Old and new folder are exchanged in one
@@ -89,15 +99,21 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
     ----------
     path : path
         A folder, all of which is replaced, or nothing.
+    overwrite : bool
+        Whether a folder that is not empty may be replaced, also one that another run writes in the
+        meantime.
 
     Raises
     ------
     UsageError
-        If the folder around it does not exist or cannot be written to, or `path` is a file.
+        If the folder around it does not exist or cannot be written to, `path` is a file, or a
+        folder is there that may not be replaced.
     """
     target = _followed(Path(path))
     if target.exists() and not target.is_dir():
         raise UsageError(f"cannot write the folder {path}: there is a file of this name")
+    if target.exists() and any(target.iterdir()):
+        check_absent(path, overwrite)
     with work_folder(target) as work:
         new = work / target.name
         new.mkdir()
@@ -106,8 +122,8 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
             for name in files:
                 _sync(Path(folder) / name)
             _sync(Path(folder))
-        if not target.exists():
-            new.rename(target)
+        if not overwrite or not target.exists():
+            _name_new_folder(new, target)
         elif not _exchanged(new, target):
             _renamed_in_two_steps(new, target)
         _sync(target.parent)
@@ -163,7 +179,10 @@ def check_output(output: str | Path, inputs: Iterable[str | Path | None]) -> Non
 def check_absent(output: str | Path, overwrite: bool) -> None:
     """Raise UsageError if an output exists and may not be replaced."""
     if not overwrite and Path(output).exists():
-        raise UsageError(f"output {output} exists: name another, or replace it with --overwrite")
+        raise UsageError(
+            f"output {output} exists: name another, or replace it with --overwrite (in Python, "
+            "overwrite=True)"
+        )
 
 
 def clear_dead_runs(folder: str | Path) -> None:
@@ -180,7 +199,7 @@ def clear_dead_runs(folder: str | Path) -> None:
         with os.scandir(handle) as entries:
             names = [entry.name for entry in entries]
         for name in names:
-            if _WORK.fullmatch(name):
+            if is_work_folder(Path(name)):
                 # RecursionError: folders in folders, deeper than `shutil.rmtree` goes
                 with suppress(OSError, RecursionError):
                     _remove_dead(name, handle)
@@ -246,6 +265,11 @@ def work_folder(target: Path) -> Iterator[Path]:
             os.close(lock)
 
 
+def is_work_folder(path: Path) -> bool:
+    """Return whether a name is that of a `work_folder`, of a run that may still write it."""
+    return _WORK.fullmatch(path.name) is not None
+
+
 def _made_and_locked(parent: Path) -> tuple[Path, int | None]:
     while True:
         work = parent / f".edge-vpr-{secrets.token_hex(8)}.part"
@@ -296,6 +320,35 @@ def _mode_of_file(target: Path) -> int | None:
     if not stat.S_ISREG(found.st_mode):
         raise UsageError(f"cannot write {target}: it is not a file: name another one")
     return stat.S_IMODE(found.st_mode)
+
+
+def _name_new_file(new: Path, target: Path) -> None:
+    """Give a file a name that no file has, however many runs do so at the same time."""
+    try:
+        os.link(new, target)
+    except FileExistsError:
+        raise _taken(target) from None
+    except OSError:
+        # a file system without hard links
+        if target.exists():
+            raise _taken(target) from None
+        new.rename(target)
+
+
+def _name_new_folder(new: Path, target: Path) -> None:
+    """Give a folder a name that no other has but an empty one; see `_name_new_file`."""
+    try:
+        new.rename(target)
+    except OSError as error:
+        if error.errno in (errno.EEXIST, errno.ENOTEMPTY, errno.ENOTDIR):
+            raise _taken(target) from None
+        raise
+
+
+def _taken(target: Path) -> UsageError:
+    return UsageError(
+        f"another run wrote {target} in the meantime, and its result stays: name another output"
+    )
 
 
 def _exchanged(new: Path, target: Path) -> bool:

@@ -134,7 +134,7 @@ def results_folder(
         See `check_output_folder`.
     """
     check_output_folder(path, overwrite, inputs)
-    with replacing_folder(path) as folder:
+    with replacing_folder(path, overwrite) as folder:
         yield folder
 
 

@@ -457,3 +457,38 @@ def test_two_runs_at_once_leave_one_whole_result(tmp_path):
     assert (tmp_path / "a").read_text() == "first"
     write(tmp_path / "a", "third")
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+@pytest.mark.parametrize("links", [True, False])
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_of_two_runs_at_once_that_replace_nothing_the_first_to_end_wins(
+    tmp_path, monkeypatch, kind, links
+):
+    def unsupported(*_):
+        raise OSError(errno.EPERM, "no hard links")
+
+    if not links:
+        monkeypatch.setattr(os, "link", unsupported)
+    new = {"file": replacing, "folder": replacing_folder}[kind]
+    path = tmp_path / "a"
+
+    def run(text, inner=None):
+        with new(path, overwrite=False) as made:
+            if inner is not None:
+                run(inner)
+            (made / "inner" if kind == "folder" else made).write_text(text)
+
+    with pytest.raises(UsageError, match=r"another run wrote .*a in the meantime") as told:
+        run("second", inner="first")
+    assert "\n" not in str(told.value)
+    assert (path / "inner" if kind == "folder" else path).read_text() == "first"
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    with pytest.raises(UsageError, match="a exists: name another"):
+        run("third")
+
+
+def test_an_empty_folder_is_filled(tmp_path):
+    (tmp_path / "a").mkdir()
+    with replacing_folder(tmp_path / "a", overwrite=False) as folder:
+        (folder / "inner").write_text("x")
+    assert (tmp_path / "a" / "inner").read_text() == "x"

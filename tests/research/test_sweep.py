@@ -314,6 +314,7 @@ def test_failures_are_kept_shown_and_computed_again_when_asked(plan_file, tmp_pa
 
 def test_a_folder_takes_one_sweep_at_a_time_and_is_never_somebody_elses(plan_file, tmp_path):
     store = sweep_store(tmp_path / "out")
+    (tmp_path / "out/.edge-vpr-0123456789abcdef.part").mkdir(parents=True)  # a sweep.json to be
     with store.opened(), pytest.raises(UsageError, match="another sweep writes"), store.opened():
         pass
     with (

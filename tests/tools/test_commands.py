@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shlex
 import shutil
@@ -201,6 +202,39 @@ def test_an_output_of_ours_is_replaced_when_told(drive, tmp_path):
     assert main([*arguments, "--overwrite"]) == 0
     assert not (tmp_path / "results" / "stale.png").exists()
     assert [path.name for path in tmp_path.iterdir()] == ["results"]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "simulate --sensor tiny --length 20",
+        "match {d}/map.npz {d}/query.npz --no-figures",
+        "match {d}/map.npz {d}/query.npz --no-figures --online",
+        "golden --map {d}/map.npz --suite random --vectors 10kB",
+        "hardware --map {d}/map.npz --vectors 10kB",
+        "compare {d}/results",
+        "profile --map {d}/map.npz --recording {d}/query.npz --quick --window-s 0.1 --pairs 5 "
+        "--sysroot {d} --no-figures",
+    ],
+    ids=lambda line: line.split()[0] + "-online" * ("--online" in line),
+)
+def test_of_two_runs_into_one_new_folder_one_wins(line, drive, capsys, tmp_path, monkeypatch):
+    """The other run ends while this one waits for the disk, later than all checks of the flags."""
+    sync, won = os.fsync, tmp_path / "new"
+
+    def other_ends(handle):
+        if not won.exists():
+            won.mkdir()
+            (won / "run.json").write_text("{}")
+        sync(handle)
+
+    monkeypatch.setattr(os, "fsync", other_ends)
+    code, lines = call(capsys, *line.format(d=drive).split(), "-o", won)
+    assert code == 2, lines
+    assert sum(line.startswith("edge-vpr: error: ") for line in lines) == 1
+    assert f"another run wrote {won} in the meantime" in lines[-1]
+    assert [path.name for path in tmp_path.iterdir()] == ["new"]
+    assert [path.name for path in won.iterdir()] == ["run.json"]
 
 
 def test_a_map_from_a_newer_version(drive, capsys, tmp_path, monkeypatch):

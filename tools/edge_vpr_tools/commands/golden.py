@@ -113,7 +113,7 @@ def run(args: argparse.Namespace) -> None:
                         reference, design, recording, args.max_windows, case_size(args.case_size)
                     )
                 ]
-    with replacing_folder(output) as folder, status("cases") as show_case:
+    with replacing_folder(output, args.overwrite) as folder, status("cases") as show_case:
         suites = _suites(args, design, recorded)
         made = {name: cases for name, cases in suites.items() if name != "recording"}
         chosen = smallest_cases(made, vectors_size(args.vectors))

@@ -24,7 +24,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 import edge_vpr
 from edge_vpr.errors import EdgeVprError, MissingExtraError, UsageError, printable
-from edge_vpr.files import read_json
+from edge_vpr.files import is_work_folder, read_json
 from edge_vpr.results import RecordError, check_parent, from_json, write_json
 
 # Workers for trials, with one interface: processes of this machine, or a Dask cluster.
@@ -376,7 +376,8 @@ class Store(Generic[TrialT, ResultT]):
         there = self.folder.exists()
         if there and not (self.folder / SWEEP).is_file():
             empty = self.folder.is_dir() and all(
-                inner.name in (_LOCK, _RESULTS, _FAILURES) for inner in self.folder.iterdir()
+                inner.name in (_LOCK, _RESULTS, _FAILURES) or is_work_folder(inner)
+                for inner in self.folder.iterdir()
             )
             if not empty:
                 raise UsageError(
