@@ -307,3 +307,121 @@ class Odometer:
         elif self.travelled_mm != 0:
             self.anchor = self.latest
         self.before, self.anchored, self.fresh = self.latest, self.fresh, False
+
+
+#: A faster change is a leap: a damaged line, or an odometer that started again. Readings may come
+#: in a bunch after a pause of the line.
+LEAP_MM_PER_S, LEAST_GAP_US = 100_000, 100_000
+#: Time over which an odometer is judged; so many leaps in it are a wrong unit.
+JUDGED_US, MOST_LEAPS = 2_000_000, 3
+#: It is wrong if it shows more than 8 times the mean speed of the map's drive, or less than 1/50 of
+#: it while the camera moves: sees at least 1/4 of that drive's events. (On streets that were not
+#: used to test this, a robot that stood saw at most 1/13, and one that drove more than 1/4 for 84 %
+#: of the time.) It is used again when it shows at most twice that speed while the camera moves.
+FASTEST, SLOWEST, FEWEST, PLAUSIBLE = 8, 50, 4, 2
+
+
+class OdometerCheck:
+    """Finds out that an odometer cannot be right: its unit is wrong, or its encoder is stuck.
+
+    A leap adds nothing: neither a digit that was lost on the line nor an odometer that starts
+    again from zero moves the robot.
+
+    Parameters
+    ----------
+    mean_mm_per_s, mean_events_per_s : int
+        Of the map's drive: its speed, and its events at the selected pixels. With 0, only
+        leaps are found.
+
+    Attributes
+    ----------
+    wrong : str
+        Why the odometer is not used now; empty if it is.
+    leaps, unused : int
+        Readings that no robot could have driven to, and readings that were not used.
+    distance_mm : int
+        Newest reading, without leaps.
+    """
+
+    def __init__(self, mean_mm_per_s: int = 0, mean_events_per_s: int = 0) -> None:
+        self.wrong = ""
+        self.leaps = self.unused = 0
+        self.distance_mm = 0
+        self._mean_speed, self._mean_events = mean_mm_per_s, mean_events_per_s
+        self._time_us = self._shown_mm = 0  # of the newest reading
+        # when the present period began (-1: no reading yet), and distance, events and leaps then
+        self._begin_us, self._begin_mm, self._begin_events, self._begin_leaps = -1, 0, 0, 0
+
+    def read(self, time_us: int, shown_mm: int, events: int) -> bool:
+        """Take a reading, and return whether the odometer is to be used.
+
+        Parameters
+        ----------
+        time_us : int
+            Not earlier than the one before.
+        shown_mm : int
+            What the odometer shows, from any zero.
+        events : int
+            At the selected pixels so far.
+        """
+        if self._begin_us < 0:
+            self.distance_mm = shown_mm
+            self._begin(time_us, events)
+        else:
+            step, passed_us = shown_mm - self._shown_mm, time_us - self._time_us
+            if abs(step) * 1_000_000 <= LEAP_MM_PER_S * max(passed_us, LEAST_GAP_US):
+                self.distance_mm += step
+            else:
+                self.leaps += 1
+            self._judge(time_us, events)
+        self._time_us, self._shown_mm = time_us, shown_mm
+        self.unused += bool(self.wrong)
+        return not self.wrong
+
+    def _begin(self, time_us: int, events: int) -> None:
+        self._begin_us, self._begin_mm = time_us, self.distance_mm
+        self._begin_events, self._begin_leaps = events, self.leaps
+
+    def _judge(self, time_us: int, events: int) -> None:
+        leapt, passed_us = self.leaps - self._begin_leaps, time_us - self._begin_us
+        if leapt >= MOST_LEAPS:
+            self.wrong = f"{leapt} of its readings leap: send metres, not millimetres or ticks"
+        elif passed_us >= JUDGED_US and not self._mean_speed:
+            self.wrong = self.wrong if leapt else ""
+        elif passed_us >= JUDGED_US:
+            speed = abs(self.distance_mm - self._begin_mm) * 1_000_000 // passed_us
+            seen = (events - self._begin_events) * 1_000_000 // passed_us
+            if speed > FASTEST * self._mean_speed:
+                self.wrong = (
+                    f"it shows {speed / 1e3:,.0f} m/s, and the drive of the map had "
+                    f"{self._mean_speed / 1e3:.1f}: send metres"
+                )
+            elif seen * FEWEST < self._mean_events:
+                pass  # the robot may stand
+            elif speed * SLOWEST < self._mean_speed:
+                self.wrong = (
+                    f"it stands at {self._shown_mm / 1e3:,.2f} m while the camera moves: check the "
+                    "encoder"
+                )
+            elif speed <= PLAUSIBLE * self._mean_speed and not leapt:
+                self.wrong = ""
+        if passed_us >= JUDGED_US:
+            self._begin(time_us, events)
+
+    def to_array(self) -> npt.NDArray[np.int64]:
+        """Return the state for `resume`, shape (12,)."""
+        numbers = [
+            self._mean_speed, self._mean_events, bool(self.wrong), self.leaps, self.unused,
+            self.distance_mm, self._shown_mm, self._time_us,
+            self._begin_us, self._begin_mm, self._begin_events, self._begin_leaps,
+        ]  # fmt: skip
+        return np.array(numbers, dtype=np.int64)
+
+    def resume(self, array: npt.NDArray[np.int64]) -> None:
+        """Restore the state from the array of `to_array`."""
+        (
+            self._mean_speed, self._mean_events, wrong, self.leaps, self.unused,
+            self.distance_mm, self._shown_mm, self._time_us,
+            self._begin_us, self._begin_mm, self._begin_events, self._begin_leaps,
+        ) = array.tolist()  # fmt: skip
+        self.wrong = "it could not be right when the state was saved" if wrong else ""

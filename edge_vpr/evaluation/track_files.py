@@ -34,10 +34,10 @@ def load_track(path: str | Path, *, max_gap_s: float | None = None) -> Track:
         GPS logs are known by their content: NMEA and GPX. A table has a header, which can be a
         comment, as in EuRoC. Its columns are the time (``time_s``, ``timestamp``, ``timestamp
         [ns]``; seconds if the name has no unit; or dates with times), and ``latitude,longitude``,
-        ``x_m[,y_m[,z_m]]``, ``tx,ty,tz``, EuRoC's ``p_RS_R_x [m],...`` or ``position_m``; others
-        are ignored. Poses have eight numbers a line (TUM: seconds, position, rotation), or twelve
-        (KITTI: the first three rows of a pose; the seconds are in ``times.txt`` beside it, or in
-        KITTI's own folder).
+        ``x_m[,y_m[,z_m]]``, ``tx,ty,tz``, EuRoC's ``p_RS_R_x [m],...``, ``position_m``, or without
+        any of these ``distance_m`` of an odometer; others are ignored. Poses have eight numbers a
+        line (TUM: seconds, position, rotation), or twelve (KITTI: the first three rows of a pose;
+        the seconds are in ``times.txt`` beside it, or in KITTI's own folder).
     max_gap_s : float, optional
         Positions between points further apart are unknown; found from the points by default, see
         `Track.bridged`.
@@ -264,6 +264,8 @@ def _named_columns(path: Path, text: str) -> Fixes:
         columns = [names.index(name) for name in takewhile(names.__contains__, wanted)]
         if len(columns) == len(wanted) or (columns and kind == "metric"):
             found.append((kind, columns))
+    if not found and "distance" in names:  # of an odometer
+        found.append(("metric", [names.index("distance")]))
     if len(times) > 1:
         raise GroundTruthError(
             f"{path} has {len(times)} columns of time ({', '.join(header[i] for i in times)}): "
@@ -277,7 +279,8 @@ def _named_columns(path: Path, text: str) -> Fixes:
     if not times or not found:
         raise GroundTruthError(
             f"{path} has the header {','.join(header)!r}: expected time_s,x_m[,y_m[,z_m]], "
-            "time_s,position_m or time_s,latitude,longitude; times can be timestamp_ns too"
+            "time_s,position_m, time_s,distance_m or time_s,latitude,longitude; times can be "
+            "timestamp_ns too"
         )
     ((kind, columns),) = found
     position = numbers(path, header, rows, columns, unknown=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from collections.abc import Callable
 
 from edge_vpr.live.links import LinkReader, open_link
@@ -12,10 +11,6 @@ from edge_vpr.route import MOST_MM
 
 #: Largest length of a reading, in bytes.
 MOST_BYTES = 64
-#: A faster change is a leap: a damaged line, or an odometer that started again.
-MOST_MPS = 100.0
-#: Readings may come in a bunch after a pause of the line.
-_LEAST_GAP_S = 0.1
 #: Interval of readings, which gives some ten of them in a window.
 _LOOK_S = 0.01
 #: Silence of the odometer that is reported, because windows pass without a reading.
@@ -24,39 +19,28 @@ _BAUD = 115_200
 
 
 class OdometerLine:
-    """Decodes readings in metres, and adds up the distances between them.
-
-    A leap adds nothing: neither a digit that was lost on the line nor an odometer that starts
-    again from zero moves the robot.
+    """Decodes readings in metres.
 
     Attributes
     ----------
-    metres : float
-        Distance since the first reading; it falls where the robot drives backwards.
-    readings : int
-        Lines that were a reading, leaps included.
-    leaps : int
-        Readings that no robot could have driven to.
-    refused : int
-        Lines that were no reading.
+    distance_mm : int
+        Newest reading.
+    readings, refused : int
+        Lines that were a reading, and lines that were none.
     """
 
     def __init__(self) -> None:
-        self.metres = 0.0
-        self.readings = self.leaps = self.refused = 0
+        self.distance_mm = 0
+        self.readings = self.refused = 0
         self._rest = b""
-        self._value: float | None = None
-        self._at_s = 0.0
 
-    def feed(self, data: bytes, at_s: float, *, after_loss: bool = False) -> bool:
+    def feed(self, data: bytes, *, after_loss: bool = False) -> bool:
         """Take the next bytes.
 
         Parameters
         ----------
         data : bytes
             Lines such as ``12.345``, metres from any zero, each ended by a line feed.
-        at_s : float
-            When they came, in seconds.
         after_loss : bool
             Whether bytes are missing before them; the line that had begun is then dropped.
 
@@ -70,89 +54,19 @@ class OdometerLine:
         self._rest = lines.pop()[: MOST_BYTES + 1]
         for line in lines:
             if line.strip():
-                self._take(line, at_s)
+                self._take(line)
         return self.readings > before
 
-    def _take(self, line: bytes, at_s: float) -> None:
+    def _take(self, line: bytes) -> None:
         try:
             value = float(line.decode("ascii")) if len(line) <= MOST_BYTES else math.nan
         except ValueError:
             value = math.nan
-        if not abs(value) * 1e3 <= MOST_MM:
+        if abs(value) * 1e3 <= MOST_MM:
+            self.readings += 1
+            self.distance_mm = round(1e3 * value)
+        else:
             self.refused += 1
-            return
-        self.readings += 1
-        if self._value is not None:
-            step = value - self._value
-            if abs(step) <= MOST_MPS * max(at_s - self._at_s, _LEAST_GAP_S):
-                self.metres += step
-            else:
-                self.leaps += 1
-        self._value, self._at_s = value, at_s
-
-
-#: Time over which an odometer is judged; so many leaps in it are a wrong unit.
-JUDGED_S, MOST_LEAPS = 2.0, 3
-#: It is wrong if it shows this many times the speed of the map's drive, or, while the camera sees
-#: as much as on that drive, less than this share of it.
-FASTEST, SLOWEST = 8.0, 0.02
-#: It is used again when it shows no more than this many times that speed.
-PLAUSIBLE = 2.0
-
-
-class OdometerCheck:
-    """Finds out that an odometer cannot be right: its unit is wrong, or it stands.
-
-    Parameters
-    ----------
-    usual_mps : float
-        Mean speed of the drive that the map was made of, in metres per second.
-
-    Attributes
-    ----------
-    wrong : str
-        Why it is not used now; empty if it is.
-    """
-
-    def __init__(self, usual_mps: float) -> None:
-        self.wrong = ""
-        self._usual_mps = usual_mps
-        # time, metres, leaps until then, and whether the camera saw as much as on that drive
-        self._seen: deque[tuple[float, float, int, bool]] = deque()
-
-    def judge(self, now_s: float, metres: float, leaps: int, *, moving: bool) -> None:
-        """Take a reading.
-
-        Parameters
-        ----------
-        now_s : float
-            When it came.
-        metres : float
-            Distance so far, without leaps.
-        leaps : int
-            Readings so far that no robot could have driven to.
-        moving : bool
-            Whether the camera sees as much as while the map was made.
-        """
-        seen = self._seen
-        seen.append((now_s, metres, leaps, moving))
-        while len(seen) > 2 and now_s - seen[1][0] >= JUDGED_S:
-            seen.popleft()
-        first_s, first_m, first_leaps, _ = seen[0]
-        leapt, passed_s = leaps - first_leaps, now_s - first_s
-        if leapt >= MOST_LEAPS:
-            self.wrong = f"{leapt} of its readings leap: send metres, not millimetres or ticks"
-        elif passed_s < JUDGED_S:
-            return
-        elif abs(mps := (metres - first_m) / passed_s) > FASTEST * self._usual_mps:
-            self.wrong = (
-                f"it shows {abs(mps):,.0f} m/s, and the drive of the map had "
-                f"{self._usual_mps:.1f}: send metres"
-            )
-        elif abs(mps) < SLOWEST * self._usual_mps and all(each[3] for each in seen):
-            self.wrong = f"it stands at {metres:,.2f} m while the camera moves: check the encoder"
-        elif not leapt and SLOWEST <= abs(mps) / self._usual_mps <= PLAUSIBLE:
-            self.wrong = ""
 
 
 class OdometerReader:
@@ -179,8 +93,8 @@ class OdometerReader:
         self._silent = False
         self._refused = 0
 
-    def look(self) -> float | None:
-        """Return the newest reading in metres, if there is one."""
+    def look(self) -> int | None:
+        """Return the newest reading in millimetres, if there is one."""
         now = time.monotonic()
         if now < self._look_s:
             return None
@@ -188,15 +102,10 @@ class OdometerReader:
         line = self._line
         while (chunk := self._reader.take(0)) is not None:
             after_loss = bool(chunk.lost) or chunk.reopened
-            if line.feed(chunk.data, chunk.at_s, after_loss=after_loss):
+            if line.feed(chunk.data, after_loss=after_loss):
                 self._heard_s = now
         self._report(now)
-        return line.metres if self._heard_s == now else None
-
-    @property
-    def leaps(self) -> int:
-        """Readings that no robot could have driven to."""
-        return self._line.leaps
+        return line.distance_mm if self._heard_s == now else None
 
     def stop(self) -> None:
         """Close the line."""

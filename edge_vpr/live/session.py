@@ -34,7 +34,7 @@ from edge_vpr.events import EVENT_DTYPE, Events, Sensor, join_events
 from edge_vpr.files import check_output, work_folder
 from edge_vpr.learning import MapUpdate
 from edge_vpr.live.links import DescriptorLink, Link, LinkReader, SocketLink, UrlLink, open_link
-from edge_vpr.live.odometer import OdometerCheck, OdometerReader
+from edge_vpr.live.odometer import OdometerReader
 from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.live.protocols import EXACT, Decoder, Health, open_decoder
 from edge_vpr.map_record import KIND as MAP_KIND
@@ -50,7 +50,7 @@ from edge_vpr.online.localiser import (
 from edge_vpr.recordings import FORMATS, WRITTEN, writable_format, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_new_file, check_new_map
-from edge_vpr.route import Odometry
+from edge_vpr.route import OdometerCheck, Odometry
 from edge_vpr.settings import Settings, duration_us, resolve_settings
 from edge_vpr.warm_up import WarmUpStep, localising_steps, synthetic_events, warm_up
 
@@ -180,6 +180,7 @@ class LiveLocaliser:
         self._losses = LossWatch(decoder.health)
         self._position: PathPosition | None = None
         self._time = 0  # time that the localiser has reached
+        self.odometer_check = OdometerCheck()
         if reference is not None:
             sensor = reference.pixel_map.sensor
             if sensor != decoder.sensor:
@@ -190,6 +191,7 @@ class LiveLocaliser:
             warm_up(self._warm_up_steps(reference, every, causal_bursts, odometry), show)
             self._localiser = Localiser(reference, every=every)
             self._settings = self._localiser.settings
+            self.odometer_check = self._localiser.odometer_check or self.odometer_check
             self._position = PathPosition(self._settings.window_parts)
             # longest time that is matched in one step
             self._most_us = MOST_TICKS * self._localiser.every.interval_us or _NEVER_US
@@ -251,24 +253,26 @@ class LiveLocaliser:
             self._localiser.skip_ticks(int(events["t"][0]))
         return self._clean(join_events([*early, events]))
 
-    def read_odometer(self, distance_m: float) -> int:
+    def read_odometer(self, distance_mm: int) -> tuple[int, int] | None:
         """Take a reading of the robot's odometer, at the time that the stream has reached.
 
         Returns
         -------
-        int
-            That time, in microseconds.
+        tuple of int, optional
+            That time, in microseconds, and the distance without leaps; None if the odometer cannot
+            be right, see `OdometerCheck`.
         """
-        if self._localiser is None:
-            return self.decoder.reached_us
-        # all matches due until then have been given
-        self._localiser.read_odometer(self._time, distance_m)
-        return self._time
-
-    @property
-    def reached_us(self) -> int:
-        """Time up to which the stream has been matched."""
-        return self.decoder.reached_us if self._localiser is None else self._time
+        check, localiser = self.odometer_check, self._localiser
+        if localiser is None:
+            time_us = self.decoder.reached_us
+            check.read(time_us, distance_mm, 0)
+        else:
+            time_us = self._time
+            # all matches due until then have been given
+            localiser.read_odometer(time_us, distance_mm / 1e3)
+        health = self.decoder.health
+        health.odometer_leaps, health.odometer_unused = check.leaps, check.unused
+        return None if check.wrong else (time_us, check.distance_mm)
 
     def finish(self) -> LiveResult:
         """End the stream, and return the matches of what was held."""
@@ -739,11 +743,6 @@ class LiveSession:
         self.update: MapUpdate[ReferenceMap] | None = None
         self.removed = Removed()
         self.locator = None if reference is None else Locator(reference)
-        self._check = None
-        self._usual_events = 0
-        if reference is not None and (speed := _speed_of(reference)):
-            self._check = OdometerCheck(speed)
-            self._usual_events = int(reference.windows.selected_events.mean()) // 2
         self._live: LiveLocaliser | None = None
         self._given = self._jumps = 0
         self._files = contextlib.ExitStack()
@@ -844,7 +843,7 @@ class LiveSession:
         if self.reference is not None and self.reference.settings.window == "time":
             window_us = self.reference.settings.tau_us
         self._lag = _LagWatch(self.health, window_us, self._say, live=self._reader.live)
-        self._strange = self._moving = False
+        self._strange = False
         self._begin_s = self._beat_s = time.monotonic()
         self._opened = True
 
@@ -999,7 +998,6 @@ class LiveSession:
         self._count_misfits(result)
         if result.matches.size:
             self._look_at_misfit(int(result.matches["misfit"][-1]))
-            self._moving = int(result.matches["events"][-1]) >= self._usual_events
         host_us = int(1e6 * (time.time() - (time.monotonic() - chunk.at_s)))
         found = self._matches(result, host_us)
         return LiveStep(result, chunk.at_s, host_us, self._new_readings(), found)
@@ -1042,32 +1040,26 @@ class LiveSession:
         decoder.health.line_errors = reader.line_errors
         if step.result is not None:
             self._watch.heard(step.at_s)
-        if self._odometer is not None and (metres := self._odometer.look()) is not None:
-            # whole millimetres, for the localiser and the log
-            distance_mm = round(1e3 * metres)
-            time_us = self._read_odometer(distance_mm / 1e3)
-            self._fresh.append((time_us, distance_mm / 1e3))
-            if self._learn is not None:
-                self._readings[time_us] = distance_mm
+        if self._odometer is not None and (shown_mm := self._odometer.look()) is not None:
+            self._read_odometer(shown_mm)
         self._watch.look(nothing_came=step.result is None)
         reader.send(decoder.to_send(time.monotonic()))
 
-    def _read_odometer(self, metres: float) -> int:
-        """Give a reading to the filter, unless the odometer cannot be right; return its time."""
-        live, check, odometer = self._live_or_raise(), self._check, self._odometer
-        if check is None or odometer is None:
-            return live.read_odometer(metres)
-        before, health = check.wrong, self.decoder.health
-        check.judge(time.monotonic(), metres, odometer.leaps, moving=self._moving)
-        health.odometer_leaps = odometer.leaps
-        if check.wrong and not before:
-            self._say("odometer", f"the odometer is not used: {check.wrong}")
-        elif before and not check.wrong:
+    def _read_odometer(self, shown_mm: int) -> None:
+        """Give a reading to the filter, and report an odometer that cannot be right."""
+        live = self._live_or_raise()
+        before = live.odometer_check.wrong
+        reading = live.read_odometer(shown_mm)
+        wrong = live.odometer_check.wrong
+        if wrong and not before:
+            self._say("odometer", f"the odometer is not used: {wrong}")
+        elif before and not wrong:
             self._say("odometer", "the odometer is used again", over=True)
-        if check.wrong:
-            health.odometer_unused += 1
-            return live.reached_us
-        return live.read_odometer(metres)
+        if reading is not None:
+            time_us, distance_mm = reading
+            self._fresh.append((time_us, distance_mm / 1e3))
+            if self._learn is not None:
+                self._readings[time_us] = distance_mm
 
     def _count_misfits(self, result: LiveResult) -> None:
         self.health.misfits += int(np.count_nonzero(result.matches["misfit"] >= STRANGE))
@@ -1398,14 +1390,6 @@ def _senseless_bytes(health: Health) -> str:
             "--sensor, or the map"
         )
     return ""
-
-
-def _speed_of(reference: ReferenceMap) -> float:
-    """Return the mean speed of the drive that a map was made of, in m/s; 0 if it is not known."""
-    along_mm, centre_us = reference.along_mm, reference.places.centre_us
-    if along_mm is None or len(reference) < 2:
-        return 0.0
-    return float(along_mm[-1] - along_mm[0]) * 1e3 / float(centre_us[-1] - centre_us[0])
 
 
 def _heartbeat(given: int, jumps: int) -> LiveMatch:

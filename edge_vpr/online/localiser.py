@@ -73,7 +73,7 @@ from edge_vpr.online.kernels import (
     with_distances,
     write_distances,
 )
-from edge_vpr.route import MOST_MM, Odometer, Odometry
+from edge_vpr.route import MOST_MM, Odometer, OdometerCheck, Odometry
 from edge_vpr.settings import Settings, duration_us
 from fixedpoint.own_mean import RunningMean
 
@@ -501,6 +501,8 @@ class FilterRun(MatchRun):
 
     Attributes
     ----------
+    odometer_check : OdometerCheck
+        Of readings that are not those of a recording.
     mean : RunningMean or None
         Of own-mean codes.
     """
@@ -513,6 +515,7 @@ class FilterRun(MatchRun):
         )
         super().__init__(reference, window, schedule, place_filter=self.place_filter)
         self.odometer = Odometer(self.place_filter.transitions.spacing_mm)
+        self.odometer_check = OdometerCheck(*_means_per_s(reference))
         self._code = reference.own_mean_code
         self.mean = None
         if self._code is not None and reference.mean is not None:
@@ -579,6 +582,7 @@ class FilterRun(MatchRun):
         if meter.fresh or meter.anchored or meter.anchor != meter.latest:
             state = [meter.latest, meter.anchor, meter.fresh, meter.anchored, meter.before]
             arrays["filter_odometer"] = np.array(state, dtype=np.int64)
+            arrays["odometer_check"] = self.odometer_check.to_array()
         if self.mean is not None:
             arrays["filter_mean"] = self.mean.total
             arrays["filter_mean_windows"] = np.array([self.mean.windows], dtype=np.int64)
@@ -595,7 +599,8 @@ class FilterRun(MatchRun):
             numbers = arrays["filter_odometer"].tolist()
             meter.latest, meter.anchor = numbers[:2]
             meter.fresh, meter.anchored = (bool(number) for number in numbers[2:4])
-            meter.before = numbers[4] if len(numbers) == 5 else meter.anchor
+            meter.before = numbers[4]
+            self.odometer_check.resume(arrays["odometer_check"])
             self._travel()
         self._set_window_end()
         if self.mean is not None:
@@ -605,6 +610,17 @@ class FilterRun(MatchRun):
             self.mean.windows = int(arrays["filter_mean_windows"][0])
             self.state.windows.own.means[:] = self.mean.mean
         super().resume(arrays, now_us, floor_us)
+
+
+def _means_per_s(reference: MapRecord) -> tuple[int, int]:
+    """Return the speed of a map's drive in mm/s, and its selected events per second; 0: unknown."""
+    along_mm, windows = reference.along_mm, reference.windows
+    passed_us = int(windows.centre_us[-1] - windows.centre_us[0])
+    if along_mm is None or windows.selected_events is None or passed_us <= 0:
+        return 0, 0
+    events = round(float(windows.selected_events.mean()) * (len(windows) - 1))
+    way_mm = int(along_mm[-1] - along_mm[0])
+    return way_mm * 1_000_000 // passed_us, events * 1_000_000 // passed_us
 
 
 def filter_state(arrays: Arrays) -> list[int]:
@@ -940,7 +956,9 @@ class Localiser:
         """
         return _joined(self.run.finish())
 
-    def read_odometer(self, time_us: int, distance_m: float) -> npt.NDArray[np.void]:
+    def read_odometer(
+        self, time_us: int, distance_m: float, *, checked: bool = True
+    ) -> npt.NDArray[np.void]:
         """Advance the time to `time_us` and take a reading of the robot's odometer.
 
         The distance since the window before then decides the costs of moves. Give at least one
@@ -952,6 +970,9 @@ class Localiser:
             Of the reading; not earlier than the last event. Events of the same time come before it.
         distance_m : float
             Metres driven, from any zero; it falls where the robot drives backwards.
+        checked : bool
+            Leave out leaps, and readings of an odometer that cannot be right (`odometer_check`);
+            else the matches are to the bit those of a recording with the same readings.
 
         Returns
         -------
@@ -975,9 +996,18 @@ class Localiser:
         if not abs(distance_m) * 1e3 <= MOST_MM:
             raise UsageError(f"odometer at {distance_m} m: expected at most {MOST_MM // 1000} m")
         run.place_filter.transitions.check_odometry()
-        matches = self.advance(time_us)
-        run.read_odometer(round(distance_m * 1e3))
+        matches, distance_mm = self.advance(time_us), round(distance_m * 1e3)
+        check = run.odometer_check
+        if not checked:
+            run.read_odometer(distance_mm)
+        elif check.read(int(time_us), distance_mm, self.selected):
+            run.read_odometer(check.distance_mm)
         return matches
+
+    @property
+    def odometer_check(self) -> OdometerCheck | None:
+        """What has been found out about the odometer; None of sequences."""
+        return self.run.odometer_check if isinstance(self.run, FilterRun) else None
 
     def skip_ticks(self, until_us: int) -> None:
         """Skip the ticks of the schedule before `until_us`, except the last one.
@@ -1130,7 +1160,8 @@ class OdometryFeed:
                 found.append(self._localiser.update(events[begin:first]))
                 begin = first
             time_us = int(self._times[reading])
-            found.append(self._localiser.read_odometer(time_us, self._metres[reading]))
+            metres = self._metres[reading]
+            found.append(self._localiser.read_odometer(time_us, metres, checked=False))
         self._read = stop
         found.append(self._localiser.update(events[begin:]))
         return found
@@ -1417,10 +1448,12 @@ def check_filter_state(
         )
     _check_schedule(arrays, "filter_schedule", places, every, floor_us)
     if "filter_odometer" in arrays:
-        meter = arrays["filter_odometer"]  # without the last number from earlier versions
-        check_array(meter, "filter_odometer", (np.int64,), (4 if meter.size == 4 else 5,))
+        meter, judged = arrays["filter_odometer"], arrays["odometer_check"]
+        check_array(meter, "filter_odometer", (np.int64,), (5,))
         check_range(meter[[0, 1, -1]], "filter_odometer", -MOST_MM, MOST_MM)
         check_range(meter[2:4], "filter_odometer", 0, 1)
+        check_array(judged, "odometer_check", (np.int64,), (12,))
+        check_range(judged, "odometer_check", -TIME_LIMIT_US, TIME_LIMIT_US)
     if "filter_mean" in arrays:
         check_array(arrays["filter_mean_windows"], "filter_mean_windows", (np.int64,), (1,))
         check_range(arrays["filter_mean_windows"], "filter_mean_windows", 0, max(windows, 0))

@@ -19,14 +19,15 @@ from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tables import load_odometry
 from edge_vpr.events import Sensor
 from edge_vpr.live.bridge import Bridge, open_device_link
-from edge_vpr.live.odometer import OdometerCheck, OdometerLine
+from edge_vpr.live.odometer import OdometerLine
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.session import LiveSession
 from edge_vpr.online.localiser import Localiser, MatchSchedule, OdometryFeed
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import Odometry
+from edge_vpr.route import OdometerCheck, Odometry
 from edge_vpr.settings import Settings
+from edge_vpr.simulation import simulate_pair
 
 SENSOR = Sensor(64, 48)
 
@@ -37,12 +38,14 @@ def test_the_cut_of_the_bytes_changes_no_reading(seed):
     metres = np.round(np.cumsum(rng.normal(0.1, 0.2, 100)), 3)
     end = "\r\n" if seed % 2 else "\n"
     data = "".join(f"{metre}{end}" for metre in metres).encode()
-    line = OdometerLine()
+    line, found = OdometerLine(), []
     cuts = [0, *np.sort(rng.integers(0, len(data), 30)).tolist(), len(data)]
     for begin, last in pairwise(cuts):
-        line.feed(data[begin:last], 0.0)
-    assert (line.readings, line.leaps, line.refused) == (100, 0, 0)
-    assert line.metres == pytest.approx(metres[-1] - metres[0], abs=1e-9)
+        if line.feed(data[begin:last]):
+            found.append(line.distance_mm)
+    assert (line.readings, line.refused) == (100, 0)
+    assert set(found) <= set(np.rint(1e3 * metres).astype(int).tolist())
+    assert found[-1] == round(1e3 * metres[-1])
 
 
 @pytest.mark.parametrize(
@@ -50,32 +53,37 @@ def test_the_cut_of_the_bytes_changes_no_reading(seed):
 )
 def test_a_line_that_is_no_reading_is_counted_and_moves_nothing(text):
     line = OdometerLine()
-    assert line.feed(b"1.0\n2.0\n", 0.0)
-    assert not line.feed(text + b"\n\n", 0.1)
-    assert line.feed(b"2.5\n", 0.2)
-    assert (line.metres, line.readings, line.leaps, line.refused) == (1.5, 3, 0, 1)
+    assert line.feed(b"1.0\n2.0\n")
+    assert not line.feed(text + b"\n\n")
+    assert line.feed(b"2.5\n")
+    assert (line.distance_mm, line.readings, line.refused) == (2_500, 3, 1)
 
 
 def test_a_leap_moves_nothing_neither_there_nor_back():
-    line = OdometerLine()
-    line.feed(b"105.0\n105.5\n", 0.0)
-    line.feed(b"5.9\n", 0.1)  # a digit was lost on the way
-    line.feed(b"106.3\n106.7\n", 0.2)
-    assert line.leaps == 2
-    assert line.metres == pytest.approx(0.9)
-    line.feed(b"0.0\n0.4\n", 0.3)  # the robot's computer has started again
-    assert line.leaps == 3
-    assert line.metres == pytest.approx(1.3)
-    line.feed(b"500.0\n", 10.0)  # a line that was away for long; 52 m/s
-    assert line.leaps == 3
-    assert line.metres == pytest.approx(500.9)
+    check = OdometerCheck()
+
+    def at(time_s, *shown_m):
+        for shown in shown_m:
+            check.read(round(1e6 * time_s), round(1e3 * shown), 0)
+        return check.leaps, check.distance_mm
+
+    at(0.0, 105.0, 105.5)
+    # a digit was lost on the way
+    assert at(0.1, 5.9, 106.3, 106.7) == (2, 105_900)
+    # the robot's computer has started again
+    assert at(0.3, 106.7) == (2, 105_900)
+    assert at(2.3, 106.7) == (2, 105_900)
+    assert at(2.4, 0.0, 0.4) == (3, 106_300)
+    # a line that was away for long; 52 m/s
+    assert at(12.0, 500.0) == (3, 605_900)
+    assert not check.wrong
 
 
 def test_what_was_begun_before_a_gap_is_no_reading():
     line = OdometerLine()
-    line.feed(b"1.0\n1", 0.0)
-    line.feed(b"2.0\n", 0.1, after_loss=True)
-    assert line.metres == 1.0
+    line.feed(b"1.0\n1")
+    line.feed(b"2.0\n", after_loss=True)
+    assert line.distance_mm == 2_000
 
 
 @pytest.fixture(scope="module")
@@ -94,6 +102,8 @@ def drive(tmp_path_factory):
     write_recording(
         folder / "query.npz", random_events(rng, 40_000, SENSOR, 2_000_000), sensor=SENSOR
     )
+    longer = random_events(rng, 120_000, SENSOR, 6_000_000)
+    write_recording(folder / "longer.npz", longer, sensor=SENSOR)
     return folder
 
 
@@ -110,7 +120,8 @@ class TalkingOdometer:
 
     def _talk(self):
         host = self._server.accept()[0]
-        with host, contextlib.suppress(ConnectionError):  # the run has ended
+        # the run may have ended
+        with host, contextlib.suppress(ConnectionError):
             host.sendall(b"what is this?\n")
             while not self._stopping.wait(0.01):
                 host.sendall(f"{self._metres():.4f}\n".encode())
@@ -161,16 +172,16 @@ def test_a_run_with_an_odometer_is_the_offline_one_with_the_readings_of_its_log(
     assert found != offline(None)
 
 
-def played(drive):
+def played(drive, shown_m=lambda time_s: 1_000 + 5 * time_s, query="query.npz", speed=1.0):
     """A camera on a TCP port that sends the query, an odometer, and their end.
 
-    Both go in real time, or later on a machine that cannot keep it: at 5 m/s of the camera's time.
+    The odometer shows `shown_m` of the time of the newest event that was sent.
     """
-    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    events = np.concatenate(list(open_recording(drive / query)))
     link = open_device_link("tcp://127.0.0.1:0")
-    bridge = Bridge(link, open_encoder("evpr", SENSOR))
+    bridge = Bridge(link, open_encoder("evpr", SENSOR), speed=speed)
     odometer = TalkingOdometer(
-        lambda: 1_000 + 5e-6 * int(events["t"][max(bridge.sent_events - 1, 0)])
+        lambda: shown_m(1e-6 * int(events["t"][max(bridge.sent_events - 1, 0)]))
     )
 
     def play():
@@ -246,23 +257,96 @@ def test_a_session_takes_no_file_as_the_odometer(drive, tmp_path):
         LiveSession("sent.bin", **asked, odometry=str(tmp_path / "wheel.csv"))
 
 
-USUAL_MPS = 6.0
+MEAN_MM_PER_S, MEAN_EVENTS_PER_S = 6_000, 1_000
 
 
 def judged(metres_at, seconds=60.0, rate=20.0):
-    """What an odometer that sends `metres_at(t)` is found to be, second by second.
+    """What an odometer that shows `metres_at(t)` is found to be, second by second.
 
     The robot drives at 2 to 8 m/s, and stands from 20 to 30 s, as the camera sees.
     """
     t = np.arange(0, seconds, 1 / rate)
     speed = np.where((t > 20) & (t < 30), 0.0, 5.0 + 3.0 * np.sin(t / 3))
     true_m = np.cumsum(speed) / rate
-    check, line, found = OdometerCheck(USUAL_MPS), OdometerLine(), []
-    for now, metres, moves in zip(t, true_m, speed > 0, strict=True):
-        line.feed(f"{metres_at(now, metres):.3f}\n".encode(), now)
-        check.judge(now, line.metres, line.leaps, moving=moves)
+    events = np.cumsum(np.where(speed > 0, MEAN_EVENTS_PER_S, 50) / rate)
+    check, found = OdometerCheck(MEAN_MM_PER_S, MEAN_EVENTS_PER_S), []
+    for now, metres, seen in zip(t, true_m, events.astype(int).tolist(), strict=True):
+        check.read(round(1e6 * now), round(1e3 * metres_at(now, metres)), seen)
         found.append((now, check.wrong))
     return found
+
+
+#: Of an odometer that should show metres at the speed of the map, 5 m/s.
+WRONG = {
+    "millimetres": (lambda time_s: 5_000 * time_s, "readings leap: send metres"),
+    "centimetres": (lambda time_s: 500 * time_s, "readings leap: send metres"),
+    "ticks": (lambda time_s: 90 * time_s, "and the drive of the map had 5.0: send metres"),
+    "a stuck encoder": (lambda time_s: 5 * min(time_s, 1), "while the camera moves: check the e"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_a_run_says_that_its_odometer_is_wrong_and_goes_on_without_it(wrong, drive, capsys):
+    """In the view of a terminal and in JSON: a message, and counts of the health."""
+    shown_m, says = WRONG[wrong]
+    for flags in ([], ["--json"]):
+        port, odometer, end = played(drive, shown_m, "longer.npz", speed=2.0)
+        words = ["stream", "--port", port, "--protocol", "evpr", "--once", "--odometry", odometer]
+        try:
+            assert main([*words, "--map", str(drive / "map.npz"), *flags]) == 0
+        finally:
+            end()
+        out = capsys.readouterr().out
+        if not flags:
+            assert "the odometer is not used: " in out and says in out
+            assert "odometer unused" in out
+            continue
+        rows = [json.loads(row) for row in out.splitlines()]
+        said = [row for row in rows if row["kind"] == "odometer"]
+        first = next(i for i, row in enumerate(rows) if "is not used" in row.get("text", ""))
+        assert says in rows[first]["text"]
+        assert len(said) == 2, "after the line that is no reading, it is said once"
+        after = [row["kind"] for row in rows[first:]]
+        assert after.count("match") > 20
+        assert "odometry" not in after
+        (health,) = [row for row in rows if row["kind"] == "summary"]
+        assert health["odometer_unused"] > 20
+        assert (health["odometer_leaps"] > 2) == ("leap" in says)
+
+
+@pytest.fixture(scope="module")
+def street():
+    """A map with positions, and another drive's cleaned events and metres."""
+    first, second = simulate_pair(seed=0, length_m=100.0)
+    reference = ReferenceMap.build(first, track=first.track, tau="500ms")
+    events = np.concatenate(list(cleaned(second, reference.settings)))
+    (metres,) = second.track.position.T
+    return reference, events, lambda t_us: np.interp(t_us, second.track.time_us, metres)
+
+
+def correct_share(street, shown_m=None):
+    """The share of matches within 10 m, with an odometer that shows this, and its check."""
+    reference, events, metres_at = street
+    localiser = reference.localiser("window")
+    found = []
+    for piece in np.array_split(events, events.size // 2_000):
+        found.append(localiser.update(piece))
+        if shown_m is not None:
+            time_us = int(piece["t"][-1])
+            localiser.read_odometer(time_us, shown_m(float(metres_at(time_us))))
+    rows = np.concatenate(found)
+    off_m = reference.route.along_m[rows["place"]] - metres_at(rows["time_us"])
+    return (np.abs(off_m) < 10).mean(), localiser.odometer_check
+
+
+@pytest.mark.parametrize("scale", [1_000, 0])
+def test_a_wrong_odometer_costs_few_matches(scale, street):
+    """In a program of its own, too, which has a `Localiser` and no session."""
+    with_wrong, check = correct_share(street, lambda metres: scale * metres)
+    assert check.wrong
+    without, _ = correct_share(street)
+    assert without > 0.7
+    assert with_wrong > without - 0.2
 
 
 @pytest.mark.parametrize("scale", [0.85, 1.0, 1.15, -1.0])

@@ -39,6 +39,10 @@ def test_the_files_hold_the_events_and_the_ground_truth_of_the_pair(folder):
         track = load_track(folder / f"{name}_track.csv")
         assert np.array_equal(track.time_us, simulated.track.time_us)
         assert np.abs(track.position - simulated.track.position).max() < 1e-4
+        # metres of the wheels are positions along the route too
+        wheels = load_track(folder / f"{name}_odometry.csv")
+        true_m = np.interp(wheels.time_us, track.time_us, track.position[:, 0])
+        assert np.abs(wheels.position[:, 0] - true_m).max() < 1.0
 
 
 def test_what_was_simulated_is_noted_beside_it(folder):
