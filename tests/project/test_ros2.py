@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import importlib.util
+import itertools
 import json
 import math
 import os
@@ -15,6 +17,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -83,7 +86,6 @@ def test_a_match_is_a_pose_stamped_with_the_hosts_time_and_a_covariance(messages
     assert np.array_equal(covariance, np.diag(np.diag(covariance)))
     # height, roll and pitch are not known
     assert (np.diag(covariance)[2:5] == messages.UNKNOWN).all()
-    assert set(by_topic(messages, row(**METRIC), tf=True)) == {*found, "/tf"}
 
 
 @pytest.mark.parametrize("heading_deg", [0.0, 60.0, 180.0, 300.0])
@@ -147,27 +149,79 @@ def test_health_is_a_diagnosis_of_what_is_new(messages):
     assert diagnosed() == (messages.OK, "no new faults")
     assert diagnosed(resyncs=4, crc_errors=1) == (messages.WARN, "more resyncs, crc errors")
     assert diagnosed(resyncs=4, crc_errors=1, silent_s=3.2)[0] == messages.ERROR
-    assert not list(translator.messages_of({"kind": "link", "text": "lost; trying again"}, 0))
-    assert diagnosed(resyncs=4, crc_errors=1) == (messages.ERROR, "lost; trying again")
-    list(translator.messages_of({"kind": "link", "text": "open again"}, 0))
-    assert diagnosed(resyncs=4, crc_errors=1)[0] == messages.OK
+    lost = diagnosed(resyncs=4, crc_errors=1, lost_link="/dev/ttyACM0 was lost")
+    assert lost == (messages.ERROR, "the link is lost: /dev/ttyACM0 was lost")
+    assert diagnosed(resyncs=4, crc_errors=1, lost_link="")[0] == messages.OK
 
 
+def test_the_route_is_a_path_of_the_places_whose_position_is_known(messages):
+    route = {"kind": "route", "places": 3, "x_m": [1.0, None, 3.0], "y_m": [0.0, None, 4.0]}
+    route |= {"along_m": [0.0, None, 4.5], "heading_deg": [90.0, None, None]}
+    path = by_topic(messages, route)["path"]
+    assert path["header"]["frame_id"] == "street"
+    poses = [each["pose"] for each in path["poses"]]
+    assert [each["position"] for each in poses] == [
+        {"x": 1.0, "y": 0.0, "z": 0.0}, {"x": 3.0, "y": 4.0, "z": 0.0},
+    ]  # fmt: skip
+    assert [each["orientation"]["w"] for each in poses] == [1.0, 1.0]  # both look along x
+    for unplaced in ({"kind": "route", "places": 3}, {"kind": "route", "latitude": [1.0]}):
+        assert not by_topic(messages, unplaced)
+    for bad in ({"y_m": [0.0]}, {"x_m": 1.0}, {"x_m": ["1", 2.0, 3.0]}):
+        with pytest.raises(ValueError):
+            by_topic(messages, {**route, **bad})
+
+
+def test_a_jump_sets_the_pose_of_other_filters_once_the_match_is_sure(messages):
+    translator = messages.Translator(messages.Frames())
+
+    def topics(**more):
+        return [each.topic for each in translator.messages_of(row(**METRIC, **more), STAMP_US)]
+
+    def reset(**more):
+        found = topics(**more)
+        assert ("pose" in found) == (not more.get("lost"))
+        return "/initialpose" in found
+
+    assert not reset(probability=0.95, jumps=2)  # at first: the filter starts anywhere
+    assert not reset(probability=0.95, jumps=2)
+    assert not reset(probability=0.5, jumps=3)  # it may jump back
+    assert not reset(probability=0.95, jumps=3, lost=True)
+    assert reset(probability=0.95, jumps=3)
+    assert not reset(probability=0.95, jumps=3)
+    assert reset(probability=0.95, jumps=0)  # another run
+
+
+def pose(x, y, yaw, **more):
+    turned = {"x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
+    return SimpleNamespace(
+        position=SimpleNamespace(x=x, y=y, z=0.0), orientation=SimpleNamespace(**{**turned, **more})
+    )
+
+
+def test_odometry_is_the_distance_along_the_robots_direction(messages):
+    travelled = messages.Travelled(100.0)
+    # east, then round to north, then back without turning, then carried sideways
+    found = [
+        travelled.to(pose(*each))
+        for each in ((5, 5, 0), (7, 5, 0), (7, 5, math.pi / 2), (7, 8, math.pi / 2),
+                     (7, 7, math.pi / 2), (9, 7, math.pi / 2))
+    ]  # fmt: skip
+    assert found == pytest.approx([100, 102, 102, 105, 104, 104])
+    assert travelled.to(pose(math.nan, 0, 0)) is None
+    assert travelled.to(pose(9, 9, 0, w=math.inf)) is None
+    assert travelled.to(pose(9, 8, math.pi / 2)) == pytest.approx(105)
+
+
+ROUTE = {"kind": "route", "places": 2, "x_m": [1.0, 2.0], "y_m": [3.0, 4.0]}
 HEALTH = {"kind": "health", "resyncs": 3, "silent_s": 0.5, "bytes": 7}
 
 
 def test_every_type_has_the_bytes_that_ros_2_gives_it(messages, dds_types):
     typesys = pytest.importorskip("rosbags.typesys", reason="it knows the types of ROS 2")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    # of tf2_msgs, which are no common types
-    tf = typesys.get_types_from_msg(
-        "geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"
-    )
-    if "tf2_msgs/msg/TFMessage" not in store.fielddefs:
-        store.register(tf)
     seen = set()
-    translator = messages.Translator(messages.Frames(tf=True))
-    for found in (row(**METRIC), row(**ON_EARTH), HEALTH):
+    translator = messages.Translator(messages.Frames())
+    for found in (row(**METRIC), row(**ON_EARTH), HEALTH, ROUTE):
         for message in translator.messages_of(found, STAMP_US):
             seen.add(message.kind)
             kind = dds_types.TYPES[message.kind]
@@ -226,25 +280,27 @@ class Recorder:
 def test_a_bad_row_is_left_out_and_counted_and_the_next_one_is_published(messages, dds_types):
     """Each value of a row replaced by each that is none; numbers that are sent are finite."""
     node = importlib.import_module("edge_vpr_ros.node")
-    link = {"kind": "link", "text": "lost; trying again"}
-    for good in (row(**METRIC), row(**ON_EARTH), {**HEALTH, "host_us": STAMP_US}, link):
+    lost = {**HEALTH, "host_us": STAMP_US, "lost_link": "gone"}
+    for good in (row(**METRIC), row(**ON_EARTH), lost, ROUTE):
         bad = [{**good, name: value} for name in good for value in BAD_VALUES]
         bad += [{**good, value: 1} for value in ("\ud800", "\0")]
         bad += [{name: value for name, value in good.items() if name != left} for left in good]
         for each in bad:
-            to, translator = Recorder(dds_types), messages.Translator(messages.Frames(tf=True))
+            to, translator = Recorder(dds_types), messages.Translator(messages.Frames())
             for line in (each, HEALTH, row(**METRIC)):
                 node.publish_line(json.dumps(line).encode(), translator, to)
             topics = [message.topic for message in to.sent]
-            assert topics[-6:] == ["/diagnostics", "match", "certainty", "odometry", "pose", "/tf"]
-            diagnosis = to.sent[-6].fields["status"][0]
+            for_sure = [each for each in topics if each != "/initialpose"]
+            assert for_sure[-5:] == ["/diagnostics", "match", "certainty", "odometry", "pose"]
+            diagnosis = next(each for each in to.sent[::-1] if each.topic == "/diagnostics")
+            diagnosis = diagnosis.fields["status"][0]
             counted = {"key": "rows_left_out", "value": str(len(to.said))}
             assert counted in diagnosis["values"]
             assert translator.left_out == len(to.said) <= 1
             assert_finite([message.fields for message in to.sent])
             if good["kind"] == "match" and to.said:
-                assert len(topics) == 6  # nothing of the bad one
-            if to.said and each.get("kind") != "link":
+                assert len(topics) == 5  # nothing of the bad one
+            if to.said:
                 assert (diagnosis["level"], "rows left out" in diagnosis["message"]) == (1, True)
 
 
@@ -281,7 +337,8 @@ def test_a_node_whose_thread_dies_ends(messages, dds_types, monkeypatch, capsys)
 
     class Broken(node.DdsBackend):
         def __init__(self, arguments):
-            self.connect, self.frames = arguments.connect, messages.Frames()
+            self.connect, self.odometry_to = arguments.connect, ""
+            self.frames = messages.Frames()
             self._signalled = threading.Event()
 
         def publish(self, message):
@@ -305,23 +362,32 @@ def test_a_node_whose_thread_dies_ends(messages, dds_types, monkeypatch, capsys)
     assert capsys.readouterr().err == "the node ends: RuntimeError: no more topics\n"
 
 
-def participant_of(messages, dds_types, *topics):
-    """Another participant of DDS with a reader for each topic, and its domain."""
+def entities_of(messages, dds_types):
+    """Make readers and a writer of another participant of DDS, and its domain."""
     from cyclonedds.core import Policy, Qos
     from cyclonedds.domain import DomainParticipant
+    from cyclonedds.pub import DataWriter
     from cyclonedds.sub import DataReader
     from cyclonedds.topic import Topic
     from cyclonedds.util import duration
 
     domain = 77 + os.getpid() % 100
     participant = DomainParticipant(domain)
-    reliable = Qos(Policy.Reliability.Reliable(duration(seconds=1)))
-    readers = {}
-    for topic in topics:
+    reliable = Policy.Reliability.Reliable(duration(seconds=1))
+
+    def topic_of(topic, kind):
         name = f"rt{topic}" if topic.startswith("/") else f"rt/rover/{topic}"
-        kind = dds_types.TYPES[messages.TOPICS[topic]]
-        readers[topic] = DataReader(participant, Topic(participant, name, kind), qos=reliable)
-    return readers, domain
+        return Topic(participant, name, dds_types.TYPES[kind])
+
+    def reader(topic):
+        durable = [Policy.Durability.TransientLocal] if topic in messages.LATCHED else []
+        kind = messages.TOPICS[topic]
+        return DataReader(participant, topic_of(topic, kind), qos=Qos(reliable, *durable))
+
+    def writer(topic, kind):
+        return DataWriter(participant, topic_of(topic, kind), qos=Qos(reliable))
+
+    return reader, writer, domain
 
 
 def started(domain, *words):
@@ -331,44 +397,91 @@ def started(domain, *words):
     )  # fmt: skip
 
 
+def waited_for(take, wanted):
+    """Return the first sample that is wanted."""
+    end = time.monotonic() + 60
+    while time.monotonic() < end:
+        for sample in take():
+            if wanted(sample):
+                return sample
+        time.sleep(0.02)
+    raise AssertionError("no such sample within a minute")
+
+
 def test_rows_of_a_server_arrive_at_another_participant(messages, dds_types):
-    topics = ("pose", "odometry", "certainty", "fix", "/diagnostics", "/tf")
-    readers, domain = participant_of(messages, dds_types, *topics)
-    stop = threading.Event()
+    """And once the server is gone, its diagnosis does not stay on what it was."""
+    topics = [topic for topic in messages.TOPICS if topic not in messages.LATCHED]
+    reader, writer, domain = entities_of(messages, dds_types)
+    readers = {topic: reader(topic) for topic in topics}
+    odometry = writer(messages.ODOM, messages.ODOM_KIND)
+    stop, jumps = threading.Event(), itertools.count()
 
     def serve(server):
+        server.send("route", json.dumps(ROUTE))
         while not stop.wait(0.05):
-            for each in (row(**METRIC), row(**ON_EARTH), HEALTH):
+            for each in (
+                row(**METRIC, probability=0.95, jumps=next(jumps)),
+                row(**ON_EARTH, probability=0.95),
+                HEALTH,
+            ):
                 server.send(each["kind"], json.dumps(each))
 
-    with MatchServer("0") as server:
-        thread = threading.Thread(target=serve, args=(server,))
-        thread.start()
-        address = server.address.removeprefix("http://").rstrip("/")
-        node = started(domain, "--connect", address, "--once", "--tf")
-        try:
-            samples = dict.fromkeys(topics, ())
-            end = time.monotonic() + 60
-            while not all(samples.values()) and time.monotonic() < end and node.poll() is None:
-                samples = {t: samples[t] or readers[t].take(1) for t in topics}
-                time.sleep(0.02)
-        finally:
-            stop.set()
-            thread.join()
-    with node:
-        try:
-            assert node.wait(20) == 0, node.stderr.read()
-        finally:
-            node.kill()  # else leaving the block would wait for it
-    pose, odometry = samples["pose"][0], samples["odometry"][0]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as odometer:
+        odometer.bind(("127.0.0.1", 0))
+        odometer.settimeout(0.02)
+        with MatchServer("0") as server:
+            thread = threading.Thread(target=serve, args=(server,))
+            thread.start()
+            address = server.address.removeprefix("http://").rstrip("/")
+            to = f"127.0.0.1:{odometer.getsockname()[1]}"
+            node = started(domain, "--connect", address, "--odometry-to", to)
+            try:
+                found = {
+                    topic: waited_for(lambda topic=topic: readers[topic].take(1), lambda _: True)
+                    for topic in topics
+                }
+                # the route came long ago
+                late = reader("path")
+                path = waited_for(lambda: late.take(1), lambda _: True)
+                place = {"pose": {"pose": {"orientation": {"w": 1.0}}}}
+                readings = []
+                for x in range(200):
+                    place["pose"]["pose"]["position"] = {"x": float(x)}
+                    odometry.write(dds_types.build(dds_types.Odometry, place))
+                    with contextlib.suppress(TimeoutError):
+                        readings.append(float(odometer.recv(100)))
+                    if len(readings) > 20:
+                        break
+            finally:
+                stop.set()
+                thread.join()
+        with node:
+            try:
+                gone = waited_for(
+                    lambda: readers["/diagnostics"].take(10),
+                    lambda sample: (
+                        "ended" in sample.status[0].message
+                        or "start edge-vpr stream" in sample.status[0].message
+                    ),
+                )
+                node.send_signal(signal.SIGTERM)
+                assert node.wait(20) == 0, node.stderr.read()
+            finally:
+                node.kill()  # else leaving the block would wait for it
+    assert gone.status[0].level == messages.ERROR
+    # one metre a message, of which the newest count
+    steps = np.diff(readings)
+    assert (steps >= 1).all()
+    assert np.array_equal(steps, steps.round())
+    assert [each.pose.position.x for each in path.poses] == ROUTE["x_m"]
+    pose, along = found["pose"], found["odometry"]
     assert pose.pose.pose.position.x == 1.5
-    assert pose.header.frame_id == "map"
-    assert pose.pose.covariance[0] == odometry.pose.covariance[0] > 1
-    assert odometry.pose.pose.position.x == 40.0
-    assert samples["certainty"][0].vector.x == 0.875
-    assert samples["fix"][0].latitude == -27.5
-    assert samples["/diagnostics"][0].status[0].name == "edge_vpr: camera"
-    assert samples["/tf"][0].transforms[0].child_frame_id == "base_link"
+    assert pose.header.frame_id == found["/initialpose"].header.frame_id == "map"
+    assert pose.pose.covariance[0] == along.pose.covariance[0] > 1
+    assert along.pose.pose.position.x == 40.0
+    assert found["certainty"].vector.x == 0.95
+    assert found["fix"].latitude == -27.5
+    assert found["/diagnostics"].status[0].name == "edge_vpr: camera"
 
 
 def test_a_node_without_a_server_says_so_and_ends_on_sigterm(messages, dds_types):
@@ -378,6 +491,128 @@ def test_a_node_without_a_server_says_so_and_ends_on_sigterm(messages, dds_types
         assert "start edge-vpr stream --http; trying again" in node.stderr.readline()
         node.send_signal(signal.SIGTERM)
         assert node.wait(10) == 0
+
+
+class Node:
+    """What of a node of rclpy the adapter uses."""
+
+    def __init__(self, parameters):
+        self.parameters, self.published, self.heard, self.quality = parameters, {}, {}, {}
+
+    def declare_parameter(self, name, value):
+        return SimpleNamespace(value=self.parameters.get(name, value))
+
+    def get_parameter(self, name):
+        return SimpleNamespace(value=self.parameters.get(name))
+
+    def create_publisher(self, kind, topic, quality):
+        self.quality[topic] = quality
+        return SimpleNamespace(publish=lambda made: self.published.setdefault(topic, made))
+
+    def create_subscription(self, kind, topic, take, quality):
+        self.heard[topic], self.quality[topic] = take, quality
+
+
+def test_a_node_of_rclpy_has_the_names_and_qualities_of_service(messages, monkeypatch):
+    """In place of ROS 2 is a double of what is called of it."""
+    doubles = {
+        "rclpy": {"ok": lambda: True, "init": lambda args: None},
+        "rclpy.qos": {
+            "QoSProfile": SimpleNamespace, "qos_profile_sensor_data": "of a sensor",
+            "DurabilityPolicy": SimpleNamespace(TRANSIENT_LOCAL="latched"),
+        },
+        "rosidl_runtime_py": {
+            "set_message_fields": lambda made, fields: vars(made).update(fields)
+        },
+        "rosidl_runtime_py.utilities": {"get_message": lambda kind: SimpleNamespace},
+    }  # fmt: skip
+    for name, content in doubles.items():
+        double = ModuleType(name)
+        vars(double).update(content)
+        monkeypatch.setitem(sys.modules, name, double)
+    sys.modules["rclpy"].qos = sys.modules["rclpy.qos"]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as odometer:
+        odometer.bind(("127.0.0.1", 0))
+        odometer.settimeout(10)
+        to = f"127.0.0.1:{odometer.getsockname()[1]}"
+        given = {"map_frame": "street", "odometry_to": to, "use_sim_time": False}
+        ros = Node(given)
+        sys.modules["rclpy"].create_node = lambda name: ros
+        node = importlib.import_module("edge_vpr_ros.node")
+        flags = {"name": "rover", "connect": "127.0.0.1:1", "odometry_to": ""}
+        backend = node.RosBackend(SimpleNamespace(**flags, **vars(messages.Frames())), [])
+        translator = messages.Translator(backend.frames)
+        for each in (ROUTE, row(**METRIC), HEALTH):
+            node.publish_line(json.dumps(each).encode(), translator, backend)
+        with node.forward_odometry(backend):
+            ros.heard["/odom"](SimpleNamespace(pose=SimpleNamespace(pose=pose(1.0, 2.0, 0.0))))
+        assert odometer.recv(100).endswith(b".000\n")
+    assert set(ros.quality) == {
+        "~/match", "~/certainty", "~/pose", "~/odometry", "~/fix", "~/path", "/diagnostics",
+        "/initialpose", "/odom",
+    }  # fmt: skip
+    assert vars(ros.quality["~/path"]) == {"depth": 1, "durability": "latched"}
+    assert ros.quality["/odom"] == "of a sensor"
+    assert ros.published["~/pose"].header["frame_id"] == "street"
+    assert len(ros.published["~/path"].poses) == 2
+    assert ros.published["/diagnostics"].status[0]["level"] == bytes([messages.WARN])
+
+
+@pytest.mark.parametrize(
+    ("given", "started"),
+    [
+        ({}, ["edge_vpr", "ekf_filter_node"]),
+        ({"ekf": "false"}, ["edge_vpr"]),
+        (
+            {"stream": "--port '/dev/tty A' --map map.npz", "odometry_to": "127.0.0.1:7001"},
+            ["edge-vpr stream", "edge_vpr", "ekf_filter_node"],
+        ),
+    ],
+)
+def test_the_launch_file_starts_stream_node_and_filter(monkeypatch, given, started):
+    """In place of ROS 2 is a double of what is called of it."""
+
+    def kept(**named):
+        return SimpleNamespace(**named)
+
+    def configuration(name):
+        return SimpleNamespace(perform=lambda context: context[name])
+
+    doubles = {
+        "ament_index_python.packages": {"get_package_share_directory": lambda name: ADAPTER},
+        "launch": {"Action": object, "LaunchContext": dict, "LaunchDescription": list},
+        "launch.actions": {
+            "DeclareLaunchArgument": lambda name, **rest: (name, rest["default_value"]),
+            "ExecuteProcess": kept, "OpaqueFunction": kept,
+        },
+        "launch.substitutions": {"LaunchConfiguration": configuration},
+        "launch_ros.actions": {"Node": kept},
+        "launch_ros.parameter_descriptions": {"ParameterValue": lambda value, value_type: value},
+    }  # fmt: skip
+    for name, content in doubles.items():
+        double = ModuleType(name)
+        vars(double).update(content)
+        monkeypatch.setitem(sys.modules, name, double)
+    spec = importlib.util.spec_from_file_location(
+        "edge_vpr_launch", ADAPTER / "launch/edge_vpr.launch.py"
+    )
+    launch = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(launch)
+    *declared, opaque = launch.generate_launch_description()
+    actions = opaque.function({**dict(declared), **given})
+    assert [getattr(each, "name", "edge-vpr stream") for each in actions] == started
+    for each in actions:
+        for parameters in getattr(each, "parameters", ()):
+            if isinstance(parameters, str):  # a file of this package
+                assert f"\n{each.name}:\n" in f"\n{Path(parameters).read_text()}"
+            else:
+                assert "" not in parameters.values()
+    if given.get("stream"):
+        assert actions[0].cmd == [
+            "edge-vpr", "stream", "--http", "127.0.0.1:7000", "--port", "/dev/tty A",
+            "--map", "map.npz", "--odometry", "udp://127.0.0.1:7001",
+        ]  # fmt: skip
+        assert actions[1].parameters[1]["odometry_to"] == "127.0.0.1:7001"
 
 
 def test_the_package_names_the_files_that_it_installs():

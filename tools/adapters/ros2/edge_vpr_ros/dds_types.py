@@ -137,29 +137,20 @@ class Odometry(IdlStruct, typename="nav_msgs.msg.dds_.Odometry_"):
 
 @dataclass
 @final
-class Transform(IdlStruct, typename="geometry_msgs.msg.dds_.Transform_"):
-    """geometry_msgs/msg/Transform."""
-
-    translation: Vector3 = field(default_factory=Vector3)
-    rotation: Quaternion = field(default_factory=Quaternion)
-
-
-@dataclass
-@final
-class TransformStamped(IdlStruct, typename="geometry_msgs.msg.dds_.TransformStamped_"):
-    """geometry_msgs/msg/TransformStamped."""
+class PoseStamped(IdlStruct, typename="geometry_msgs.msg.dds_.PoseStamped_"):
+    """geometry_msgs/msg/PoseStamped."""
 
     header: Header = field(default_factory=Header)
-    child_frame_id: str = ""
-    transform: Transform = field(default_factory=Transform)
+    pose: Pose = field(default_factory=Pose)
 
 
 @dataclass
 @final
-class TFMessage(IdlStruct, typename="tf2_msgs.msg.dds_.TFMessage_"):
-    """tf2_msgs/msg/TFMessage."""
+class Path(IdlStruct, typename="nav_msgs.msg.dds_.Path_"):
+    """nav_msgs/msg/Path."""
 
-    transforms: sequence[TransformStamped] = field(default_factory=list)
+    header: Header = field(default_factory=Header)
+    poses: sequence[PoseStamped] = field(default_factory=list)
 
 
 @dataclass
@@ -223,7 +214,7 @@ TYPES: dict[str, type[IdlStruct]] = {
     "nav_msgs/msg/Odometry": Odometry,
     "sensor_msgs/msg/NavSatFix": NavSatFix,
     "diagnostic_msgs/msg/DiagnosticArray": DiagnosticArray,
-    "tf2_msgs/msg/TFMessage": TFMessage,
+    "nav_msgs/msg/Path": Path,
 }
 
 

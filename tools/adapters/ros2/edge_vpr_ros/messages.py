@@ -39,7 +39,6 @@ class Frames:
     route: str = "route"  #: Of metres along the route, on its x axis.
     child: str = "base_link"  #: Of the robot.
     sensor: str = "camera"  #: Of the camera, for GPS positions.
-    tf: bool = False  #: Publish the transform from `map` to `child` as well.
 
 
 #: Topics and their types, which are announced before the first row.
@@ -49,9 +48,16 @@ TOPICS = {
     "pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
     "odometry": "nav_msgs/msg/Odometry",
     "fix": "sensor_msgs/msg/NavSatFix",
+    "path": "nav_msgs/msg/Path",
+    "/initialpose": "geometry_msgs/msg/PoseWithCovarianceStamped",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
-    "/tf": "tf2_msgs/msg/TFMessage",
 }
+#: Topics whose newest message also goes to readers that come later.
+LATCHED = {"path"}
+#: The robot's own odometry, which is read.
+ODOM, ODOM_KIND = "/odom", "nav_msgs/msg/Odometry"
+#: Probability from which a match whose position has jumped moves other filters along.
+SURE = 0.9
 #: Variance of what a match does not measure, in square metres or radians: filters ignore it.
 UNKNOWN = 1e6
 #: Standard deviation across the route in metres, and the least one along it.
@@ -81,6 +87,7 @@ _RANGES = {
     "longitude": (-180.0, 180.0),
     "silent_s": (0.0, _LONGEST_S),
     "heading_deg": (-360.0, 360.0),
+    "jumps": (0, 1e15),
     **dict.fromkeys(
         ("x_m", "y_m", "z_m", "along_m", "along_from_m", "along_to_m", "route_m"),
         (-_FARTHEST_M, _FARTHEST_M),
@@ -168,8 +175,40 @@ def _around(middle: float, low: float, high: float) -> float:
     return float(((high - middle) ** 3 - (low - middle) ** 3) / (3 * (high - low)))
 
 
+class Travelled:
+    """Adds up the distance along the robot's own direction, from poses of its odometry.
+
+    Parameters
+    ----------
+    zero_m : float
+        Distance at the first pose, in metres.
+    """
+
+    def __init__(self, zero_m: float) -> None:
+        self._metres, self._before = zero_m, (math.nan, math.nan)
+
+    def to(self, pose: Any) -> float | None:
+        """Return the distance at a pose, in metres; None if the pose is not a number.
+
+        Parameters
+        ----------
+        pose : object
+            Of the type ``geometry_msgs/msg/Pose``.
+        """
+        at, turned = pose.position, pose.orientation
+        east = 1 - 2 * (turned.y**2 + turned.z**2)
+        north = 2 * (turned.x * turned.y + turned.w * turned.z)
+        if not math.isfinite(at.x + at.y + east + north):
+            return None
+        x, y = self._before
+        if not math.isnan(x):
+            self._metres += (at.x - x) * east + (at.y - y) * north
+        self._before = at.x, at.y
+        return self._metres
+
+
 class Translator:
-    """Makes messages of rows; compares each row of health with the one before.
+    """Makes messages of rows; compares each row of health and match with the one before.
 
     Attributes
     ----------
@@ -181,7 +220,7 @@ class Translator:
         self.left_out = 0
         self._frames = frames
         self._before: dict[str, int] = {}
-        self._link_error = ""
+        self._jumps: float | None = None  # at the last sure pose
 
     def messages_of(self, row: Mapping[str, Any], stamp_us: int) -> list[Message]:
         """Return the messages of a row.
@@ -205,10 +244,9 @@ class Translator:
         if kind == "match":
             return list(self._of_match(row, stamp_us))
         if kind == "health":
-            return [self._diagnostics(row, stamp_us)]
-        if kind == "link":
-            text = _text(row.get("text", ""))
-            self._link_error = "" if text == "open again" else text
+            return [self._health(row, stamp_us)]
+        if kind == "route" and "x_m" in row:
+            return [self._path(row, stamp_us)]
         return []
 
     def _of_match(self, row: Mapping[str, Any], stamp_us: int) -> Iterator[Message]:
@@ -252,23 +290,35 @@ class Translator:
 
     def _pose(self, row: Mapping[str, Any], variance: float, stamp_us: int) -> Iterator[Message]:
         # one variance for all of the plane: the interval can lie round a bend
-        header, frames = _header(stamp_us, self._frames.map), self._frames
-        point = {axis: _number(row, f"{axis}_m") or 0.0 for axis in "xyz"}
+        point, turned = _placed(row)
         height = UNKNOWN if row.get("z_m") is None else variance
         pose = _pose(point, (variance, variance, height))
-        heading_deg, probability = _number(row, "heading_deg"), _number(row, "probability")
-        if heading_deg is not None and probability is not None:
-            # clockwise from north, against anticlockwise from east (REP 103)
-            half = math.radians(90 - heading_deg) / 2
-            pose["pose"]["orientation"] = {"z": math.sin(half), "w": math.cos(half)}
+        probability, jumps = _number(row, "probability") or 0.0, _number(row, "jumps")
+        if turned is not None:
+            pose["pose"]["orientation"] = turned
             pose["covariance"][-1] = probability * _ALIGNED + (1 - probability) * _ANY_YAW
-        yield Message("pose", TOPICS["pose"], {"header": header, "pose": pose})
-        if frames.tf:
-            transform = {"translation": point, "rotation": pose["pose"]["orientation"]}
-            stamped = {"header": header, "child_frame_id": frames.child, "transform": transform}
-            yield Message("/tf", TOPICS["/tf"], {"transforms": [stamped]})
+        fields = {"header": _header(stamp_us, self._frames.map), "pose": pose}
+        yield Message("pose", TOPICS["pose"], fields)
+        if probability >= SURE:
+            if self._jumps not in (None, jumps):
+                yield Message("/initialpose", TOPICS["/initialpose"], fields)
+            self._jumps = jumps
 
-    def _diagnostics(self, row: Mapping[str, Any], stamp_us: int) -> Message:
+    def _path(self, row: Mapping[str, Any], stamp_us: int) -> Message:
+        header, poses = _header(stamp_us, self._frames.map), []
+        names = [name for name in ("x_m", "y_m", "z_m", "heading_deg") if name in row]
+        columns = [row[name] for name in names]
+        if not all(isinstance(column, list) for column in columns):
+            raise ValueError(f"route of {_shown(columns)}: expected lists of numbers")
+        for values in zip(*columns, strict=True):
+            place = dict(zip(names, values, strict=True))
+            if place["x_m"] is not None:
+                point, turned = _placed(place)
+                pose = {"position": point, "orientation": turned or {"w": 1.0}}
+                poses.append({"header": header, "pose": pose})
+        return Message("path", TOPICS["path"], {"header": header, "poses": poses})
+
+    def _health(self, row: Mapping[str, Any], stamp_us: int) -> Message:
         silent_s = _number(row, "silent_s") or 0.0
         counts = {
             name: value for name, value in row.items()
@@ -286,23 +336,50 @@ class Translator:
             level, text = WARN, f"more {', '.join(grown)}"
         if silent_s > _SILENT_S:
             level, text = ERROR, f"nothing came for {silent_s:.0f} s"
-        if self._link_error:
-            level, text = ERROR, self._link_error
-        shown = {**row, "rows_left_out": self.left_out}
-        values = [{"key": _text(name), "value": _text(value)} for name, value in shown.items()]
-        status = {
-            "level": level, "name": "edge_vpr: camera", "message": text, "values": values,
-            "hardware_id": "event camera",
-        }  # fmt: skip
-        header = _header(stamp_us, "")
-        return Message(
-            "/diagnostics", TOPICS["/diagnostics"], {"header": header, "status": [status]}
-        )
+        if row.get("lost_link"):
+            level, text = ERROR, f"the link is lost: {_text(row['lost_link'])}"
+        return diagnosis(level, text, {**row, "rows_left_out": self.left_out}, stamp_us)
+
+
+def diagnosis(level: int, text: str, values: Mapping[str, Any], stamp_us: int) -> Message:
+    """Return a diagnosis of the camera.
+
+    Parameters
+    ----------
+    level : int
+        `OK`, `WARN` or `ERROR`.
+    text : str
+        For people.
+    values : mapping
+        Counts beside it, by name.
+    stamp_us : int
+        Time of the message, in microseconds.
+    """
+    status = {
+        "level": level, "name": "edge_vpr: camera", "message": _text(text),
+        "values": [{"key": _text(name), "value": _text(each)} for name, each in values.items()],
+        "hardware_id": "event camera",
+    }  # fmt: skip
+    fields = {"header": _header(stamp_us, ""), "status": [status]}
+    return Message("/diagnostics", TOPICS["/diagnostics"], fields)
 
 
 def _header(stamp_us: int, frame: str) -> dict[str, Any]:
     seconds, rest_us = divmod(stamp_us, 1_000_000)
     return {"stamp": {"sec": seconds, "nanosec": 1_000 * rest_us}, "frame_id": frame}
+
+
+def _placed(
+    row: Mapping[str, Any],
+) -> tuple[dict[str, float], dict[str, float] | None]:
+    """Return the point of a row in the plane of the map, and its orientation if it is known."""
+    point = {axis: _number(row, f"{axis}_m") or 0.0 for axis in "xyz"}
+    heading_deg = _number(row, "heading_deg")
+    if heading_deg is None:
+        return point, None
+    # clockwise from north, against anticlockwise from east (REP 103)
+    half = math.radians(90 - heading_deg) / 2
+    return point, {"z": math.sin(half), "w": math.cos(half)}
 
 
 def _pose(point: dict[str, float], variances: tuple[float, float, float]) -> dict[str, Any]:

@@ -10,23 +10,38 @@ import argparse
 import json
 import os
 import signal
+import socket
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from dataclasses import fields
 from http import HTTPStatus
 from http.client import HTTPConnection, HTTPException
 from typing import Any, Protocol
 
-from edge_vpr_ros.messages import TOPICS, Frames, Message, Translator, host_us_of
+from edge_vpr_ros.messages import (
+    ERROR,
+    LATCHED,
+    ODOM,
+    ODOM_KIND,
+    TOPICS,
+    Frames,
+    Message,
+    Translator,
+    Travelled,
+    diagnosis,
+    host_us_of,
+)
 
 #: A longer line is none of ours.
 _LONGEST = 1 << 24
-#: Silence of the server in seconds after which it is asked again.
-_QUIET_S = 5.0
+#: Silence of the server in seconds after which it is asked again; it sends its health each second.
+_QUIET_S = 2.5
 _RETRY_S = 1.0
+#: Interval in seconds at which cyclonedds is asked for odometry.
+_LOOK_S = 0.05
 _CONNECT = "127.0.0.1:7000"
 
 
@@ -37,10 +52,13 @@ class Backend(Protocol):
     ----------
     connect : str
         ``HOST:PORT`` of the server.
+    odometry_to : str
+        ``HOST:PORT`` of ``--odometry udp://``; empty without.
     frames : Frames
     """
 
     connect: str
+    odometry_to: str
     frames: Frames
 
     def publish(self, message: Message) -> None:
@@ -52,6 +70,9 @@ class Backend(Protocol):
     def log(self, text: str) -> None:
         """Write a notice."""
 
+    def subscribe(self, take: Callable[[Any], None]) -> None:
+        """Call `take` with each message of the robot's odometry, in `spin`."""
+
     def spin(self, ended: threading.Event) -> None:
         """Wait until `ended` is set, or a signal ends the node."""
 
@@ -61,6 +82,7 @@ class RosBackend:
 
     def __init__(self, arguments: argparse.Namespace, ros_words: list[str]) -> None:
         import rclpy
+        from rclpy import qos
         from rosidl_runtime_py import set_message_fields
         from rosidl_runtime_py.utilities import get_message
 
@@ -70,19 +92,27 @@ class RosBackend:
         self._node = node = rclpy.create_node(arguments.name)
         defaults = {each.name: getattr(arguments, each.name) for each in fields(Frames)}
         found = {
-            name: node.declare_parameter(f"{name}_frame" if name != "tf" else name, value).value
+            name: node.declare_parameter(f"{name}_frame", value).value
             for name, value in defaults.items()
         }
         self.frames = Frames(**found)
-        self.connect = str(node.declare_parameter("connect", arguments.connect).value)
+        self.connect, self.odometry_to = (
+            str(node.declare_parameter(name, getattr(arguments, name)).value)
+            for name in ("connect", "odometry_to")
+        )
         self._simulated = bool(node.get_parameter("use_sim_time").value)
-        self._types = {kind: get_message(kind) for kind in TOPICS.values()}
+        self._types = {kind: get_message(kind) for kind in {*TOPICS.values(), ODOM_KIND}}
+        latched = qos.QoSProfile(depth=1, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL)
         self._publishers = {
             topic: node.create_publisher(
-                self._types[kind], topic if topic.startswith("/") else f"~/{topic}", 10
+                self._types[kind],
+                topic if topic.startswith("/") else f"~/{topic}",
+                latched if topic in LATCHED else 10,
             )
             for topic, kind in TOPICS.items()
         }
+        # of any sender: one that repeats what is lost also serves a reader that does not ask for it
+        self._sensor_quality = qos.qos_profile_sensor_data
 
     def publish(self, message: Message) -> None:
         """See `Backend.publish`."""
@@ -102,6 +132,10 @@ class RosBackend:
         """See `Backend.log`."""
         self._node.get_logger().warning(text)
 
+    def subscribe(self, take: Callable[[Any], None]) -> None:
+        """See `Backend.subscribe`."""
+        self._node.create_subscription(self._types[ODOM_KIND], ODOM, take, self._sensor_quality)
+
     def spin(self, ended: threading.Event) -> None:
         """See `Backend.spin`."""
         from rclpy.executors import ExternalShutdownException
@@ -120,7 +154,7 @@ def _with_bytes(value: Any, name: str = "") -> Any:
     """Return fields with the level of a diagnosis as rclpy has a `byte`."""
     if isinstance(value, dict):
         return {each: _with_bytes(inner, each) for each, inner in value.items()}
-    if isinstance(value, list) and name in ("status", "values", "transforms"):
+    if isinstance(value, list) and name in ("status", "values"):
         return [_with_bytes(inner) for inner in value]
     return bytes([value]) if name == "level" else value
 
@@ -132,33 +166,29 @@ class DdsBackend:
         from cyclonedds.core import Policy, Qos
         from cyclonedds.domain import DomainParticipant
         from cyclonedds.pub import DataWriter
-        from cyclonedds.topic import Topic
         from cyclonedds.util import duration
 
         from edge_vpr_ros.dds_types import TYPES, build
 
-        self.connect = arguments.connect
+        self.connect, self.odometry_to = arguments.connect, arguments.odometry_to
         self.frames = Frames(
             **{each.name: getattr(arguments, each.name) for each in fields(Frames)}
         )
         self._types: dict[str, Any] = TYPES
         self._build = build
-        participant = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
-        quality = Qos(
-            Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.History.KeepLast(10)
-        )
+        self._participant = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
+        reliable = Policy.Reliability.Reliable(duration(milliseconds=100))
+        newest = Qos(reliable, Policy.History.KeepLast(10))
+        latched = Qos(reliable, Policy.History.KeepLast(1), Policy.Durability.TransientLocal)
         self._writers = {
             topic: DataWriter(
-                participant,
-                Topic(
-                    participant,
-                    f"rt{topic}" if topic.startswith("/") else f"rt/{arguments.name}/{topic}",
-                    TYPES[kind],
-                ),
-                qos=quality,
+                self._participant,
+                self._topic(topic if topic.startswith("/") else f"/{arguments.name}/{topic}", kind),
+                qos=latched if topic in LATCHED else newest,
             )
             for topic, kind in TOPICS.items()
         }
+        self._look: Callable[[], None] = lambda: None
         self._signalled = threading.Event()
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: self._signalled.set())
@@ -176,10 +206,28 @@ class DdsBackend:
         """See `Backend.log`."""
         print(text, file=sys.stderr, flush=True)
 
+    def subscribe(self, take: Callable[[Any], None]) -> None:
+        """See `Backend.subscribe`."""
+        from cyclonedds.sub import DataReader
+
+        reader = DataReader(self._participant, self._topic(ODOM, ODOM_KIND))
+
+        def look() -> None:
+            for sample in reader.take(100):
+                if isinstance(sample, self._types[ODOM_KIND]):  # else its sender has gone
+                    take(sample)
+
+        self._look = look
+
+    def _topic(self, name: str, kind: str) -> Any:
+        from cyclonedds.topic import Topic
+
+        return Topic(self._participant, f"rt{name}", self._types[kind])
+
     def spin(self, ended: threading.Event) -> None:
         """See `Backend.spin`."""
-        while not self._signalled.is_set() and not ended.wait(0.1):
-            pass
+        while not self._signalled.is_set() and not ended.wait(_LOOK_S):
+            self._look()
 
 
 def lines_from(host: str, port: int) -> Iterator[bytes]:
@@ -236,7 +284,7 @@ def publish_line(line: bytes, translator: Translator, backend: Backend) -> None:
 
 def follow_server(backend: Backend, once: bool, ended: threading.Event) -> None:
     """Publish what a server sends; connect again when it is lost, unless `once`."""
-    host, port = _host_port(backend.connect)
+    host, port = _host_port("connect", backend.connect)
     translator, said = Translator(backend.frames), ""
     while not ended.is_set():
         try:
@@ -251,13 +299,48 @@ def follow_server(backend: Backend, once: bool, ended: threading.Event) -> None:
         if text != said:
             backend.log(f"{text}; trying again")
             said = text
+        # else the last diagnosis would stay for ever
+        now_us = backend.stamp_us(int(1e6 * time.time()))
+        backend.publish(diagnosis(ERROR, text, {"connect": backend.connect}, now_us))
         ended.wait(_RETRY_S)
 
 
-def _host_port(address: str) -> tuple[str, int]:
+def forward_odometry(backend: Backend) -> socket.socket:
+    """Send the distance that the robot's odometry has driven to ``stream --odometry udp://``.
+
+    Returns
+    -------
+    socket
+        That sends; the caller closes it after `Backend.spin`.
+
+    Raises
+    ------
+    OSError
+        If the address is not known.
+    ValueError
+        If it is none.
+    """
+    host, port = _host_port("odometry_to", backend.odometry_to)
+    family = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0][0]
+    sender = socket.socket(family, socket.SOCK_DGRAM)
+    sender.connect((host, port))
+    # a node that starts again leaps by kilometres, and no distance is made of that
+    travelled = Travelled(1_000.0 * (int(time.time()) % 100_000))
+
+    def take(odometry: Any) -> None:
+        metres = travelled.to(odometry.pose.pose)
+        if metres is not None:
+            with suppress(OSError):  # stream is not there yet
+                sender.send(b"%.3f\n" % metres)
+
+    backend.subscribe(take)
+    return sender
+
+
+def _host_port(name: str, address: str) -> tuple[str, int]:
     host, _, port = address.rpartition(":")
-    if not port.isdigit():
-        raise ValueError(f"connect {address}: expected HOST:PORT, as {_CONNECT}")
+    if not port.isdigit() or int(port) > 65_535:
+        raise ValueError(f"{name} {address}: expected HOST:PORT, as {_CONNECT}")
     return host.strip("[]") or "127.0.0.1", int(port)
 
 
@@ -276,17 +359,23 @@ def main(words: list[str] | None = None) -> int:
             f"--{each}-frame", dest=each, default=getattr(Frames, each),
             help=f"frame of {what} (default: %(default)s)",
         )  # fmt: skip
-    parser.add_argument("--tf", action="store_true", help="publish the transform to the robot")
+    parser.add_argument(
+        "--odometry-to", default="", metavar="HOST:PORT",
+        help=f"send the distance driven by {ODOM} there, to stream --odometry udp://",
+    )  # fmt: skip
     parser.add_argument("--dds", action="store_true", help="publish by cyclonedds, without rclpy")
     parser.add_argument("--once", action="store_true", help="end when the server closes")
     # ros2 run and launch files add arguments of their own
     arguments, ros_words = parser.parse_known_args(words)
     try:
-        _host_port(arguments.connect)
+        _host_port("connect", arguments.connect)
         backend: Backend
         backend = DdsBackend(arguments) if arguments.dds else RosBackend(arguments, ros_words)
-        _host_port(backend.connect)
-    except ValueError as error:
+        _host_port("connect", backend.connect)  # a parameter overrules the flag
+        odometer: AbstractContextManager[object] = (
+            forward_odometry(backend) if backend.odometry_to else nullcontext()
+        )
+    except (ValueError, OSError) as error:
         parser.error(str(error))
     except ImportError as error:
         remedy = (
@@ -307,7 +396,8 @@ def main(words: list[str] | None = None) -> int:
             ended.set()
 
     threading.Thread(target=follow, daemon=True).start()
-    backend.spin(ended)
+    with odometer:
+        backend.spin(ended)
     ended.set()
     return int(failed.is_set())
 
