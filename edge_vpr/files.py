@@ -1,24 +1,21 @@
 """Writing of files and folders whole or not at all, whatever ends the run.
 
 A result is written into a hidden folder next to its place, ``.edge-vpr-*.part``, and then renamed.
-Where the file system cannot exchange two folders in one step, the old folder is first renamed to
-``edge-vpr-old-*``, and removed when the new one is in place.
+An old folder is first renamed to ``edge-vpr-old-*``, and removed when the new one is in place.
 
 After a crash, a kill or a power cut:
 
-- A name has its old or its new content, never a part of it. Where folders cannot be exchanged, the
-  name may be missing. The old folder is then next to it, and no run changes or removes it.
+- The name of a file has its old or its new content. The name of a folder may be missing for an
+  instant; the old folder is then next to it, and no run changes or removes it.
 - The hidden folder remains. The next run that writes to the same place removes it. Nothing in it is
   used again.
 
 A hidden folder is removed only if it is a folder of this user and no process has locked it. Links
-are not followed, neither in its place nor inside it. No folder that another run left, or that an
-archive contained, is ever renamed or moved.
+are not followed, neither in its place nor inside it.
 """
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import fcntl
 import filecmp
@@ -39,9 +36,6 @@ from typing import Any
 from edge_vpr.errors import EdgeVprError, UsageError, printable
 
 _WORK = re.compile(r"\.edge-vpr-[0-9a-f]{16}\.part")
-# from <linux/fs.h> and <fcntl.h>
-_RENAME_EXCHANGE = 2
-_AT_FDCWD = -100
 #: errors that only writing raises, often without the name of a file
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
@@ -91,9 +85,8 @@ def replacing(path: str | Path, overwrite: bool = True) -> Iterator[Path]:
 def replacing_folder(path: str | Path, overwrite: bool = True) -> Iterator[Path]:
     """Yield an empty temporary folder that replaces `path` if the block succeeds.
 
-    After an error or an interrupt, `path` is unchanged. Old and new folder are exchanged in one
-    step if the file system can do that. If not, a power cut between two steps can leave the old one
-    under the name ``edge-vpr-old-*``.
+    After an error or an interrupt, `path` is unchanged. A power cut between two steps can leave the
+    old folder under the name ``edge-vpr-old-*``.
 
     Parameters
     ----------
@@ -122,10 +115,10 @@ def replacing_folder(path: str | Path, overwrite: bool = True) -> Iterator[Path]
             for name in files:
                 _sync(Path(folder) / name)
             _sync(Path(folder))
-        if not overwrite or not target.exists():
+        if overwrite and target.exists():
+            _replace_folder(new, target)
+        else:
             _name_new_folder(new, target)
-        elif not _exchanged(new, target):
-            _renamed_in_two_steps(new, target)
         _sync(target.parent)
 
 
@@ -191,45 +184,22 @@ def clear_dead_runs(folder: str | Path) -> None:
     Folders of running processes are locked and left alone, and so are folders of other users and
     those that cannot be locked or removed.
     """
-    try:
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    except OSError:
-        return
-    try:
-        with os.scandir(handle) as entries:
-            names = [entry.name for entry in entries]
-        for name in names:
-            if is_work_folder(Path(name)):
-                # RecursionError: folders in folders, deeper than `shutil.rmtree` goes
-                with suppress(OSError, RecursionError):
-                    _remove_dead(name, handle)
-    finally:
-        os.close(handle)
+    for work in Path(folder).glob(".edge-vpr-*.part"):
+        if is_work_folder(work):
+            # RecursionError: folders in folders, deeper than `shutil.rmtree` goes
+            with suppress(OSError, RecursionError):
+                _remove_dead(work)
 
 
-def _remove_dead(name: str, parent: int) -> None:
-    lock = _locked(name, parent)
+def _remove_dead(work: Path) -> None:
+    lock = _locked(work)
     if lock is None:
         return
     try:
-        if os.fstat(lock).st_uid != os.geteuid():
-            return
-        # by the handle that is locked: another folder may get the name in the meantime
-        _empty(lock)
-        os.rmdir(name, dir_fd=parent)
+        if os.fstat(lock).st_uid == os.geteuid():
+            shutil.rmtree(work)  # removes links, and does not follow them
     finally:
         os.close(lock)
-
-
-def _empty(folder: int) -> None:
-    """Remove all that an open folder contains; links are removed, not followed."""
-    with os.scandir(folder) as entries:
-        inner = [(entry.name, entry.is_dir(follow_symlinks=False)) for entry in entries]
-    for name, is_folder in inner:
-        if is_folder:
-            shutil.rmtree(name, dir_fd=folder)
-        else:
-            os.unlink(name, dir_fd=folder)
 
 
 @contextmanager
@@ -284,10 +254,9 @@ def _made_and_locked(parent: Path) -> tuple[Path, int | None]:
             return work, lock
 
 
-def _locked(work: str | Path, parent: int | None = None) -> int | None:
-    """Lock a folder, of which a relative name is in the open `parent`; None if it is locked."""
-    flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
-    handle = os.open(work, flags, dir_fd=parent)
+def _locked(work: Path) -> int | None:
+    """Lock a folder, and return its handle; None if another process has locked it."""
+    handle = os.open(work, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -351,27 +320,13 @@ def _taken(target: Path) -> UsageError:
     )
 
 
-def _exchanged(new: Path, target: Path) -> bool:
-    """Exchange two folders in one step; False if the kernel or the file system cannot."""
-    try:
-        renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
-    except (OSError, AttributeError):
-        return False
-    names = os.fsencode(new), os.fsencode(target)
-    if renameat2(_AT_FDCWD, names[0], _AT_FDCWD, names[1], _RENAME_EXCHANGE) == 0:
-        return True
-    number = ctypes.get_errno()
-    if number in (errno.ENOSYS, errno.EINVAL, errno.EOPNOTSUPP):
-        return False
-    raise OSError(number, os.strerror(number), str(target))
-
-
-def _renamed_in_two_steps(new: Path, target: Path) -> None:
-    """Replace a folder by another one where the two cannot be exchanged."""
+def _replace_folder(new: Path, target: Path) -> None:
+    """Replace a folder by another one, in two renames."""
     old = target.with_name(f"edge-vpr-old-{secrets.token_hex(8)}")
     try:
-        target.rename(old)
-        new.rename(target)
+        with suppress(FileNotFoundError):  # another run replaces it at the same time
+            target.rename(old)
+        _name_new_folder(new, target)
     except BaseException:
         if old.exists() and not target.exists():
             old.rename(target)

@@ -48,20 +48,6 @@ def begin_of(reference: ReferenceMap) -> Begin:
     return Begin(0, min(mean_activity, 256 * EVENTS_TOP))
 
 
-def resumed(arrays) -> Begin:  # type: ignore[no-untyped-def]
-    """What a saved state of a localiser says."""
-    state = arrays["filter_state"].tolist()
-    reciprocal, mean_activity, place, support, newer, older, *_, windows = state
-    filtered = None
-    if windows:
-        metrics = arrays["filter_metric"].tolist()
-        filtered = Filter(metrics, reciprocal, place, support, (newer, older))
-    if "filter_mean" not in arrays:
-        return Begin(windows, mean_activity, filtered)
-    moves = int(arrays["filter_mean_windows"][0])
-    return Begin(windows, mean_activity, filtered, arrays["filter_mean"].tolist(), moves)
-
-
 def pauses(counted: Rows, mean_activity: int) -> list[bool]:
     """Whether each window is a pause."""
     paused = []

@@ -150,18 +150,13 @@ class Descriptors(EqualByValue):
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Descriptors:
         """Build from named arrays, for example of a file; others are ignored."""
-        missing = {"counts", "start_us", "end_us", "events"} - arrays.keys()
-        if missing:
-            raise MapError(f"descriptors lack {', '.join(sorted(missing))}: expected all four")
-        found = cls(
+        return cls(
             arrays["counts"],
             arrays["start_us"],
             arrays["end_us"],
             arrays["events"],
             arrays.get("selected"),
         )
-        check_descriptors(found)
-        return found
 
     def take(self, windows: npt.NDArray[np.integer] | npt.NDArray[np.bool_] | slice) -> Descriptors:
         """Return some windows, by a slice, indices in any order, or a mask of shape (n,)."""

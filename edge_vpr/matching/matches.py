@@ -13,15 +13,11 @@ import numpy.typing as npt
 from edge_vpr.archive import (
     EqualByValue,
     archive_errors,
-    check_array,
-    check_range,
     read_archive,
-    whole_number,
     write_archive,
 )
-from edge_vpr.confidence import MISFIT_SHIFT, NO_MISFIT, net_trust
-from edge_vpr.errors import MapError, MissingExtraError, expect
-from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.confidence import net_trust
+from edge_vpr.errors import MissingExtraError, expect
 from edge_vpr.files import replacing
 from edge_vpr.route import ALONG, Route
 from edge_vpr.settings import Settings
@@ -226,21 +222,15 @@ class Matches(EqualByValue):
         Raises
         ------
         MapError
-            If the file is missing, unreadable, not matches, or from a newer version.
+            If the file is missing, unreadable, damaged, not matches, or of another version.
         """
         arrays, meta = read_archive(path, KIND)
         with archive_errors(path, "match again"):
-            found = cls(
+            return cls(
                 Settings.from_dict(meta["settings"]),
-                whole_number(meta, "places_in_map", 1, TIME_LIMIT_US),
-                **{name: arrays[name] for name in _COLUMNS if name not in _LATER},
-                trust=arrays.get("trust", arrays["second_sum"] - arrays["distance_sum"]),
-                misfit=arrays.get("misfit", np.full(arrays["query"].shape, NO_MISFIT)),
-                probability=arrays.get("probability", np.full(arrays["query"].shape, np.nan)),
-                lost=arrays.get("lost", np.zeros(arrays["query"].shape, dtype=np.bool_)),
+                meta["places_in_map"],
+                **{name: arrays[name] for name in _COLUMNS},
             )
-            check_matches(found)
-        return found
 
     def to_frame(self, route: Route | None = None) -> pandas.DataFrame:
         """Return a pandas table with one row for each match.
@@ -278,38 +268,6 @@ TABLE = (
     "query", "time_s", "place", "distance", "second", "second_distance", "ratio", "trust",
     "misfit", "probability", "lost",
 )  # fmt: skip
-#: columns that older files do not have
-_LATER = ("trust", "misfit", "probability", "lost")
-
-
-def check_matches(matches: Matches) -> None:
-    """Check dtype and length of every column, and that every place is one of the map.
-
-    Parameters
-    ----------
-    matches : Matches
-        For example of a file.
-    """
-    n, last = len(matches.query), matches.places_in_map - 1
-    limits = {
-        "query": (0, TIME_LIMIT_US), "time_us": (-TIME_LIMIT_US, TIME_LIMIT_US), "place": (0, last),
-        "distance_sum": (0, TIME_LIMIT_US), "second": (-1, last), "second_sum": (-1, TIME_LIMIT_US),
-        "ties": (0, last), "candidates": (-1, last), "trust": (-TIME_LIMIT_US, TIME_LIMIT_US),
-        "misfit": (NO_MISFIT, TIME_LIMIT_US >> MISFIT_SHIFT),
-    }  # fmt: skip
-    for name, (least, most) in limits.items():
-        column = getattr(matches, name)
-        width = 1 if matches.candidates.shape[1:] == (1,) else CANDIDATES
-        check_array(column, name, (np.int64,), (n, width) if name == "candidates" else (n,))
-        check_range(column, name, least, most)
-    check_array(matches.probability, "probability", (np.float64,), (n,))
-    if ((matches.probability < 0) | (matches.probability > 1)).any():
-        raise MapError("probability of a match is not between 0 and 1")
-    check_array(matches.lost, "lost", (np.bool_,), (n,))
-    if n == 0 or (np.diff(matches.query) <= 0).any():
-        raise MapError(f"query of {n} matches: expected one match or more, in order")
-    if ((matches.second < 0) != (matches.second_sum < 0)).any():
-        raise MapError("second and second_sum differ on where there is a second best place")
 
 
 # The table of matches as CSV, for people and spreadsheets.

@@ -20,15 +20,12 @@ import numpy.typing as npt
 from edge_vpr.archive import (
     Arrays,
     archive_errors,
-    check_array,
-    check_range,
     present,
     read_archive,
-    whole_number,
     write_archive,
 )
 from edge_vpr.compiling import BoxedState, KernelState, kernel, plain, specialise
-from edge_vpr.confidence import TRUST_TOP, Confidence, accept_match
+from edge_vpr.confidence import Confidence, accept_match
 from edge_vpr.descriptors.cleaning import CausalBurstFilter, keep
 from edge_vpr.descriptors.counting import check_columns, window_of
 from edge_vpr.descriptors.pixels import PixelMap
@@ -37,13 +34,6 @@ from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError, expe
 from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Events, Sensor, check_event_array
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.place_filter import (
-    LASTING_BITS,
-    METRIC_TOP,
-    MISFIT_ZERO,
-    NUMBER_NAMES,
-    RECIPROCAL_BITS,
-    RESIDUAL_TOP,
-    TRUST_BITS,
     FilterMatch,
     FixedLag,
     Late,
@@ -591,21 +581,18 @@ class FilterRun(MatchRun):
     def resume(self, arrays: Arrays, now_us: int, floor_us: int) -> None:
         """Restore the state from the arrays of `to_arrays`."""
         found = self.place_filter
-        *numbers, self._windows = filter_state(arrays)
+        *numbers, self._windows = arrays["filter_state"].tolist()
         found.resume(arrays["filter_metric"], numbers)
         if "filter_odometer" in arrays:
-            found.transitions.check_odometry()
             meter = self.odometer
-            numbers = arrays["filter_odometer"].tolist()
-            meter.latest, meter.anchor = numbers[:2]
-            meter.fresh, meter.anchored = (bool(number) for number in numbers[2:4])
-            meter.before = numbers[4]
+            meter.latest, meter.anchor, fresh, anchored, meter.before = arrays[
+                "filter_odometer"
+            ].tolist()
+            meter.fresh, meter.anchored = bool(fresh), bool(anchored)
             self.odometer_check.resume(arrays["odometer_check"])
             self._travel()
         self._set_window_end()
         if self.mean is not None:
-            check_array(arrays["filter_mean"], "filter_mean", (np.int32,), self.mean.total.shape)
-            check_range(arrays["filter_mean"], "filter_mean", 0, np.iinfo(np.int32).max)
             self.mean.total = arrays["filter_mean"].copy()
             self.mean.windows = int(arrays["filter_mean_windows"][0])
             self.state.windows.own.means[:] = self.mean.mean
@@ -621,22 +608,6 @@ def _means_per_s(reference: MapRecord) -> tuple[int, int]:
     events = round(float(windows.selected_events.mean()) * (len(windows) - 1))
     way_mm = int(along_mm[-1] - along_mm[0])
     return way_mm * 1_000_000 // passed_us, events * 1_000_000 // passed_us
-
-
-def filter_state(arrays: Arrays) -> list[int]:
-    """Return the numbers of the place filter of a saved localiser, and of finished windows.
-
-    Raises
-    ------
-    MapError
-        If there are others than those of this version, or of one that had no misfit of matches.
-    """
-    numbers = arrays["filter_state"]
-    earlier = len(NUMBER_NAMES)  # without the lasting misfit
-    shape = (earlier if numbers.shape == (earlier,) else earlier + 1,)
-    check_array(numbers, "filter_state", (np.int64,), shape)
-    found: list[int] = numbers.tolist()
-    return found if len(found) > earlier else [*found[:-1], MISFIT_ZERO << LASTING_BITS, found[-1]]
 
 
 # The place filter event by event, with matches that come some windows late.
@@ -1072,7 +1043,7 @@ class Localiser:
         Raises
         ------
         MapError
-            If the file is missing, unreadable, or from a newer version.
+            If the file is missing, unreadable, damaged, or of another version.
         """
         arrays, meta = read_archive(path, KIND)
         with archive_errors(path, "save the state again"):
@@ -1082,26 +1053,8 @@ class Localiser:
                 recent=meta["recent"],
                 check_every=check_every,
             )
-            found._resume(arrays, meta)
+            found.run.resume(arrays, meta["now_us"], meta["floor_us"])
         return found
-
-    def _resume(self, arrays: Arrays, meta: Mapping[str, Any]) -> None:
-        """Restore the state from what `save` wrote, which is checked."""
-        places, counters = self.run.places.shape
-        length, filtered = self.settings.windows_per_match, isinstance(self.run, FilterRun)
-        now_us, floor_us = check_state(
-            arrays,
-            meta,
-            counters=counters,
-            length=length,
-            ends=places - length + 1,
-            window=self._window,
-            every=self.every,
-            filtered=filtered,
-        )
-        if filtered:
-            check_filter_state(arrays, places, self._window, self.every, floor_us)
-        self.run.resume(arrays, now_us, floor_us)
 
     def verify(self) -> None:
         """Recompute counters and distances from the events in the windows, and compare.
@@ -1298,7 +1251,7 @@ def searched_map(arrays: Arrays, meta: Mapping[str, Any]) -> MapRecord:
     )
 
 
-# Checks of a saved state of a localiser, before kernels use it as indices.
+# Sizes that the kernels can take.
 
 
 #: Largest number of counters of all windows of a sequence: 128 MB in the kernels.
@@ -1336,136 +1289,3 @@ def check_extent(places: int, counters: int, length: int, recent: int, window: W
             f"a sequence of {length} windows of {window} is longer than {TIME_LIMIT_US} us or "
             "events: take shorter windows"
         )
-
-
-def check_state(
-    arrays: Arrays,
-    meta: Mapping[str, Any],
-    *,
-    counters: int,
-    length: int,
-    ends: int,
-    window: Window,
-    every: MatchSchedule,
-    filtered: bool,
-) -> tuple[int, int]:
-    """Check that the arrays are a possible state of a localiser.
-
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        ``slot`` and ``time`` of the events in the windows, ``bound``; of sequences ``policy``.
-    meta : mapping
-        With ``now_us`` and ``floor_us``.
-    counters, length, ends : int
-        J (or 2 J), L, and the number of places that a sequence can end at.
-    filtered : bool
-        Whether the place filter matches, and not sequences.
-
-    Returns
-    -------
-    now_us, floor_us : int
-        T: all events before it have been taken; and the time that no event may be earlier than.
-
-    Raises
-    ------
-    MapError
-        If an array is of another dtype or shape, or holds what no run leaves.
-    """
-    floor_us = whole_number(meta, "floor_us", 0, TIME_LIMIT_US)
-    now_us = whole_number(meta, "now_us", floor_us, floor_us + 1)
-    check_array(arrays["slot"], "slot", (np.int32,), (None,))
-    n = arrays["slot"].size
-    check_range(arrays["slot"], "slot", 0, counters - 1)
-    check_array(arrays["time"], "time", (np.int64,), (n,))
-    check_range(arrays["time"], "time", 0, min(floor_us, now_us - 1))
-    if (np.diff(arrays["time"]) < 0).any():
-        raise MapError("time of the events in the windows runs backwards: expected sorted times")
-    check_array(arrays["bound"], "bound", (np.int64,), (length + 1,))
-    check_range(arrays["bound"], "bound", 0, TIME_LIMIT_US)
-    bound = arrays["bound"]
-    expected = _bounds(arrays, window, length, now_us)
-    if not np.array_equal(bound, expected) or bound[0] - bound[-1] != n:
-        raise MapError(
-            f"bound is {bound.tolist()} and the {n} events in the windows make it "
-            f"{expected.tolist()}"
-        )
-    if not filtered:  # the place filter has a schedule of its own
-        _check_schedule(arrays, "policy", ends, every, floor_us)
-    return now_us, floor_us
-
-
-def _bounds(arrays: Arrays, window: Window, length: int, now_us: int) -> npt.NDArray[np.int64]:
-    """Return the number of the event with which each lag begins, shape (L + 1,)."""
-    last, n = int(arrays["bound"][0]), arrays["slot"].size
-    lags = np.arange(length + 1, dtype=np.int64)
-    if isinstance(window, FixedTime):
-        return last - n + np.searchsorted(arrays["time"], now_us - lags * window.tau_us)
-    return np.maximum(last - lags * window.events, 0)
-
-
-def check_filter_state(
-    arrays: Arrays, places: int, window: Window, every: MatchSchedule, floor_us: int
-) -> None:
-    """Check that the arrays are a possible state of the place filter of a localiser.
-
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        Of `FilterRun.to_arrays`.
-    places : int
-        K.
-    floor_us : int
-        Until when time has passed.
-
-    Raises
-    ------
-    MapError
-        If an array is of another dtype or shape, or holds what no run leaves.
-    """
-    check_array(arrays["filter_metric"], "filter_metric", (np.int32,), (places,))
-    check_range(arrays["filter_metric"], "filter_metric", 0, METRIC_TOP)
-    # one name for each of `NUMBER_NAMES`, so that a new number cannot pass for another one
-    reciprocal, mean_activity, place, support, residual, before, lasting, windows = filter_state(
-        arrays
-    )
-    ended = floor_us // window.tau_us if isinstance(window, FixedTime) else (
-        int(arrays["bound"][0]) // window.events
-    )  # fmt: skip
-    within = (
-        0 <= reciprocal <= 1 << RECIPROCAL_BITS
-        and 0 <= mean_activity <= TIME_LIMIT_US
-        and (0 <= place < places if windows else place == -1)
-        and 0 <= support <= TRUST_TOP
-        and 0 <= residual <= RESIDUAL_TOP
-        and 0 <= before <= RESIDUAL_TOP
-        and abs(lasting) <= 2 * RESIDUAL_TOP << (TRUST_BITS + LASTING_BITS)
-    )
-    if not within or windows != ended:
-        raise MapError(
-            f"filter_state holds {arrays['filter_state'].tolist()} for {places} places after "
-            f"{ended} windows: save the state again"
-        )
-    _check_schedule(arrays, "filter_schedule", places, every, floor_us)
-    if "filter_odometer" in arrays:
-        meter, judged = arrays["filter_odometer"], arrays["odometer_check"]
-        check_array(meter, "filter_odometer", (np.int64,), (5,))
-        check_range(meter[[0, 1, -1]], "filter_odometer", -MOST_MM, MOST_MM)
-        check_range(meter[2:4], "filter_odometer", 0, 1)
-        check_array(judged, "odometer_check", (np.int64,), (12,))
-        check_range(judged, "odometer_check", -TIME_LIMIT_US, TIME_LIMIT_US)
-    if "filter_mean" in arrays:
-        check_array(arrays["filter_mean_windows"], "filter_mean_windows", (np.int64,), (1,))
-        check_range(arrays["filter_mean_windows"], "filter_mean_windows", 0, max(windows, 0))
-
-
-def _check_schedule(
-    arrays: Arrays, name: str, places: int, every: MatchSchedule, floor_us: int
-) -> None:
-    check_array(arrays[name], name, (np.int64,), (2,))
-    tick, place = arrays[name].tolist()
-    interval = every.interval_us
-    if tick != ((floor_us // interval + 1) * interval if interval else 0):
-        raise MapError(f"the state says the next time for a match is {tick} us, at {floor_us} us")
-    if not -1 <= place < places:
-        raise MapError(f"the state names the place {place}: expected -1 to {places - 1}")

@@ -154,3 +154,9 @@ def test_all_pixels_of_a_large_sensor_need_a_wide_table():
 def test_a_pixel_map_is_checked(x, y, message):
     with pytest.raises(UsageError, match=message):
         PixelMap(Sensor(3, 2), np.array(x, dtype=int), np.array(y, dtype=int))
+
+
+@pytest.mark.parametrize("sensor", [(0, 5), (65_537, 1), (-6, 5), (6.0, 5), (2**40, 2**40)])
+def test_a_sensor_has_sides_of_1_to_65536(sensor):
+    with pytest.raises(UsageError, match="expected sides of 1 to 65536"):
+        PixelMap(Sensor(*sensor), np.array([0]), np.array([0]))

@@ -43,8 +43,7 @@ from edge_vpr.events import Sensor
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
-from edge_vpr.matching.place_filter import LASTING_BITS, MISFIT_ZERO
-from edge_vpr.online.localiser import Localiser, filter_state
+from edge_vpr.online.localiser import Localiser
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import MOST_DELAY, PRESETS, SETTING_FIELDS, Settings
@@ -511,15 +510,6 @@ def test_a_table_of_an_earlier_rule_of_trust_is_not_used(tmp_path, monkeypatch, 
 def test_net_trust_is_that_of_the_oracle(trust, misfit):
     found = net_trust(np.array([trust]), np.array([misfit]))
     assert found.tolist() == [confidence_of(trust, misfit)]
-
-
-def test_a_state_that_was_saved_without_a_misfit_begins_with_that_of_a_usual_drive():
-    later = np.array([9, 100, 3, 40, 1, 2, 0, 7], dtype=np.int64)
-    assert filter_state({"filter_state": later}) == later.tolist()
-    earlier = filter_state({"filter_state": np.delete(later, 6)})
-    assert earlier == [9, 100, 3, 40, 1, 2, MISFIT_ZERO << LASTING_BITS, 7]
-    with pytest.raises(MapError, match="filter_state"):
-        filter_state({"filter_state": later[:5]})
 
 
 def test_matches_that_are_accepted_past_the_edge_of_the_map_are_counted():

@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from archive_mutants import checksum
+from saved_files import checksum
 
 from edge_vpr.errors import GroundTruthError
 from edge_vpr.evaluation.doubts import overlap

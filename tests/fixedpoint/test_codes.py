@@ -138,3 +138,12 @@ def test_codes_are_packed_without_gaps():
 def test_wrong_use_is_told(wrong):
     with pytest.raises(FixedPointError):
         wrong()
+
+
+def test_more_different_scales_than_a_byte_can_name_are_refused():
+    with pytest.raises(FixedPointError, match="257 different full scales"):
+        PixelCodes.scaled("linear", 4, range(1, 258))
+    codes = PixelCodes.scaled("linear", 4, range(1, 257))
+    assert codes.row[-1] == 255
+    with pytest.raises(FixedPointError, match="expected 0 to 255"):
+        PixelCodes(codes.codes, np.array([256]))

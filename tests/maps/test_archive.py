@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import zipfile
+
 import numpy as np
 import pytest
+from saved_files import same_contents
 
-from edge_vpr import archive
-from edge_vpr.archive import read_archive, write_archive
+from edge_vpr import archive as archive_module
+from edge_vpr.archive import read_archive, read_members, write_archive
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import make_events
 from edge_vpr.files import replacing
@@ -65,13 +68,83 @@ def test_a_recording_in_the_place_of_a_map_is_not_called_damaged(tmp_path):
         read_archive(tmp_path / "drive.npz", "thing")
 
 
-def test_a_truncated_file_is_an_error(tmp_path):
-    write_archive(tmp_path / "a.npz", "thing", {"x": np.arange(1000)}, {})
+CONTENTS = (
+    {"x": np.arange(40, dtype=np.int32), "late": np.array([0.5, np.nan]), "last": np.ones(3)},
+    {"settings": {"tau_us": 10, "sigma": 0.25}, "sensor": [6, 5]},
+)
+
+
+def test_an_archive_cut_off_anywhere_is_refused(tmp_path):
+    write_archive(tmp_path / "a.npz", "thing", *CONTENTS)
     whole = (tmp_path / "a.npz").read_bytes()
-    for length in range(0, len(whole), 97):
+    for length in range(len(whole)):
         (tmp_path / "b.npz").write_bytes(whole[:length])
-        with pytest.raises(MapError):
+        with pytest.raises(MapError, match=r"b\.npz"):
             read_archive(tmp_path / "b.npz", "thing")
+
+
+def test_an_archive_with_any_byte_changed_is_refused_or_reads_as_before(tmp_path):
+    write_archive(tmp_path / "a.npz", "thing", *CONTENTS)
+    whole, path = (tmp_path / "a.npz").read_bytes(), tmp_path / "b.npz"
+    expected, refused = read_archive(tmp_path / "a.npz", "thing"), 0
+    for at in range(len(whole)):
+        for bit in (at % 8, (at + 3) % 8):
+            path.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << bit]) + whole[at + 1 :])
+            try:
+                found = read_archive(path, "thing")
+            except MapError as error:
+                assert str(error).isprintable()
+                refused += 1
+            else:
+                assert same_contents(found, expected), (at, bit)
+    assert refused > len(whole)
+
+
+def members_of(path):
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def test_an_archive_without_one_of_its_arrays_or_with_that_of_another_is_refused(tmp_path):
+    """Whose own checksums, those of ZIP, are right."""
+    write_archive(tmp_path / "a.npz", "thing", *CONTENTS)
+    write_archive(tmp_path / "b.npz", "thing", {"x": np.arange(1, 41, dtype=np.int32)}, {})
+    whole, other = members_of(tmp_path / "a.npz"), members_of(tmp_path / "b.npz")
+    lacks = {name: raw for name, raw in whole.items() if name != "late.npy"}
+    for members in (lacks, whole | {"x.npy": other["x.npy"]}, whole | {"more.npy": whole["x.npy"]}):
+        with zipfile.ZipFile(tmp_path / "c.npz", "w") as archive:
+            for name, raw in members.items():
+                archive.writestr(name, raw)
+        with pytest.raises(MapError, match=r"c\.npz is damaged \(its checksum does not fit\)"):
+            read_archive(tmp_path / "c.npz", "thing")
+
+
+def test_an_archive_that_unpacks_to_far_more_than_its_size_is_refused_unread(tmp_path, monkeypatch):
+    monkeypatch.setattr(archive_module, "MEMORY_BYTES", 1 << 20)
+    write_archive(tmp_path / "a.npz", "thing", {"x": np.zeros(1 << 21, np.uint8)}, {})
+    with pytest.raises(MapError, match=r"unpacks to \d+ bytes, more than"):
+        read_archive(tmp_path / "a.npz", "thing")
+
+
+def test_an_array_that_announces_more_than_it_holds_takes_no_memory(tmp_path):
+    np.savez(tmp_path / "a.npz", counts=np.zeros(3, dtype=np.uint8))
+    member = members_of(tmp_path / "a.npz")["counts.npy"]
+    for shape in (b"(9**12,)", b"(10**12,)", b"(999999999999,)", b"(-3,)", b"(2, 2)"):
+        with zipfile.ZipFile(tmp_path / "b.npz", "w") as archive:
+            archive.writestr("counts.npy", member.replace(b"(3,)", shape))
+        with pytest.raises((MapError, ValueError), match=r"array counts|malformed"):
+            read_members(tmp_path / "b.npz")
+
+
+def test_pickles_are_never_opened(tmp_path):
+    np.savez(tmp_path / "a.npz", edge_vpr=np.array([{"kind": "thing"}], dtype=object))
+    with pytest.raises(MapError, match="expected numbers or text"):
+        read_archive(tmp_path / "a.npz", "thing")
+
+
+def test_a_folder_is_not_an_archive(tmp_path):
+    with pytest.raises(MapError, match="it is a folder, not a file: name a thing that can"):
+        read_archive(tmp_path, "thing")
 
 
 def test_an_array_file_of_somebody_else_is_an_error(tmp_path):
@@ -89,9 +162,9 @@ def test_a_file_of_another_kind_is_an_error(tmp_path):
         read_archive(tmp_path / "a.npz", "map")
 
 
-def test_a_file_from_a_newer_version_is_an_error(tmp_path, monkeypatch):
-    monkeypatch.setattr(archive, "SCHEMA_VERSION", 2)
+def test_a_file_of_another_version_is_an_error(tmp_path, monkeypatch):
+    monkeypatch.setattr(archive_module, "SCHEMA_VERSION", archive_module.SCHEMA_VERSION + 1)
     write_archive(tmp_path / "a.npz", "thing", {}, {})
     monkeypatch.undo()
-    with pytest.raises(MapError, match="schema version 2 and this edge-vpr reads up to 1"):
+    with pytest.raises(MapError, match=r"schema version \d and this edge-vpr reads version \d:"):
         read_archive(tmp_path / "a.npz", "thing")

@@ -165,10 +165,7 @@ def test_the_longest_name_that_a_folder_takes_can_be_written(tmp_path):
     assert (tmp_path / ("n" * 255)).read_text() == "whole"
 
 
-@pytest.mark.parametrize("exchange", [True, False])
-def test_a_folder_is_replaced_whole(tmp_path, monkeypatch, exchange):
-    if not exchange:
-        monkeypatch.setattr(whole_files, "_exchanged", lambda new, target: False)
+def test_a_folder_is_replaced_whole(tmp_path):
     for text in ("first", "second", "third"):
         write_folder(tmp_path / "results", text)
         assert read_folder(tmp_path / "results") == text
@@ -200,36 +197,14 @@ def test_an_error_in_the_block_leaves_the_old_folder(tmp_path):
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_there_is_no_moment_without_the_folder(tmp_path, monkeypatch):
-    """Every call that changes names is looked around: old or new is always in place."""
-    write_folder(tmp_path / "results", "old")
-    seen = []
-    # before the exchange the old one is there, and after it the new one
-    real = whole_files._exchanged
-
-    def watched(new, target):
-        seen.append(read_folder(target))
-        done = real(new, target)
-        seen.append(read_folder(target))
-        return done
-
-    monkeypatch.setattr(whole_files, "_exchanged", watched)
-    monkeypatch.setattr(
-        whole_files.Path, "rename", lambda *_: pytest.fail("renamed, not exchanged")
-    )
-    write_folder(tmp_path / "results", "new")
-    assert seen == ["old", "new"]
-
-
 @pytest.mark.parametrize("stop", [1, 2])
-def test_without_exchange_a_kill_leaves_the_old_folder_under_another_name(
+def test_a_kill_between_the_renames_leaves_the_old_folder_under_another_name(
     tmp_path, monkeypatch, stop
 ):
     """No later run moves or removes it."""
     write_folder(tmp_path / "results", "old")
     child = os.fork()
     if child == 0:
-        whole_files._exchanged = lambda new, target: False
         calls, real = [], whole_files.Path.rename
 
         def rename(self, target):
@@ -253,9 +228,8 @@ def test_without_exchange_a_kill_leaves_the_old_folder_under_another_name(
     assert read_folder(tmp_path / old) == "old"
 
 
-def test_without_exchange_an_error_between_the_renames_leaves_the_old_folder(tmp_path, monkeypatch):
+def test_an_error_between_the_renames_leaves_the_old_folder(tmp_path, monkeypatch):
     write_folder(tmp_path / "results", "old")
-    monkeypatch.setattr(whole_files, "_exchanged", lambda new, target: False)
     real = whole_files.Path.rename
 
     def rename(self, target):
@@ -342,35 +316,6 @@ def test_links_in_what_looks_like_a_dead_run_are_not_followed(tmp_path, precious
     assert left == ([DEAD] if planted == "itself" else []) + ["drive.npz"]
 
 
-def test_nothing_is_taken_out_of_what_looks_like_a_dead_run(tmp_path):
-    """A planted ``.ssh`` or ``results`` does not get its place next to the results."""
-    for kept in ("new", "old"):
-        (tmp_path / DEAD / kept / ".ssh").mkdir(parents=True)
-    write_folder(tmp_path / "results", "whole")
-    assert [path.name for path in tmp_path.iterdir()] == ["results"]
-
-
-def test_a_link_that_appears_while_a_dead_run_is_removed_is_not_followed(
-    tmp_path, precious, monkeypatch
-):
-    """Another program exchanges the folder after it was opened and locked."""
-    (tmp_path / "shared" / DEAD).mkdir(parents=True)
-    (tmp_path / "shared" / DEAD / "rows").touch()
-    real = whole_files._locked
-
-    def locked(work, parent=None):
-        handle = real(work, parent)
-        if str(work) == DEAD:
-            (tmp_path / "shared" / DEAD).rename(tmp_path / "shared" / "moved")
-            (tmp_path / "shared" / DEAD).symlink_to(precious)
-        return handle
-
-    monkeypatch.setattr(whole_files, "_locked", locked)
-    clear_dead_runs(tmp_path / "shared")
-    assert _files(precious) == ["data", "inner", "inner/data"]
-    assert _files(tmp_path / "shared") == [DEAD, "moved"]
-
-
 def test_a_folder_of_another_user_is_left_alone(tmp_path, monkeypatch):
     (tmp_path / DEAD / "rows").mkdir(parents=True)
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
@@ -399,17 +344,15 @@ def test_file_and_folder_reach_the_disk_before_and_after_the_name_changes(
     tmp_path, monkeypatch, writer
 ):
     writer(tmp_path / "result", "old")
-    steps, sync, replace = [], os.fsync, os.replace
+    steps, sync = [], os.fsync
     monkeypatch.setattr(os, "fsync", lambda handle: (steps.append(_name(handle)), sync(handle)))
-    monkeypatch.setattr(os, "replace", lambda a, b: (steps.append("renamed"), replace(a, b)))
-    real = whole_files._exchanged
-    monkeypatch.setattr(
-        whole_files, "_exchanged", lambda a, b: (steps.append("renamed"), real(a, b))[1]
-    )
+    for name in ("replace", "rename"):
+        real = getattr(os, name)
+        monkeypatch.setattr(os, name, lambda a, b, real=real: (steps.append("named"), real(a, b)))
     writer(tmp_path / "result", "new")
-    renamed = steps.index("renamed")
-    assert ("a.txt" if writer is write_folder else "result") in steps[:renamed]
-    assert steps[renamed + 1 :] == [tmp_path.name]
+    first = steps.index("named")
+    assert ("a.txt" if writer is write_folder else "result") in steps[:first]
+    assert steps[-1] == tmp_path.name and "a.txt" not in steps[first:]
 
 
 def _name(handle):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import csv
 
-import archive_mutants
 import naive
 import numpy as np
 import pytest
+import saved_files
 from hypothesis import given
 from hypothesis import strategies as st
 from streams import descriptors
@@ -123,7 +123,7 @@ def test_matches_by_the_filter_name_no_sequence_length():
 
 def test_what_is_printed_of_results_is_one_short_line_whatever_their_size():
     rng = np.random.default_rng(0)
-    reference = archive_mutants.map_of({"matching": "filter"}, rng)
+    reference = saved_files.map_of({"matching": "filter"}, rng)
     found = match_descriptors(reference.places, reference.places, reference.settings)
     n = len(reference)
     truth = GroundTruth(np.eye(n, dtype=np.bool_), np.ones(n, dtype=np.bool_), "the test")

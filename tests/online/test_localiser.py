@@ -10,16 +10,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import config
+from saved_files import map_of as saved_map_of
 from streams import Drive, as_tuples, cut_up, descriptors, random_events, with_sums
 
 from edge_vpr.confidence import NO_MISFIT
 from edge_vpr.descriptors.codes import codes_of
 from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.windows import FixedCount, FixedTime
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.map_record import describe
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.online.localiser import MATCH_DTYPE, Localiser, MatchSchedule
+from edge_vpr.online.localiser import MATCH_DTYPE, Localiser, MatchSchedule, check_extent
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
@@ -409,3 +411,42 @@ def test_distances_beyond_32_bits_are_refused_instead_of_wrapping():
     counts[3] = 2**31
     with pytest.raises(UsageError, match="do not fit 32 bits"):
         Localiser(map_of(counts, sequence_length=1))
+
+
+def test_a_map_that_is_changed_in_memory_is_refused_by_the_localiser():
+    reference = saved_map_of({}, np.random.default_rng(0))
+    object.__setattr__(reference.places, "counts", reference.places.counts[:, :3].copy())
+    with pytest.raises(MapError, match=r"counts is .*expected"):
+        Localiser(reference)
+
+
+def test_a_read_only_map_is_followed_like_any_other():
+    reference = saved_map_of({}, np.random.default_rng(0), largest=20)
+    events = random_events(np.random.default_rng(1), 80, SENSOR, 600)
+    expected = Localiser(reference).update(events)
+    reference.places.counts.setflags(write=False)
+    assert Localiser(reference).update(events).tobytes() == expected.tobytes()
+    assert expected.size
+
+
+def test_windows_and_sequences_that_no_integer_holds_are_wrong_use():
+    with pytest.raises(UsageError, match="make windows of more than"):
+        Settings(window="count", events_per_pixel=1e15)
+    with pytest.raises(UsageError, match="take shorter windows"):
+        check_extent(10**6, 1, 2_000, 0, FixedTime(10**15))
+    with pytest.raises(UsageError, match="take a shorter sequence"):
+        check_extent(10**6, 150, 10**5, 0, FixedTime(1))
+    check_extent(100_000, 150, 100, 0, FixedTime(10**6))
+
+
+@pytest.mark.parametrize("window", [FixedTime, FixedCount])
+@pytest.mark.parametrize("length", [0, -1, 2**63, 10**30])
+def test_a_window_has_a_length_that_fits_the_kernels(window, length):
+    with pytest.raises(UsageError, match="expected 1"):
+        window(length)
+
+
+def test_time_cannot_be_let_pass_beyond_its_range():
+    localiser = Localiser(saved_map_of({}, np.random.default_rng(0)))
+    with pytest.raises(EventError, match="lies beyond"):
+        localiser.advance(2**70)

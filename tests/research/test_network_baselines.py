@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import pickle
 import sys
-import zipfile
 
 import numpy as np
 import pytest
@@ -28,195 +26,76 @@ from test_baselines import SETTINGS, places_of
 
 from edge_vpr.errors import MissingExtraError, UsageError, WeightsError
 
-# --- weights of PyTorch ---------------------------------------------------------------------------
+# --- weights --------------------------------------------------------------------------------------
 
 
-STORAGES = {
-    "<f4": "FloatStorage",
-    "<f8": "DoubleStorage",
-    "<i8": "LongStorage",
-    "|b1": "BoolStorage",
-}
-
-
-def torch_state(path, tensors, pickled=None):
-    """Write contiguous tensors as PyTorch does, a storage each; or another pickle beside them."""
-    out = [b"\x80\x02ccollections\nOrderedDict\n)R("]
-    for key, (name, tensor) in enumerate(tensors.items()):
-        out += [
-            unicode_op(name),
-            b"ctorch._utils\n_rebuild_tensor_v2\n((",
-            unicode_op("storage"),
-            f"ctorch\n{STORAGES[tensor.dtype.str]}\n".encode(),
-            unicode_op(str(key)),
-            unicode_op("cpu"),
-            number_op(tensor.size) + b"tQ",
-            b"K\x00",
-            tuple_op(*tensor.shape),
-            tuple_op(*(step // tensor.itemsize for step in tensor.strides)),
-            b"\x89ccollections\nOrderedDict\n)RtR",
-        ]
-    out.append(b"u.")
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("weights/data.pkl", pickled or b"".join(out))
-        archive.writestr("weights/byteorder", b"little")
-        for key, tensor in enumerate(tensors.values()):
-            archive.writestr(f"weights/data/{key}", tensor.tobytes())
+def state_file(path, tensors):
+    """Write tensors as safetensors."""
+    numpy = pytest.importorskip("safetensors.numpy", reason="safetensors is not installed (models)")
+    numpy.save_file(tensors, path)
     return path
 
 
-def number_op(value):
-    return b"J" + value.to_bytes(4, "little", signed=True)
-
-
-def tuple_op(*values):
-    return b"(" + b"".join(map(number_op, values)) + b"t"
-
-
-def unicode_op(text):
-    data = text.encode()
-    return b"X" + len(data).to_bytes(4, "little") + data
-
-
-rng = np.random.default_rng(0)
 TENSORS = {
-    "a.weight": rng.normal(size=(3, 4)).astype("<f4"),
-    "b": rng.integers(-9, 9, (2, 2, 2)),
+    "a.weight": np.arange(12, dtype=np.float32).reshape(3, 4),
+    "b": np.arange(-4, 4).reshape(2, 2, 2),
     "c": np.array([True, False]),
 }
 
 
-def test_a_state_dict_is_read_as_it_was_written(tmp_path):
-    found = read_state_dict(torch_state(tmp_path / "a.pth", TENSORS))
-    assert list(found) == list(TENSORS)
-    for name, tensor in TENSORS.items():
+def assert_equal(found, tensors):
+    assert found.keys() == tensors.keys()
+    for name, tensor in tensors.items():
         assert found[name].dtype == tensor.dtype and np.array_equal(found[name], tensor)
 
 
-@pytest.mark.slow
-def test_a_state_dict_that_torch_saved_is_what_torch_loads(tmp_path):
-    torch = pytest.importorskip("torch", reason="torch is not installed (extra bench)")
-    network = torch.nn.Sequential(torch.nn.Linear(5, 3), torch.nn.Conv2d(1, 2, 3))
-    state = network.state_dict()
-    state["turned"] = torch.arange(24, dtype=torch.float16).reshape(2, 3, 4).permute(2, 0, 1)
-    state["part"] = torch.arange(10)[3:7]
-    state["parameter"] = torch.nn.Parameter(torch.tensor([1.5]))
-    state["number"] = torch.tensor(2.5, dtype=torch.float64)
-    torch.save(state, tmp_path / "a.pth")
-    found = read_state_dict(tmp_path / "a.pth")
-    assert found.keys() == state.keys()
-    for name, tensor in state.items():
-        expected = tensor.detach().numpy()
-        assert found[name].dtype == expected.dtype and np.array_equal(found[name], expected)
+def test_a_file_of_safetensors_is_read_as_it_was_written(tmp_path):
+    assert_equal(read_state_dict(state_file(tmp_path / "a.safetensors", TENSORS)), TENSORS)
 
 
-def test_a_pickle_that_refers_to_itself_over_and_over_is_refused_at_once(tmp_path):
-    """Tuples of tuples, each of the same one twice: to hash or to show one takes 2**60 steps."""
-    pairs = (b"h" + bytes([i, 0x68, i]) + b"\x86q" + bytes([i + 1]) for i in range(60))
-    deep = b"\x80\x02}q\xc8)q\x00" + b"".join(pairs)
-    as_key = deep + b"h\xc8h\x3cK\x01s."
-    as_shape = deep + b"ctorch._utils\n_rebuild_tensor_v2\n(h\x3ch\x3ch\x3ch\x3ctR."
-    for pickled, says in ((as_key, "a key that is no text"), (as_shape, "without a storage")):
-        with pytest.raises(WeightsError, match=says):
-            read_state_dict(torch_state(tmp_path / "a.pth", {}, pickled=pickled))
-
-
-def test_a_state_dict_with_bytes_changed_is_read_or_refused(tmp_path):
-    good = torch_state(tmp_path / "good.pth", TENSORS)
-    with zipfile.ZipFile(good) as archive:
-        text = archive.read("weights/data.pkl")
-    rng = np.random.default_rng(6)
-    refused = 0
-    for _ in range(400):
-        data = bytearray(text)
-        for at in rng.integers(0, len(data), rng.integers(1, 4)):
-            data[at] = rng.integers(256)
-        try:
-            path = torch_state(tmp_path / "a.pth", TENSORS, pickled=bytes(data))
-            assert all(array.nbytes <= 64 for array in read_state_dict(path).values())
-        except WeightsError:
-            refused += 1
-    assert refused > 100
-
-
-class Evil:
-    """What runs a command when a plain unpickler meets it."""
-
-    def __init__(self, mark):
-        self.mark = mark
-
-    def __reduce__(self):
-        return open, (self.mark, "w")
-
-
-def test_a_pickle_that_would_run_code_is_refused(tmp_path):
-    mark = tmp_path / "ran"
-    path = torch_state(tmp_path / "a.pth", {}, pickled=pickle.dumps({"a": Evil(str(mark))}))
-    with pytest.raises(WeightsError, match=r"it names (_?io|builtins)\.open, which no state dict"):
-        read_state_dict(path)
-    assert not mark.exists()
-
-
-def changed(data, old, new):
-    assert old in data and len(old) == len(new)
-    return data.replace(old, new)
-
-
-def test_a_damaged_state_dict_is_refused_and_nothing_large_is_made(tmp_path):
-    good = torch_state(tmp_path / "good.pth", {"a": TENSORS["a.weight"]})
-    with zipfile.ZipFile(good) as archive:
-        text = archive.read("weights/data.pkl")
-    rows, count = tuple_op(3, 4), number_op(12) + b"tQ"
-    for pickled, says in (
-        (changed(text, rows, tuple_op(3, 5)), r"shape \(3, 5\) in 12 numbers"),
-        (changed(text, rows, tuple_op(1 << 30, 4)), "in 12 numbers"),
-        (changed(text, rows, tuple_op(-3, 4)), r"shape \(-3, 4\)"),
-        (changed(text, count, number_op(13) + b"tQ"), "48 bytes for 13 numbers"),
-        (changed(text, b"FloatStorage", b"WhatStoragex"), r"names torch\.WhatStoragex"),
-        (text[:-20], "damaged"),
-        (pickle.dumps([1, 2]), "instruction EMPTY_LIST"),
-        (pickle.dumps("a"), "holds a str and no state dict"),
-        (pickle.dumps({1: 2}), "a key that is no text"),
-        (b"\x80\x02R.", "values that it has not built"),
-        (pickle.dumps({"a": 1}), "holds no tensors"),
-    ):
-        path = torch_state(tmp_path / "bad.pth", {"a": TENSORS["a.weight"]}, pickled=pickled)
-        with pytest.raises(WeightsError, match=says):
-            read_state_dict(path)
-    repeated = changed(text, tuple_op(4, 1), tuple_op(0, 0))
-    repeated = changed(repeated, rows, tuple_op(1 << 20, 1 << 10))
-    path = torch_state(tmp_path / "bomb.pth", {"a": TENSORS["a.weight"]}, pickled=repeated)
-    with pytest.raises(WeightsError, match="in 12 numbers"):
-        read_state_dict(path)
-    with zipfile.ZipFile(tmp_path / "deflated.pth", "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("weights/data.pkl", bytes(1 << 20))
-    with pytest.raises(WeightsError, match="or compressed"):
-        read_state_dict(tmp_path / "deflated.pth")
-    (tmp_path / "text.pth").write_text("no weights")
+@pytest.mark.parametrize("suffix", [".safetensors", ".pth"])
+def test_what_is_no_file_of_weights_is_one_line(tmp_path, suffix):
+    module = "torch" if suffix == ".pth" else "safetensors"
+    pytest.importorskip(module, reason=f"{module} is not installed")
+    (tmp_path / f"text{suffix}").write_text("no weights")
     with pytest.raises(WeightsError, match=r"damaged, or no state dict.*torch\.save"):
-        read_state_dict(tmp_path / "text.pth")
+        read_state_dict(tmp_path / f"text{suffix}")
     with pytest.raises(WeightsError, match="cannot be read: No such file"):
-        read_state_dict(tmp_path / "none.pth")
+        read_state_dict(tmp_path / f"none{suffix}")
 
 
-def test_tensors_that_share_their_numbers_take_no_more_than_the_file_allows(tmp_path):
-    """16 MB in 200 tensors took 3.2 GB."""
-    big = np.zeros(1 << 18, "<f4")
-    path = torch_state(tmp_path / "one.pth", {"a": big})
-    with zipfile.ZipFile(path) as archive:
-        text = archive.read("weights/data.pkl")
-    first = text.index(unicode_op("a"))
-    item, end = text[first:-2], text[-2:]
+def test_a_cut_file_of_safetensors_is_refused(tmp_path):
+    whole = state_file(tmp_path / "a.safetensors", TENSORS).read_bytes()
+    for length in range(len(whole)):
+        (tmp_path / "cut.safetensors").write_bytes(whole[:length])
+        with pytest.raises(WeightsError, match="cut"):
+            read_state_dict(tmp_path / "cut.safetensors")
 
-    def with_tensors(count):
-        items = (item.replace(unicode_op("a"), unicode_op(f"a{i}")) for i in range(count))
-        pickled = text[:first] + b"".join(items) + end
-        return torch_state(tmp_path / "many.pth", {"a": big}, pickled=pickled)
 
-    # tied layers share them
-    assert len(read_state_dict(with_tensors(3))) == 3
-    with pytest.raises(WeightsError, match="tensors that take much more memory than the file"):
-        read_state_dict(with_tensors(200))
+def test_a_state_dict_of_torch_is_read_without_running_what_it_holds(tmp_path):
+    torch = pytest.importorskip("torch", reason="torch is not installed (extra torch)")
+    state = {name: torch.from_numpy(tensor) for name, tensor in TENSORS.items()}
+    torch.save(state, tmp_path / "a.pth")
+    assert_equal(read_state_dict(tmp_path / "a.pth"), TENSORS)
+    torch.save(torch.nn.Linear(5, 3), tmp_path / "b.pth")  # a whole model needs its code
+    with pytest.raises(WeightsError, match="damaged, or no state dict"):
+        read_state_dict(tmp_path / "b.pth")
+    torch.save([1, 2], tmp_path / "c.pth")
+    with pytest.raises(WeightsError, match="holds a list and no state dict"):
+        read_state_dict(tmp_path / "c.pth")
+    torch.save({"a": 1}, tmp_path / "d.pth")
+    with pytest.raises(WeightsError, match="holds no tensors"):
+        read_state_dict(tmp_path / "d.pth")
+
+
+@pytest.mark.parametrize(("suffix", "module"), [(".safetensors", "safetensors"), (".pth", "torch")])
+def test_weights_whose_library_is_missing_name_its_extra(tmp_path, monkeypatch, suffix, module):
+    monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.setitem(sys.modules, "safetensors.numpy", None)
+    (tmp_path / f"a{suffix}").touch()
+    extra = {"torch": "torch", "safetensors": "models"}[module]
+    with pytest.raises(MissingExtraError, match=rf"needs the library {module}.*\[{extra}\]"):
+        read_state_dict(tmp_path / f"a{suffix}")
 
 
 # --- LENS -----------------------------------------------------------------------------------------
@@ -276,7 +155,7 @@ def test_lens_spikes_as_its_loop_does(seed, thresholds):
 
 def test_lens_is_the_network_that_pytorch_and_its_layers_compute():
     """Without a spike's reset, a step is what torch's linear layers and ReLU give."""
-    torch = pytest.importorskip("torch", reason="torch is not installed (extra bench)")
+    torch = pytest.importorskip("torch", reason="torch is not installed (extra torch)")
     weights = lens_weights(np.random.default_rng(3), 4)
     image = np.full((1, 3, 3), 255)  # each pixel spikes in each step
     found = Lens(weights, 0, steps=1, thresholds=(1 / 64, 1 / 64)).describe(image)
@@ -297,8 +176,8 @@ def test_lens_with_weights_of_a_file_finds_the_place_with_the_most_spikes(tmp_pa
         output[place, shown] = 0.5
         for pixel in shown:
             images[place, pixel // side * 4 + 1, pixel % side * 4 + 1] = 200
-    path = torch_state(
-        tmp_path / "x_LENS_IN16_FN16_DB8.pth",
+    path = state_file(
+        tmp_path / "x_LENS_IN16_FN16_DB8.safetensors",
         {"feature_layer.thr": np.zeros(1, "<f4"), "feature_layer.w.weight": feature,
          "output_layer.w.weight": output},
     )  # fmt: skip
@@ -324,9 +203,9 @@ def test_weights_that_are_not_of_lens_are_refused(tmp_path):
         ((infinite, good.output), "weights that are not finite"),
     ):
         with pytest.raises(WeightsError, match=says):
-            load_lens(torch_state(tmp_path / "a.pth", dict(zip(names, layers, strict=True))))
+            load_lens(state_file(tmp_path / "a.safetensors", dict(zip(names, layers, strict=True))))
     with pytest.raises(WeightsError, match=r"no feature_layer\.w\.weight and no output.*it has w"):
-        load_lens(torch_state(tmp_path / "a.pth", {"w": good.feature}))
+        load_lens(state_file(tmp_path / "a.safetensors", {"w": good.feature}))
     with pytest.raises(UsageError, match="'lens' needs a file: write lens:FILE"):
         open_baseline("lens")
 

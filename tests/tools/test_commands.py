@@ -18,7 +18,7 @@ from edge_vpr_tools.research.experiments.experiment import Drives, Experiment
 from edge_vpr_tools.research.experiments.plots import dots
 from streams import random_events
 
-from edge_vpr.archive import read_archive, write_archive
+from edge_vpr.archive import write_archive
 from edge_vpr.events import Sensor, join_events
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.matching.matches import Matches
@@ -237,12 +237,12 @@ def test_of_two_runs_into_one_new_folder_one_wins(line, drive, capsys, tmp_path,
     assert [path.name for path in won.iterdir()] == ["run.json"]
 
 
-def test_a_map_from_a_newer_version(drive, capsys, tmp_path, monkeypatch):
+def test_a_map_of_another_version(drive, capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("edge_vpr.archive.SCHEMA_VERSION", 99)
     write_archive(tmp_path / "map.npz", "reference map", {}, {})
     monkeypatch.undo()
     arguments = ("match", tmp_path / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
-    refused(capsys, *arguments, code=1, says="schema version 99 and this edge-vpr reads up to 1")
+    refused(capsys, *arguments, code=1, says="schema version 99 and this edge-vpr reads version")
 
 
 #: what an experiment says of a folder without drives
@@ -546,14 +546,15 @@ def test_match_does_not_replace_the_folder_that_its_map_or_drive_lies_in(drive, 
 
 
 @pytest.mark.parametrize("more", [[], ["--online"]])
-def test_a_map_of_the_wrong_width_is_an_error_and_not_a_crash(drive, tmp_path, capsys, more):
-    arrays, meta = read_archive(drive / "map.npz", "reference map")
-    arrays["counts"] = arrays["counts"][:, :2]
-    write_archive(tmp_path / "map.npz", "reference map", arrays, meta)
+def test_a_damaged_map_is_an_error_and_not_a_crash(drive, tmp_path, capsys, more):
+    whole = bytearray((drive / "map.npz").read_bytes())
+    whole[len(whole) // 2] ^= 4
+    (tmp_path / "map.npz").write_bytes(whole)
     refused(
         capsys, "match", tmp_path / "map.npz", drive / "query.npz", "-o", tmp_path / "out", *more,
-        code=1, says="counts is uint8 of shape",
+        code=1, says="map.npz",
     )  # fmt: skip
+    assert not (tmp_path / "out").exists()
 
 
 def line_track(path, seconds, metres, begin=0.0):

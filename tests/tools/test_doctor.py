@@ -15,7 +15,6 @@ from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands import ports
 from edge_vpr_tools.doctor import CHECKS, Finding, Found, as_text, examine
 from kernel_programs import CALL, KERNEL, ONE_KERNEL, Runner
-from packaging.requirements import Requirement
 from serial.tools import list_ports, list_ports_common
 
 
@@ -138,16 +137,6 @@ def test_without_a_folder_for_kernels_doctor_says_so_and_all_else_works(tmp_path
     done = run("doctor", "--compile")
     assert done.returncode == 1 and done.stderr.count("\n") == 1
     assert "NUMBA_CACHE_DIR" in done.stderr
-
-
-def test_every_extra_that_is_checked_is_one_of_the_project():
-    needed = [Requirement(text) for text in doctor.distribution("edge-vpr").requires or ()]
-    for extra in doctor.EXTRAS:
-        markers = [each.marker for each in needed if each.marker is not None]
-        assert any(
-            marker.evaluate({"extra": extra}) and not marker.evaluate({"extra": ""})
-            for marker in markers
-        ), extra
 
 
 @pytest.mark.parametrize(("kilobytes", "state"), [(900_000, "good"), (100_000, "wrong")])

@@ -10,8 +10,8 @@ from functools import partial
 
 import numpy as np
 import pytest
-from archive_mutants import checksum
 from edge_vpr_tools.truth_files import given_truth, load_evaluated
+from saved_files import checksum
 
 from edge_vpr.errors import EdgeVprError
 from edge_vpr.recordings import TimeCrop, open_recording, write_recording

@@ -19,12 +19,13 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.windows import Descriptors
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import MissingExtraError, UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.matching.drive import anchor_offset
 from edge_vpr.matching.matches import Matches
 from edge_vpr.settings import PRESETS, Settings
+from edge_vpr_tools.console import warning
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.baselines import Baseline, baseline_names, compare, open_baseline
 from edge_vpr_tools.research.baselines.baseline import fastest
@@ -172,7 +173,11 @@ def _baselines(pair: CountedPair, draw: Draw) -> Iterator[tuple[str, Baseline]]:
         title = "released code: the given pixels, clipped at 10, SAD"
         yield title, SelectedPixels(title, settings)
     for path in pair.weights:
-        baseline = open_baseline(f"lens:{path}", draw.seed)
+        try:
+            baseline = open_baseline(f"lens:{path}", draw.seed)
+        except MissingExtraError as error:
+            warning(f"LENS is left out: {error}")
+            continue
         yield f"LENS, {path.name.split('_')[0]}", baseline
 
 

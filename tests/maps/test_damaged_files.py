@@ -1,0 +1,178 @@
+"""Damaged files of every kind: refused in one line, or worth what they say."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+import saved_files
+from edge_vpr_tools.cli import main
+from saved_files import SENSOR, same_contents
+
+from edge_vpr.archive import read_archive
+from edge_vpr.descriptors.cleaning import load_hot_pixels
+from edge_vpr.errors import (
+    LONGEST_MESSAGE,
+    EdgeVprError,
+    MapError,
+    RecordingError,
+    UsageError,
+    printable,
+)
+from edge_vpr.reference_map import write_queries
+from edge_vpr.settings import resolve_settings
+from firmware_model.design import Design
+from firmware_model.errors import DesignError
+
+KINDS = {
+    "map": "reference map",
+    "state": "localiser state",
+    "matches": "set of matches",
+    "queries": "set of query descriptors",
+}
+
+
+@pytest.fixture(scope="module")
+def originals(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("originals")
+    found = saved_files.write_originals(folder)
+    places = saved_files.map_of({}, np.random.default_rng(0)).places
+    write_queries(folder / "queries.npz", places)
+    return found | {"queries": [folder / "queries.npz"]}
+
+
+def one_line(error):
+    # firmware_model does not shorten its messages; the command line does
+    text = printable(error) if isinstance(error, DesignError) else str(error)
+    assert text.isprintable() and 0 < len(text) <= LONGEST_MESSAGE, text
+    return text
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_damaged_archive_is_refused_or_reads_as_before(originals, tmp_path, kind):
+    path, rng = tmp_path / "damaged.npz", np.random.default_rng(5)
+    for original in originals[kind]:
+        whole, expected = original.read_bytes(), read_archive(original, KINDS[kind])
+        for at in rng.integers(len(whole), size=60).tolist():
+            flipped = bytes([whole[at] ^ 1 << int(rng.integers(8))])
+            for raw in (whole[:at], whole[:at] + flipped + whole[at + 1 :]):
+                path.write_bytes(raw)
+                try:
+                    found = read_archive(path, KINDS[kind])
+                except MapError as error:
+                    assert str(path) in one_line(error)
+                else:
+                    assert len(raw) == len(whole) and same_contents(found, expected), at
+
+
+def damaged(raw, rng):
+    """Change bytes of a file: one or several, repeated, removed, or replaced by others."""
+    changed = bytearray(raw)
+    for _ in range(int(rng.integers(1, 4))):
+        if not changed:
+            break
+        at = int(rng.integers(len(changed)))
+        end = min(len(changed), at + int(rng.integers(1, 40)))
+        what = rng.integers(6)
+        if what == 0:
+            changed[at] ^= 1 << int(rng.integers(8))
+        elif what == 1:
+            changed[at] = int(rng.choice([0, 9, 10, 27, 34, 44, 45, 48, 57, 91, 101, 123, 255]))
+        elif what == 2:
+            del changed[at:end]
+        elif what == 3:
+            changed[at:at] = changed[at:end] * int(rng.choice([1, 2, 300]))
+        elif what == 4:
+            changed[at:end] = rng.bytes(end - at)
+        else:
+            del changed[at:]
+    return bytes(changed)
+
+
+@pytest.mark.parametrize("kind", saved_files.LOADERS)
+def test_a_damaged_file_is_refused_in_one_line_or_read(originals, tmp_path, kind):
+    load, rng = saved_files.LOADERS[kind], np.random.default_rng(7)
+    for original in originals[kind]:
+        load(original)
+        path, raw = tmp_path / original.name, original.read_bytes()
+        for _ in range(60):
+            path.write_bytes(damaged(raw, rng))
+            loads_or_refuses(load, path)
+
+
+def loads_or_refuses(load, path):
+    """Load a file; False if it is refused as it should be."""
+    try:
+        found = load(path)
+    except (EdgeVprError, DesignError) as error:
+        one_line(error)
+        return False
+    if isinstance(found, Design):
+        assert Design.from_dict(tomllib.loads(found.to_toml())) == found
+    return True
+
+
+NESTED = "a = " + "[" * 5_000 + "]" * 5_000
+DIGITS = "9" * 5_000
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [
+        *((kind, text) for kind in ("layout", "design", "target") for text in (NESTED, DIGITS)),
+        ("profile", "[" * 50_000),
+        ("profile", "[]"),
+        ("design", 'width = 4\nheight = 4\npixels = 2\nplaces = 9\nsteps = "x"'),
+        ("design", f"width = 4\nheight = 4\npixels = 2\nplaces = {DIGITS[:4200]}"),
+        ("target", 'name = "a"\nkind = "processor"\nclock_hz = "fast"'),
+        ("target", 'name = "a"\nkind = "fpga"\nclock_hz = 1e6\nblock_shapes = [[1]]'),
+        ("target", 'name = "a"\nkind = ["fpga"]\nclock_hz = 1e6'),
+        ("target", 'name = "a"\nkind = "fpga"\nclock_hz = nan'),
+        ("meter", "time,power\n" + "1" * 200_000 + ",1\n2,1\n"),
+        ("meter", ""),
+    ],
+)
+def test_files_of_plain_values_end_in_one_error_whatever_they_hold(kind, text, tmp_path):
+    path = tmp_path / f"file.{'json' if kind == 'profile' else 'toml'}"
+    path.write_text(text)
+    assert not loads_or_refuses(saved_files.LOADERS[kind], path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["sigma = " + "[" * 50_000, "seed = 0x" + "f" * 5_000, "seed = " + "1" * 5_000, "sigma = nan",
+     "sigma = inf", "preset = 7", "preset = []", "a = 1979-13-45", "tau_us = true", "\x00",
+     "strategy = 3", "# " + "x" * (1 << 20)],
+)  # fmt: skip
+def test_settings_that_cannot_be_are_one_line_that_names_the_file(tmp_path, text):
+    (tmp_path / "odd.toml").write_text(text)
+    with pytest.raises(UsageError) as caught:
+        resolve_settings(config=tmp_path / "odd.toml")
+    said = one_line(caught.value)
+    assert "preset" in text or "odd.toml" in said
+
+
+@pytest.mark.parametrize("line", ["inf,1", "1e400,1", "nan,0", "1", "1,2,3", "9,9"])
+def test_a_list_of_hot_pixels_that_names_none_is_refused(tmp_path, line):
+    (tmp_path / "hot.txt").write_text(f"x,y\n{line}\n")
+    with pytest.raises(RecordingError, match=r"hot\.txt"):
+        load_hot_pixels(tmp_path / "hot.txt", SENSOR)
+
+
+@pytest.mark.parametrize("change", [("throughput", 5), ("energy", []), ("run", {}), ("load", 1)])
+def test_a_profile_with_another_value_is_refused_before_anything_is_written(
+    change, tmp_path, capsys
+):
+    path, out = tmp_path / "profile.json", tmp_path / "out.csv"
+    found = saved_files.plain_profile()
+    path.write_text(json.dumps(found))
+    words = ["profile", "compare", str(path), str(path), "--csv"]
+    assert main([*words, str(out)]) == 0
+    assert out.read_text().count("\n") > 10
+    path.write_text(json.dumps(found | dict([change])))
+    capsys.readouterr()
+    assert main([*words, str(tmp_path / "other.csv")]) == UsageError.exit_code
+    assert "profile" in capsys.readouterr().err
+    assert not (tmp_path / "other.csv").exists()
