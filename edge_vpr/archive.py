@@ -271,11 +271,6 @@ def check_array(
         Any of which is accepted.
     shape : tuple of int or None
         None stands for any length.
-
-    Raises
-    ------
-    MapError
-        If it is something else.
     """
     wanted = f"{' or '.join(np.dtype(dtype).name for dtype in dtypes)} of shape {_shown(shape)}"
     if not isinstance(array, np.ndarray):

@@ -91,13 +91,7 @@ def accept_match(row, trust, probability, least_trust):  # type: ignore[no-untyp
 
 @dataclass(frozen=True, eq=False)
 class Confidence(EqualByValue):
-    """A step function from the trust in a match to the probability that it is correct.
-
-    Raises
-    ------
-    MapError
-        If an array is of another dtype or shape, or holds what cannot be.
-    """
+    """A step function from the trust in a match to the probability that it is correct."""
 
     #: Shape (m,): least `net_trust` of each step, increasing. What is below the first step belongs
     #: to it too.
@@ -182,13 +176,7 @@ class Confidence(EqualByValue):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Confidence | None:
-        """Build from named arrays, for example of a file; None if all are missing.
-
-        Raises
-        ------
-        MapError
-            If some are missing, or they are no table.
-        """
+        """Build from named arrays, for example of a file; None if all are missing."""
         found = {name: arrays.get(f"confidence_{name}") for name in _NAMES}
         if all(array is None for array in found.values()):
             return None
@@ -197,13 +185,7 @@ class Confidence(EqualByValue):
 
 @dataclass(frozen=True, eq=False)
 class Acceptance:
-    """Assigns probabilities to matches, and marks those below the required precision as lost.
-
-    Raises
-    ------
-    UsageError
-        If the precision cannot be promised.
-    """
+    """Assigns probabilities to matches, and marks those below the required precision as lost."""
 
     #: None where nothing is known of the probability, as of sequences without a calibration.
     confidence: Confidence | None
@@ -227,11 +209,6 @@ class Acceptance:
         ----------
         own : Confidence, optional
             Table of the map; by default a shipped one for the place filter, and none for sequences.
-
-        Raises
-        ------
-        UsageError
-            If the settings want a precision that the table cannot promise.
         """
         if own is None and settings.matching == "filter":
             own = default_confidence(settings.smooth, settings.match_delay, settings.stays_on_map)

@@ -170,11 +170,6 @@ def as_path(path: object, what: str) -> Path:
     ----------
     what : str
         What is expected at the path, for the message.
-
-    Raises
-    ------
-    UsageError
-        If it is anything else.
     """
     if isinstance(path, str | Path) and "\0" not in str(path):
         return Path(path)

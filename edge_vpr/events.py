@@ -49,13 +49,7 @@ class Sensor(NamedTuple):
 
     @classmethod
     def of(cls, given: Sensor | tuple[int, int] | str) -> Sensor:
-        """Return a sensor from its width and height, or from a text such as ``"346x260"``.
-
-        Raises
-        ------
-        UsageError
-            If it is none, or a side is not from 1 to 65536.
-        """
+        """Return a sensor from its width and height, or from a text such as ``"346x260"``."""
         if isinstance(given, str):
             return cls.parse(given)
         if not isinstance(given, tuple | list) or len(given) != 2:
@@ -71,13 +65,7 @@ class Sensor(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> Sensor:
-        """Read ``"346x260"``.
-
-        Raises
-        ------
-        UsageError
-            If the text is not two positive integers joined by ``x``.
-        """
+        """Read ``"346x260"``."""
         expect(text, str, "sensor", "text such as '346x260'")
         sides = re.fullmatch(r"\s*([0-9]{1,9})\s*[xX]\s*([0-9]{1,9})\s*", text)
         if sides is None:
@@ -104,11 +92,6 @@ def make_events(
     Returns
     -------
     ndarray of EVENT_DTYPE, shape (n,)
-
-    Raises
-    ------
-    EventError
-        If the columns differ in length or a coordinate does not fit 16 bits.
     """
     for name, values in (("t", t), ("x", x), ("y", y), ("p", 0 if p is None else p)):
         if np.asarray(values).dtype.kind not in "biuf":
@@ -139,11 +122,6 @@ def check_events(events: Events, sensor: Sensor, *, after: int | None = None) ->
     ----------
     after : int, optional
         Time of the last event before these, in microseconds; none of these may be earlier.
-
-    Raises
-    ------
-    EventError
-        If the dtype differs, a pixel lies off the sensor, or time runs backwards.
     """
     check_event_array(events)
     if events.size == 0:
@@ -214,11 +192,6 @@ def crop(events: Events, x: int, y: int, width: int, height: int) -> Events:
     -------
     ndarray of EVENT_DTYPE, shape (m,)
         A copy.
-
-    Raises
-    ------
-    EventError
-        If this is no event array.
     """
     check_event_array(events)
     inside = (

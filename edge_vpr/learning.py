@@ -131,8 +131,6 @@ def learn_drive(
     ------
     UsageError
         If hardly any window can be aligned, or the map takes no odometry.
-    MapError
-        If the windows are not counted as the map's.
     """
     place = _aligned_by_track(reference, counted, track) if track is not None else None
     if place is None:

@@ -128,11 +128,6 @@ class MapRecord(EqualByValue):
     """Data of a reference drive, which queries are matched against.
 
     Its attributes are those of `edge_vpr.ReferenceMap`, and are described there.
-
-    Raises
-    ------
-    MapError
-        If an array is of another dtype or shape, or does not fit the others.
     """
 
     settings: Settings
@@ -171,13 +166,7 @@ class MapRecord(EqualByValue):
         )
 
     def check(self) -> None:
-        """Check that all parts fit each other, as they did when the map was made.
-
-        Raises
-        ------
-        MapError
-            If an array is of another dtype or shape than documented, or holds what cannot be.
-        """
+        """Check that all parts fit each other, as they did when the map was made."""
         settings, pixel_map, places = self.settings, self.pixel_map, self.places
         expect(settings, Settings, "settings", "Settings, or build the map with ReferenceMap.build")
         expect(pixel_map, PixelMap, "pixel_map", "a PixelMap, as of select_pixels")
@@ -264,13 +253,7 @@ class MapRecord(EqualByValue):
 
     @property
     def acceptance(self) -> Acceptance:
-        """The map's own table of probabilities; with the place filter, else the shipped one.
-
-        Raises
-        ------
-        UsageError
-            If the settings want a precision that the table cannot promise.
-        """
+        """The map's own table of probabilities; with the place filter, else the shipped one."""
         return Acceptance.of(self.settings, self.confidence)
 
     def matched_with(self, settings: Settings) -> Self:
@@ -321,13 +304,7 @@ class MapRecord(EqualByValue):
         )
 
     def check_asked(self, settings: Settings) -> None:
-        """Check that other settings for matching ask for no table in place of the map's own.
-
-        Raises
-        ------
-        UsageError
-            If they do.
-        """
+        """Check that other settings for matching ask for no table in place of the map's own."""
         asks = settings.stays_on_map and not self.settings.stays_on_map
         if asks and self.matched_with(settings).confidence is not None:
             raise UsageError(
@@ -485,8 +462,6 @@ def describe(
 
     Raises
     ------
-    MapError
-        If the recording's sensor is not the map's, or the full scales are missing.
     UsageError
         If the recording is shorter than a window.
     """
@@ -518,11 +493,6 @@ def describe_query(
     -------
     Descriptors
         At least one.
-
-    Raises
-    ------
-    MapError, UsageError
-        As `count_windows` does.
     """
     counted = count_windows(recording, reference.pixel_map, reference.settings, removed)
     return reference.coded(counted)

@@ -111,11 +111,6 @@ class ReferenceMap(MapRecord):
         of the places are this mean, rounded.
     drives : ndarray of uint8, shape (K,), optional
         How many drives each place was learnt from; larger numbers than 4 count as 4.
-
-    Raises
-    ------
-    MapError
-        If an array is of another dtype or shape, or does not fit the others.
     """
 
     @classmethod
@@ -161,8 +156,7 @@ class ReferenceMap(MapRecord):
         Raises
         ------
         UsageError
-            If an argument is wrong, the recording is too short for the settings, or too few pixels
-            can be selected.
+            If the recording is too short for the settings, or too few pixels can be selected.
         RecordingError, EventError, GroundTruthError
             If a file cannot be read or is faulty.
 
@@ -237,8 +231,6 @@ class ReferenceMap(MapRecord):
 
         Raises
         ------
-        MapError
-            If the recording is of another sensor, or not counted as the map.
         UsageError
             If hardly any window can be aligned with the map.
 
@@ -289,10 +281,8 @@ class ReferenceMap(MapRecord):
 
         Raises
         ------
-        MapError
-            If the recording is of another sensor, or not counted as the map.
         UsageError
-            If an argument is wrong, or the recording is too short to be matched.
+            If the recording is too short to be matched.
 
         Examples
         --------
@@ -349,11 +339,6 @@ class ReferenceMap(MapRecord):
             See `Localiser`.
         **changes
             Single settings of matching that replace the map's.
-
-        Raises
-        ------
-        UsageError
-            If an argument is wrong, or the map does not suit matching event by event.
 
         Examples
         --------
@@ -601,8 +586,6 @@ class MatchResult:
 
         Raises
         ------
-        UsageError
-            If the truth is something else, or two tracks come without a tolerance.
         GroundTruthError
             If a track cannot be read, or the truth does not cover the drives.
         """

@@ -90,8 +90,6 @@ def register(
 
     Raises
     ------
-    MapError
-        If the recording's sensor is not the map's.
     UsageError
         If it has fewer than `LEAST_WINDOWS` windows, was counted at some pixels only, or fewer than
         `LEAST_PIXELS` of the map stay on the sensor at every shift.

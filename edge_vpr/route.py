@@ -44,13 +44,7 @@ class Located(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Route(EqualByValue):
-    """Positions of the K places of a map.
-
-    Raises
-    ------
-    MapError
-        If an array is of another dtype or shape, or holds what cannot be.
-    """
+    """Positions of the K places of a map."""
 
     #: Shape (K, d): latitude and longitude in degrees (`kind` "geographic", d = 2), or metres (d =
     #: 1, 2 or 3); rows of NaN where the position is not known.
@@ -135,13 +129,7 @@ class Route(EqualByValue):
     def from_arrays(
         cls, arrays: Mapping[str, npt.NDArray[Any]], meta: Mapping[str, Any]
     ) -> Route | None:
-        """Build from named arrays and the kind in the header; None without arrays.
-
-        Raises
-        ------
-        MapError
-            If something is missing, or they are no route.
-        """
+        """Build from named arrays and the kind in the header; None without arrays."""
         if "position" not in arrays and "along_m" not in arrays:
             return None
         position, along_m = (arrays.get(name) for name in ("position", "along_m"))
@@ -169,11 +157,6 @@ class Odometry(EqualByValue):
         Rising, from the recording's start; n of at least 1.
     distance_mm : ndarray of int64, shape (n,)
         Reading in millimetres, from any zero; it falls where the robot drives backwards.
-
-    Raises
-    ------
-    UsageError
-        If an array is of another dtype or shape, time runs backwards, or a value is too large.
     """
 
     time_us: npt.NDArray[np.int64]

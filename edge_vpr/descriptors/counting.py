@@ -164,13 +164,6 @@ def count_events(
     -------
     int
         Number of events counted, that is, of events at selected pixels.
-
-    Raises
-    ------
-    UsageError
-        If a dtype or shape differs from the above.
-    EventError
-        If an event lies outside the table; the events before it may be counted already.
     """
     for name, array in (("table", table), ("x", x), ("y", y), ("counters", counts)):
         expect(array, np.ndarray, name, "an array")
@@ -200,11 +193,6 @@ def count_until(
         Number of events read; the next chunk starts with event `consumed`.
     counted : int
         Number of them counted; `budget` if it was spent.
-
-    Raises
-    ------
-    UsageError, EventError
-        As for :func:`count_events`; also if `budget` is negative.
     """
     _check_pixels(table, "table", (np.int16, np.int32))
     check_columns(x, y, p)
@@ -246,13 +234,6 @@ def count_frame(x: Column, y: Column, frame: Counts) -> None:
         Columns and rows, contiguous or fields of a structured array.
     frame : ndarray of int32 or int64, shape (H, W)
         Count image, added to in place.
-
-    Raises
-    ------
-    UsageError
-        If a dtype or shape differs from the above.
-    EventError
-        If an event lies outside the image; the events before it may be counted already.
     """
     _check_pixels(frame, "count image", (np.int32, np.int64))
     _check_writeable(frame, "count image")
@@ -476,12 +457,6 @@ class CountPixels:
         ndarray of int64, shape (J,), or (2 J,) with polarity
             The J counts of ON events precede those of OFF events. With `window`, there is one row
             for each window, shape (K, J) or (K, 2 J).
-
-        Raises
-        ------
-        EventError
-            If a field is missing, a pixel lies off the sensor, or, with `window`, time runs
-            backwards or begins before 0.
         """
         columns = self._columns(events)
         if self.window is not None:
@@ -571,8 +546,6 @@ def opened(
 
     Raises
     ------
-    UsageError
-        If it is neither.
     RecordingError
         If the file cannot be read.
     """
@@ -710,8 +683,6 @@ def count_windows(
 
     Raises
     ------
-    MapError
-        If the recording's sensor is not that of the pixels.
     UsageError
         If the recording is shorter than a window.
     """

@@ -119,11 +119,6 @@ class GroundTruth(EqualByValue):
     placed : ndarray of bool, shape (K,)
         Whether the position of this place is known; a match with another one cannot be judged. All
         are by default.
-
-    Raises
-    ------
-    GroundTruthError
-        If the shapes do not fit, or a query of unknown truth has a correct place.
     """
 
     correct: npt.NDArray[np.bool_] | TrueCells
@@ -413,11 +408,6 @@ class Alignment(NamedTuple):
         Returns
         -------
         ndarray of float64, shape (m,)
-
-        Raises
-        ------
-        GroundTruthError
-            If the frame period is needed and missing.
         """
         times = np.asarray(times_us, dtype=np.float64)
         if self.unit == "s":
@@ -574,11 +564,6 @@ def from_matrix(
     -------
     GroundTruth
         All queries are known; one without any 1 has no place in the map.
-
-    Raises
-    ------
-    GroundTruthError
-        If the shape is another, a value is neither 0 nor 1, or all are 0.
     """
     if rows not in ("reference", "query"):
         raise GroundTruthError(f"rows={rows!r} is unknown: pass rows=reference or rows=query")

@@ -29,11 +29,6 @@ def check_track_file(path: str | Path, reference: MapRecord) -> None:
     ----------
     path : str or Path
         Ends in one of `SUFFIXES`.
-
-    Raises
-    ------
-    UsageError
-        If the suffix is another one, or the map lacks the positions that the format needs.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
@@ -70,11 +65,6 @@ def save_match_track(path: str | Path, reference: MapRecord, matches: Matches) -
     -------
     int
         Number of points written.
-
-    Raises
-    ------
-    UsageError
-        As `check_track_file` does.
     """
     check_track_file(path, reference)
     suffix = Path(path).suffix.lower()

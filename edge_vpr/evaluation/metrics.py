@@ -178,11 +178,6 @@ def precision_recall(
         So many thresholds, evenly spaced from the smallest to the largest score, in float32 as in
         the released code (there: 100); rounding may leave the least confident match out. By default
         every distinct score is one.
-
-    Raises
-    ------
-    UsageError
-        If the denominator is unknown or the arrays differ in shape.
     """
     if recall_denominator not in get_args(RecallDenominator):
         raise UsageError(
@@ -323,11 +318,6 @@ def evaluate(
         else the trust of the place filter, and the ratio of sequences.
     recall_denominator, thresholds
         As for `precision_recall`.
-
-    Raises
-    ------
-    GroundTruthError
-        If the truth does not cover the map or the queries, or is known for none of them.
     """
     expect(matches, Matches, "matches", "Matches, as result.matches of ReferenceMap.match")
     expect(truth, GroundTruth, "truth", "a GroundTruth, as of from_tracks")

@@ -59,11 +59,6 @@ class Track(EqualByValue):
         Entries of the log, those left out included; 0 where there was no log.
     notes : tuple of str
         What makes the log doubtful.
-
-    Raises
-    ------
-    GroundTruthError
-        If the arrays are not of these shapes, a value is not finite, or time does not increase.
     """
 
     time_us: npt.NDArray[np.int64]
@@ -156,11 +151,6 @@ class Track(EqualByValue):
         ----------
         seconds : float
             Where time 0 of the track is in the recording; negative if the log began earlier.
-
-        Raises
-        ------
-        GroundTruthError
-            If it is not a finite number, or moves the track out of the range of times.
         """
         if not abs(seconds) * 1e6 <= TIME_LIMIT_US:
             raise GroundTruthError(f"offset of {seconds} s: expected seconds such as 5 or -2.5")

@@ -177,13 +177,7 @@ class LineFaults:
 
     @classmethod
     def parse(cls, text: str) -> LineFaults:
-        """Read ``drop=1e-4,flip=1e-5,stall=2``.
-
-        Raises
-        ------
-        UsageError
-            If a name is unknown or a value is no chance, count or time.
-        """
+        """Read ``drop=1e-4,flip=1e-5,stall=2``."""
         known = {"drop": 1.0, "flip": 1.0, "insert": 1.0, "garbage": 1e6, "stall": 3_600.0}
         values: dict[str, float] = {}
         for item in filter(None, text.split(",")):
@@ -223,11 +217,6 @@ class Bridge:
         Times real time; 0 is as fast as the link takes it.
     seed : int
         Of the faults.
-
-    Raises
-    ------
-    UsageError
-        If the host has to ask for events, and the link does not carry what it asks.
 
     Attributes
     ----------

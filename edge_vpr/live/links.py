@@ -463,8 +463,6 @@ def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) 
     ------
     LinkError
         If it cannot be opened.
-    UsageError
-        If the address makes no sense.
     """
     if address == "-":
         return DescriptorLink("standard input", os.dup(sys.stdin.fileno()), live=False)

@@ -154,13 +154,6 @@ class LiveLocaliser:
         Whether readings of an odometer are to come.
     show : callable
         Takes the name of what is compiled now; all kernels are compiled before the first bytes.
-
-    Raises
-    ------
-    MapError
-        If the map is of another sensor.
-    UsageError
-        If readings of an odometer are to come and matching with the map takes none.
     """
 
     def __init__(
@@ -630,8 +623,6 @@ class LiveSession:
 
     Raises
     ------
-    UsageError
-        If arguments contradict each other, or a file exists, cannot be written, or is read too.
     MapError
         If the map cannot be read.
 
@@ -794,10 +785,6 @@ class LiveSession:
 
         Raises
         ------
-        UsageError
-            If the session was closed.
-        MapError
-            If the map is of another sensor.
         LinkError
             If the link or the odometer cannot be opened.
         OSError
@@ -1418,11 +1405,6 @@ def check_recorded(path: Path, argument: str) -> None:
     ----------
     argument : str
         That names the file, for the message.
-
-    Raises
-    ------
-    UsageError
-        If they cannot.
     """
     if path.suffix == ".bin":
         return

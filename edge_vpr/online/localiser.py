@@ -126,12 +126,6 @@ class MatchSchedule:
             See `read_every`; None: the default, or ``window`` if matches are late.
         settings : Settings
             Of the map.
-
-        Raises
-        ------
-        UsageError
-            If it is none, or matches come late and are wanted at other times than the ends of
-            windows.
         """
         if isinstance(when, MatchSchedule):
             return when
@@ -160,11 +154,6 @@ def read_every(text: str) -> MatchSchedule | None:
     -------
     MatchSchedule or None
         None for ``window``, whose length a map or a design knows.
-
-    Raises
-    ------
-    UsageError
-        If it is none of these.
     """
     if text == "window":
         return None
@@ -411,11 +400,6 @@ class MatchRun:
         ----------
         counts : ndarray of int, shape (J,)
             Its descriptor, in codes where the map has a code.
-
-        Raises
-        ------
-        MapError
-            If the descriptor has another length, or holds what the map cannot.
         """
         if counts.shape != self.places.shape[1:] or counts.dtype.kind not in "iu":
             raise MapError(
@@ -515,13 +499,7 @@ class FilterRun(MatchRun):
         self._set_window_end()
 
     def read_odometer(self, distance_mm: int) -> None:
-        """Take a reading; until the window ends, places are predicted by the distance driven.
-
-        Raises
-        ------
-        UsageError
-            If the map does not say how far its places are from each other.
-        """
+        """Take a reading; until the window ends, places are predicted by the distance driven."""
         self.place_filter.transitions.check_odometry()
         self.odometer.read(distance_mm)
         self._travel()
@@ -625,11 +603,6 @@ class DelayedRun(FilterRun):
         Its settings say N.
     schedule : MatchSchedule
         At the end of each window.
-
-    Raises
-    ------
-    UsageError
-        If matches are wanted at other times.
     """
 
     def __init__(self, reference: MapRecord, window: Window, schedule: MatchSchedule) -> None:
@@ -733,14 +706,6 @@ class Localiser:
         places while it drives.
     check_every : int
         For debugging: after so many selected events, recompute everything and compare.
-
-    Raises
-    ------
-    MapError
-        If arrays of the map were changed so that they no longer fit each other.
-    UsageError
-        If the map is shorter than a sequence, the sequence too long to be followed, or the codes
-        are own-mean ones without the place filter.
     """
 
     def __init__(
@@ -949,14 +914,6 @@ class Localiser:
         -------
         ndarray of MATCH_DTYPE, shape (m,)
             Matches of the ticks until then.
-
-        Raises
-        ------
-        EventError
-            If time runs backwards.
-        UsageError
-            If the map does not say how far its places are from each other, matching is by
-            sequences, or the distance is not finite or beyond 1e9 m.
         """
         run = self.run
         if not isinstance(run, FilterRun):
@@ -1005,11 +962,6 @@ class Localiser:
         -------
         int
             Number of the new place.
-
-        Raises
-        ------
-        MapError
-            If the descriptor has another length.
         """
         if self.settings.matching == "filter":
             raise UsageError("places are added while matching by sequences only: map the drive")
@@ -1267,11 +1219,6 @@ def check_extent(places: int, counters: int, length: int, recent: int, window: W
     ----------
     places, counters, length, recent : int
         K, J (or 2 J), L, and the newest places that are left out.
-
-    Raises
-    ------
-    UsageError
-        If the map is shorter than a sequence, or one of the above is too large.
     """
     if type(recent) is not int or recent < 0 or places < length + recent:
         raise UsageError(

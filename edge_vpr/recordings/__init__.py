@@ -108,11 +108,6 @@ class TimeCrop:
         start_us : int
             0 if the part begins before the recording.
         end_us : int or None
-
-        Raises
-        ------
-        UsageError
-            If the part ends before the recording begins.
         """
         shift = 0 if self.offset_us is None else self.offset_us - recording_start_us
         start = max(0, self.start_us + shift)
@@ -139,11 +134,6 @@ def seconds_us(given: float | str, name: str) -> int:
     -------
     int
         Rounded to the nearest, halves to even.
-
-    Raises
-    ------
-    UsageError
-        If it is not a number.
     """
     text = str(given)
     # 1e999999999 would fill the memory
@@ -156,13 +146,7 @@ def seconds_us(given: float | str, name: str) -> int:
 def crop_of(
     start: float | str | None, end: float | str | None, offset: float | str | None = None
 ) -> TimeCrop | None:
-    """Return the part between two times in seconds; None if no time is given.
-
-    Raises
-    ------
-    UsageError
-        If a time is no number of seconds, or the end is not after the start.
-    """
+    """Return the part between two times in seconds; None if no time is given."""
     if start is end is offset is None:
         return None
     return TimeCrop(
@@ -269,11 +253,6 @@ class Recording:
         Recording
             Part of the same file, with `start_us` at its beginning. A pass over a part without
             events raises RecordingError.
-
-        Raises
-        ------
-        UsageError
-            If the part ends before the recording begins.
         """
         start, end = crop.span(self.start_us)
         part = copy.copy(self)
@@ -546,8 +525,6 @@ def open_recording(
 
     Raises
     ------
-    UsageError
-        If an argument is wrong, or needed and absent.
     RecordingError
         If the file is missing, empty, unreadable, or of an unknown format.
 
@@ -768,10 +745,6 @@ def write_recording(
 
     Raises
     ------
-    UsageError
-        If the file exists, the format is unknown or cannot be written, or no sensor is given.
-    EventError
-        If the events are out of order or off the sensor.
     RecordingError
         If the events do not fit the format, there are none, or the disk cannot be written.
     """
@@ -815,13 +788,7 @@ def _fill(sink: Sink, chunks: Iterable[Events], sensor: Sensor) -> int:
 
 
 def writable_format(path: Path, name: str | None = None) -> Format:
-    """Return the format that a file is written in, by its name or else by the file's suffix.
-
-    Raises
-    ------
-    UsageError
-        If no package writes such files.
-    """
+    """Return the format that a file is written in, by its name or else by the file's suffix."""
     if name is not None:
         entries = [format_of(name)]
     else:

@@ -515,13 +515,7 @@ def read_count_frames(path: str | Path) -> CountFrames:
 
 
 def parse_period(given: Fraction | float | str) -> Fraction:
-    """Return the period of a frame in seconds from a number, or exactly from text such as ``1/30``.
-
-    Raises
-    ------
-    UsageError
-        If it is not a number above 0.
-    """
+    """Return the exact period of a frame in seconds, of a number or of text such as ``1/30``."""
     period = Fraction(0)
     if isinstance(given, str):
         with suppress(ValueError, ZeroDivisionError):

@@ -193,11 +193,6 @@ def microseconds(
     known : ndarray of bool, shape (n,)
         False for NaN, NaT, and times beyond 2**60 us.
 
-    Raises
-    ------
-    ValueError
-        If the dtype holds no times, or is in months or years.
-
     Notes
     -----
     Seconds are rounded to the nearest microsecond. Times since 1970 in float64 seconds have a

@@ -185,13 +185,7 @@ class VerbParser(argparse.ArgumentParser):
         return " ".join([self.prog, *positional, *needed, "[FLAGS]"])
 
     def parse(self, words: Sequence[str]) -> argparse.Namespace:
-        """Parse the words after the verb.
-
-        Raises
-        ------
-        UsageError
-            If an argument is unknown, missing or wrong.
-        """
+        """Parse the words after the verb."""
         for action in self._actions:
             action.type = _checked(action)
         words = self._joined(words)

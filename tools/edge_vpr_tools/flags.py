@@ -123,13 +123,7 @@ def add_match_flags(parser: argparse._ActionsContainer, default: str = "") -> No
 
 
 def map_settings(args: argparse.Namespace) -> Settings:
-    """Return the settings that result from the flags of `add_map_flags`.
-
-    Raises
-    ------
-    UsageError
-        If a value is wrong.
-    """
+    """Return the settings that result from the flags of `add_map_flags`."""
     flags = {field.key: getattr(args, field.key) for field in SETTING_FIELDS.values()}
     if flags["hot_pixels"] not in (None, "find", "keep"):  # a file, which is read elsewhere
         flags["hot_pixels"] = "find"
@@ -160,11 +154,6 @@ def with_match_flags(
     ----------
     online : bool
         Match while the events come, so that nothing is smoothed.
-
-    Raises
-    ------
-    UsageError
-        If a value is wrong, or ``--smooth`` is given online.
     """
     settings = reference.settings
     if online:
@@ -336,13 +325,7 @@ def add_figures_flag(group: argparse._ActionsContainer, default: str) -> None:
 
 
 def figure_formats(text: str) -> tuple[str, ...]:
-    """Read names of formats that are separated by commas, each once.
-
-    Raises
-    ------
-    UsageError
-        If one is unknown, or none is given.
-    """
+    """Read names of formats that are separated by commas, each once."""
     names = tuple(dict.fromkeys(name.strip().lower() for name in text.split(",")))
     for name in names:
         if name not in FORMATS:

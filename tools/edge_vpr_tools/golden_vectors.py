@@ -28,26 +28,14 @@ _STACK_BYTES = 4 * 1024
 
 
 def vectors_size(text: str) -> float:
-    """Read the size of a folder of vectors: `all`, 0, or bytes such as 20MB.
-
-    Raises
-    ------
-    UsageError
-        If it is none of them.
-    """
+    """Read the size of a folder of vectors: `all`, 0, or bytes such as 20MB."""
     if text == "all":
         return math.inf
     return 0.0 if text == "0" else case_size(text)
 
 
 def case_size(text: str) -> float:
-    """Read bytes such as 512KiB.
-
-    Raises
-    ------
-    UsageError
-        If it is no size.
-    """
+    """Read bytes such as 512KiB."""
     budget = Budget.parse(text)
     if budget.quantity != "bytes":
         raise UsageError(f"size {text!r}: expected memory, such as 512KiB")
@@ -74,8 +62,6 @@ def recorded_case(
 
     Raises
     ------
-    MapError
-        If the recording is of another sensor.
     UsageError
         If the recording has too few windows for a match.
     """

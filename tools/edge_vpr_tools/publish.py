@@ -47,11 +47,6 @@ _ADDRESS = re.compile(r"(?:(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:\[\]]*)):)?(?P<por
 def parse_address(address: str) -> tuple[str, int]:
     """Return host and port of ``[HOST:]PORT``; the host is loopback unless one is named.
 
-    Raises
-    ------
-    UsageError
-        If it is no such address.
-
     Examples
     --------
     >>> parse_address("7000"), parse_address("0.0.0.0:7000"), parse_address("[::1]:7000")
@@ -119,8 +114,6 @@ class MatchServer(ThreadingHTTPServer):
 
     Raises
     ------
-    UsageError
-        If the address is none.
     LinkError
         If it cannot be listened on.
     """

@@ -70,8 +70,6 @@ class TruthFiles:
 
         Raises
         ------
-        UsageError
-            If what is needed is missing.
         GroundTruthError
             If a file is wrong.
         """
@@ -199,13 +197,7 @@ def given_truth(
     offset: Sequence[str] | None,
     longest_gap: float | None,
 ) -> tuple[TruthFiles, bool]:
-    """Return the files that the flags of `add_truth_flags` name, and whether to find the offset.
-
-    Raises
-    ------
-    UsageError
-        If the offset is wrong.
-    """
+    """Return the files that the flags of `add_truth_flags` name, and whether to find the offset."""
     find_offset = offset is not None and list(offset) == [AUTO]
     seconds = None
     if offset is not None and not find_offset:

@@ -754,13 +754,7 @@ _REGISTRY = Registry(GROUP, PROTOCOLS)
 
 
 def parse_protocol(text: str) -> tuple[str, dict[str, str]]:
-    """Split text such as ``edvs`` or ``edvs:format=E3,sync=1`` into a name and options.
-
-    Raises
-    ------
-    UsageError
-        If an option has no value.
-    """
+    """Split text such as ``edvs`` or ``edvs:format=E3,sync=1`` into a name and options."""
     name, _, rest = text.partition(":")
     options = {}
     for item in filter(None, rest.split(",")):
@@ -786,11 +780,6 @@ def open_decoder(protocol: str, sensor: Sensor) -> Decoder:
     ----------
     protocol : str
         Name, with options after a colon: ``edvs:format=E3,sync=1``.
-
-    Raises
-    ------
-    UsageError
-        If the protocol or an option is unknown, or the sensor is too large for it.
     """
     decoder: Decoder = _open("open_decoder", protocol, sensor)
     return decoder

@@ -48,13 +48,7 @@ class Budget:
 
     @classmethod
     def parse(cls, text: str) -> Budget:
-        """Read ``64KiB`` or ``10mW``.
-
-        Raises
-        ------
-        UsageError
-            If it is neither.
-        """
+        """Read ``64KiB`` or ``10mW``."""
         form = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*([a-zA-Zµ]+)\s*", text)
         if form and form[2].lower() in _UNITS and float(form[1]) > 0:
             quantity, factor = _UNITS[form[2].lower()]
@@ -95,13 +89,7 @@ def memory_bytes(design: Design, target: Target) -> int:
 
 
 def on_target(design: Design, mission: Mission, limits: Limits) -> DesignOnTarget:
-    """Take a design to a target, and see whether it fits.
-
-    Raises
-    ------
-    UsageError
-        If a budget of power is given and the target's is unknown.
-    """
+    """Take a design to a target, and see whether it fits."""
     of = cost(design, limits.target, mission, limits.cycle_energy)
     used = memory_bytes(design, limits.target)
     return DesignOnTarget(design, mission, of, used, _broken_by(design, of, used, limits))
@@ -228,11 +216,6 @@ def recommend(design: Design, mission: Mission, limits: Limits) -> Recommendatio
     ----------
     design : Design
         All but pixels, bits, and places per window is taken from it.
-
-    Raises
-    ------
-    UsageError
-        If a budget of power cannot be held against this target.
     """
     found = []
     whole = math.ceil(design.places / design.places_per_window)

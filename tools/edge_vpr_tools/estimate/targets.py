@@ -119,13 +119,7 @@ class Target:
 
 
 def find(name: str) -> Target:
-    """Find a target by the name of its file here, or by the path of the user's own.
-
-    Raises
-    ------
-    UsageError
-        If there is none.
-    """
+    """Find a target by the name of its file here, or by the path of the user's own."""
     known = names()
     if name in known:
         return Target.load(_HERE / "targets" / f"{name}.toml")

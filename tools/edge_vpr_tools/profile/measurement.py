@@ -222,11 +222,6 @@ def interval(differences: Floats) -> Estimate:
     therefore drawn together: two pairs from 27 pairs on, and three from 126 on; with fewer pairs,
     each is drawn by itself. The unit is always a pair of windows and never a sample, so that
     duplicates of samples do not narrow the interval.
-
-    Raises
-    ------
-    UsageError
-        If there are fewer than five pairs.
     """
     n = differences.size
     if n < LEAST_PAIRS:
@@ -435,11 +430,6 @@ class Plan:
         ----------
         window_s : float, optional
             10 s by default, or 1 s if `quick`.
-
-        Raises
-        ------
-        UsageError
-            If there are too few pairs, or windows are too short.
         """
         least_s = _LEAST_QUICK_S if quick else LEAST_S
         if window_s is None:

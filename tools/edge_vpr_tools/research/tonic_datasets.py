@@ -180,8 +180,6 @@ class BrisbaneEventVPR(_Traverses[BrisbaneTraverse]):
 
     Raises
     ------
-    UsageError
-        If a traverse is unknown.
     RecordingError
         If a recording is missing.
 
@@ -210,8 +208,6 @@ class QCREventVPR(_Traverses[QCRTraverse]):
 
     Raises
     ------
-    UsageError
-        If a traverse or `landmarks` is unknown.
     RecordingError
         If a recording is missing.
     """

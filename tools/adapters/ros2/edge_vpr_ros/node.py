@@ -253,13 +253,7 @@ def lines_from(host: str, port: int) -> Iterator[bytes]:
 
 
 def row_of(line: bytes) -> dict[str, Any]:
-    """Return the row that a line is.
-
-    Raises
-    ------
-    ValueError
-        If it is none.
-    """
+    """Return the row that a line is."""
     row = json.loads(line)
     if not isinstance(row, dict):
         raise ValueError(f"expected a row of JSON, got {line[:40]!r}")  # noqa: TRY004
@@ -317,8 +311,6 @@ def forward_odometry(backend: Backend) -> socket.socket:
     ------
     OSError
         If the address is not known.
-    ValueError
-        If it is none.
     """
     host, port = _host_port("odometry_to", backend.odometry_to)
     family = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0][0]

@@ -131,8 +131,6 @@ def open_baseline(name: str, seed: int = 0) -> Baseline:
 
     Raises
     ------
-    UsageError
-        If there is no baseline of this name.
     MissingLibraryError
         If a library that it needs is not installed.
     WeightsError

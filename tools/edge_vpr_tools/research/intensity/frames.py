@@ -82,8 +82,6 @@ def frames_at(
 
     Raises
     ------
-    UsageError
-        If the times are not ascending, or there are none.
     RecordingError
         If there is no image near one of the times, or images differ in size.
     """
