@@ -205,7 +205,7 @@ def did_you_mean(given: str, known: Iterable[str]) -> str:
 
 
 def install_command(extra: str) -> str:
-    """Return the command that installs an extra, from the same source as edge-vpr itself.
+    """Return the command that installs an extra (or several, with commas), as edge-vpr itself was.
 
     An edge-vpr that was installed from a checkout is not on a package index. One that runs from its
     checkout still does so afterwards (``-e``). If the checkout is gone, as after
@@ -242,7 +242,7 @@ def _from_origin(extra: str) -> str:
 
 
 def _libraries(requires: Iterable[str], extra: str) -> list[str]:
-    """Return the requirements of an extra on this machine, without their markers."""
+    """Return the requirements of extras on this machine, without their markers."""
     from packaging.requirements import Requirement
 
     needed = [Requirement(text) for text in requires]
@@ -250,6 +250,6 @@ def _libraries(requires: Iterable[str], extra: str) -> list[str]:
         f"{each.name}{each.specifier}"
         for each in needed
         if each.marker is not None
-        and each.marker.evaluate({"extra": extra})
+        and any(each.marker.evaluate({"extra": one}) for one in extra.split(","))
         and not each.marker.evaluate({"extra": ""})
     ]

@@ -515,6 +515,8 @@ def test_the_hint_names_an_extras_libraries_if_the_checkout_that_was_installed_i
     monkeypatch.setattr(errors.os, "access", lambda path, mode: False)
     said = errors.install_command("hdf5")
     assert said == f"sudo {sys.executable} -m pip install 'h5py>=3.11'"
+    both = errors.install_command("hdf5,aedat4")
+    assert both == f"{said} 'lz4>=4.3'"
 
 
 def completions(line, tmp_path):

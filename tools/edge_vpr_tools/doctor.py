@@ -19,6 +19,7 @@ from functools import partial
 from importlib.metadata import PackageNotFoundError, distribution, version
 from itertools import product
 from pathlib import Path
+from textwrap import wrap
 from types import SimpleNamespace
 from typing import Any, Literal, NamedTuple
 
@@ -28,7 +29,6 @@ from numba import njit
 from numba.core import caching
 from numba.core.registry import cpu_target
 from packaging.requirements import Requirement
-from packaging.utils import canonicalize_name
 from serial.tools import list_ports
 
 import edge_vpr
@@ -304,14 +304,12 @@ def check_ports() -> Iterator[Found]:
 
 def check_sensors(root: Path = ROOT) -> Iterator[Found]:
     """Search for power sensors, with which `profile` measures joules."""
-    sensors, missing = find_sensors(root)
+    sensors, _ = find_sensors(root)
     for sensor in sensors:
         yield Found("good", printable(str(sensor)))
         sensor.close()
-    for absent in missing:
-        yield Found("absent", printable(str(absent)))
     if not sensors:
-        remedy = "add the CSV of a meter with edge-vpr profile trace"
+        remedy = "edge-vpr profile says what to connect; profile trace adds the CSV of any meter"
         yield Found("absent", "none", remedy)
 
 
@@ -366,63 +364,38 @@ NO_WHEELS = {
 
 def check_versions() -> Iterator[Found]:
     """Compare the versions of Python and the libraries with the requirements of edge-vpr."""
-    found = [f"edge-vpr {__version__}", f"Python {platform.python_version()}"]
-    for requirement in _needed():
-        installed = _installed(requirement)
-        if _is_fit(requirement):
-            found.append(f"{requirement.name} {installed}")
-        else:
-            text = f"{requirement.name} is {installed or 'missing'}, needed is {requirement}"
-            yield Found("wrong", text, f"{sys.executable} -m pip install '{requirement}'")
-    yield Found("good", ", ".join(found))
-
-
-def check_packages() -> Iterator[Found]:
-    """Tell the number and the sizes of the packages that edge-vpr needs, the largest first."""
-    sizes = package_sizes(distribution("edge-vpr").requires or ())
-    largest_first = sorted(sizes.items(), key=lambda item: -item[1])
-    listed = ", ".join(f"{name} {size / 1e6:.1f}" for name, size in largest_first)
-    total = f"{sum(sizes.values()) / 1e6:.0f} MB"
-    yield Found("good", f"{len(sizes)} besides edge-vpr, {total}: {listed}")
-
-
-def package_sizes(requirements: Iterable[str]) -> dict[str, int]:
-    """Return the sizes in bytes of the installed packages that requirements lead to, by name.
-
-    Parameters
-    ----------
-    requirements : iterable of str
-        Those of an extra are left out, and so are packages that are missing.
-    """
-    sizes: dict[str, int] = {}
-    pending = [Requirement(text) for text in requirements]
-    while pending:
-        requirement = pending.pop()
-        name = canonicalize_name(requirement.name)
-        if name in sizes or not _applies(requirement, "") or _installed(requirement) is None:
-            continue
-        found = distribution(name)
-        sizes[name] = sum(file.size or 0 for file in found.files or ())
-        pending += [Requirement(text) for text in found.requires or ()]
-    return sizes
+    unfit = [requirement for requirement in _needed() if not _is_fit(requirement)]
+    for one in unfit:
+        text = f"{one.name} is {_installed(one.name) or 'missing'}, needed is {one}"
+        yield Found("wrong", text, f"{sys.executable} -m pip install '{one}'")
+    fast = ", ".join(f"{name} {_installed(name)}" for name in ("numba", "numpy"))
+    text = f"edge-vpr {__version__}, Python {platform.python_version()}, {fast}"
+    yield Found("good", text if unfit else f"{text}, and all else that is required")
 
 
 def check_extras() -> Iterator[Found]:
-    """Check for the libraries of each extra for users."""
+    """Check for the libraries of the extras for users."""
+    here, old, missing = [], [], []
     for extra, what in EXTRAS.items():
-        missing = []
-        for one in _needed(extra):
-            if not _is_fit(one):
-                old = _installed(one)
-                is_old = f"{one.name} is {old}, needed is {one.specifier}"
-                missing.append(is_old if old else f"{one.name} missing")
+        unfit = [one for one in _needed(extra) if not _is_fit(one)]
         reason = NO_WHEELS.get((extra, platform.machine()))
-        if not missing:
-            yield Found("good", what)
+        if not unfit:
+            here.append(extra)
         elif reason is not None:
             yield Found("absent", f"{what}: {reason}")
         else:
-            yield Found("absent", f"{what}: {', '.join(missing)}", install_command(extra))
+            missing.append(extra)
+            old += [
+                f"{one.name} is {_installed(one.name)}, needed is {one.specifier}"
+                for one in unfit
+                if _installed(one.name)
+            ]
+    if here:
+        yield Found("good", f"installed: {', '.join(here)}")
+    if missing:
+        what = ", ".join(f"{extra} ({EXTRAS[extra]})" for extra in missing)
+        text = "; ".join([f"not installed: {what}", *old])
+        yield Found("absent", text, install_command(",".join(missing)))
 
 
 def _needed(extra: str = "") -> list[Requirement]:
@@ -437,13 +410,13 @@ def _applies(requirement: Requirement, extra: str) -> bool:
 
 def _is_fit(requirement: Requirement) -> bool:
     """Return whether a library is installed in a version that the requirement allows."""
-    installed = _installed(requirement)
+    installed = _installed(requirement.name)
     return installed is not None and requirement.specifier.contains(installed, prereleases=True)
 
 
-def _installed(requirement: Requirement) -> str | None:
+def _installed(name: str) -> str | None:
     try:
-        return version(requirement.name)
+        return version(name)
     except PackageNotFoundError:
         return None
 
@@ -452,12 +425,13 @@ def _installed(requirement: Requirement) -> str | None:
 
 
 _MARKS = {"good": "ok", "absent": "--", "wrong": "!!"}
+#: Of a line.
+_WIDTH = 110
 
 
 #: checks by their topic
 CHECKS: Mapping[str, Callable[[], Iterable[Found]]] = {
     "versions": check_versions,
-    "packages": check_packages,
     "extras": check_extras,
     "compiled kernels": check_kernels,
     "processor": check_processor,
@@ -489,7 +463,13 @@ def as_text(findings: Sequence[Finding]) -> str:
     width = max((len(finding.topic) for finding in findings), default=0)
     lines = []
     for finding in findings:
-        lines.append(f"{_MARKS[finding.state]}  {finding.topic:<{width}}  {finding.text}")
-        if finding.remedy:
-            lines.append(f"{'':<{width + 6}}{finding.remedy}")
+        head = f"{_MARKS[finding.state]}  {finding.topic:<{width}}  "
+        under = " " * len(head)
+        for text in filter(None, (finding.text, finding.remedy)):
+            # paths and commands stay whole, so that they can be copied
+            lines += wrap(
+                text, _WIDTH, initial_indent=head, subsequent_indent=under,
+                break_long_words=False, break_on_hyphens=False,
+            )  # fmt: skip
+            head = under
     return "\n".join(lines)
