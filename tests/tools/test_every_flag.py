@@ -151,7 +151,7 @@ RUNS = [
     # the results that it names are of another case
     ("golden verify {f}/vectors --results {f}/none.csv --case corners/none --only match", 2),
     (f"{PROFILE} -o {{f}}/profile --sysroot {{f}}/board --sensor-name ina226@hwmon2 "
-     "--shunt-mohm 20 --mission-rate 2", 0),
+     "--shunt-mohm 20", 0),
     (f"{PROFILE} -o {{f}}/profile --overwrite --no-figures --sysroot {{f}}/none --meter "
      "--seed 1", 0),
     # 2: there is no such sensor
@@ -163,7 +163,7 @@ RUNS = [
      "--sysroot {f}/none --sensor-name none", 2),
     ("profile compare {f}/profile/profile.json {f}/profile/profile.json --csv {f}/both.csv", 0),
     # 2: the meter's three readings need not follow the load
-    ("profile trace {f}/profile/profile.json {f}/meter.csv --mission-rate 2 --voltage 5 "
+    ("profile trace {f}/profile/profile.json {f}/meter.csv --voltage 5 "
      "--column time_s --no-figures", (0, 2)),
     # 2: nothing was resolved in so short a time
     ("estimate --calibrate {f}/profile/profile.json --target raspberry-pi-4", (0, 2)),

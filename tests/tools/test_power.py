@@ -309,7 +309,7 @@ def test_the_interval_covers_the_truth_in_90_to_99_of_a_hundred_runs(pairs, shap
         a_match_s = [(w.end_s - w.start_s) / w.matches for w in windows if w.load]
         found = interval((load - idle) * a_match_s)
         if run == 0:  # which is what is told
-            told = analyse(trace, windows, METER, 1.0).figures
+            told = analyse(trace, windows, METER).figures
             assert told.marginal_j_per_match_interval == (found.low, found.high)
         covered += found.low <= JOULES <= found.high
     assert 450 <= covered <= 495
@@ -321,7 +321,7 @@ def test_what_is_not_there_is_not_resolved():
     resolved = 0
     for _ in range(200):
         windows, time_s, watts = synthetic(rng, delta=0.0)
-        found = analyse(Trace.of_power(time_s, watts), windows, METER, 1.0).figures
+        found = analyse(Trace.of_power(time_s, watts), windows, METER).figures
         resolved += found.resolved
         if not found.resolved:
             assert found.marginal_j_per_match is None and found.matches_per_joule is None
@@ -329,7 +329,7 @@ def test_what_is_not_there_is_not_resolved():
     told = []
     for _ in range(40):
         windows, time_s, watts = synthetic(rng, noise=3.0, delta=0.5)
-        found = analyse(Trace.of_power(time_s, watts), windows, METER, 1.0).figures
+        found = analyse(Trace.of_power(time_s, watts), windows, METER).figures
         if not found.resolved and found.pairs_needed is not None:
             told.append(found.pairs_needed)
     assert told and min(told) > 7
@@ -358,7 +358,7 @@ def test_a_slow_meter_in_quick_windows_has_the_truth_in_its_interval(late):
     covered = 0
     for seed in range(40):
         windows, when, watts = slow_meter(np.random.default_rng(seed), 0.5, 5.0, late)
-        found = analyse(Trace.of_power(when, watts), windows, about, 1.0).figures
+        found = analyse(Trace.of_power(when, watts), windows, about).figures
         low, high = found.marginal_j_per_match_interval
         covered += low <= JOULES <= high
         assert found.idle_w_interval[0] <= 2.0
@@ -367,7 +367,7 @@ def test_a_slow_meter_in_quick_windows_has_the_truth_in_its_interval(late):
     assert covered >= 36
     windows, when, watts = slow_meter(np.random.default_rng(0), 0.5, 2.0, late)
     with pytest.raises(SensorError, match=r"reads every 0.5 s, and windows are of 2 s.*5 s or"):
-        analyse(Trace.of_power(when, watts), windows, about, 1.0)
+        analyse(Trace.of_power(when, watts), windows, about)
 
 
 def test_repeated_readings_do_not_narrow_the_interval():
@@ -375,7 +375,7 @@ def test_repeated_readings_do_not_narrow_the_interval():
     found = []
     for repeats in (1, 6):
         windows, time_s, watts = synthetic(np.random.default_rng(3), repeats=repeats)
-        one = analyse(Trace.of_power(time_s, watts), windows, METER, 1.0)
+        one = analyse(Trace.of_power(time_s, watts), windows, METER)
         low, high = one.figures.marginal_j_per_match_interval
         found.append(high - low)
     assert found[1] == pytest.approx(found[0], rel=0.2)
@@ -391,13 +391,11 @@ def test_a_gain_error_widens_what_no_repetition_can_narrow():
         interval(np.ones(4))
 
 
-def test_three_figures_belong_together():
-    """At the mission's rate: the board at rest over the rate, and the marginal energy on top."""
+def test_the_energy_of_a_match_is_what_it_adds_to_the_board_at_rest():
     windows, time_s, watts = synthetic(np.random.default_rng(5), noise=0.001, drift=0.0)
-    found = analyse(Trace.of_power(time_s, watts), windows, METER, 2.0).figures
+    found = analyse(Trace.of_power(time_s, watts), windows, METER).figures
     assert found.marginal_j_per_match == pytest.approx(JOULES, rel=0.02)
-    assert found.saturated_j_per_match == pytest.approx(2.5 / 100, rel=0.02)
-    assert found.mission_j_per_match == pytest.approx(2.0 / 2 + JOULES, rel=0.02)
+    assert (found.idle_w, found.load_w) == pytest.approx((2.0, 2.5), rel=0.02)
 
 
 def test_turns_alternate_so_that_a_steady_drift_cancels():
@@ -434,7 +432,7 @@ def test_a_measurement_finds_what_the_load_takes():
         Board.watts = 1.0
         return round(1000 * seconds)
 
-    found = measure(Board(), Plan(5, 0.1, quick=True), load, 1.0)
+    found = measure(Board(), Plan(5, 0.1, quick=True), load)
     assert found.resolved and found.quick
     assert found.figures.marginal_j_per_match == pytest.approx(2e-3, rel=0.25)
     assert found.figures.idle_w == pytest.approx(1.0, rel=0.25)
@@ -826,7 +824,7 @@ def test_a_profile_with_a_sensor_has_joules_figures_and_provenance(load, tmp_pat
     assert told["board"].startswith("Raspberry Pi 4") and told["clock_hz"] == 1.5e9
     assert (told["sensor"], told["shunt_mohm"]) == ("ina226@hwmon2", 20.0)
     pictures = {path.name for path in out.glob("*.png")}
-    assert pictures == {"power.png", "rate.png"}
+    assert pictures == {"power.png"}
     assert (out / "report.html").read_text().count("<svg ") == 2
 
 
@@ -929,7 +927,7 @@ def test_a_profile_calibrates_the_energy_of_a_cycle(profile, tmp_path):
     found = json.loads((profile / "profile.json").read_text())
     found["conditions"]["loaded"]["frequency_hz"] = 1e9
     windows, time_s, watts = synthetic(np.random.default_rng(5))
-    energy = to_json(analyse(Trace.of_power(time_s, watts), windows, METER, 1.0))
+    energy = to_json(analyse(Trace.of_power(time_s, watts), windows, METER))
     found["energy"] = energy | {
         "cpu_s_per_match": 1e-3,
         "matches_per_joule": 500.0, "matches_per_joule_interval": [1 / 3e-3, 1000.0],
@@ -950,7 +948,7 @@ def test_two_profiles_are_compared_by_their_intervals(profile, tmp_path, capsys)
     """952 and 1,098 matches a joule of one power overlap; half of the energy does not."""
     found = json.loads((profile / "profile.json").read_text())
     windows, time_s, watts = synthetic(np.random.default_rng(5))
-    energy = to_json(analyse(Trace.of_power(time_s, watts), windows, METER, 1.0))
+    energy = to_json(analyse(Trace.of_power(time_s, watts), windows, METER))
     for name, value, bounds in (
         ("a", 952.0, [870.0, 1050.0]), ("b", 1098.0, [980.0, 1190.0]), ("c", 2000.0, [1900.0, 2100])
     ):  # fmt: skip
@@ -975,7 +973,7 @@ def test_a_profile_is_read_back_as_it_was_written(profile):
     values = json.loads((profile / "profile.json").read_text())
     found = Profile.load_file(profile / "profile.json")
     windows, time_s, watts = synthetic(np.random.default_rng(5))
-    energy = analyse(Trace.of_power(time_s, watts), windows, METER, 1.0)
+    energy = analyse(Trace.of_power(time_s, watts), windows, METER)
     assert to_json(found) == values
     for one in (energy, energy.void()):
         written = json.loads(json.dumps(to_json(replace(found, energy=one))))
@@ -1032,7 +1030,7 @@ def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
     assert "expected volts" in capsys.readouterr().err
     # the folder stands for the profile in it; 5 V times milliamperes
     assert main(["profile", "trace", str(tmp_path), str(meter), "--voltage", "5"]) == 0
-    assert "whole board" in capsys.readouterr().out
+    assert "power at rest" in capsys.readouterr().out
     energy = json.loads(path.read_text())["energy"]
     assert energy["resolved"]
     assert energy["marginal_j_per_match"] == pytest.approx(JOULES, rel=0.1)
@@ -1053,7 +1051,6 @@ def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
         (["--pairs", "2"], "5 pairs"),
         (["--window-s", "3"], "--quick"),
         (["--window-s", "0"], "0 s"),
-        (["trace", "a.json", "m.csv", "--mission-rate", "0"], "above 0"),
         (["--shunt-mohm", "100", "--sysroot", "/nowhere"], "no power monitor"),
         (["compare", "a.json"], "required: B"),
         (["compare", "a.json", "b.json"], "cannot read a profile"),

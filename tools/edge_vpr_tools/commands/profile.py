@@ -52,10 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--quick", action="store_true",
         help="use periods shorter than 10 s; the result is marked as quick",
     )  # fmt: skip
-    how.add_argument(
-        "--mission-rate", type=float, default=1.0, metavar="N",
-        help="matches per second of the mission that the energy is stated for",
-    )  # fmt: skip
     sensor = parser.add_argument_group("power sensor")
     sensor.add_argument(
         "--sensor-name", metavar="NAME", help="power sensor to use (default: the best one found)"
@@ -110,10 +106,6 @@ def run(args: argparse.Namespace) -> None:
     if (args.map is None) != (args.recording is None):
         raise UsageError("--map and --recording belong together: name both, or neither")
     plan = Plan.checked(args.pairs, args.window_s, args.quick)
-    if not args.mission_rate > 0:
-        raise UsageError(
-            f"a mission of {args.mission_rate:g} matches per second: expected a positive rate"
-        )
     output = Path(args.output)
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
     results.check_output_folder(output, args.overwrite, [args.map, args.recording])
@@ -122,8 +114,7 @@ def run(args: argparse.Namespace) -> None:
         sensor, missing = choose_sensor(root, name=args.sensor_name, shunt_mohm=args.shunt_mohm)
         try:
             found = profile(
-                load_of(args), plan, sensor, missing, mission_rate=args.mission_rate,
-                meter=args.meter, root=root,
+                load_of(args), plan, sensor, missing, meter=args.meter, root=root
             )  # fmt: skip
         finally:
             if sensor is not None:

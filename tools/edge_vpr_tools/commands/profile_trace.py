@@ -34,10 +34,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--column", action="append", metavar="NAME", default=[],
         help="column to read where the file has several of one quantity; may be repeated",
     )  # fmt: skip
-    group.add_argument(
-        "--mission-rate", type=float, default=1.0, metavar="N",
-        help="matches per second of the mission that the energy is stated for",
-    )  # fmt: skip
     group.add_argument("--no-figures", action="store_true", help="write no report")
 
 
@@ -52,13 +48,9 @@ def run(args: argparse.Namespace) -> None:
 
     path = Path(args.profile)
     path = path / PROFILE if path.is_dir() else path
-    if not args.mission_rate > 0:
-        raise UsageError(
-            f"--mission-rate {args.mission_rate:g}: expected matches per second above 0"
-        )
     if args.voltage is not None and not 0 < args.voltage <= _MOST_VOLTS:
         raise UsageError(f"--voltage {args.voltage:g}: expected volts, such as 5")
-    found = with_meter(path, Path(args.trace), args.mission_rate, args.voltage, args.column)
+    found = with_meter(path, Path(args.trace), args.voltage, args.column)
     check_shown(found, path)
     write_profile(found, path.parent, report=not args.no_figures, name=path.name)
     if not is_quiet():

@@ -257,10 +257,7 @@ def _small_sample(n: int) -> float:
 
 Bounds = tuple[float, float]
 #: the figures that have an interval
-BOUNDED = (
-    "marginal_j_per_match", "saturated_j_per_match", "mission_j_per_match", "matches_per_joule",
-    "idle_w",
-)  # fmt: skip
+BOUNDED = ("marginal_j_per_match", "matches_per_joule", "idle_w")
 
 
 class Bounded(NamedTuple):
@@ -283,12 +280,6 @@ class Figures:
     #: Number of pairs that would resolve the difference if the spread stays the same; None if it is
     #: resolved, or if no number would resolve it.
     pairs_needed: int | None
-    #: saturated_j_per_match, mission_j_per_match: joules of the whole board, at full speed and at
-    #: the match rate of the mission.
-    saturated_j_per_match: float
-    saturated_j_per_match_interval: Bounds
-    mission_j_per_match: float
-    mission_j_per_match_interval: Bounds
     matches_per_joule: float | None  #: Computed from the marginal energy.
     matches_per_joule_interval: Bounds | None
     #: idle_w, load_w: power at rest and under load, in watts.
@@ -334,10 +325,7 @@ class Energy:
     pairs: int  #: Number of pairs of an idle and a load window.
     window_s: float  #: Median length of a window.
     native_samples_per_window: int  #: Number of readings that differ from the previous one.
-    #: saturated_matches_per_s, mission_matches_per_s: matches per second at full speed, and in the
-    #: mission.
-    saturated_matches_per_s: float
-    mission_matches_per_s: float
+    matches_per_s: float  #: Under load.
     figures: Figures | None  #: None if the machine was throttled, since figures would then mislead.
     readings: Readings | None = None
     quick: bool = False  #: Whether windows were too short for a figure that can be published.
@@ -481,7 +469,7 @@ def take_turns(
     return windows
 
 
-def measure(sensor: Sensor, plan: Plan, load: Load, mission_rate: float) -> Energy:
+def measure(sensor: Sensor, plan: Plan, load: Load) -> Energy:
     """Measure the energy of a match.
 
     Returns
@@ -501,7 +489,7 @@ def measure(sensor: Sensor, plan: Plan, load: Load, mission_rate: float) -> Ener
         windows = take_turns(plan, load)
         time.sleep(3 * sensor.about.period_s)
     cpu = time.process_time() - cpu
-    found = analyse(sampler.trace(), windows, sensor.about, mission_rate)
+    found = analyse(sampler.trace(), windows, sensor.about)
     matches = sum(window.matches for window in windows)
     elapsed = windows[-1].end_s - windows[0].start_s
     return replace(
@@ -512,8 +500,8 @@ def measure(sensor: Sensor, plan: Plan, load: Load, mission_rate: float) -> Ener
     )
 
 
-def analyse(trace: Trace, windows: Sequence[Window], about: About, mission_rate: float) -> Energy:
-    """Return the energy of a match with intervals: marginal, saturated, and at the mission's rate.
+def analyse(trace: Trace, windows: Sequence[Window], about: About) -> Energy:
+    """Return the energy that a match adds to that of the machine at rest, with intervals.
 
     Raises
     ------
@@ -532,34 +520,25 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About, mission_rate:
     # divided by the matches of the same period, so that a slow period does not seem cheap
     a_match_s = np.array([(w.end_s - w.start_s) / max(w.matches, 1) for w in loads])
     marginal = interval((load_w - idle_w) * a_match_s)
-    saturated = interval(load_w * a_match_s)
     idle = interval(idle_w)
     resolved, value = marginal.resolved, marginal.value
-    at_mission = interval(idle_w / mission_rate + (load_w - idle_w) * a_match_s)
     if round(window_s / about.period_s) < LEAST_SAMPLES:
         share = _READINGS_AT_EDGES * about.period_s / window_s
         lost = max(marginal.high, 0.0) * (1 / (1 - share) - 1)
-        lost_w = lost / float(np.median(a_match_s))
-        marginal, saturated = marginal.widened(0.0, lost), saturated.widened(0.0, lost)
-        idle = idle.widened(lost_w, 0.0)
-        at_mission = at_mission.widened(lost_w / mission_rate, lost)
+        marginal = marginal.widened(0.0, lost)
+        idle = idle.widened(lost / float(np.median(a_match_s)), 0.0)
     start = windows[0].start_s
     samples = [trace.native_samples(w.start_s, w.end_s) for w in windows]
     return Energy(
         pairs=marginal.pairs,
         window_s=window_s,
         native_samples_per_window=int(np.median(samples)),
-        saturated_matches_per_s=float(np.median(1 / a_match_s)),
-        mission_matches_per_s=mission_rate,
+        matches_per_s=float(np.median(1 / a_match_s)),
         figures=Figures(
             marginal_j_per_match=value if resolved else None,
             marginal_j_per_match_interval=(marginal.low, marginal.high),
             marginal_j_per_match_interval_with_gain=marginal.with_gain(about.gain_error),
             pairs_needed=None if resolved else marginal.pairs_needed(),
-            saturated_j_per_match=saturated.value,
-            saturated_j_per_match_interval=(saturated.low, saturated.high),
-            mission_j_per_match=at_mission.value,
-            mission_j_per_match_interval=(at_mission.low, at_mission.high),
             matches_per_joule=1 / value if resolved else None,
             matches_per_joule_interval=(1 / marginal.high, 1 / marginal.low) if resolved else None,
             idle_w=idle.value,

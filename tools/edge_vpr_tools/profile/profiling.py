@@ -49,7 +49,7 @@ from edge_vpr_tools.profile.workload import (
 
 
 PROFILE = "profile.json"
-SCHEMA = 3
+SCHEMA = 4
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,6 @@ def profile(
     sensor: Sensor | None = None,
     missing: Sequence[Missing] = (),
     *,
-    mission_rate: float = 1.0,
     meter: bool = False,
     root: Path = ROOT,
 ) -> Profile:
@@ -201,7 +200,7 @@ def profile(
     energy: Outcome = NotMeasured(because)
     if sensor is not None:
         try:
-            energy = measure(sensor, plan, workload.run, mission_rate)
+            energy = measure(sensor, plan, workload.run)
         except SensorError as error:
             energy = NotMeasured((f"{sensor.about.name}: {error}",))
     elif meter:
@@ -229,7 +228,6 @@ def profile(
 def with_meter(
     path: Path,
     meter: Path,
-    mission_rate: float,
     voltage: float | None = None,
     columns: Sequence[str] = (),
 ) -> Profile:
@@ -264,7 +262,7 @@ def with_meter(
         detail=f"from {table}; its clock is {ahead:.3f} s ahead, by its steps; its gain error is "
         "not known",
     )
-    energy = analyse(Trace.of_power(time_s - ahead, watts), windows, about, mission_rate)
+    energy = analyse(Trace.of_power(time_s - ahead, watts), windows, about)
     energy = replace(energy, quick=found.quick)
     return replace(found, energy=energy.void() if found.void else energy)
 

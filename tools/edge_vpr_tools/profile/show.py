@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from edge_vpr import results
@@ -25,11 +24,9 @@ from edge_vpr_tools.profile.profiling import (
 from edge_vpr_tools.report.page import Page, add_run, plain, quantity
 from edge_vpr_tools.report.style import (
     BLUE,
-    GREEN,
     ORANGE,
     SKY,
     figure,
-    quantity_axis,
     save,
 )
 from edge_vpr_tools.report.tables import write_spreadsheet
@@ -62,24 +59,18 @@ def _energy_rows(found: Profile) -> list[tuple[str, str]]:
     energy, rate = found.energy, f"{found.drive_events_per_s:,.0f}"
     # what a figure includes, and at which rate of events, stands beside it
     headline = f"{PER_JOULE}: what the work adds, at the drive's {rate} events/s"
-    names = (
-        "marginal energy of a match, with its events",
-        "energy of a match, whole board, saturated",
-        "energy of a match, whole board, at the mission",
-    )
+    name = "marginal energy of a match, with its events"
     if found.void or energy.figures is None:
         missing = VOID if found.void else NOT_MEASURED
-        return [(name, missing) for name in (headline, *names)]
+        return [(headline, missing), (name, missing)]
     figures = energy.figures
     idle = quantity(figures.idle_w, "W", *figures.idle_w_interval, digits=4)
     return [
         (headline, _per_joule(figures)),
-        (names[0], _marginal(energy, figures)),
-        (names[1], _joules(figures, "saturated_j_per_match")),
-        (f"{names[2]}'s {energy.mission_matches_per_s:g} matches per second",
-         _joules(figures, "mission_j_per_match")),
+        (name, _marginal(energy, figures)),
         ("power at rest", idle),
-    ]  # fmt: skip
+        ("power under load", quantity(figures.load_w, "W", digits=4)),
+    ]
 
 
 def _per_joule(figures: Figures) -> str:
@@ -90,8 +81,9 @@ def _per_joule(figures: Figures) -> str:
 
 
 def _marginal(energy: Energy, figures: Figures) -> str:
-    if figures.resolved:
-        return _joules(figures, "marginal_j_per_match")
+    value, low, high = figures.bounded("marginal_j_per_match")
+    if value is not None:
+        return quantity(value, "J", low, high, digits=4)
     pairs = figures.pairs_needed
     if pairs is None:
         return NOT_RESOLVED
@@ -141,9 +133,6 @@ def _energy_notes(energy: Outcome) -> list[str]:
     notes.append(f"Intervals are of 95 %, by bootstrap over {energy.pairs} pairs; {with_gain}.")
     if energy.sampler_cpu_share is not None:
         notes.append(f"Sampling took {energy.sampler_cpu_share:.2%} of a core, idle or not.")
-    if figures.resolved:
-        share = figures.idle_w / energy.mission_matches_per_s / figures.mission_j_per_match
-        notes.append(f"At the mission's rate, {share:.2%} of the energy is the board at rest.")
     return notes
 
 
@@ -167,12 +156,6 @@ def _provenance(of: Provenance) -> str:
         f"Board {of.board or unknown}, {of.processor}; kernel {of.kernel}; clock {clock}; sensor "
         f"{of.sensor or 'none'}; shunt {shunt}; {versions}."
     )
-
-
-def _joules(figures: Figures, name: str) -> str:
-    value, low, high = figures.bounded(name)
-    assert value is not None
-    return quantity(value, "J", low, high, digits=4)
 
 
 # A profile on the terminal.
@@ -221,11 +204,8 @@ def write_report(found: Profile, folder: Path) -> None:
     energy = found.energy
     if energy.readings is not None and energy.figures is not None:
         page.heading("Energy")
-        readings, of_match = energy.readings, energy.figures
         caption = "Power; idle and load windows are shaded."
-        page.picture(save(power_trace(readings), folder / "power.png"), caption)
-        caption = "Energy of a match against the match rate: at low rates the board at rest is all."
-        page.picture(save(against_rate(energy, of_match), folder / "rate.png"), caption)
+        page.picture(save(power_trace(energy.readings), folder / "power.png"), caption)
     provenance = to_json(found.provenance)
     page.heading("Conditions of the measurement")
     page.table(
@@ -240,7 +220,7 @@ def write_report(found: Profile, folder: Path) -> None:
     page.write(folder / results.REPORT)
 
 
-# Figures of a profile.
+# The figure of a profile.
 
 
 def power_trace(readings: Readings) -> Figure:
@@ -254,29 +234,5 @@ def power_trace(readings: Readings) -> Figure:
             )  # fmt: skip
         axes.plot(readings.trace.time_s, readings.trace.watts, color=BLUE, lw=0.8)
         axes.set(title="Power over time", xlabel="time (s)", ylabel="power (W)")
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    return drawing
-
-
-def against_rate(energy: Energy, figures: Figures) -> Figure:
-    """Draw joules per match against matches per second, up to the highest rate of this machine."""
-    with figure() as (drawing, axes):
-        fastest = energy.saturated_matches_per_s
-        rates = np.geomspace(min(0.1, fastest / 10), fastest, 200)
-        marginal = figures.marginal_j_per_match
-        axes.loglog(
-            rates, figures.idle_w / rates + (marginal or 0.0), color=BLUE, label="whole board"
-        )
-        axes.plot(fastest, figures.saturated_j_per_match, "o", color=BLUE, label="saturated")
-        rate = energy.mission_matches_per_s
-        axes.plot(rate, figures.mission_j_per_match, "s", color=ORANGE, label="mission")
-        if marginal is not None:
-            axes.axhline(marginal, color=GREEN, ls="--", label="marginal")
-        axes.set(
-            title="Energy of a match against the match rate",
-            xlabel="matches per second",
-            ylabel="energy of a match",
-        )
-        quantity_axis(axes.yaxis, "J")
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return drawing
