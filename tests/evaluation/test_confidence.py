@@ -481,13 +481,6 @@ def test_a_spliced_drive_keeps_the_truth_of_each_window():
     assert detour.counted.counts[6:9].min() == 9 and len(detour.match()) == 23
 
 
-def test_the_experiment_of_trust_draws_its_figure(tmp_path, capsys):
-    """The documented command is not refused for its --figure, but for the missing data."""
-    figure = str(tmp_path / "reliability.png")
-    assert main(["experiment", "trust", "--data", str(tmp_path), "--figure", figure]) == 2
-    assert "holds no pair: name a folder with two traverses" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("matching", ["filter", "sequence"])
 def test_a_table_of_an_earlier_rule_of_trust_is_not_used(tmp_path, monkeypatch, matching):
     """That of sequences is, as their margin has the scale that it had."""

@@ -12,6 +12,7 @@ from edge_vpr_tools.research.experiments import drives, frames
 from edge_vpr_tools.research.experiments.experiment import Draw
 from edge_vpr_tools.research.experiments.pairs import SIMULATED, CountedDrive, CountedPair
 from in_process import rows_of
+from PIL import Image
 from test_datasets import brisbane, write_bag, write_log, write_parquet
 from test_intensity import IMAGE, ros_image
 from test_intensity import write_bag as write_messages
@@ -46,7 +47,7 @@ def own_drives(data, seconds=14):
                 image if side == "reference" else image // 2 + noise.integers(0, 30, image.shape)
             )
             # at the middle of each second, on a clock that does not begin at 0
-            np.save(folder / side / f"{100 + i}.5.npy", shown.astype(np.uint8))
+            Image.fromarray(shown.astype(np.uint8)).save(folder / side / f"{100 + i}.5.png")
         lines = "".join(f"{t},{10 * t}\n" for t in range(-1, seconds + 1))
         (folder / f"{side}_track.csv").write_text("time_s,position_m\n" + lines)
     return folder

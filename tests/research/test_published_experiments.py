@@ -245,18 +245,13 @@ def test_a_dry_run_lists_every_file_and_finds_those_that_are_not_the_published_o
         assert ("another SHA-256 than published" in capsys.readouterr().err) == bool(code)
 
 
-@pytest.mark.parametrize("flag", ["--figure", "--report", "--table"])
-def test_a_missing_folder_for_the_results_is_an_error_before_any_work(
-    flag, tmp_path, capsys, monkeypatch
-):
+def test_a_missing_folder_for_the_tables_is_an_error_before_any_work(tmp_path, capsys, monkeypatch):
     def work(*given):
         raise AssertionError("it was run")
 
     monkeypatch.setattr(calibration, "learn", work)
-    monkeypatch.setattr(calibration, "unseen_street", work)
-    there = tmp_path / "none" / "page.html"
-    assert main(["experiment", "calibration", flag, str(there)]) == 2
-    folder = there if flag == "--table" else there.parent
+    folder = tmp_path / "none" / "tables"
+    assert main(["experiment", "calibration", "--table", str(folder)]) == 2
     assert f"{folder} is not a folder: make it first" in capsys.readouterr().err
 
 

@@ -167,13 +167,9 @@ RUNS = [
      "--column time_s --no-figures", (0, 2)),
     # 2: nothing was resolved in so short a time
     ("estimate --calibrate {f}/profile/profile.json --target raspberry-pi-4", (0, 2)),
-    ("experiment codes --data {f} --seeds 1 --workers 1 -o {f}/codes --figure {f}/codes.png", 0),
-    ("experiment codes --data {f} --seeds 1 --workers 1 --output {f}/codes "
-     "--figure {f}/codes.png --figures pdf,svg", 0),
-    ("experiment codes --data {f} --seeds 1 --figures pdf", 2),
+    ("experiment codes --data {f} --seeds 1 --workers 1 -o {f}/codes", 0),
+    ("experiment codes --data {f} --seeds 1 --workers 1 --output {f}/codes", 0),
     ("experiment codes --data {f} --seeds 1 --dry-run", 0),
-    ("experiment codes --data {f} --seeds 1 --workers 1 -o {f}/codes "
-     "--report {f}/experiments.html", 0),
     # 2: rivals and frames alone compare systems, and drive streets for it
     ("experiment codes --data {f} --seeds 1 --with hog", 2),
     # 2: calibration alone writes a table, and drives a dozen streets for it

@@ -5,14 +5,12 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr_tools.console import note, status, summary, warning
-from edge_vpr_tools.flags import figure_formats
 from edge_vpr_tools.research.experiments import EXPERIMENTS, STREETS_ONLY
 
 if TYPE_CHECKING:
@@ -22,7 +20,7 @@ if TYPE_CHECKING:
 EXAMPLES = """\
   edge-vpr experiment simulated
   edge-vpr experiment rivals --data recordings -o rivals --seeds 3
-  edge-vpr experiment rivals frames --data recordings --report paper.html
+  edge-vpr experiment rivals frames --data recordings
   edge-vpr experiment rivals --with model:netvlad.onnx@1,2,4
   edge-vpr experiment all --data recordings --dry-run"""
 #: folder of the stored trials in that of the results
@@ -70,16 +68,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder to write NAME.csv and NAME.svg to; trials that it has already are not run "
         "again (default: %(default)s)",
     )  # fmt: skip
-    group.add_argument("--figure", metavar="FILE", help="also draw the figure of the experiment")
-    group.add_argument(
-        "--figures",
-        metavar="FORMATS",
-        help="with --figure, formats of the figure: png, pdf, svg, or several separated by commas "
-        "(default: by the suffix of FILE)",
-    )
-    group.add_argument(
-        "--report", metavar="FILE", help="also write tables and figures to one page of HTML"
-    )
     group.add_argument(
         "--table", metavar="DIR",
         help="calibration only: learn new tables of probabilities on as many streets as --seeds "
@@ -89,20 +77,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run experiments, write their tables and figures, and print the tables as Markdown."""
-    from edge_vpr.results import check_parent
     from edge_vpr_tools.research.datasets import damaged_files
     from edge_vpr_tools.research.experiments.drives import check_logs, downloads
 
     start = time.perf_counter()
     if args.seeds < 1:
         raise UsageError(f"{args.seeds} seeds: expected 1 or more")
-    if args.figures is not None and args.figure is None:
-        raise UsageError("--figures says how to write the figure of --figure: name a file there")
     names = list(EXPERIMENTS) if "all" in args.names else list(dict.fromkeys(args.names))
-    if len(names) > 1 and args.figure is not None:
-        raise UsageError(
-            f"--figure names one file, and {len(names)} experiments were named: use --report"
-        )
     data = None if args.data is None else Path(args.data)
     if data is not None and not data.is_dir():
         raise UsageError(f"--data {data} is not a folder: name the one that holds the recordings")
@@ -124,17 +105,12 @@ def run(args: argparse.Namespace) -> None:
         for problem in damaged_files(data, downloads(data)):
             warning(problem)
         check_logs(data)
-    for written in (args.figure, args.report):
-        if written is not None:
-            check_parent(Path(written))
     folder.mkdir(parents=True, exist_ok=True)
     pages = _run(trials, folder, args)
     for name, page in pages.items():
         shown = f"{name}:\n\n{page}\n" if len(pages) > 1 else page
         for line in shown.split("\n"):
             summary(line)
-    if args.report is not None:
-        _write_report(Path(args.report), folder, pages, args.seeds)
     summary(f"{folder}: {len(pages)} experiments in {time.perf_counter() - start:,.0f} s")
 
 
@@ -192,8 +168,7 @@ def _run(
         )
     for each in measured:
         each.write(folder)
-        files = [] if args.figure is None else _figure_files(Path(args.figure), args.figures)
-        save(each.figure(), folder / f"{each.name}.svg", *files)
+        save(each.figure(), folder / f"{each.name}.svg")
     for each in measured:
         note(f"{each.name}: {each.elapsed_s:,.0f} s of work")
     note(
@@ -215,36 +190,3 @@ def _learn(names: list[str], args: argparse.Namespace) -> None:
     with status("starting") as show:
         learn(args.seeds, folder, show)
     summary(f"{folder}: tables of probabilities, learnt on {args.seeds} streets")
-
-
-def _write_report(path: Path, folder: Path, pages: Mapping[str, str], seeds: int) -> None:
-    """Write tables and figures of experiments to one page, a section each."""
-    from edge_vpr_tools.report.page import Page
-    from edge_vpr_tools.research.experiments.experiment import module_of
-
-    page = Page("Experiments")
-    page.text(
-        f"Each experiment was run with {seeds} seed{'s' * (seeds > 1)}; figures after ± are "
-        "the standard deviation over them. Times are of this machine, as busy as it was."
-    )
-    for name, tables in pages.items():
-        page.heading(name)
-        page.text((module_of(name).__doc__ or "").strip().split("\n")[0])
-        for block in tables.split("\n\n"):
-            lines = block.strip().split("\n")
-            if lines[0].startswith("|"):
-                header, _, *rows = (
-                    [cell.strip() for cell in line.split("|")[1:-1]] for line in lines
-                )
-                page.table(header, rows)
-            elif block.strip():
-                page.text(" ".join(lines))
-        page.picture((folder / f"{name}.svg").read_bytes(), f"Figure of experiment {name}.")
-    page.write(path)
-
-
-def _figure_files(named: Path, formats: str | None) -> list[Path]:
-    """Return the given file, or one with its stem for each format."""
-    if formats is None:
-        return [named]
-    return [named.with_suffix(f".{kind}") for kind in figure_formats(formats)]

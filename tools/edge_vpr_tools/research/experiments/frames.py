@@ -43,7 +43,7 @@ from edge_vpr_tools.research.intensity.frames import simulated_images
 #
 # The folder given with ``--data`` can hold the bags of Brisbane-Event-VPR under their published
 # names, and a folder ``frames``. The latter has ``reference`` and ``query``, each an AEDAT file, a
-# ROS bag, HDF5 or a folder of images (see `research.intensity`), and ``reference_track`` and
+# ROS bag or a folder of images (see `research.intensity`), and ``reference_track`` and
 # ``query_track`` (``.csv``, ``.nmea`` or ``.gpx``), whose times count from the start of their
 # recordings.
 

@@ -35,11 +35,10 @@ def open_intensity(
     Parameters
     ----------
     path : str or Path
-        AEDAT 4 with frames, a ROS bag with ``sensor_msgs/Image``, HDF5 with ``NAME`` and
-        ``NAME_ts`` as in MVSEC, or a folder of PNG or ``.npy`` (see
+        AEDAT 4 with frames, a ROS bag with ``sensor_msgs/Image``, or a folder of PNG (see
         `edge_vpr_tools.research.intensity.images.ImageFolder` for its times).
     topic : str, optional
-        Stream, camera, topic or data set of the images, if there are several.
+        Stream, camera or topic of the images, if there are several.
     frame_period : Fraction, optional
         Seconds from one image to the next, for folders that do not state it.
 
@@ -56,7 +55,6 @@ def open_intensity(
         "aedat4": lambda: aedat.Aedat4Frames(path, topic),
         "rosbag1": lambda: images.BagImages(path, 1, topic),
         "rosbag2": lambda: images.BagImages(path, 2, topic),
-        "hdf5": lambda: images.Hdf5Images(path, topic),
     }
     if path.is_dir():
         readers["frames"] = lambda: images.ImageFolder(path, frame_period)
@@ -66,5 +64,5 @@ def open_intensity(
             return Guarded(path, readers[name]())
     raise RecordingError(
         f"{path} is {name}, which holds no images that are read: name an AEDAT 4 file (DV converts "
-        "older ones), a ROS bag, HDF5, or a folder of PNG or .npy"
+        "older ones), a ROS bag, or a folder of PNG"
     )

@@ -1,15 +1,14 @@
-"""Images of folders, HDF5 files and ROS bags."""
+"""Images of folders and ROS bags."""
 
 from __future__ import annotations
 
-import math
 import re
 import struct
 from collections.abc import Iterator
 from fractions import Fraction
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +17,11 @@ from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.files import open_input
 from edge_vpr.recordings.frames import MOST_PIXELS, number_key, read_metadata, read_png
-from edge_vpr.recordings.hdf5 import checked, load_h5py, open_hdf5
-from edge_vpr.recordings.reading import ArrayStream, foreign_errors
+from edge_vpr.recordings.reading import foreign_errors
 from edge_vpr.recordings.rosbag import Bag, Cursor, read_preamble
 from edge_vpr_tools.research.intensity.frames import Image, IntensityFrame, start_of, to_grey
 
-# Folder of images, one a file: PNG, or ``.npy`` arrays, with a time for each.
+# Folder of images, one PNG each, with a time for each.
 
 
 #: file with one line of seconds for each image, in the order of the images' names
@@ -56,11 +54,9 @@ class ImageFolder:
     has_events = False
 
     def __init__(self, path: Path, period: Fraction | None = None) -> None:
-        self._files = sorted(path.glob("*.png"), key=number_key) or sorted(
-            path.glob("*.npy"), key=number_key
-        )
+        self._files = sorted(path.glob("*.png"), key=number_key)
         if not self._files:
-            raise RecordingError(f"{path} holds no *.png and no *.npy: name a folder of images")
+            raise RecordingError(f"{path} holds no *.png: name a folder of images")
         stated, start_us = read_metadata(path)
         self._times = self._read_times(path, stated or period)
         order = np.argsort(self._times, kind="stable")
@@ -71,7 +67,7 @@ class ImageFolder:
     def __iter__(self) -> Iterator[IntensityFrame]:
         for time_us, path in zip(self._times.tolist(), self._files, strict=True):
             with foreign_errors(path):
-                yield IntensityFrame(time_us, _read(path))
+                yield IntensityFrame(time_us, to_grey(read_png(path), blue_first=False))
 
     def _read_times(self, path: Path, period: Fraction | None) -> npt.NDArray[np.int64]:
         listing = path / TIMES
@@ -108,40 +104,6 @@ def _microseconds(text: str, path: Path) -> int:
     return time_us
 
 
-def _read(path: Path) -> Image:
-    if path.suffix == ".png":
-        return to_grey(read_png(path), blue_first=False)
-    with open_input(path) as file:
-        stream = ArrayStream(file, str(path))
-        shape, dtype = stream.shape, stream.dtype
-        colours = len(shape) == 3 and shape[2] in (3, 4)
-        if not (len(shape) == 2 or colours) or 0 in shape or dtype.kind not in "uif":
-            raise RecordingError(
-                f"{path} has shape {shape} and dtype {dtype}: an image is numbers of shape "
-                "(height, width), or (height, width, 3) with red, green, blue"
-            )
-        if math.prod(shape[:2]) > MOST_PIXELS:
-            raise RecordingError(
-                f"{path} has {math.prod(shape[:2]):,} pixels, and the most is {MOST_PIXELS:,}"
-            )
-        return to_grey(_eight_bits(stream.load(MOST_PIXELS * 32), path), blue_first=False)
-
-
-def _eight_bits(values: npt.NDArray[Any], path: Path) -> npt.NDArray[np.uint8]:
-    """Return values from 0 to 255: floats are multiplied by 255, 16 bits cut to the upper 8."""
-    if values.dtype == np.uint8:
-        return values
-    if values.dtype == np.uint16:
-        return (values >> 8).astype(np.uint8)
-    full = 1.0 if values.dtype.kind == "f" else 255.0
-    with np.errstate(invalid="ignore"):
-        if not ((values >= 0) & (values <= full)).all():
-            raise RecordingError(
-                f"{path} has values outside 0 to {full:g}: write 8 or 16 bits, or floats up to 1"
-            )
-    return np.rint(values * (255.0 / full)).astype(np.uint8)
-
-
 def _chosen(names: list[str], wanted: str | None, path: Path, kind: str) -> str:
     """Return the wanted one of the data sets or topics with images, or the only one."""
     names = list(dict.fromkeys(names))
@@ -157,64 +119,6 @@ def _chosen(names: list[str], wanted: str | None, path: Path, kind: str) -> str:
     if len(names) > 1:
         raise UsageError(f"{path} has images on {listed}: name one")
     return names[0]
-
-
-# Images of HDF5 files: a data set ``NAME`` and one ``NAME_ts`` of their times, as in MVSEC.
-
-
-_TIMES = "_ts"
-
-
-class Hdf5Images:
-    """Images of one data set of 8 bits, shape (n, height, width) or (n, height, width, 3).
-
-    Colours are red, green, blue. Times are seconds on the clock of the file.
-    """
-
-    has_events = False  # the reader does not search for events in the same file
-
-    def __init__(self, path: Path, topic: str | None = None) -> None:
-        self._path = path
-        with open_hdf5(path) as file:
-            sets = f"data set of 8 bits with times beside it (NAME and NAME{_TIMES})"
-            self._name = _chosen(_image_sets(file), topic and topic.strip("/"), path, sets)
-            times = file[self._name + _TIMES]
-            seconds = checked(path, times)[:]
-        seconds = np.asarray(seconds, dtype=np.float64)
-        if not (np.abs(seconds) * 1e6 < TIME_LIMIT_US).all():
-            raise RecordingError(
-                f"{path}: {self._name}{_TIMES} has times that are no seconds: write it again"
-            )
-        self._times = np.round(seconds * 1e6).astype(np.int64)
-        self.start_us = int(self._times[0])
-
-    def __iter__(self) -> Iterator[IntensityFrame]:
-        with open_hdf5(self._path) as file:
-            images = checked(self._path, file[self._name])
-            for i, time_us in enumerate(self._times.tolist()):
-                image = images[i]
-                yield IntensityFrame(time_us, to_grey(image, blue_first=False))
-
-
-def _image_sets(file: Any) -> list[str]:
-    """Return the names of data sets that hold images and have times."""
-    h5py = load_h5py()
-    found = []
-
-    def visit(name: str, item: Any) -> None:
-        if not isinstance(item, h5py.Dataset) or item.dtype != np.uint8 or 0 in item.shape:
-            return
-        grey, coloured = item.ndim == 3, item.ndim == 4 and item.shape[3] in (3, 4)
-        if not (grey or coloured) or item.shape[1] * item.shape[2] > MOST_PIXELS:
-            return
-        last = name.rsplit("/", 1)[-1] + _TIMES
-        if isinstance(item.parent.get(last, getlink=True), h5py.HardLink):
-            times = item.parent[last]
-            if isinstance(times, h5py.Dataset) and times.shape == item.shape[:1]:
-                found.append(name)
-
-    file.visititems(visit)  # does not follow links
-    return found
 
 
 # Images of ROS 1 and ROS 2 bags: ``sensor_msgs/Image``, as the drivers of a DAVIS write them.
