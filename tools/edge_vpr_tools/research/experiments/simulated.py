@@ -1,4 +1,4 @@
-"""The embedded default: one route driven twice, the second time at another and varying speed.
+"""One route driven twice, the second time at another and varying speed.
 
 No parameter of the default was chosen on these streets.
 """
@@ -15,21 +15,16 @@ from edge_vpr_tools.research.experiments.variants import (
 )
 
 DEFAULT = "150 varying pixels, place filter (default)"
-DEFAULT_25 = "25 varying pixels, place filter"
-BEST, BY_TIME = "150 varying pixels, fixed N", "150 varying pixels, fixed tau"
-CODED = "150 varying pixels, fixed N, 3-bit log"
-FIXED_N_25, RANDOM_25 = "25 varying pixels, fixed N", "25 random pixels, fixed N"
-DENSE = "all pixels, fixed N"
 VARIANTS = (
     Variant(DEFAULT, DEFAULT_MATCHING),
-    Variant(DEFAULT_25, {**DEFAULT_MATCHING, "pixels": 25}),
-    Variant(BEST, {"window": "count"}),
-    Variant(CODED, {"window": "count", "counter_code": "log"}),
-    Variant(BY_TIME),
+    Variant("25 varying pixels, place filter", {**DEFAULT_MATCHING, "pixels": 25}),
+    Variant("150 varying pixels, fixed N", {"window": "count"}),
+    Variant("150 varying pixels, fixed N, 3-bit log", {"window": "count", "counter_code": "log"}),
+    Variant("150 varying pixels, fixed tau"),
     Variant("150 random pixels, fixed N", {"window": "count", "strategy": "random"}),
-    Variant(FIXED_N_25, {"window": "count", "pixels": 25}),
-    Variant(RANDOM_25, {"window": "count", "pixels": 25, "strategy": "random"}),
-    Variant(DENSE, {"window": "count"}, all_pixels=True),
+    Variant("25 varying pixels, fixed N", {"window": "count", "pixels": 25}),
+    Variant("25 random pixels, fixed N", {"window": "count", "pixels": 25, "strategy": "random"}),
+    Variant("all pixels, fixed N", {"window": "count"}, all_pixels=True),
     Variant("all pixels, fixed tau", all_pixels=True),
 )
 EXPERIMENT = variants_experiment(

@@ -111,15 +111,6 @@ class VariantResult:
             "time per query (us)": self.microseconds_per_match,
         }
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the figures as values that JSON can hold."""
-        return {
-            **self.evaluation.to_dict(),
-            "bytes_per_window": self.reference.packed_bytes_per_window,
-            "microseconds_per_match": self.microseconds_per_match,
-            "places": len(self.reference),
-        }
-
 
 def variants_experiment(
     drives: Callable[[Path | None], Sequence[Drives]],
