@@ -1,7 +1,7 @@
 """Archives: versioned ``.npz`` files with a checksum and without pickle; checks of arrays.
 
-The header of an archive has one checksum of everything else in it. What passes is what edge-vpr
-wrote, and readers do not check each value again.
+The header of an archive has one checksum of everything else in it. Contents whose checksum fits
+were written by edge-vpr, so readers do not check each value again.
 """
 
 from __future__ import annotations

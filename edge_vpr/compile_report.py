@@ -1,4 +1,4 @@
-"""Report that kernels are being compiled, which takes long once on each machine."""
+"""Report the compilation of kernels, which is slow on the first run on a machine."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _show: Callable[[str], object] | None = None
 
 
 def listen() -> None:
-    """Let the reports that wait for Numba listen to it; `edge_vpr.compiling` calls this."""
+    """Connect the waiting reports to Numba's events; `edge_vpr.compiling` calls this."""
     while _waiting:
         _waiting.pop()()
 

@@ -246,8 +246,8 @@ class KernelState(Generic[Tuple]):
     ----------
     boxed : BoxedState
         What kernels take as an argument. Its `value` is of plain tuples, also where names were: a
-        kernel gives them back, ``OnlineState(*box.value)``. A cache that knew the class by its name
-        could not be read, nor thrown away, by a later version without that name.
+        kernel gives them back, ``OnlineState(*box.value)``. A cache that refers to the class by
+        name could neither be read nor discarded by a later version without that name.
     """
 
     __slots__ = ("boxed", "value")

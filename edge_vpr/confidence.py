@@ -36,14 +36,15 @@ TRUST_RULE = 5
 TRUST_TOP, MISFIT_SHIFT = 368, 2
 #: misfit of matches by sequences, which is not known
 NO_MISFIT = -1
-#: Misfit from which on a place or a light is not the map's. On streets of the calibration, 0.1 % of
-#: the correct matches have it, and about half of those of drives through other streets.
+#: A misfit of this or more means a place or a light that the map does not show. On streets of the
+#: calibration, 0.1 % of the correct matches have it, and about half of those of drives through
+#: other streets.
 STRANGE = 64
 STRANGE_TEXT = "this place or light is not the map's"
 
 
 def net_trust(trust: npt.NDArray[np.int64], misfit: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Return what the probability of matches depends on: their trust, less their misfit.
+    """Return the trust of matches less their misfit, which their probability depends on.
 
     Parameters
     ----------
@@ -185,7 +186,7 @@ class Confidence(EqualByValue):
 
 @dataclass(frozen=True, eq=False)
 class Acceptance:
-    """Assigns probabilities to matches, and marks those below the required precision as lost."""
+    """Assign probabilities to matches, and mark those below the required precision as lost."""
 
     #: None where nothing is known of the probability, as of sequences without a calibration.
     confidence: Confidence | None
@@ -257,7 +258,7 @@ def default_confidence(
         learnt number that is not larger.
     stays_on_map : bool
         Learnt only from whole drives along the map. Late and smoothed matches have one table for
-        all robots: what is learnt on streets would promise too much of them on other drives.
+        all robots, because a table learnt on streets alone would be overconfident on other drives.
 
     Raises
     ------

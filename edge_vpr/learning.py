@@ -1,8 +1,8 @@
-"""Maps that learn: another drive of the route is aligned with the map and averaged into its codes.
+"""Update of a map: another drive of the route is aligned with it and averaged into its codes.
 
-A map of one drive knows one light. Each further drive is matched with the map (or aligned by its
-track), and the logarithm of the counts of its windows is averaged into the places that they show.
-The descriptors stay as large as they were.
+A map of one drive shows the route in one light. Each further drive is matched with the map (or
+aligned by its track), and the logarithm of the counts of its windows is averaged into the places
+that they show. The descriptors stay as large as they were.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ FRACTION_BITS = 8
 
 @dataclass(frozen=True)
 class MapUpdate(Generic[AnyMap]):
-    """A map that has learnt from another drive, and what that drive was worth.
+    """A map that was updated with another drive, and the effect of that drive.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class MapUpdate(Generic[AnyMap]):
 
     @property
     def warnings(self) -> list[str]:
-        """Sentences on why the new map may be worse than the old one; empty if nothing says so."""
+        """Warnings that the new map may be worse than the old one; empty if there are none."""
         found = []
         share = float(self.aligned.mean())
         if share < FEW_ALIGNED:
@@ -193,7 +193,7 @@ def learn_drive(
 def _aligned_by_matching(
     reference: MapRecord, counted: Descriptors, odometry: Odometry | None
 ) -> npt.NDArray[np.int64]:
-    """Return the place that each window shows, by its smoothed match; -1 if that is unsure.
+    """Return the place that each window shows, by its smoothed match; -1 if the match is uncertain.
 
     Windows that overlap are matched as several drives, each of windows that do not.
     """

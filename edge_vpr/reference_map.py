@@ -1,4 +1,4 @@
-"""The front door: maps of drives, and the matches of other drives with them."""
+"""Maps of drives, and the matches of other drives with them: the public entry point."""
 
 from __future__ import annotations
 
@@ -205,7 +205,7 @@ class ReferenceMap(MapRecord):
         odometry: Odometry | PathName | None = None,
         removed: Removed | None = None,
     ) -> MapUpdate[Self]:
-        """Learn another drive of the route: average it into the codes of the places it shows.
+        """Update the map with another drive: average it into the codes of the places it shows.
 
         Its windows are aligned with the places by matching, or by positions where both the map and
         the drive have them. Descriptors stay as large as they are. The newest drive weighs as much

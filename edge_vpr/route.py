@@ -248,8 +248,8 @@ class Odometer:
     spacing_mm : int
         Mean distance between two places. If the robot drives less than half of it in a window, the
         distance counts as 0, until the windows that do not count yet make up the whole of it. The
-        filter has whole places: to stay would otherwise be nearest to the distance driven, in each
-        window again.
+        filter moves by whole places: otherwise a slow robot would seem to stand still in every
+        window.
 
     Attributes
     ----------
@@ -305,7 +305,7 @@ FASTEST, SLOWEST, FEWEST, PLAUSIBLE = 8, 50, 4, 2
 
 
 class OdometerCheck:
-    """Finds out that an odometer cannot be right: its unit is wrong, or its encoder is stuck.
+    """Detect a faulty odometer: its unit is wrong, or its encoder is stuck.
 
     A leap adds nothing: neither a digit that was lost on the line nor an odometer that starts
     again from zero moves the robot.

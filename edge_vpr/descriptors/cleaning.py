@@ -1,4 +1,4 @@
-"""Removal of what is no scene: bursts, at once or with a delay, and hot pixels."""
+"""Removal of events that the scene did not cause: bursts and hot pixels."""
 
 from __future__ import annotations
 
@@ -365,7 +365,7 @@ def find_hot_pixels(
 
 
 def can_be_searched(totals: npt.NDArray[np.integer]) -> bool:
-    """Return whether hot pixels can be told from others: at least half of the pixels have fired.
+    """Return whether hot pixels can be detected: at least half of the pixels have fired.
 
     Where most pixels never fire, the neighbours of a pixel and the mean of the sensor are about 0,
     and every pixel that does fire would be hot.

@@ -1,4 +1,4 @@
-"""Codes of descriptors: what a window's counts become before they are compared.
+"""Codes of descriptors: conversion of a window's counts before they are compared.
 
 The codes of single counters are in `fixedpoint`, which the hardware model uses too; here they are
 those that the settings choose, for all counters of a map. A code of another package is any function
@@ -63,7 +63,7 @@ def drive_mean(
     Parameters
     ----------
     windows : Descriptors
-        Counts. If all windows are pauses, they count all the same.
+        Counts. If all windows are pauses, the mean is over all of them.
     mean_activity : int
         Of the reference, see `activity_of_drive`.
 

@@ -292,7 +292,7 @@ class PixelStatistics:
     Parameters
     ----------
     clip : int, optional
-        Largest count that mean and variance see (the released code: 10).
+        Counts above this are clipped for mean and variance (the released code: 10).
     spool_bytes : int
         Size up to which the temporary file may grow; above it `descriptors` returns None and the
         recording must be read again.

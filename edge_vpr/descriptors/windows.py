@@ -122,7 +122,7 @@ class Descriptors(EqualByValue):
     events : ndarray of int64, shape (n,)
         Events of the whole sensor in each window.
     selected : ndarray of int64, shape (n,), optional
-        Events at the selected pixels, which codes do not tell.
+        Events at the selected pixels, which cannot be computed from codes.
     """
 
     counts: npt.NDArray[np.unsignedinteger]

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from edge_vpr.confidence import Confidence
 from edge_vpr.errors import UsageError
 
-#: a step holds this part of all matches at least, unless its block holds fewer
+#: a step holds at least this share of all matches, unless its block holds fewer
 FINEST = 256
 #: bins of the reliability diagram and of the expected calibration error
 BINS = 10

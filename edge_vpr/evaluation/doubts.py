@@ -105,7 +105,7 @@ def track_notes(track: Track) -> tuple[str, ...]:
 def _against_tolerance(
     name: str, track: Track, times_us: Floats, tolerance_m: float
 ) -> Iterator[str]:
-    """Yield notes on a tolerance that every match passes, or that right ones do not."""
+    """Yield notes on a tolerance that is too large or too small to tell matches apart."""
     points = track.position
     extent_m = float(distances(track.kind, points, points[:1]).max())
     if extent_m < tolerance_m:
@@ -169,7 +169,7 @@ def interpolation_error(track: Track) -> float:
     return float(np.nanquantile(off[1:-1], 0.9)) / 3
 
 
-# A receiver that froze while the camera went on.
+# Positions of a GPS receiver that stopped updating while the camera moved.
 
 #: A position that repeats exactly for so long was frozen, if the camera meanwhile counted at least
 #: half as many events in a window as in the rest of the drive.
@@ -201,7 +201,7 @@ def without_frozen(
     if kept.all():
         return track, ()
     found = replace(track, time_us=track.time_us[kept], position=track.position[kept])
-    # what was known between the frozen fixes is not known between those around them
+    # positions between frozen fixes become unknown, also between the fixes around them
     found = replace(found, max_gap_us=track.longest_gap_us)
     return found, (
         f"repeats one position from {', '.join(spans)}, while the camera counts events as before: "
@@ -218,7 +218,7 @@ _MOST_MATCHES = 2_000
 
 
 class Offset(NamedTuple):
-    """An offset of one of two logs, and how many matches are correct with it."""
+    """An offset of one of two logs, and the number of matches that are correct with it."""
 
     log: str  #: {"reference", "query"}: whose time 0 lies elsewhere; the other is as given.
     seconds: float  #: Where its time 0 lies, in addition to the offset that it has.
@@ -246,7 +246,7 @@ class Offset(NamedTuple):
 def best_offset(
     reference: Track, query: Track, place_us: Times, query_us: Times, tolerance_m: float
 ) -> Offset | None:
-    """Find the offset of one log with which matches fit the tracks best; None if it is none.
+    """Find the offset of one log with which matches fit the tracks best; None if no offset helps.
 
     Parameters
     ----------
@@ -320,7 +320,7 @@ def _same(reference: Track, query: Track) -> bool:
 
 
 def _common(track: Track, times_us: npt.NDArray[np.float64]) -> float:
-    """Return the common time of track and windows, divided by the time that they span together."""
+    """Return the time shared by track and windows, divided by the time that they span together."""
     first, last = float(track.time_us[0]), float(track.time_us[-1])
     start, end = float(times_us.min()), float(times_us.max())
     # the first and the last window reach half a window beyond their centres

@@ -1,4 +1,4 @@
-"""Entries of a log of positions, and which of them no drive can have: frozen, impossible, late."""
+"""Entries of a log of positions, and detection of impossible ones: frozen, too fast, late."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Fixes(NamedTuple):
     start_utc: dt.datetime | None  #: The instant of time 0, where the log states a date.
     dropped: Counter[str]  #: How many entries were left out before, by reason.
     entries: int  #: Those included.
-    notes: tuple[str, ...] = ()  #: What makes the log doubtful.
+    notes: tuple[str, ...] = ()  #: Reasons to doubt the log.
 
 
 #: entries that are earlier than the one before by up to this are sorted
@@ -33,7 +33,7 @@ LATE_US = 2_000_000
 
 
 def in_order(fixes: Fixes) -> Fixes:
-    """Return the fixes sorted by time, one a time, without unknown positions; the rest is counted.
+    """Return fixes in time order, one for each time, without unknown positions; count the rest.
 
     Raises
     ------
@@ -70,7 +70,7 @@ _ERROR_M = 20.0
 #: A position that repeats was frozen if the step after it is at least so long, and so many times as
 #: fast as the median of all steps.
 _FROZEN_M, _FROZEN_FASTER = 10.0, 3.0
-#: of fewer fixes, nothing says which are right
+#: with fewer fixes, it cannot be decided which are correct
 _FEWEST = 5
 #: runs of fixes that are looked back for one from which the present can have been reached
 _LOOK_BACK = 256

@@ -26,7 +26,7 @@ BLOCK_CELLS = 1 << 20
 MOST_CELLS = 1 << 26
 
 
-#: A truth of which a larger share is true says little about matches. Chosen by judgement.
+#: A truth with a larger share of true cells says little about matches. Chosen by judgement.
 MOST_CHANCE = 0.5
 
 
@@ -113,7 +113,7 @@ class GroundTruth(EqualByValue):
     description : str
         Source, tolerance and coverage, for reports.
     notes : tuple of str
-        What makes it doubtful that this is the truth of these drives.
+        Reasons to doubt that this is the truth of these drives.
     positions : TruePositions or None
         None of a matrix.
     placed : ndarray of bool, shape (K,)
@@ -168,7 +168,7 @@ class GroundTruth(EqualByValue):
 
     @property
     def chance(self) -> float:
-        """Share of correct matches among all that can be judged: what guessing reaches."""
+        """Share of correct cells among all that can be judged: the accuracy of guessing."""
         assert self.placed is not None
         cells = int(self.known.sum()) * int(self.placed.sum())
         true = self.correct.flat.size if isinstance(self.correct, TrueCells) else self.correct.sum()

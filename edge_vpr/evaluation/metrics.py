@@ -109,7 +109,7 @@ def auroc(higher: npt.NDArray[np.integer], lower: npt.NDArray[np.integer]) -> fl
 
 
 RecallDenominator = Literal["rejected-correct", "all-with-place"]
-#: scores that rise with the confidence
+#: scores of which a higher one means more confident
 _RISING = ("margin", "trust")
 RECALL_AT = (1, 5, 10, 25)
 
@@ -382,7 +382,7 @@ def evaluate(
 def _recall_at(
     hit: npt.NDArray[np.bool_], unsure: npt.NDArray[np.bool_], counted: npt.NDArray[np.bool_]
 ) -> float:
-    """Return the share of counted queries with a hit, of those with one or surely none.
+    """Return the share of counted queries with a hit, without those that cannot be judged.
 
     Parameters
     ----------

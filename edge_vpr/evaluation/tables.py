@@ -1,4 +1,4 @@
-"""Tables of numbers as text: in any usual encoding and dialect; odometry and jumps."""
+"""Tables of numbers as text, in common encodings and dialects; odometry and jumps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from edge_vpr.route import MOST_MM, Odometry
 
 Floats = npt.NDArray[np.float64]
 
-# Texts in any usual encoding, and rows of cells in any usual dialect.
+# Texts in common encodings, and rows of cells in common dialects.
 
 #: longest log: a day at ten fixes a second has 140 MB, all of which is read into memory
 MAX_BYTES = 256 << 20

@@ -25,8 +25,8 @@ Bools = npt.NDArray[np.bool_]
 #: Over so long a gap a track is always interpolated. A car at 50 km/h drives 70 m, the tolerance of
 #: Brisbane-Event-VPR, in 5 s; the logs of that data set have gaps of 4 s.
 SHORT_GAP_US = 5_000_000
-#: Over a longer one, if two points of the log are usually a fifth as far apart: a car's positions
-#: between points of 20 s are off by less than 60 m in 95 of 100 cases.
+#: A longer gap is interpolated if the typical gap of the log is at least a fifth of it: a car's
+#: positions between points of 20 s are off by less than 60 m in 95 of 100 cases.
 USUAL_GAPS = 5
 #: Mean radius of the Earth in metres (IUGG, R1).
 EARTH_RADIUS_M = 6_371_008.8
@@ -134,9 +134,8 @@ class Track(EqualByValue):
     def bridged(self) -> Bools:
         """Whether positions are known between each point and the next, shape (n - 1,).
 
-        By default up to 5 s; in a log of few points, up to five times as long as two of them are
-        usually apart; and as long as the camera stood, so that the two are no farther apart than
-        usual.
+        By default up to 5 s; in a sparse log, up to five times the typical gap; and as long as the
+        camera stood, so that the two points are no farther apart than is typical.
         """
         short = np.diff(self.time_us) <= self.longest_gap_us
         if self.max_gap_us is not None or short.all():

@@ -1,4 +1,4 @@
-"""Imitation of a camera bridge: sends a recording over a link as a device would.
+"""Simulated camera: sends a recording over a link as a device would.
 
 Its links are the device's ends of those in `links`.
 """
@@ -144,7 +144,7 @@ def open_device_link(address: str, *, baud: int = 115_200, flow_control: bool = 
     return open_serial(address, baud, flow_control=flow_control)
 
 
-# Replay of a recording, on a good line or a bad one.
+# Replay of a recording, with or without faults of the line.
 
 
 #: Intervals at which events are sent, and at which an idle device reports that it is idle.
@@ -223,7 +223,7 @@ class Bridge:
     sent_events, sent_bytes : int
         Before the faults.
     dropped_events : int
-        What a device that waits to be asked had no room for.
+        Events dropped for lack of space by a device that sends on request only.
     """
 
     def __init__(

@@ -39,7 +39,7 @@ class LinkClosed(LinkError):  # noqa: N818, an end is no error of its own
 
 
 class LinkAbsent(LinkError):  # noqa: N818, a camera that is not there yet is no error of its own
-    """There is nothing at the address now, but there may be later."""
+    """There is no device at the address now, but one may appear later."""
 
 
 class Link(ABC):
@@ -48,11 +48,12 @@ class Link(ABC):
     Attributes
     ----------
     live : bool
-        Whether the other side goes on without waiting for us, so that a late reader must drop.
+        Whether the sender continues without waiting for the reader, so that a late reader must drop
+        data.
     two_way : bool
         Whether bytes go in both directions, or only from the device to the host.
     remark : str
-        What the user should know of the link now, if anything.
+        Current message about the link for the user; empty if there is none.
     """
 
     live = True
@@ -84,7 +85,7 @@ class Link(ABC):
 
 
 class AbsentLink(Link):
-    """Stands for a link that could not be opened yet."""
+    """Placeholder for a link that could not be opened yet."""
 
     def __init__(self, address: str, why: str) -> None:
         super().__init__(address)

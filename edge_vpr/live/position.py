@@ -1,8 +1,9 @@
 """Position of the robot now: at the end of the newest window, and steady from match to match.
 
-A match names the place whose middle looks like the newest window, and the robot has driven on by
-half a window since the middle of that. `PathPosition` turns the places of matches into the place
-where the robot is, in fractions of a place; `Locator` turns that into metres and coordinates.
+A match gives the place whose window resembles the newest window. A place is at the middle of its
+window, so that the robot is half a window further on when its window ends. `PathPosition` turns the
+places of matches into the place where the robot is, in fractions of a place; `Locator` turns that
+into metres and coordinates.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ class PathPosition:
     Attributes
     ----------
     jumps : int
-        How often the position has jumped. As long as it stays the same, the position has moved
-        with the path.
+        How often the position has jumped. While it stays the same, the position has moved without a
+        jump.
     """
 
     def __init__(self, places_per_window: int) -> None:

@@ -80,7 +80,7 @@ class LiveResult(NamedTuple):
 
 
 class LossWatch:
-    """Remembers what was received and lost, to find what is missing in a window.
+    """Keep counts of received and lost data over time, to find the losses within a window.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class LossWatch:
 
     def __init__(self, health: Health) -> None:
         self._health = health
-        # losses that were noticed, bytes lost so far, and events that were in them
+        # noticed losses, lost bytes so far, and the number of events in them
         self._losses = self._bytes = self._of_bytes = 0
         # time, events received, events lost, and losses of unknown size, each of them until then
         self._seen: list[tuple[int, int, int, int]] = [(-1, 0, 0, 0)]
@@ -144,7 +144,7 @@ class LiveLocaliser:
     Parameters
     ----------
     reference : ReferenceMap, optional
-        Without one, events are decoded and nothing is matched.
+        Without a map, events are decoded but not matched.
     every : MatchSchedule, optional
         When to give a match.
     causal_bursts : bool
@@ -434,12 +434,12 @@ class LiveMatch(NamedTuple):
     start_s : float
         When this window began, by the camera's clock.
     trust : int
-        The higher, the more confident.
+        Higher means more confident.
     misfit : int
         0 where views are like the map's, `confidence.STRANGE` or more in another place or light; -1
         of sequences.
     probability : float
-        Of being correct; NaN if the map does not know it.
+        Probability that the match is correct; NaN if the map has no table of probabilities.
     lost : bool
         Whether the match is below the precision that the settings ask for, or older than the
         session's `max_age`.
@@ -525,7 +525,7 @@ class Message(NamedTuple):
 
 
 class LiveStep(NamedTuple):
-    """What one piece of bytes gave, for views that show more than matches."""
+    """Results of one piece of bytes, for views that show more than matches."""
 
     result: LiveResult | None  #: Events and matches; None if nothing came.
     at_s: float  #: When the bytes came, on the clock of `time.monotonic`.
@@ -756,7 +756,7 @@ class LiveSession:
         self.close()
 
     def warm_up(self, show: Callable[[str], object] = lambda text: None) -> None:
-        """Compile all kernels of this session; `open` does it before it opens the link.
+        """Compile all kernels of this session; `open` calls this before it opens the link.
 
         Parameters
         ----------
@@ -917,7 +917,7 @@ class LiveSession:
         return found[-1] if found else None
 
     def steps(self) -> Iterator[LiveStep]:
-        """Yield what each piece of bytes gave, or that nothing came, for views.
+        """Yield a step for each piece of bytes and for each time-out, for views.
 
         Raises
         ------

@@ -64,7 +64,7 @@ __all__ = [
 
 @dataclass(frozen=True, kw_only=True)
 class TimeCrop:
-    """Part of a recording that is read: from `start_us` up to, but without, `end_us`.
+    """Part of a recording to read: from `start_us` (included) to `end_us` (excluded).
 
     Attributes
     ----------
@@ -207,8 +207,8 @@ class Recording:
     faults : Faults
         Entries that the newest pass has dropped so far.
     remark : str
-        What is implausible: the unit of the times, if the file does not state it, or values of the
-        polarity; else "".
+        Warning about an implausible unit of times, if the file does not state it, or about
+        implausible values of the polarity; else "".
     frame_period : Fraction or None
         Seconds per frame of counts, as the file states or as given; None if the file holds events.
     """

@@ -1,4 +1,4 @@
-"""What readers share: columns, checks and counts of faults, and reading in bounded memory."""
+"""Common parts of readers: columns, checks and counts of faults, and reading in bounded memory."""
 
 from __future__ import annotations
 

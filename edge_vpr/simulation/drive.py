@@ -21,8 +21,8 @@ _GRID_M = 0.1
 class Light:
     """Daylight: a sun with its shadows, the sky's diffuse light, and glare in the lens.
 
-    A logarithmic pixel does not see a change of the brightness of the whole scene. These are the
-    changes that it sees.
+    A logarithmic pixel does not respond to a change of the brightness of the whole scene, but does
+    respond to these changes.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ QUERY = Drive(
 
 
 class Motion(NamedTuple):
-    """When the camera was where on the route; linear in between."""
+    """Position of the camera on the route over time, linear between points."""
 
     time_us: npt.NDArray[np.int64]
     position_m: npt.NDArray[np.float64]

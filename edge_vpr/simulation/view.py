@@ -1,4 +1,4 @@
-"""What the camera sees: its lens and noise, the light, the view of the street, and traffic."""
+"""The simulated camera: its lens and noise, the light, the view of the street, and traffic."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ class Camera:
         return on, off
 
     def noise_rates(self, seed: int) -> npt.NDArray[np.float64]:
-        """Draw the rate at which each pixel fires without a cause.
+        """Draw the noise rate of each pixel.
 
         Parameters
         ----------

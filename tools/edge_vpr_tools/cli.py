@@ -350,8 +350,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     if argv is None:  # the process is this command
         argv = sys.argv[1:]
-        # what compiler and figures make stays until the end: looking for garbage in it, and once
-        # more when the process ends, takes a quarter of a command's time
+        # objects of the compiler and of figures live until the end: collecting garbage among them
+        # takes a quarter of a command's time
         gc.set_threshold(20_000)
         atexit.register(gc.freeze)
     _prepare_streams()

@@ -54,16 +54,16 @@ State = Literal["good", "absent", "wrong"]
 
 
 class Found(NamedTuple):
-    """What a check has found."""
+    """Finding of a check."""
 
     state: State
     text: str
-    remedy: str = ""  #: What the user can do about it; empty if nothing is needed.
+    remedy: str = ""  #: Remedy for the user; empty if none is needed.
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What was found, and the topic of its check."""
+    """A finding, and the topic of its check."""
 
     topic: str
     state: State

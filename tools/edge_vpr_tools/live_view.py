@@ -71,23 +71,23 @@ class Panel:
         Parameters
         ----------
         stale : bool
-            Whether it is too old to be believed; it is greyed then.
+            Whether it is out of date; it is then shown in grey.
         """
         try:
             self._live.update(self._drawn(rows, share, stale=stale), refresh=True)
-            # what was hung up between two pictures is to Rich no terminal, and gets none
+            # a terminal that was closed between two updates is no terminal for Rich, and gets none
             self.lost = not self._live.console.file.isatty()
         except OSError:
             self.lost = True
 
     def close(self) -> None:
-        """Give the screen back; again is harmless."""
+        """Restore the screen; calling it again has no effect."""
         # a terminal that has gone needs nothing to be put back
         with suppress(OSError):
             self._live.stop()
 
     def history(self) -> Iterator[str]:
-        """Give the notices, oldest first, for whoever has left the screen."""
+        """Return the notices, oldest first, to be printed after the screen is restored."""
         return (f"{notice.clock} {notice.text}" for notice in self._notices)
 
     def _drawn(
@@ -109,7 +109,7 @@ class Panel:
         return Group(table, *self._notice_lines())
 
     def _notice_lines(self) -> Iterable[RenderableType]:
-        """Give the newest notices, and before them the standing ones that are older."""
+        """Return the newest notices, preceded by older ones that still hold."""
         newest = list(self._notices)[-_SHOWN:]
         last = {notice.kind: notice for notice in self._notices}
         older = [last[kind] for kind in self._standing if kind in last and last[kind] not in newest]
@@ -239,7 +239,7 @@ class View:
         self._places = len(reference or ())
         self._quiet = is_quiet() or as_json
         self._goal = "match" if self._places else "event"
-        self.unread = False  #: Whether nobody reads our output any more, as after `head`.
+        self.unread = False  #: Whether the reader of the output has gone, as after `head`.
         self.unwritten = ""  #: Which file was given up and why, if one was.
         self._started = self._shown = self._logged = self._heard = time.monotonic()
         self._line_s, self._printed = line_s, self._started
@@ -309,7 +309,7 @@ class View:
             self._print_status(status, now)
 
     def _print_status(self, status: LiveStatus, now: float) -> None:
-        """Print a line of the status if it is time to, or if what it says is new in kind."""
+        """Print a line of the status if one is due, or if the kind of status has changed."""
         newest = self._newest()
         state = bool(status.lost_link), bool(newest), bool(newest.get("lost"))
         due = now - self._printed >= (_LINE_S if self._line_s is None else self._line_s)
@@ -361,7 +361,7 @@ class View:
         if (silent_s := self._silent_s()) > SILENT_S:
             texts["silent"] = f"nothing came for {silent_s:.0f} s"
         if status.lost_link:
-            # a place of before would be taken for the present one
+            # an earlier place would be mistaken for the current one
             texts["silent"] = f"the link is lost for {silent_s:.0f} s"
             texts["health"] = "link lost" if str(health) == "no faults" else f"link lost, {health}"
             return texts

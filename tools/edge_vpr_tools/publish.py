@@ -195,7 +195,7 @@ class MatchServer(ThreadingHTTPServer):
                 self._changed.notify_all()
 
     def rows_for(self, reader: _Reader) -> Iterator[bytes]:
-        """Yield what a reader is to be sent, until the server closes."""
+        """Yield the data to send to a reader, until the server closes."""
         while True:
             with self._changed:
                 rows = reader.take()
@@ -236,7 +236,8 @@ class MatchServer(ThreadingHTTPServer):
             return super().get_request()
         except OSError as error:
             if error.errno in _EXHAUSTED:
-                # it still waits to be accepted: without a pause, this would run in circles
+                # the connection still waits to be accepted: without a pause, this loop would be
+                # busy
                 time.sleep(_PAUSE_S)
             raise
 

@@ -182,7 +182,7 @@ def load_evaluated(
                     "reference first"
                 )
     offset = None
-    if correct < (1 - MORE_CORRECT) * judged:  # else none can be clearly better
+    if correct < (1 - MORE_CORRECT) * judged:  # otherwise no offset can be clearly better
         offset = _clear_offset(result, files)
     if offset is not None:
         warning(_advice(files, offset))
@@ -220,7 +220,7 @@ def _times(result: MatchResult) -> tuple[Times, Times]:
 
 
 def _doubted(result: MatchResult, files: TruthFiles) -> GroundTruth:
-    """Read the truth of the matches, and warn of what makes it doubtful."""
+    """Read the truth of the matches, and warn if it is doubtful."""
     events = None
     if result.queries is not None:
         events = result.reference.places.events, result.queries.events

@@ -170,7 +170,7 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Let links of the repository lead to pages of the site, or else to the repository."""
+    """Rewrite links of the repository to pages of the site, or else to the repository."""
     here = page.file.src_uri
     folder = posixpath.dirname(OF_ROOT.get(here, f"docs/{here}"))
     sites = {source: name for name, source in OF_ROOT.items()}

@@ -1,4 +1,4 @@
-"""What all protocols share: counts of losses, checks of decoded events, and the interface.
+"""Common parts of all protocols: counts of losses, checks of decoded events, the interface.
 
 One registry is behind all of them: ``open_decoder("edvs:format=E3", sensor)``.
 """
@@ -36,7 +36,7 @@ __all__ = [
     "protocol_names",
 ]
 
-# Health: counts of what a stream delivered and lost, in bytes and events.
+# Health: counts of delivered and lost bytes and events of a stream.
 
 
 #: How exactly a protocol can know the number of lost events.
@@ -59,7 +59,7 @@ class Health:
 
     #: {"exact", "bound", "unknown"}: whether `lost` is the number of events that were sent and
     #: never decoded; a bound, such that the number lies between `lost` and `lost_at_most`; or only
-    #: what showed by chance.
+    #: the losses that happened to be noticed.
     accounting: str = UNKNOWN
     bytes: int = 0  #: Received.
     #: Part of whole, undamaged events or frames (or of words that say something else).
@@ -101,7 +101,7 @@ class Health:
     reopened: int = 0  #: How often the link was lost and opened again.
     stalls: int = 0  #: Silences of more than a second.
     retries: int = 0  #: How often an answer of the device did not come, so that it was asked again.
-    odometer_leaps: int = 0  #: Readings of the odometer that no robot could have driven to.
+    odometer_leaps: int = 0  #: Leaps of the odometer that are too fast for a robot.
     odometer_unused: int = 0  #: Readings of an odometer that could not be right, left out.
     misfits: int = 0  #: Matches in another place or light than the map's, by their misfit.
     #: lag_us, longest_lag_us: how much later than the quickest events the newest ones were matched,

@@ -138,7 +138,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _every(folder: Path) -> object:
-    """Return when an online run gave a match, as the user wrote it; None if nothing says it."""
+    """Return the schedule of an online run as the user wrote it; None if it is not recorded."""
     from edge_vpr.files import read_json
     from edge_vpr.results import METRICS
 

@@ -87,7 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 class Asked(NamedTuple):
-    """A design, its mission, and whose rate of events the mission has."""
+    """A design, its mission, and the source of the mission's rate of events."""
 
     design: Design
     mission: Mission

@@ -50,7 +50,7 @@ class RecordingSummary:
     last_us: int
     start_us: int  #: On the file's clock.
     faults: Faults
-    stopped_by: str | None  #: What is wrong with the whole, or with what follows.
+    stopped_by: str | None  #: Fault of the file as a whole, or of the part that was not read.
 
 
 def summarise(recording: Recording) -> RecordingSummary:
@@ -88,7 +88,7 @@ def summarise(recording: Recording) -> RecordingSummary:
 
 @dataclass(frozen=True)
 class FrameSummary:
-    """What count frames hold that do not state their duration or pixels."""
+    """Contents of count frames that do not state their duration or pixels."""
 
     path: str
     format: str
@@ -124,7 +124,7 @@ class FrameSummary:
 
 @dataclass(frozen=True)
 class MapSummary:
-    """What a map holds."""
+    """Contents of a map."""
 
     path: str
     format: str
@@ -190,7 +190,7 @@ def _count_frames(args: argparse.Namespace) -> CountFrames | None:
 
     found = args.format
     if found is None:
-        with suppress(EdgeVprError):  # opening it as a recording reports what is wrong
+        with suppress(EdgeVprError):  # opening it as a recording reports the fault
             found = sniff(Path(args.recording))
     if found != "frames":
         return None

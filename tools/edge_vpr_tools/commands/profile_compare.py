@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument("--csv", metavar="FILE", help="also write the table as CSV")
 
 
-#: what a comparison says of two intervals
+#: verdicts of a comparison of two intervals
 OVERLAP, APART = "overlap", "apart"
 
 

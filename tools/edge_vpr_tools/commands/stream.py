@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from edge_vpr.settings import Settings
     from edge_vpr_tools.live_view import RerunView, View
 
-#: Interval in seconds at which a service manager hears that the run goes on.
+#: Interval in seconds at which the service manager is notified that the run is alive.
 _ALIVE_S = 5.0
 
 EXAMPLES = """\

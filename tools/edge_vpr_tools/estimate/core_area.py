@@ -31,7 +31,7 @@ _FILTER = replace(_SINGLE, matching="filter")
 _OWN_MEANS = replace(_SINGLE, code="own-mean", full_scales=(0,))
 _BOTH = replace(_OWN_MEANS, matching="filter")
 _DEFAULT = replace(_BOTH, code="contrast")
-#: sizes that change apart from one another
+#: sizes that vary independently
 FITTED_ON = {
     "sequences, 2 lanes": replace(_SEQUENCES, lanes=2),
     "sequences, 8 lanes": _SEQUENCES,

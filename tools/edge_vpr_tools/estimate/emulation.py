@@ -2,9 +2,9 @@
 
 ``python -m edge_vpr_tools.estimate.emulation`` runs the firmware on emulated processors for a few
 designs, solves for the coefficients, and writes the table that `predict` reads. With ``--check`` it
-counts random designs instead, and writes how far off the predictions are. No figure of it is typed
-in; what does not change with the design (an event, code, stack) is read from the table that
-stands beside the C sources.
+counts random designs instead, and writes how far off the predictions are. No figure is typed by
+hand; what does not depend on the design (an event, code, stack) is read from the table beside the C
+sources.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _FILTER = (
 _WINDOWS = (_WINDOW, _OWN_WINDOW, _CONTRAST_WINDOW)
 _GROUPS = (*_WINDOWS, _MATCH, _FILTER)
 
-#: sizes that change apart from one another, so that no coefficient hides behind another
+#: sizes that vary independently, so that each coefficient can be determined
 FITTED_ON = tuple(
     Design(width=64, height=64, pixels=pixels, places=places, length=length, code_bits=4)
     for places, length, sizes in (
@@ -188,7 +188,7 @@ def _filter_terms(design: Design, rows: int) -> tuple[int, ...]:
         places,
         places * rows,
         places * (rows % 4),
-        # four steps are at hand; seven take a loop
+        # four steps are unrolled; seven take a loop
         places * (design.places_per_window == 2),
     )
 

@@ -149,7 +149,7 @@ def _filter_traffic(design: Design) -> dict[str, Traffic]:
         design,
         query=(words, 0),
         places=(words, 0),
-        # those of the steps' other places are at hand
+        # those of the other places of a step are already read
         metric=(places, places),
         place_activity=(places, 0),
         distance=(places, places),

@@ -1,4 +1,4 @@
-"""Designs on targets: what they take, which limits they keep, and the one that is recommended."""
+"""Designs on targets: their cost, the limits that they meet, and the recommended one."""
 
 from __future__ import annotations
 
@@ -58,13 +58,13 @@ class Budget:
 
 @dataclass(frozen=True)
 class DesignOnTarget:
-    """A design on a target, with what it takes there."""
+    """A design on a target, with its cost there."""
 
     design: Design
     mission: Mission
     cost: Cost
     memory_bytes: int
-    limited_by: str  #: What keeps it from fitting; empty if it fits.
+    limited_by: str  #: The exceeded limit; empty if it fits.
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def memory_bytes(design: Design, target: Target) -> int:
 
 
 def on_target(design: Design, mission: Mission, limits: Limits) -> DesignOnTarget:
-    """Take a design to a target, and see whether it fits."""
+    """Estimate a design on a target, and check whether it fits."""
     of = cost(design, limits.target, mission, limits.cycle_energy)
     used = memory_bytes(design, limits.target)
     return DesignOnTarget(design, mission, of, used, _broken_by(design, of, used, limits))
@@ -113,7 +113,7 @@ def _broken_by(design: Design, of: Cost, used: int, limits: Limits) -> str:
         if budget.quantity == "bytes":
             over = used > budget.limit
         else:
-            # a board that takes more at rest needs no figure for its work
+            # a board that takes more at rest exceeds the budget whatever its work takes
             at_rest = of.whole_w is None and of.idle_w is not None and of.idle_w.low > budget.limit
             over = at_rest or _watts(of, target) > budget.limit
         if over:
@@ -237,7 +237,7 @@ def recommend(design: Design, mission: Mission, limits: Limits) -> Recommendatio
     as_good = [one for one in fitting if one.tried.accuracy >= best.accuracy - best.error]
     chosen = min(as_good, key=lambda one: (one.device.memory_bytes, -one.tried.accuracy))
     better = [one for one in found if one.tried.accuracy > best.accuracy + best.error]
-    # what keeps the smallest of the better ones from fitting
+    # the limit that the smallest of the better ones exceeds
     limit = ""
     if better:
         limit = min(better, key=lambda one: one.device.memory_bytes).device.limited_by

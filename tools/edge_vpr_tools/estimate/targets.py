@@ -49,7 +49,7 @@ class Constant:
     unit: str
     value: Spread
     year: int | str  #: Of the measurement.
-    #: node, source, uncertainty: what was measured, who says so, and what low and high stand for.
+    #: node, source, uncertainty: what was measured, by whom, and what low and high stand for.
     node: str
     source: str
     uncertainty: str
@@ -72,8 +72,8 @@ class Target:
     cycle_energy: str = ""
     cell_energy: str = ""
     idle_power: str = ""
-    unknown: str = ""  #: What is not known, in a sentence; empty if nothing.
-    logic_cells: int = 0  #: That there are, of an FPGA that the core's area is known for; else 0.
+    unknown: str = ""  #: Unknown figures, in a sentence; empty if there are none.
+    logic_cells: int = 0  #: Of an FPGA for which the core's area is known; else 0.
     #: blocks, large_blocks: block memories, of the shapes (depth, width) that follow.
     blocks: int = 0
     #: block_shapes, large_block_shapes: depth and width of each shape that a block can take.

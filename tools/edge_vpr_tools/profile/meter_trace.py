@@ -36,7 +36,7 @@ _MOST_WINDOWS, _MOST_S = 100_000, 1e6
 _DAY_S = 86_400.0
 #: a trace that seems longer has another unit of time
 _MOST_TRACE_S = 7 * _DAY_S
-#: rows before the header, in which programs write what they are
+#: rows before the header, in which programs describe themselves
 _MOST_PREFACE = 50
 #: Unix times without a unit: as many milliseconds, microseconds or nanoseconds since 1970
 _UNIX = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
@@ -84,7 +84,7 @@ _AVERAGE = _set_of(
     """avg average averaged mean mittel mittelwert mittlere mittlerer durchschnitt moyenne moyen
     moy media medio promedio 平均 平均值"""
 )
-#: other values of a quantity, which are no mean
+#: other values of a quantity than the mean
 _NO_MEAN = _set_of(
     """min minimum minimal mini max maximum maximal maxi peak pk pp rms eff effektiv std stddev
     stdev dev sd sigma var variance deviation median low lowest high highest spitze mínimo minimo

@@ -1,4 +1,4 @@
-"""Reports: pages, figures and tables of what the commands found."""
+"""Reports of the commands: pages, figures and tables."""
 
 #: formats of figures, which Matplotlib writes without further libraries, and papers and pages take
 FORMATS = ("png", "pdf", "svg")

@@ -45,7 +45,7 @@ from edge_vpr_tools.report.style import (
 )
 from edge_vpr_tools.report.verdict import Bools, Outcome
 
-# Figures of what became of each match: correct, wrong or not accepted.
+# Figures of the outcome of each match: correct, wrong or not accepted.
 
 
 #: width of a figure in inches, at which its letters can be read on a telephone
@@ -69,7 +69,7 @@ class _Group(NamedTuple):
 
 
 def _groups(outcome: Outcome) -> list[_Group]:
-    """Return the matches by what became of them, those to be drawn on top last; none is empty."""
+    """Return the matches grouped by outcome, those to be drawn on top last; no group is empty."""
     taken = outcome.accepted
     # a transparent colour and not "none": Matplotlib draws marks much faster that have a colour
     ring = {"s": 22, "facecolors": "#ffffff00", "edgecolors": GREY, "linewidths": 1.0}
@@ -91,7 +91,7 @@ def _groups(outcome: Outcome) -> list[_Group]:
 
 
 def draw_outcomes(axes: Axes, x: Floats, y: Floats, outcome: Outcome) -> None:
-    """Draw a mark for each match, by what became of it, with labels for a legend."""
+    """Draw a mark for each match by its outcome, with labels for a legend."""
     for group in _groups(outcome):
         axes.scatter(
             x[group.of], y[group.of], **group.look, zorder=3,

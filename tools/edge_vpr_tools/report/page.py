@@ -153,7 +153,7 @@ def as_html(text: str) -> str:
 
 
 _VIEW = re.compile(r'viewBox="0 0 ([0-9.]+) ')
-#: what of an SVG file is of no use within a page: metadata, fonts, the size, and a style for all
+#: parts of an SVG file that a page does not need: metadata, fonts, the size, the global style
 _OUTER = re.compile(
     r"<metadata>.*?</metadata>|<style[^>]*>.*?</style>|font-family: [^;\"]*;? ?"
     r'| (?:width|height)="[0-9.]+pt"',
@@ -249,7 +249,7 @@ def quantity(
     Parameters
     ----------
     value : float
-        Tells the prefix, from pico to none.
+        Determines the prefix, from pico to none.
     low, high : float, optional
         Left out where both are equal.
     digits : int

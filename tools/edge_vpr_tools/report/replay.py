@@ -36,7 +36,7 @@ from edge_vpr_tools.report.verdict import Outcome, outcome_of
 
 _DPI = 100
 _WIDTH, _HEIGHT = 7.2, 4.5
-#: colours of a film; its frames share them, so that what does not move is stored once
+#: colours of a film; its frames share them, so that unchanged parts are stored once
 _COLOURS = 64
 #: a colour of the palette that is so near to paper or a mark was mixed with it
 _MIXED = 10
@@ -46,7 +46,7 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """What a film shows, frame by frame."""
+    """Contents of a film, frame by frame."""
 
     reference: ReferenceMap
     outcome: Outcome  #: Of n matches, one a frame.
@@ -110,7 +110,7 @@ def _palette_of(picture: Image.Image) -> Image.Image:
 
 
 class _Film:
-    """The figure of a film, and what of it changes from frame to frame."""
+    """The figure of a film, and the parts that change from frame to frame."""
 
     def __init__(self, replay: Replay, drawing: Figure, axes: npt.NDArray[np.object_]) -> None:
         self._replay, self._drawing = replay, drawing

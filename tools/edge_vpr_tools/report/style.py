@@ -35,7 +35,7 @@ BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
     "#56B4E9",
     "#000000",
 )
-#: what is of less importance, on white and on black paper
+#: less important elements, on white and on black background
 GREY = "#808080"
 CYCLE = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)
 #: 7 colours and 5 dashes make 35 different curves, which are distinguishable where they overlap

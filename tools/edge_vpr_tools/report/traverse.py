@@ -91,7 +91,7 @@ def write_report(
     if found is not None:
         page.heading("Metrics")
         page.table(("figure", "value", "what it says"), _figures_of(found))
-        if outcome.wrong.any():  # else, the curves are straight lines
+        if outcome.wrong.any():  # otherwise the curves are straight lines
             add("precision_recall", precision_recall(
                 {f"{len(reference.pixel_map)} pixels, {reference.settings.strategy}": found}
             ), "Precision against recall, one step for each threshold.")  # fmt: skip

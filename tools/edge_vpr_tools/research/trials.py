@@ -129,8 +129,8 @@ _USUAL, _MOST = {_TRIM: 1 << 17, _MMAP: 1 << 17}, {_TRIM: 1 << 26, _MMAP: 1 << 2
 def _with_memory_kept(run: Callable[[Job], Result], job: Job) -> Result:
     """Run a job while malloc keeps freed memory for the next array.
 
-    With the nanny's setting, each large array is taken from the system anew, and every page of it
-    costs a fault: ten times as many as in a process without it, in twice the processor time.
+    With the nanny's setting, each large array is mapped again, with a fault for every page: ten
+    times as many faults, and twice the processor time.
     """
     trimmed = os.environ.get(_TRIMMED, "")
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # of glibc alone

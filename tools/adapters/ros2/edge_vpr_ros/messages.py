@@ -1,6 +1,6 @@
 """Messages of ROS 2 for the rows of `edge-vpr stream --http`.
 
-A row is checked here: what a row holds can end neither the node nor its messages.
+Every value of a row is checked here, so that no row can stop the node or make a wrong message.
 """
 
 from __future__ import annotations
@@ -208,12 +208,12 @@ class Travelled:
 
 
 class Translator:
-    """Makes messages of rows; compares each row of health and match with the one before.
+    """Convert rows to messages; compare each row of health and match with the previous one.
 
     Attributes
     ----------
     left_out : int
-        Rows that were none, which the caller counts; a part of the diagnosis.
+        Invalid rows, counted by the caller; part of the diagnosis.
     """
 
     def __init__(self, frames: Frames) -> None:

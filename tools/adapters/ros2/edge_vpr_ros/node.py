@@ -35,7 +35,7 @@ from edge_vpr_ros.messages import (
     host_us_of,
 )
 
-#: A longer line is none of ours.
+#: Longer lines are ignored.
 _LONGEST = 1 << 24
 #: Silence of the server in seconds after which it is asked again; it sends its health each second.
 _QUIET_S = 2.5
@@ -261,7 +261,7 @@ def row_of(line: bytes) -> dict[str, Any]:
 
 
 def publish_line(line: bytes, translator: Translator, backend: Backend) -> None:
-    """Publish the messages of a row; what is none is left out and counted."""
+    """Publish the messages of a row; invalid rows are left out and counted."""
     try:
         row = row_of(line)
         host_us = host_us_of(row)
@@ -378,7 +378,7 @@ def main(words: list[str] | None = None) -> int:
     ended, failed = threading.Event(), threading.Event()
 
     def follow() -> None:
-        # a node whose thread is gone would live on, and publish nothing
+        # without this, a node whose thread has ended would go on without publishing
         try:
             follow_server(backend, arguments.once, ended)
         except Exception as error:

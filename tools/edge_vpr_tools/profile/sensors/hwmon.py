@@ -50,7 +50,7 @@ CHIPS = {
     "ina260": Chip(0.0015, 0.001, "SBOS656C, current with its own shunt, and bus voltage"),
     "ina3221": Chip(0.0025, 0.0025, "SBOS576A, shunt and bus voltage gain error"),
 }
-#: assumed tolerance of a usual shunt resistor; INA260 has its own inside
+#: assumed tolerance of a common shunt resistor; INA260 has an internal one
 SHUNT_TOLERANCE = 0.01
 #: tolerance of INA228's clock, with which it integrates energy (SLYS021A)
 _OSCILLATOR = 0.005

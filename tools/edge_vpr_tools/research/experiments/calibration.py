@@ -6,7 +6,7 @@ street, as long as a quarter of the drive; with the camera carried to another pa
 back; backwards; and of another street altogether. Matches of a robot have the running mean of the
 query, those of whole drives the drive's own mean. `learn` learns the tables on other streets, in
 the same way; that for robots that stay on the map, from the drives as they were. Queries of
-`nulls`, whose windows or pixels are shuffled, only test them.
+`nulls`, whose windows or pixels are shuffled, are used only for testing.
 """
 
 from __future__ import annotations

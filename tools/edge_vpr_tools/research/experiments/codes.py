@@ -1,4 +1,4 @@
-"""What a few bits a counter are worth: right matches against bytes a place, on real data.
+"""Accuracy of codes of a few bits: correct matches against bytes per place, on real data.
 
 Each map is made once. Its counts and those of the query are then converted to every code, so that
 all codes are compared at the same pixels and events.

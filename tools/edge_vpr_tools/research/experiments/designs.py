@@ -1,4 +1,4 @@
-"""How large a design must be: correct live matches by pixels, bits and places per window.
+"""Accuracy by the size of a design: correct live matches by pixels, bits and places per window.
 
 `edge-vpr estimate --fit` recommends a design by this table.
 """

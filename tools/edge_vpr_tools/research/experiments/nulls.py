@@ -1,8 +1,8 @@
-"""Null baselines: what is found in a query that shows nothing of the route.
+"""Null baselines: matches of a query without information about the route.
 
-The place filter assumes that a drive goes on along the route. What it finds in windows or pixels of
-another order, it assumes; what a constant speed from start to end finds, without any look at the
-query, the drives have in common.
+The place filter assumes that a drive continues along the route. Correct matches of shuffled windows
+or pixels come from this assumption alone; those of a constant speed from start to end, which does
+not use the query at all, come from the similarity of the two drives.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How many pixels are enough: right matches against their number, for each way to choose them."""
+"""Accuracy by the number of pixels, for each strategy of selection."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the place filter, its code and its measure of trust bring, each on its own.
+"""Ablation of the place filter: the filter, its code and its measure of trust, each on its own.
 
 Parameters were chosen on the real drives and on simulated streets of the seeds 0 to 4 and 30 to 49.
 The streets here have other seeds, and light that was not tried before. Each row is evaluated on

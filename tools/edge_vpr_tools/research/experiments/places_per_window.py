@@ -1,4 +1,4 @@
-"""Places at half windows against places at whole ones: what twice the memory is worth, or the same.
+"""Places at half windows against places at whole windows, with twice the memory and with the same.
 
 The costs of half steps were chosen on simulated streets of the seeds 20 to 26 (with the small
 sensor). The streets and the walks here chose only that places are at half windows by default. Maps
@@ -135,7 +135,7 @@ def _left_map(drive: MappedPair, number: int) -> dict[str, MappedPair]:
     return {CUT: cut, CARRIED: carried_off(drive, windows // 3, 2 * windows // 3)}
 
 
-#: queries that show nothing of the route: what is found in them, the filter and the odometry assume
+#: null queries: correct matches come from the assumptions of the filter and from odometry alone
 NULLS = ("null: windows shuffled", "null: query reversed")
 
 

@@ -1,10 +1,10 @@
-"""Every system beside the default, on the same windows: how often it is right, and what it costs.
+"""Every system beside the default, on the same windows: accuracy and cost.
 
 All systems get the same counted and cleaned windows and the same truth. The distances of each are
 matched by sequences and by the place filter, so that the choice of pixels is apart from the
 matching. Each row is evaluated on every window that it matches, and on those that all match. The
 ``null`` rows are the place filter on a query whose windows or pixels were shuffled, and a constant
-speed without any look at the query: what they find, the filter assumes.
+speed that does not use the query: their correct matches come from assumptions alone.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""How much each constant of the place filter matters, and how well it does where it chose nothing.
+"""Sensitivity to each constant of the place filter, and accuracy on drives that did not choose it.
 
 Each constant is varied alone, as a multiple of the default, with places at whole windows. A rule
 that the filter does not have is varied too: a limit on the evidence while the running misfit is
-high. Beside each setting stands what it finds in a query whose pixels were shuffled: that it
-assumes. The last rows leave one pair out: of all settings of the table, the one that is best on the
-other pairs of drives, the streets as one pair, is evaluated on the pair that is left out, which
-chose nothing.
+high. Beside each setting stands its accuracy on a query with shuffled pixels, which comes from
+assumptions alone. The last rows leave one pair out: of all settings of the table, the one that is
+best on the other pairs of drives, the streets as one pair, is evaluated on the pair that is left
+out, which chose nothing.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def match_with(
     typical, misfit = typical_distances(coded.places.counts), MISFIT_ZERO << LASTING_BITS
     mean, scale = activity_of_drive(coded.places.selected_events), 0
     rows = WindowRows.empty(*distances.shape)
-    rows.factor[:] = 0  # the misfit of late matches, which nobody reads
+    rows.factor[:] = 0  # the misfit of late matches, which is not used
     metric = np.zeros(distances.shape[1], dtype=np.int32)
     unweighted = np.zeros(metric.size, dtype=np.uint8)
     prediction = np.zeros(metric.size, dtype=np.int16)
@@ -180,7 +180,7 @@ FIRST_SEED = 70
 VARIED_ALONE = f"{BY_US}, but for this constant"
 BY_OTHERS = "the other drives of this table"
 THE_DEFAULT, OF_DEFAULT = "none: the default", "P@100R of the default"
-#: query that shows nothing of the route, and the column of what is correct of it
+#: null query, and the column of its share of correct matches
 NULL = "null: pixels shuffled once"
 #: a constant and a multiple of it
 Setting = tuple[str, float]

@@ -1,7 +1,7 @@
-"""What the shipped probabilities are worth on real drives that they were not learnt on.
+"""Calibration of the shipped probabilities on real drives that they were not learnt on.
 
-A match is correct here if what its probability promises is true: the true place lies in the
-exclusion zone around it. The tolerances of other experiments are narrower on some drives, and wider
+A match counts as correct here if the true place lies in the exclusion zone around it, which is what
+its probability states. The tolerances of other experiments are narrower on some drives, and wider
 on others.
 """
 
@@ -53,7 +53,7 @@ def mapped_by_default(pair: Pair, seed: int) -> MappedPair:
 
 
 def in_zone(truth: GroundTruth, places: int) -> GroundTruth:
-    """Return the truth of what a probability promises.
+    """Return the truth that a probability refers to.
 
     Parameters
     ----------
