@@ -18,7 +18,7 @@ import numpy as np
 from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
 from edge_vpr.events import TIME_LIMIT_US, Events, Sensor
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, import_extra
-from edge_vpr.recordings.table import match_columns, tidy
+from edge_vpr.recordings.table import UNITS, match_columns, tidy
 
 # Open HDF5 files, and the filters that their data sets are stored through.
 
@@ -325,6 +325,7 @@ class Hdf5Source(Source):
                     f"{path} holds events in {', '.join(places)}: choose one with --topic"
                 )
             ((self._place, (self._fields, stated)),) = places.items()
+            stated = stated or _unit_of(file[self._place], self._fields["t"])
             sensor = _sensor(file, file[self._place])
             self._offset_us = self._offset(file, file[self._place].parent)
             if abs(self._offset_us) > TIME_LIMIT_US:
@@ -424,6 +425,14 @@ class Hdf5Source(Source):
         if block.dtype.names is None:
             return {name: block[:, column] for name, column in self._fields.items()}
         return {name: block[field] for name, field in self._fields.items()}
+
+
+def _unit_of(place: Any, times: object) -> str | None:
+    """Read the unit of the times from the attribute ``units`` of their dataset."""
+    item = place[times] if isinstance(times, str) and hasattr(place, "keys") else place
+    units = item.attrs.get("units", "")
+    word = units.decode(errors="replace") if isinstance(units, bytes) else str(units)
+    return UNITS.get(word.strip().lower())
 
 
 def _sensor(file: Any, place: Any) -> Sensor | None:

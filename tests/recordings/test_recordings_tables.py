@@ -212,6 +212,27 @@ def test_hdf5_of_metavision_and_of_dsec_and_of_float_seconds_are_read(tmp_path):
     assert rows_of(tmp_path / "floats.h5")[0] == EXPECTED
 
 
+@pytest.mark.parametrize("units", ["nanoseconds", b"nanoseconds", " NS "])
+def test_hdf5_whose_times_have_an_attribute_units_needs_no_time_unit(units, tmp_path):
+    """As in NSAVP: names of columns without a unit, and the size of the sensor at the group."""
+    h5py = pytest.importorskip("h5py", reason="h5py is not installed (extra hdf5)")
+    t, x, y, p = (np.array(column) for column in zip(*ROWS, strict=True))
+    path = tmp_path / "R0_FA0_dvxplorer_left.h5"
+    with h5py.File(path, "w") as file:
+        events = file.create_group("events")
+        events.attrs.update(width=SENSOR.width, height=SENSOR.height)
+        events["x_coordinates"], events["y_coordinates"] = x.astype("u2"), y.astype("u2")
+        events["polarities"] = p.astype("u1")
+        since_ns = 1_650_000_000 * 10**9 + t.astype("u8") * 1_000
+        events.create_dataset("timestamps", data=since_ns, chunks=(2,), compression="gzip")
+        events["timestamps"].attrs["units"] = units
+    assert rows_of(path, sensor=None)[0] == EXPECTED
+    with h5py.File(path, "a") as file:
+        file["events/timestamps"].attrs["units"] = "fortnights"
+    with pytest.raises(RecordingError, match="--time-unit ns"):
+        rows_of(path, sensor=None)
+
+
 def test_hdf5_with_two_cameras_asks_which(tmp_path):
     h5py = pytest.importorskip("h5py")
     events = np.array([(x, y, t / 1e6, 2 * p - 1) for t, x, y, p in ROWS])
