@@ -18,7 +18,6 @@ import pytest
 from edge_vpr_tools.cli import VerbParser, find_verb, main
 from edge_vpr_tools.report.tables import with_tables
 from streams import Drive, random_events
-from test_rooms import STAGES
 
 from edge_vpr.events import Sensor
 from edge_vpr.live.protocols import Health, open_encoder
@@ -273,11 +272,3 @@ def test_the_page_of_outputs_names_every_column_and_key(tmp_path):
     }  # fmt: skip
     named = " ".join(named_on("docs/outputs.md"))
     assert {name for name in written if not re.search(rf"\b{name}\b", named)} == set()
-
-
-def test_the_architecture_page_has_every_stage_in_its_order():
-    page = (ROOT / "docs/architecture.md").read_text().split("| stage | content |")[1]
-    cells = [line.split("|")[1] for line in page.splitlines()[2:] if line.startswith("|")]
-    shown = [name for cell in cells for name in re.findall(r"`(\w+)/?`", cell)]
-    assert set(shown) >= set(STAGES)
-    assert [name for name in shown if name in STAGES[10:]] == STAGES[10:]

@@ -87,11 +87,6 @@ def frames(system: str) -> list[float]:
     return [shown, events]
 
 
-def ratio(by: str, work: str) -> float:
-    """Return how many times as long as edge-vpr something takes, of one run."""
-    return float(cell("benchmarks.csv", "edge-vpr against it", work=work, by=by).removesuffix(" x"))
-
-
 def changed(constant: str, drives: str, times: str, column: str = "P@100R") -> list[float]:
     """Return what a constant of the filter gives live: its default, then its value times this."""
     chosen = {"constant": constant, "drives": drives, "matching": "live"}
@@ -103,13 +98,10 @@ def changed(constant: str, drives: str, times: str, column: str = "P@100R") -> l
     ]
 
 
-QUERY, COUNTING = "one query against 20,000 places*", "count 20 M events in columns"
-DRIVE = "a drive of 724 windows by the place filter, 641 places"
 LIMIT, WEIGHT = "largest evidence at high misfit", "weight of evidence"
 CUT, CARRIED, SWITCHED = "a piece cut out", "carried off twice", "switched on in mid-route"
 FILTERED = "sequences of 5, 3-bit log|place filter, 3-bit log"
 LATE, INNER = "4 windows late", "P@100R (inner windows)"
-STREETS = ("street, 3 stops, 150 px", "street, 150 px", "street, low sun, 150 px")
 QUARTER = "a quarter cut out"
 SWAPPED, THEIRS = "Brisbane, 49 *, sunset2 on sunset1", "Brisbane, LENS's *"
 AT_WHOLE = ", places at whole windows"
@@ -184,11 +176,6 @@ def at_half_windows() -> list[float]:
     return [kept(drive, "2") for drive in (QUARTER, "carried off")]
 
 
-def on_walks(column: str, per_window: str) -> list[float]:
-    return means("places-per-window.csv", column, drives="Speck walks", drive="whole",
-                 odometry="none", matched="live", places_per_window=per_window)  # fmt: skip
-
-
 def further_drives() -> list[float]:
     """Return what further drives add to live P@100R, by pixels, light and map."""
     found = {}
@@ -202,16 +189,6 @@ def further_drives() -> list[float]:
 def brisbane(matching: str, pixels: str, tolerance: str = "25 m") -> float:
     chosen = {"drives": pixels, "system": OURS, "tolerance": tolerance, "matching": matching}
     return float(cell("rivals.csv", INNER, **chosen))
-
-
-def street_gains(drives: str) -> list[bool]:
-    """Return on which streets the live filter is better than sequences of 10."""
-    ours, theirs = (
-        [float(row[INNER]) for row in chosen_rows(
-            "place-filter.csv", {"drives": drives, "method": method})]
-        for method in ("place filter, running mean (robot)", "sequences of 10, own mean")
-    )  # fmt: skip
-    return [more > less for more, less in zip(ours, theirs, strict=True)]
 
 
 def reached(column: str) -> list[bool]:
@@ -473,87 +450,6 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
               for system in ("150 varying*", OURS)]),
 ]  # fmt: skip
 
-#: page, words without a number, and whether the files say so
-CLAIMS: list[tuple[str, str, Callable[[], bool]]] = [
-    ("README", "the promise is also kept", lambda: not missed("live", f"whole|{CUT}|{CARRIED}")),
-    ("README", "on the walks and indoors",
-     lambda: missed("smoothed", CUT) == trust("precision", "*indoor*|*walks*", "smoothed", CUT)),
-    ("results", "missed indoors with 150 pixels",
-     lambda: missed(LATE, "whole") == trust("precision", "*indoor, 150 px", LATE)),
-    ("results", "sequences of 10 are about as good on streets",
-     lambda: all(abs(of[0] - of[1]) < 0.025 for of in (
-         correct(drives, f"sequences of 10, own mean|*(robot){AT_WHOLE}", INNER)
-         for drives in ("street, 150 px", "street, low sun, 150 px")))),
-    ("results",
-     "clearly better than sequences of 10 on Brisbane and on streets with stops, better on four of"
-     " the five other streets",
-     lambda: [sum(street_gains(drives)) for drives in STREETS] == [5, 4, 4]
-     and street_gains("Brisbane, 49 px") == [True]),
-    ("results_methods", "their queries more than ten and a hundred times as long",
-     lambda: (times := rivals("time per query (us)"))[1] > 10 * times[0]
-     and times[2] > 100 * times[0]),
-    ("results_methods", "Within 70 m, the filter is better on all of Brisbane",
-     lambda: all(brisbane(LIVE, drives, "70 m") > brisbane(matching, drives, "70 m")
-                 for drives in ("Brisbane, 49 *, sunset1 on sunset2", SWAPPED, THEIRS)
-                 for matching in ("sequences of 10", "sequences of 20"))),
-    ("results_robustness", "half windows accept more live matches, and about as many are correct",
-     lambda: all(more > less for less, more in zip(
-         *(on_walks("share accepted at 0.99", of) for of in "12"), strict=True))
-     and all(abs(half - whole) < 0.02 for whole, half in zip(
-         *(on_walks("P@100R", of) for of in "12"), strict=True))),
-    ("results_robustness", "raise the mean live P@100R in each light",
-     lambda: min(further_drives()) > 0),
-    ("results_robustness", "| walks and indoors, with 150 pixels; with",
-     lambda: reached("accepted at 0.99") == [False, True, True, False]),
-    ("results_robustness", "all, at 49 or 150 pixels",
-     lambda: all(reached("accepted at 0.99 (stays on map)"))),
-    # of times on one machine only what holds on others too, and within which limits
-    ("README", "faiss takes some five times as", lambda: 3 < ratio("faiss IndexFlat*", QUERY) < 8),
-    ("results_cost", "faiss takes some five times as long, and NumPy more than 15 times",
-     lambda: 3 < ratio("faiss IndexFlat*", QUERY) < 8 and ratio("NumPy", QUERY) > 15),
-    ("results_cost", "all pixels of a DAVIS346 take hundreds of times as long as 150",
-     lambda: 200 < ratio("edge-vpr with all*", "one query against 641*") < 2_000),
-    ("results_cost", "NumPy takes some ten times as long",
-     lambda: 5 < ratio("NumPy*", COUNTING) < 20),
-    ("results_cost", "smoothing takes less than three times as long, and sequences less time",
-     lambda: ratio("edge-vpr, smoothed", DRIVE) < 3
-     and ratio("edge-vpr, sequences of 5", DRIVE) < 1),
-    ("results_cost", "RAW EVT 2.0 is read more than five times as fast as text",
-     lambda: float(cell("reader-speed.csv", "million events/s", format="RAW EVT 2.0"))
-     > 5 * float(cell("reader-speed.csv", "million events/s", format="text"))),
-    ("results_cost", "takes less than 100 times as long as one with a single event",
-     lambda: float(latency("p50 (µs)", "10,000")) < 100 * float(latency("p50 (µs)"))),
-    ("results_cost", "low and high are within a factor of three",
-     lambda: all(
-         value / 3 < low <= value <= high < 3 * value
-         for value, low, high in (
-             [float(row[name]) for name in ("matches per joule", "low", "high")]
-             for row in chosen_rows("joules.csv", {"basis": "modelled"})))),
-    ("results_cost", "matches per joule fall nearly in proportion to it",
-     lambda: all(
-         found[0] > 2 * found[1] > 10 * found[2] for found in (
-             joules("place filter, 150 pixels", device)
-             for device in ("Cortex-M4", "Cortex-M7", "iCE40UP5K")))),
-    ("results_cost", "met with code tables and missed with contrast codes",
-     lambda: logic("*by activity") < 1_900 < logic("*by activity, contrast codes")),
-    ("results_methods", "of 150 pixels, random ones match as well as varying ones",
-     lambda: all(abs(ours - theirs) < 0.01 for ours, theirs in zip(
-         *(means("pixel-number.csv", "P@100R", matching="*(robot)", pixels="150",
-                 pixels_chosen_by=by) for by in ("variance", "random")), strict=True))),
-    ("results_robustness", "all live matches that `--precision 0.99` accepts are correct",
-     lambda: set(slower("*(robot), odometry", "correct of accepted")) == {1}
-     and set(means("place-filter.csv", "correct of accepted", drives="street, 150 px",
-                   method="*(robot), odometry")) == {1}),
-    ("results_robustness", "none of them off the map",
-     lambda: max(trust("accepted off the map", map=CUT)) == 0),
-    ("results_robustness", "Right after the edge, no live match was accepted on recorded drives",
-     lambda: max(trust("most windows accepted after leaving", map=CUT)) == 0),
-    ("results_robustness", "Live it accepts none",
-     lambda: max(trust("accepted at 0.99", map="null: *")) == 0),
-    ("will_it_work", "this is about 19 KiB per kilometre at 6 m/s",
-     lambda: round(2 * int(place_bytes()) * 1000 / 6 / 1024) == 19),
-]  # fmt: skip
-
 
 def path_of(page: str) -> Path:
     return ROOT / ("README.md" if page == "README" else f"docs/{page}.md")
@@ -578,9 +474,3 @@ def filled(words: str, found: object) -> str:
 @pytest.mark.parametrize(("page", "words", "compute"), SENTENCES)
 def test_a_sentence_has_the_numbers_of_the_files(page, words, compute):
     assert filled(words, compute()) in prose_of(page)
-
-
-@pytest.mark.parametrize(("page", "words", "holds"), CLAIMS)
-def test_a_sentence_without_numbers_is_what_the_files_say(page, words, holds):
-    assert words in prose_of(page)
-    assert holds()

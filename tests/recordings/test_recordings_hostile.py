@@ -1,4 +1,4 @@
-"""Recordings made to do harm: claims that are not believed, bombs, texts, links, full disks."""
+"""Damaged and odd recordings: false sizes, expanding data, texts, links, full disks."""
 
 from __future__ import annotations
 
