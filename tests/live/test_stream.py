@@ -27,8 +27,8 @@ from edge_vpr.errors import MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.protocols import open_decoder, open_encoder
-from edge_vpr.live.session import LiveLocaliser, LiveMatch, LiveResult, LiveStatus, LiveStep
-from edge_vpr.online.localiser import MATCH_DTYPE, Localiser, MatchSchedule
+from edge_vpr.live.session import LiveLocaliser, LiveMatch, LiveStatus, LiveStep
+from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
@@ -206,47 +206,6 @@ def test_a_real_walk_of_nine_million_events_is_matched_live_as_offline(
     assert [row["time_s"] for row in rows] == (expected["time_us"] / 1e6).tolist()
     (summary,) = rows_of(log, "summary")
     assert (summary["events"], summary["decoded"], summary["lost"]) == (9_234_993, 9_234_993, 0)
-
-
-def test_a_run_is_saved_for_the_rerun_viewer(drive, tmp_path):
-    pytest.importorskip("rerun", reason="rerun-sdk, 160 MB, is an extra of its own")
-    saved, raw = tmp_path / "run.rrd", tmp_path / "raw.bin"
-    encoder = open_encoder("evpr", SENSOR)
-    sent = np.concatenate(list(open_recording(drive / "query.npz")))
-    raw.write_bytes(encoder.start() + encoder.encode(sent))
-    words = ["stream", "--port", raw, "--protocol", "evpr", "--map", drive / "map.npz"]
-    assert main([str(word) for word in [*words, "--rerun", saved]]) == 0
-    # 2 s in pictures of 33 ms
-    assert saved.read_bytes().count(b"RRF2") >= 1
-    assert saved.stat().st_size > 20_000
-
-
-def test_the_viewer_gets_each_picture_once_and_the_newest_match(drive):
-    pytest.importorskip("rerun", reason="rerun-sdk, 160 MB, is an extra of its own")
-    from edge_vpr_tools.live_view import PICTURE_US, RerunView
-
-    told = []
-
-    class Recording:
-        def set_time(self, timeline, *, duration):
-            told.append((timeline, duration))
-
-        def log(self, path, what):
-            told.append((path, what))
-
-    view = RerunView(Recording(), SENSOR)
-    events = make_events([0, 10, PICTURE_US], [1, 2, 3], [4, 5, 6], [1, 0, 1])
-    matches = np.zeros(2, dtype=MATCH_DTYPE)
-    matches["time_us"], matches["place"], matches["ratio"] = [5, 9], [7, 8], [0.5, np.nan]
-    view.show(LiveResult(events[:1], matches[:0]))
-    view.show(LiveResult(events[1:], matches, missing=(0.0, 0.25)))
-    assert [path for path, _ in told] == [
-        "stream", "events", "stream", "match/place", "match/missing",
-    ]  # fmt: skip
-    assert told[0][1] == PICTURE_US / 1e6
-    picture = told[1][1].buffer.as_arrow_array()[0].values.to_numpy().reshape(48, 64, 3)
-    assert picture[4, 1].tolist() != picture[5, 2].tolist() != picture[0, 0].tolist()
-    assert np.array_equal(picture[0, 0], picture[6, 3])  # of the next picture
 
 
 def test_what_a_bad_line_loses_is_counted_and_the_matches_around_it_are_flagged(drive, tmp_path):

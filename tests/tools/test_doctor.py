@@ -46,13 +46,13 @@ def test_a_library_that_is_too_old_or_missing_is_wrong_and_told_with_its_command
 def test_extras_whose_library_is_missing_are_told_with_one_command(monkeypatch):
     requiring(
         monkeypatch, "numpy>=2", 'edge-vpr-no-such-library; extra == "hdf5"',
-        'numpy>=99; extra == "rerun"', 'numpy>=2; extra == "parquet"',
+        'numpy>=99; extra == "dask"', 'numpy>=2; extra == "parquet"',
     )  # fmt: skip
     here, absent = doctor.check_extras()
     assert here.state == "good" and "parquet" in here.text and "hdf5," not in here.text
-    assert absent.state == "absent" and "hdf5 (HDF5 recordings), rerun (" in absent.text
+    assert absent.state == "absent" and "hdf5 (HDF5 recordings), dask (" in absent.text
     assert absent.text.endswith(f"numpy is {np.__version__}, needed is >=99")
-    assert "[hdf5,rerun]" in absent.remedy
+    assert "[hdf5,dask]" in absent.remedy
 
 
 def test_an_extra_without_wheels_for_this_processor_is_not_offered(monkeypatch):

@@ -122,7 +122,6 @@ RUNS = [
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SMALL} --no-polarity "
      "--no-keep-incomplete --clip 200 --overwrite", 0),
     # 2: the viewer is an extra of 160 MB, which may not be installed
-    (f"{STREAM} --map {{f}}/map.npz --once --rerun {{f}}/run.rrd", (0, 2)),
     ("bridge {f}/query.npz --port udp://127.0.0.1:9 --protocol evpr --speed 0 --baud 9600 "
      "--flow-control --faults drop=0.01 --seed 1", 0),
     (f"bridge {{f}}/table.txt --port udp://127.0.0.1:9 --speed 0 {TABLE}", 0),

@@ -348,7 +348,6 @@ EXTRAS = {
     "baselines": "histograms of oriented gradients in experiment rivals",
     "models": "networks in ONNX and safetensors files as baselines",
     "torch": "weights as PyTorch saves them",
-    "rerun": "the viewer of stream --rerun",
     "dds": "the node for ROS 2 (--dds)",
     "hardware": "placing the hardware core on an ECP5, and its bench in Python",
 }

@@ -1,4 +1,4 @@
-"""Output of a live run: a view on a terminal, plain lines in a pipe, JSON for programs, Rerun."""
+"""Output of a live run: a view on a terminal, plain lines in a pipe, JSON for programs."""
 
 from __future__ import annotations
 
@@ -22,10 +22,9 @@ from rich.table import Table
 from rich.text import Text
 
 from edge_vpr.confidence import STRANGE, STRANGE_TEXT
-from edge_vpr.errors import MissingExtraError, printable
-from edge_vpr.events import Sensor
+from edge_vpr.errors import printable
 from edge_vpr.live.position import Locator
-from edge_vpr.live.session import SILENT_S, LiveMatch, LiveResult, LiveStatus, LiveStep, ends_early
+from edge_vpr.live.session import SILENT_S, LiveMatch, LiveStatus, LiveStep, ends_early
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.console import is_quiet, warning
 from edge_vpr_tools.publish import MatchServer
@@ -465,81 +464,3 @@ def open_view(
             # every line was flushed when written, and failures were reported then
             with suppress(OSError):
                 file.close()
-
-
-# Output of a live run in the Rerun viewer: events as pictures, matches as curves.
-
-
-#: Time span of the events in a picture.
-PICTURE_US = 33_000
-_ON, _OFF, _NONE = (255, 255, 255), (70, 110, 255), (20, 20, 20)
-
-
-class RerunView:
-    """Sends pictures and matches, with times on the clock of the stream."""
-
-    def __init__(self, recording: Any, sensor: Sensor) -> None:
-        self._recording = recording
-        self._blank = np.full((sensor.height, sensor.width, 3), _NONE, dtype=np.uint8)
-        self._picture = self._blank.copy()
-        self._start_us = 0
-
-    def show(self, result: LiveResult) -> None:
-        """Send the events and matches of a chunk."""
-        import rerun
-
-        events = result.events
-        slots = events["t"] // PICTURE_US
-        for part in np.split(events, np.flatnonzero(np.diff(slots)) + 1) if events.size else []:
-            start_us = int(part["t"][0]) // PICTURE_US * PICTURE_US
-            if start_us != self._start_us:
-                self._send_picture(start_us)
-            colours = np.where(part["p"][:, None], _ON, _OFF)
-            self._picture[part["y"], part["x"]] = colours
-        matches = result.matches
-        if matches.size:
-            # only the newest match of a piece is visible
-            match = matches[-1]
-            self._recording.set_time("stream", duration=match["time_us"] / 1e6)
-            self._recording.log("match/place", rerun.Scalars(float(match["place"])))
-            if not np.isnan(match["ratio"]):
-                self._recording.log("match/ratio", rerun.Scalars(float(match["ratio"])))
-            if not np.isnan(match["probability"]):
-                probability = rerun.Scalars(float(match["probability"]))
-                self._recording.log("match/probability", probability)
-            self._recording.log("match/missing", rerun.Scalars(result.missing[-1]))
-
-    def _send_picture(self, next_us: int) -> None:
-        import rerun
-
-        self._recording.set_time("stream", duration=(self._start_us + PICTURE_US) / 1e6)
-        self._recording.log("events", rerun.Image(self._picture))
-        self._picture = self._blank.copy()
-        self._start_us = next_us
-
-
-@contextmanager
-def open_rerun(target: str, sensor: Sensor) -> Iterator[RerunView]:
-    """Open a viewer, or a file for one.
-
-    Parameters
-    ----------
-    target : str
-        ``viewer``, or a file ``.rrd`` to look at later.
-
-    Raises
-    ------
-    MissingExtraError
-        If the library is not installed.
-    """
-    try:
-        import rerun
-    except ImportError as error:
-        raise MissingExtraError("--rerun", "rerun-sdk", "rerun") from error
-    with rerun.RecordingStream("edge-vpr") as recording:
-        if target == "viewer":
-            recording.spawn()
-        else:
-            recording.save(target)
-        yield RerunView(recording, sensor)
-        recording.flush()

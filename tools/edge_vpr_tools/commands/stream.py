@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from edge_vpr.live.session import LiveSession
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.settings import Settings
-    from edge_vpr_tools.live_view import RerunView, View
+    from edge_vpr_tools.live_view import View
 
 #: Interval in seconds at which the service manager is notified that the run is alive.
 _ALIVE_S = 5.0
@@ -122,10 +122,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="save the raw bytes (.bin) or the events (.npz, .raw, ...); may be repeated",
     )  # fmt: skip
     output.add_argument(
-        "--rerun", nargs="?", const="viewer", metavar="FILE.rrd",
-        help="show events and matches in the Rerun viewer, or save them to a file for it",
-    )  # fmt: skip
-    output.add_argument(
         "--json", action="store_true", help="print matches and health as JSON lines"
     )
     output.add_argument(
@@ -198,9 +194,8 @@ def _check_files(args: argparse.Namespace) -> None:
         )
     for name in of_events:
         check_recorded(Path(name), "--record")
-    saved = None if args.rerun == "viewer" else args.rerun
     seen = {Path(name).resolve() for name in (args.port, args.map) if name}
-    for name in filter(None, [*args.record, args.log, args.output, saved]):
+    for name in filter(None, [*args.record, args.log, args.output]):
         path = Path(name)
         if path.resolve() in seen:
             raise UsageError(f"{path} is named twice: give each file another name")
@@ -250,16 +245,13 @@ def run(args: argparse.Namespace) -> None:
 
 def _show(args: argparse.Namespace, session: LiveSession) -> None:
     """Open a session, show it to its end, and close everything in any case, the session last."""
-    from edge_vpr_tools.live_view import open_rerun, open_view
+    from edge_vpr_tools.live_view import open_view
     from edge_vpr_tools.publish import MatchServer
 
     line_s = duration_us(args.status_every) / 1e6 if args.status_every else None
     session.on_message = lambda message: None  # the command itself says that it compiles
     try:
         with ExitStack() as stack:
-            viewer = None
-            if args.rerun is not None:
-                viewer = stack.enter_context(open_rerun(args.rerun, session.sensor))
             stack.enter_context(stopped_by_signals(session.stopping))
             server = None
             if args.http is not None:
@@ -272,7 +264,7 @@ def _show(args: argparse.Namespace, session: LiveSession) -> None:
                 open_view(args.json, args.log, session.reference, server, line_s)
             )
             tell_systemd("READY=1")
-            _show_steps(session, view, viewer)
+            _show_steps(session, view)
     finally:
         session.on_message = lambda message: error_line(message.text)
         session.close()
@@ -288,7 +280,7 @@ def tell_systemd(state: str) -> None:
             sock.sendto(state.encode(), address.replace("@", "\0", 1))
 
 
-def _show_steps(session: LiveSession, view: View, rerun: RerunView | None) -> None:
+def _show_steps(session: LiveSession, view: View) -> None:
     """Show each step of a session, and then what it lost."""
     from edge_vpr.descriptors.counting import Removed
     from edge_vpr.live.session import nothing_valid
@@ -300,8 +292,6 @@ def _show_steps(session: LiveSession, view: View, rerun: RerunView | None) -> No
             for reading in step.odometry:
                 view.odometry(*reading)
             view.matches(step)
-            if rerun is not None and step.result is not None:
-                rerun.show(step.result)
             view.tick(session.status)
             if time.monotonic() >= alive_s:
                 alive_s = time.monotonic() + _ALIVE_S
