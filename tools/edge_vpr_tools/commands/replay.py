@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """\
   edge-vpr replay tuesday -o match.gif
-  edge-vpr replay tuesday -o match.html --frames 600
+  edge-vpr replay tuesday -o match.gif --frames 600
   edge-vpr replay tuesday -o match.gif --all-events --start 20 --end 60"""
 
 
@@ -28,9 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "results", metavar="RESULTS", help="folder that edge-vpr match or demo wrote"
     )
-    output = add_output_flags(
-        parser, "FILE", "film to write: an animated picture (.gif), or a page with a slider (.html)"
-    )
+    output = add_output_flags(parser, "FILE.gif", "film to write, an animated picture")
     output.add_argument(
         "--frames", type=int, default=150, metavar="N",
         help="largest number of frames; with more windows, some are left out, evenly",
@@ -116,22 +114,16 @@ class RecordedInputs:
         return path
 
 
-_SUFFIXES = (".gif", ".html")
-
-
 def run(args: argparse.Namespace) -> None:
     """Compute the costs again, draw the frames and write the film."""
     from edge_vpr.files import read_json
     from edge_vpr.reference_map import MatchResult
     from edge_vpr.results import RUN, check_new_file
-    from edge_vpr_tools.report.replay import frames, replay_of, write_gif, write_html
+    from edge_vpr_tools.report.replay import frames, replay_of, write_gif
 
     output = Path(args.output)
-    if output.suffix not in _SUFFIXES:
-        raise UsageError(
-            f"output {output} does not end in {' or '.join(_SUFFIXES)}: name it for example "
-            "match.gif"
-        )
+    if output.suffix != ".gif":
+        raise UsageError(f"output {output} does not end in .gif: name it for example match.gif")
     if args.frames < 1:
         raise UsageError(f"--frames {args.frames}: expected 1 or more")
     if not 0.1 <= args.fps <= 50:
@@ -158,9 +150,6 @@ def run(args: argparse.Namespace) -> None:
         for picture in frames(replay):
             pictures.append(picture)
             show(f"frame {len(pictures)} of {len(replay)}")
-        if output.suffix == ".gif":
-            write_gif(output, pictures, args.fps)
-        else:
-            write_html(output, pictures, replay.captions(), args.fps)
+        write_gif(output, pictures, args.fps)
     size = output.stat().st_size / 1e6
     summary(f"{output}: {len(pictures)} frames, {len(pictures) / args.fps:.0f} s, {size:.1f} MB")

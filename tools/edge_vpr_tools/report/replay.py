@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +27,6 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import MatchResult, ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr_tools.report.figures import Window, dot_sizes, draw_window, total_counts
-from edge_vpr_tools.report.page import as_html, fill
 from edge_vpr_tools.report.style import BLUE, GREY, ORANGE, along_route, panels
 from edge_vpr_tools.report.verdict import Outcome, outcome_of
 
@@ -216,34 +212,6 @@ def write_gif(path: Path, pictures: Sequence[Image.Image], fps: float) -> None:
             temporary, format="GIF", save_all=True, append_images=pictures[1:],
             duration=round(1000 / fps), loop=0,
         )  # fmt: skip
-
-
-def write_html(
-    path: Path, pictures: Sequence[Image.Image], captions: Sequence[str], fps: float
-) -> None:
-    """Write a page with a slider, which needs no other file, atomically."""
-    encoded = [base64.b64encode(_png(one)).decode("ascii") for one in pictures]
-    # within a script, nothing may look like markup
-    markup = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&'"}
-    text = fill(
-        "replay.html",
-        picture=encoded[0],
-        pictures="".join(f'"{one}",\n' for one in encoded),
-        caption=as_html(captions[0]),
-        captions=json.dumps(list(captions)).translate(markup),
-        last=str(len(pictures) - 1),
-        width=str(pictures[0].width),
-        height=str(pictures[0].height),
-        pause_ms=str(round(1000 / fps)),
-    )
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
-def _png(picture: Image.Image) -> bytes:
-    target = io.BytesIO()
-    picture.save(target, format="PNG", optimize=True)
-    return target.getvalue()
 
 
 # What a film of a match shows, from its folder of results.
