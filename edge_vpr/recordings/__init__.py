@@ -4,19 +4,17 @@
 >>> for events in open_recording("drive.raw"):  # doctest: +SKIP
 ...     ...
 
-The reader of a file is found by its content and its suffix, the writer by the suffix. What readers
-share is in `reading`.
+The reader of a file is found by its content and its suffix, the writer by the suffix. From then on
+`reading.Recording` asks the reader for events, checks them and yields them.
 """
 
 from __future__ import annotations
 
 import contextlib
-import copy
 import io
-import math
 import os
 import stat
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from importlib import import_module
@@ -26,21 +24,23 @@ from typing import Any, Protocol
 import numpy as np
 
 from edge_vpr.errors import EdgeVprError, RecordingError, UsageError, as_path, expect
-from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, check_events
+from edge_vpr.events import Events, Sensor, check_events
 from edge_vpr.files import check_absent, open_input, replacing
 from edge_vpr.plugins import Registry
+from edge_vpr.recordings.decoding import ArrayStream
 from edge_vpr.recordings.frames import CountFrames, parse_period, read_count_frames
 from edge_vpr.recordings.numpy_files import Archive
 from edge_vpr.recordings.prophesee import encoding_of
 from edge_vpr.recordings.reading import (
     CHUNK_EVENTS,
-    ArrayStream,
     Columns,
-    FaultLog,
     Faults,
     ReadOptions,
+    Recording,
     Source,
+    TimeCrop,
     check_policy,
+    crop_of,
     foreign_errors,
 )
 
@@ -58,321 +58,6 @@ __all__ = [
     "read_count_frames",
     "write_recording",
 ]
-
-# Part of a recording between two moments.
-
-
-@dataclass(frozen=True, kw_only=True)
-class TimeCrop:
-    """Part of a recording to read: from `start_us` (included) to `end_us` (excluded).
-
-    Attributes
-    ----------
-    start_us : int
-        Counted from the recording's first moment, or from `offset_us`.
-    end_us : int or None
-        Counted likewise; None for the recording's end.
-    offset_us : int or None
-        Moment on the file's own clock from which the two count; None for the recording's first one.
-    """
-
-    start_us: int = 0
-    end_us: int | None = None
-    offset_us: int | None = None
-
-    def __post_init__(self) -> None:
-        for value in (self.start_us, self.end_us, self.offset_us):
-            if value is not None and abs(value) > TIME_LIMIT_US:
-                raise UsageError(f"{value} us is beyond 2**60 us: give start and end in seconds")
-        if self.start_us < 0:
-            raise UsageError(
-                f"the start {self.start_us / 1e6:g} s is negative: give seconds from the "
-                "recording's beginning"
-            )
-        if self.end_us is not None and self.end_us <= self.start_us:
-            raise UsageError(
-                f"the end {self.end_us / 1e6:g} s is not after the start "
-                f"{self.start_us / 1e6:g} s: give a later end"
-            )
-
-    def span(self, recording_start_us: int) -> tuple[int, int | None]:
-        """Return start and end in microseconds from the first moment of a recording.
-
-        Parameters
-        ----------
-        recording_start_us : int
-            That moment on the file's own clock.
-
-        Returns
-        -------
-        start_us : int
-            0 if the part begins before the recording.
-        end_us : int or None
-        """
-        shift = 0 if self.offset_us is None else self.offset_us - recording_start_us
-        start = max(0, self.start_us + shift)
-        if self.end_us is None:
-            return start, None
-        end = self.end_us + shift
-        if end <= start:
-            raise UsageError(
-                f"the part to read ends {-end / 1e6:g} s before the recording begins "
-                f"({recording_start_us / 1e6:.6f} s on its own clock): check start offset and end"
-            )
-        return start, end
-
-
-def seconds_us(given: float | str, name: str) -> int:
-    """Read seconds exactly, such as ``1587452582.35`` or ``1/30``, as microseconds.
-
-    Parameters
-    ----------
-    name : str
-        Named in the message.
-
-    Returns
-    -------
-    int
-        Rounded to the nearest, halves to even.
-    """
-    text = str(given)
-    # 1e999999999 would fill the memory
-    if len(text) <= 40 and "e" not in text.lower():
-        with contextlib.suppress(ValueError, ZeroDivisionError):
-            return round(Fraction(text) * 1_000_000)
-    raise UsageError(f"{name} {text[:40]!r} is no number of seconds: write for example 12.5")
-
-
-def crop_of(
-    start: float | str | None, end: float | str | None, offset: float | str | None = None
-) -> TimeCrop | None:
-    """Return the part between two times in seconds; None if no time is given."""
-    if start is end is offset is None:
-        return None
-    return TimeCrop(
-        start_us=0 if start is None else seconds_us(start, "start (--start)"),
-        end_us=None if end is None else seconds_us(end, "end (--end)"),
-        offset_us=None if offset is None else seconds_us(offset, "--start-offset"),
-    )
-
-
-def cropped_events(chunks: Iterator[Events], start_us: int, end_us: int | None) -> Iterator[Events]:
-    """Yield the events from `start_us` up to `end_us`, with times counted from `start_us`.
-
-    Parameters
-    ----------
-    chunks : iterator of ndarray of EVENT_DTYPE
-        In time order. No further chunk is read after one that reaches `end_us`.
-
-    Yields
-    ------
-    ndarray of EVENT_DTYPE, shape (n,)
-        Copies; never empty.
-    """
-    for events in chunks:
-        times = events["t"]
-        first = int(np.searchsorted(times, start_us))
-        end = times.size if end_us is None else int(np.searchsorted(times, end_us))
-        if end > first:
-            part = events[first:end].copy()
-            part["t"] -= start_us
-            yield part
-        if end < times.size:
-            return
-
-
-# A recording: an iterable of checked event arrays, for any number of passes.
-
-
-class Recording:
-    r"""Iterable of event arrays that are never empty, in time order, and inside the sensor.
-
-    >>> import tempfile, edge_vpr
-    >>> path = Path(tempfile.mkdtemp()) / "three.csv"
-    >>> _ = path.write_text("t,x,y,p\n100,0,0,1\n150,1,0,0\n150,1,1,1\n")
-    >>> recording = edge_vpr.open_recording(path, sensor=(2, 2))
-    >>> recording.sensor, [len(events) for events in recording]
-    (Sensor(width=2, height=2), [3])
-
-    Each ``iter()`` starts at the first event and resets `faults` and `position`. Memory does not
-    grow with the length of the file.
-
-    Attributes
-    ----------
-    format : str
-        Short name, as in :data:`edge_vpr.recordings.FORMATS`.
-    start_us : int
-        Time t = 0 on the file's own clock, in microseconds: since the Unix epoch if the file has
-        wall-clock time (ROS, AEDAT4), else on the camera's clock.
-    faults : Faults
-        Entries that the newest pass has dropped so far.
-    remark : str
-        Warning about an implausible unit of times, if the file does not state it, or about
-        implausible values of the polarity; else "".
-    frame_period : Fraction or None
-        Seconds per frame of counts, as the file states or as given; None if the file holds events.
-    """
-
-    def __init__(self, source: Source, on_fault: str) -> None:
-        if source.sensor is None:
-            raise UsageError(
-                f"{source.path} does not say how large its sensor is: "
-                "pass --sensor WIDTHxHEIGHT (sensor=), for example --sensor 346x260"
-            )
-        self.path: Path = source.path
-        self.format = source.options.format
-        self.sensor: Sensor = source.sensor
-        self.faults = Faults()
-        self._source = source
-        self._on_fault = on_fault
-        self.remark = ""
-        self.frame_period: Fraction | None = getattr(source, "frame_period", None)
-        self._span: tuple[int, int | None] = (0, None)
-        self._origin_us, self.start_us = self._find_start()
-
-    @property
-    def position(self) -> float | None:
-        """Share of the file that the newest pass has read, 0 to 1; None if it is not known."""
-        return self._source.position
-
-    @property
-    def cropped_us(self) -> int:
-        """Microseconds from the recording's start to time 0, which is that of the part read."""
-        return self._span[0]
-
-    def __iter__(self) -> Iterator[Events]:
-        log = FaultLog(self.path, self.sensor, self._on_fault, self._origin_us)
-        self.faults = log.faults
-        return self._walk(log) if self._span == (0, None) else self._cropped(log)
-
-    def cropped(self, crop: TimeCrop) -> Recording:
-        """Return the part between two moments; its times count from the part's beginning.
-
-        Returns
-        -------
-        Recording
-            Part of the same file, with `start_us` at its beginning. A pass over a part without
-            events raises RecordingError.
-        """
-        start, end = crop.span(self.start_us)
-        part = copy.copy(self)
-        first, last = self._span
-        part._span = (first + start, last if end is None else min(first + end, last or first + end))
-        part.start_us = self.start_us + start
-        part.faults = Faults()
-        return part
-
-    def __repr__(self) -> str:
-        return f"<Recording {self.path} ({self.format}, {self.sensor})>"
-
-    def _walk(self, log: FaultLog) -> Generator[Events, None, None]:
-        with foreign_errors(self.path, lambda: f" after event {log.entries:,}"):
-            for columns in self._source.chunks(log):
-                events = log.admit(columns)
-                if events.size:
-                    yield events
-            log.finish()
-
-    def _cropped(self, log: FaultLog) -> Generator[Events, None, None]:
-        start, end = self._span
-        found = False
-        with contextlib.closing(self._walk(log)) as chunks:
-            for events in cropped_events(chunks, start, end):
-                found = True
-                yield events
-        if not found:
-            until = "its end" if end is None else f"{end / 1e6:g} s"
-            raise RecordingError(
-                f"{self.path} holds no events from {start / 1e6:g} s to {until}: give another "
-                "--start and --end (edge-vpr info shows its times)"
-            )
-
-    def _find_start(self) -> tuple[int, int]:
-        """Read up to the first good event, so that an empty file is noticed at once."""
-        log = FaultLog(
-            self.path, self.sensor, "drop", origin_us=0 if self._source.relative else None
-        )
-        with contextlib.closing(self._walk(log)) as chunks:
-            first = next(chunks, None)
-        if first is None:
-            lost = f" (dropped: {log.faults})" if log.faults.total else ""
-            raise RecordingError(
-                f"{self.path} holds no events of a {self.sensor} sensor{lost}: "
-                + (log.first_unreadable or "check the file, its format and its sensor")
-            )
-        assert log.origin_us is not None
-        start = self._source.start_us
-        if start is not None and abs(start) > TIME_LIMIT_US:
-            raise RecordingError(
-                f"{self.path} begins at {start} us, beyond 2**60 us: copy or record it again"
-            )
-        if log.assumed_unit is not None:
-            log.remark(_doubt(first, self._source.position, self.sensor, log.assumed_unit))
-        self.remark = "; ".join(filter(None, log.remarks))
-        self._source.position = 0.0 if self._source.position is not None else None
-        return log.origin_us, log.origin_us if start is None else start
-
-
-#: Fewest events for a check of the unit of time.
-_FEWEST = 1_000
-_US_PER_UNIT = {
-    "s": Fraction(10**6),
-    "ms": Fraction(1000),
-    "us": Fraction(1),
-    "ns": Fraction(1, 1000),
-}
-#: Usual rate of a moving camera in events/s a pixel, and lowest one in events/s; shortest and
-#: longest usual recording in s.
-_USUAL_RATE, _SLOWEST, _SHORTEST, _LONGEST = 3.0, 1_000.0, 1.0, 3_600.0
-#: A unit is doubted if another one is more usual by this many powers of ten, or if times come in
-#: longer steps; a unit beyond so many powers of ten is not proposed.
-_DOUBTFUL, _LONGEST_STEP_US, _IMPOSSIBLE = 2.0, 10_000, 4.0
-
-
-def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str) -> str:
-    """Return why the unit of the times is implausible; "" if it is plausible.
-
-    Parameters
-    ----------
-    events : ndarray of EVENT_DTYPE, shape (n,)
-        The first events.
-    share : float or None
-        Share of the file that they are.
-    assumed : str
-        Unit in which they were read.
-    """
-    n, duration_us = events.size, int(events["t"][-1] - events["t"][0])
-    if n < _FEWEST:
-        return ""
-    steps = np.diff(events["t"])
-    step_us = int(steps[steps > 0].min(initial=TIME_LIMIT_US))
-
-    def oddness(factor: Fraction) -> float:
-        """Return by how many powers of ten rate and duration are unusual, if times are longer."""
-        if step_us * factor > _LONGEST_STEP_US:
-            return math.inf
-        seconds = float(duration_us * factor) / 1e6
-        total = seconds / min(max(share or 1.0, 1e-6), 1.0)
-        rate = abs(math.log10(n / seconds / sensor.pixels / _USUAL_RATE))
-        return rate + max(0.0, math.log10(_SHORTEST / total), math.log10(total / _LONGEST))
-
-    odd = {unit: oddness(us / _US_PER_UNIT[assumed]) for unit, us in _US_PER_UNIT.items()}
-    best = min(odd, key=lambda unit: odd[unit])
-    if odd[best] > _IMPOSSIBLE and odd[assumed] == math.inf:
-        return (
-            f"among the first {n:,} events there are {np.unique(events['t']).size:,} different "
-            "times: save them as whole microseconds or float64, since float32 has too few digits "
-            "for times since 1970"
-        )
-    rate = n * 1e6 / duration_us
-    if best == assumed or (odd[assumed] < odd[best] + _DOUBTFUL and rate >= _SLOWEST):
-        return ""
-    return (
-        f"the first {n:,} events take {duration_us / 1e6:,.6g} s if times are in {assumed}, as "
-        f"assumed, which is {rate:,.3g} events/s: if they are in {best}, which is more likely, "
-        f"pass --time-unit {best}"
-    )
-
 
 # Choice of the reader for a file: by its first bytes, then by its suffix.
 

@@ -14,20 +14,22 @@ import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.recordings.reading import (
+from edge_vpr.recordings.decoding import (
     LIMIT_BYTES,
-    Columns,
-    FaultLog,
-    ReadOptions,
-    Source,
     Unwrapper,
     Wording,
     choose_stream,
-    in_chunks,
     is_text,
     lz4,
     read_records,
     zstd,
+)
+from edge_vpr.recordings.reading import (
+    Columns,
+    FaultLog,
+    ReadOptions,
+    Source,
+    in_chunks,
 )
 
 # AEDAT 2.0, written by jAER: pairs of a 32-bit address and a 32-bit time, big endian.

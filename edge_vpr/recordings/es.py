@@ -18,12 +18,14 @@ import numpy as np
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
+from edge_vpr.recordings.decoding import (
+    import_extra,
+)
 from edge_vpr.recordings.reading import (
     Columns,
     FaultLog,
     ReadOptions,
     Source,
-    import_extra,
     in_chunks,
 )
 

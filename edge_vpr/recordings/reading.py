@@ -1,27 +1,29 @@
-"""Common parts of readers: columns, checks and counts of faults, and reading in bounded memory."""
+"""Recordings: the events of a reader are checked, cropped and yielded; faulty ones are counted.
+
+A reader of a format is a `Source`, which yields `Columns` of unchecked events. `Recording` checks
+them with a `FaultLog`, and yields arrays of events.
+"""
 
 from __future__ import annotations
 
-import bz2
-import io
+import contextlib
+import copy
 import math
-import re
-import sys
-import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from fractions import Fraction
-from importlib import import_module
 from pathlib import Path
-from typing import IO, Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import EdgeVprError, MissingExtraError, RecordingError, UsageError, printable
 from edge_vpr.events import EVENT_DTYPE, LONGEST_SIDE, TIME_LIMIT_US, Events, Sensor
+
+# What a reader yields.
 
 
 class Columns(NamedTuple):
@@ -49,6 +51,143 @@ def in_chunks(columns: Columns, number: int) -> Iterator[Columns]:
     """Yield the events up to `number` at a time."""
     for i in range(0, columns.t.size, number):
         yield Columns(*(column[i : i + number] for column in columns))
+
+
+# Interface of readers: unchecked raw columns on the file's own clock.
+
+
+#: Approximate events of one chunk: 64 Ki events are 850 kB, which stay in a core's second-level
+#: cache.
+CHUNK_EVENTS = 1 << 16
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """Format of the file (a name of `FORMATS`), and what the caller states beside the file.
+
+    `frame_period` must not contradict the file; `default_frame_period` is for files that say none.
+    """
+
+    format: str
+    sensor: Sensor | None = None
+    frame_period: Fraction | None = None
+    default_frame_period: Fraction | None = None
+    chunk_events: int = CHUNK_EVENTS
+    topic: str | None = None
+    time_unit: str | None = None
+    columns: str | None = None
+
+
+class Source(ABC):
+    """Reader of one file.
+
+    Parameters
+    ----------
+    sensor : Sensor, optional
+        As the file states it.
+    start_us : int, optional
+        Time t = 0 on an outer clock, where the file states it and its times count from it.
+
+    Attributes
+    ----------
+    sensor : Sensor or None
+        As stated by the file, else by the caller; None if neither states it.
+    start_us : int or None
+        Time t = 0 on the file's clock in microseconds, if the file itself states it; None if the
+        first event is the start.
+    relative : bool
+        True if the times already count from the start.
+    position : float or None
+        Share of the file that has been read, 0 to 1; None if it is not known.
+    """
+
+    start_us: int | None = None
+    relative: bool = False
+    position: float | None = 0.0
+
+    def __init__(
+        self,
+        path: Path,
+        options: ReadOptions,
+        sensor: Sensor | None = None,
+        start_us: int | None = None,
+    ) -> None:
+        self.path = path
+        self.options = options
+        self.sensor = sensor if sensor is not None else options.sensor
+        if self.sensor is not None and not self.sensor.possible:
+            raise RecordingError(
+                f"{path} names a sensor of {self.sensor}: sides are 1 to {LONGEST_SIDE:,} pixels, "
+                "so copy or record it again"
+            )
+        if sensor is not None and options.sensor not in (None, sensor):
+            raise UsageError(
+                f"{path} was recorded by a {sensor} sensor, and {options.sensor} was named: "
+                "leave the sensor out"
+            )
+        if start_us is not None:
+            self.start_us, self.relative = start_us, True
+
+    @abstractmethod
+    def chunks(self, log: FaultLog) -> Iterator[Columns]:
+        """Yield the events from the first on, in file order, about ``chunk_events`` at a time.
+
+        Entries that cannot be decoded are reported to `log`, which raises or counts.
+        """
+
+
+# Conversion of all exceptions of parsing libraries to `EdgeVprError`.
+#
+# The parsers behind the readers (zip, NumPy's headers, HDF5, Arrow, rosbags, Pillow, Rust) raise
+# exceptions of any kind for a damaged file. Readers handle those that they expect; `foreign_errors`
+# converts all others to a :class:`RecordingError` that names the file and the place.
+
+
+@contextmanager
+def foreign_errors(path: Path, place: Callable[[], str] = lambda: "") -> Iterator[None]:
+    """Convert any exception of the block to an `EdgeVprError` that names `path`.
+
+    Parameters
+    ----------
+    place : callable
+        Returns the place in the file at the time of the error, as ``" after event 5"``, or "".
+
+    Raises
+    ------
+    RecordingError
+        For every exception that is not an `EdgeVprError`. Interrupts are not converted.
+    """
+    try:
+        yield
+    except MissingExtraError:
+        raise
+    except EdgeVprError as error:
+        if printable(str(path)) in str(error):
+            raise
+        raise RecordingError(f"{path}: {error}") from error  # concerns text within the file
+    except OSError as error:
+        if error.strerror is None:  # raised by a library, and not by the operating system
+            raise _damaged(path, place(), error) from error
+        raise RecordingError(
+            f"{path} cannot be read{place()}: {error.strerror}: check the path and the disk"
+        ) from error
+    except MemoryError as error:
+        raise RecordingError(
+            f"{path} needs more memory{place()} than there is: it is damaged, or give it more"
+        ) from error
+    except Exception as error:
+        raise _damaged(path, place(), error) from error
+    except BaseException as error:
+        # a library written in Rust raises this when it fails internally
+        if type(error).__name__ != "PanicException":
+            raise
+        raise _damaged(path, place(), error) from error
+
+
+def _damaged(path: Path, place: str, error: BaseException) -> RecordingError:
+    return RecordingError(
+        f"{path} is damaged{place} ({type(error).__name__}: {error}): copy or record it again"
+    )
 
 
 # Handling of faulty events: checks, counts and messages.
@@ -287,497 +426,316 @@ def check_policy(on_fault: str) -> None:
         raise UsageError(f"on_fault {on_fault!r} is unknown: choose error or drop")
 
 
-# Interface of readers: unchecked raw columns on the file's own clock.
+# Part of a recording between two moments.
 
 
-#: Approximate events of one chunk: 64 Ki events are 850 kB, which stay in a core's second-level
-#: cache.
-CHUNK_EVENTS = 1 << 16
-
-
-@dataclass(frozen=True)
-class ReadOptions:
-    """Format of the file (a name of `FORMATS`), and what the caller states beside the file.
-
-    `frame_period` must not contradict the file; `default_frame_period` is for files that say none.
-    """
-
-    format: str
-    sensor: Sensor | None = None
-    frame_period: Fraction | None = None
-    default_frame_period: Fraction | None = None
-    chunk_events: int = CHUNK_EVENTS
-    topic: str | None = None
-    time_unit: str | None = None
-    columns: str | None = None
-
-
-class Source(ABC):
-    """Reader of one file.
-
-    Parameters
-    ----------
-    sensor : Sensor, optional
-        As the file states it.
-    start_us : int, optional
-        Time t = 0 on an outer clock, where the file states it and its times count from it.
+@dataclass(frozen=True, kw_only=True)
+class TimeCrop:
+    """Part of a recording to read: from `start_us` (included) to `end_us` (excluded).
 
     Attributes
     ----------
-    sensor : Sensor or None
-        As stated by the file, else by the caller; None if neither states it.
-    start_us : int or None
-        Time t = 0 on the file's clock in microseconds, if the file itself states it; None if the
-        first event is the start.
-    relative : bool
-        True if the times already count from the start.
-    position : float or None
-        Share of the file that has been read, 0 to 1; None if it is not known.
+    start_us : int
+        Counted from the recording's first moment, or from `offset_us`.
+    end_us : int or None
+        Counted likewise; None for the recording's end.
+    offset_us : int or None
+        Moment on the file's own clock from which the two count; None for the recording's first one.
     """
 
-    start_us: int | None = None
-    relative: bool = False
-    position: float | None = 0.0
+    start_us: int = 0
+    end_us: int | None = None
+    offset_us: int | None = None
 
-    def __init__(
-        self,
-        path: Path,
-        options: ReadOptions,
-        sensor: Sensor | None = None,
-        start_us: int | None = None,
-    ) -> None:
-        self.path = path
-        self.options = options
-        self.sensor = sensor if sensor is not None else options.sensor
-        if self.sensor is not None and not self.sensor.possible:
-            raise RecordingError(
-                f"{path} names a sensor of {self.sensor}: sides are 1 to {LONGEST_SIDE:,} pixels, "
-                "so copy or record it again"
-            )
-        if sensor is not None and options.sensor not in (None, sensor):
+    def __post_init__(self) -> None:
+        for value in (self.start_us, self.end_us, self.offset_us):
+            if value is not None and abs(value) > TIME_LIMIT_US:
+                raise UsageError(f"{value} us is beyond 2**60 us: give start and end in seconds")
+        if self.start_us < 0:
             raise UsageError(
-                f"{path} was recorded by a {sensor} sensor, and {options.sensor} was named: "
-                "leave the sensor out"
+                f"the start {self.start_us / 1e6:g} s is negative: give seconds from the "
+                "recording's beginning"
             )
-        if start_us is not None:
-            self.start_us, self.relative = start_us, True
-
-    @abstractmethod
-    def chunks(self, log: FaultLog) -> Iterator[Columns]:
-        """Yield the events from the first on, in file order, about ``chunk_events`` at a time.
-
-        Entries that cannot be decoded are reported to `log`, which raises or counts.
-        """
-
-
-def import_extra(module: str, what: str, library: str, extra: str) -> Any:
-    """Import a module of an optional library, or raise an error that names the extra with it."""
-    try:
-        return import_module(module)
-    except ImportError as error:
-        raise MissingExtraError(what, library, extra) from error
-
-
-# Conversion of all exceptions of parsing libraries to `EdgeVprError`.
-#
-# The parsers behind the readers (zip, NumPy's headers, HDF5, Arrow, rosbags, Pillow, Rust) raise
-# exceptions of any kind for a damaged file. Readers handle those that they expect; `foreign_errors`
-# converts all others to a :class:`RecordingError` that names the file and the place.
-
-
-@contextmanager
-def foreign_errors(path: Path, place: Callable[[], str] = lambda: "") -> Iterator[None]:
-    """Convert any exception of the block to an `EdgeVprError` that names `path`.
-
-    Parameters
-    ----------
-    place : callable
-        Returns the place in the file at the time of the error, as ``" after event 5"``, or "".
-
-    Raises
-    ------
-    RecordingError
-        For every exception that is not an `EdgeVprError`. Interrupts are not converted.
-    """
-    try:
-        yield
-    except MissingExtraError:
-        raise
-    except EdgeVprError as error:
-        if printable(str(path)) in str(error):
-            raise
-        raise RecordingError(f"{path}: {error}") from error  # concerns text within the file
-    except OSError as error:
-        if error.strerror is None:  # raised by a library, and not by the operating system
-            raise _damaged(path, place(), error) from error
-        raise RecordingError(
-            f"{path} cannot be read{place()}: {error.strerror}: check the path and the disk"
-        ) from error
-    except MemoryError as error:
-        raise RecordingError(
-            f"{path} needs more memory{place()} than there is: it is damaged, or give it more"
-        ) from error
-    except Exception as error:
-        raise _damaged(path, place(), error) from error
-    except BaseException as error:
-        # a library written in Rust raises this when it fails internally
-        if type(error).__name__ != "PanicException":
-            raise
-        raise _damaged(path, place(), error) from error
-
-
-def _damaged(path: Path, place: str, error: BaseException) -> RecordingError:
-    return RecordingError(
-        f"{path} is damaged{place} ({type(error).__name__}: {error}): copy or record it again"
-    )
-
-
-# Conversion of times that wrap into times that never wrap.
-
-
-class Unwrapper:
-    """Continue a clock of `bits` bits beyond its wraps, chunk by chunk.
-
-    Between two events the shorter direction is taken, so that a step of less than half the clock's
-    period can go forwards or backwards. Slightly late events stay late, also across a wrap.
-
-    Examples
-    --------
-    >>> Unwrapper(8).unwrap(np.array([250, 3, 254, 5], np.uint8))
-    array([250, 259, 254, 261])
-    """
-
-    def __init__(self, bits: int) -> None:
-        self._half = 1 << (bits - 1)
-        self._mask = (1 << bits) - 1
-        self._last: int | None = None
-
-    def unwrap(self, times: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-        """Return the times of one chunk, int64, continued from the chunk before."""
-        raw = times.astype(np.int64)
-        if raw.size == 0:
-            return raw
-        first = int(raw[0]) if self._last is None else self._last
-        steps = np.diff(raw, prepend=first)
-        steps += self._half
-        steps &= self._mask
-        steps -= self._half
-        unwrapped = np.cumsum(steps, out=steps)
-        unwrapped += first
-        self._last = int(unwrapped[-1])
-        return unwrapped
-
-
-# Arrays in NumPy's file format, read a few rows at a time from any binary stream.
-
-
-#: Most bytes of one row: a frame of 4 million counts of 8 bytes.
-LONGEST_ROW_BYTES = 1 << 25
-_READ_BYTES = 1 << 25
-_LONGEST_HEADER = 1 << 16
-_READERS = {
-    (1, 0): (2, np.lib.format.read_array_header_1_0),
-    (2, 0): (4, np.lib.format.read_array_header_2_0),
-}
-
-
-class ArrayStream:
-    """Read an array in NumPy's file format from any binary stream, a few rows at a time.
-
-    The header's claims are not trusted: no read is larger than 32 MiB, and a larger row is an
-    error.
-
-    Parameters
-    ----------
-    stream : binary file
-        At the start of the array.
-    name : str
-        Name of the array in messages.
-
-    Attributes
-    ----------
-    header_bytes : int
-        Length of the header in bytes.
-    most_rows : int
-        Largest number of rows that one call of :meth:`read` returns.
-    rows_read : int
-        Number of rows that :meth:`read` has returned.
-
-    Raises
-    ------
-    RecordingError
-        If the stream holds no such array, or one that cannot be read in pieces.
-    """
-
-    def __init__(self, stream: IO[bytes], name: str) -> None:
-        self._stream = stream
-        self.name = name
-        try:
-            self.shape, fortran, self.dtype = self._header()
-        except Exception as error:  # NumPy evaluates the header as Python text
-            raise RecordingError(
-                f"{name} is no readable NumPy array ({error}): save it again with numpy.save"
-            ) from error
-        if self.dtype.hasobject:
-            raise RecordingError(
-                f"{name} holds Python objects, which are never unpickled: save numbers"
+        if self.end_us is not None and self.end_us <= self.start_us:
+            raise UsageError(
+                f"the end {self.end_us / 1e6:g} s is not after the start "
+                f"{self.start_us / 1e6:g} s: give a later end"
             )
-        if not all(type(side) is int and 0 <= side < 1 << 48 for side in self.shape):
-            raise RecordingError(f"{name} has the shape {self.shape}: copy or save it again")
-        if fortran and sum(side > 1 for side in self.shape) > 1:
-            raise RecordingError(
-                f"{name} is stored column by column (Fortran order) and cannot be read in "
-                "pieces: save numpy.ascontiguousarray of it"
-            )
-        self.row_bytes = self.dtype.itemsize * math.prod(self.shape[1:])
-        if self.row_bytes > LONGEST_ROW_BYTES:
-            raise RecordingError(
-                f"{name} has rows of {self.row_bytes:,} bytes (shape {self.shape}, dtype "
-                f"{self.dtype}), and the most is {LONGEST_ROW_BYTES:,}: save it in smaller pieces"
-            )
-        self.most_rows = max(1, _READ_BYTES // (self.row_bytes or 1))
-        self.rows_read = 0
 
-    def _header(self) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-        version = np.lib.format.read_magic(self._stream)
-        if version not in _READERS:
-            raise ValueError(f"version {version[0]}.{version[1]}")
-        size, read = _READERS[version]
-        length = self._stream.read(size)
-        n = int.from_bytes(length, "little")
-        if n > _LONGEST_HEADER:
-            raise ValueError(f"a header of {n:,} bytes")
-        text = self._stream.read(n)
-        self.header_bytes = np.lib.format.MAGIC_LEN + size + n
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about Python 2, and about texts that are not Python
-            return read(io.BytesIO(length + text))
+    def span(self, recording_start_us: int) -> tuple[int, int | None]:
+        """Return start and end in microseconds from the first moment of a recording.
 
-    def read(self, rows: int) -> tuple[npt.NDArray[Any], int]:
-        """Read the next rows, up to :attr:`most_rows`.
+        Parameters
+        ----------
+        recording_start_us : int
+            That moment on the file's own clock.
 
         Returns
         -------
-        array : ndarray, shape (n, ...)
-            ``n`` may be less than `rows`; it is 0 at the end only.
-        leftover : int
-            Number of bytes of a last incomplete row, if the stream is cut off.
+        start_us : int
+            0 if the part begins before the recording.
+        end_us : int or None
         """
-        rows = min(rows, self.shape[0] - self.rows_read, self.most_rows)
-        data = self._stream.read(rows * self.row_bytes) if self.row_bytes else b""
-        whole = len(data) // self.row_bytes if self.row_bytes else 0
-        self.rows_read += whole
-        array = np.frombuffer(data, self.dtype, whole * math.prod(self.shape[1:]))
-        return array.reshape(whole, *self.shape[1:]), len(data) - whole * self.row_bytes
-
-    def blocks(self, rows: int, log: FaultLog, where: str) -> Iterator[npt.NDArray[Any]]:
-        """Yield all rows, up to `rows` at a time.
-
-        A cut-off end is reported to `log`; `where` formats how many rows were read of how many.
-        """
-        total = self.shape[0]
-        while self.rows_read < total:
-            block, leftover = self.read(rows)
-            if len(block):
-                yield block
-            if leftover or not len(block):
-                lost = (total - self.rows_read) * self.row_bytes - leftover
-                log.truncated(lost, where.format(self.rows_read, total))
-                return
-
-    def load(self, most_bytes: int) -> npt.NDArray[Any]:
-        """Read a small array whole.
-
-        Raises
-        ------
-        RecordingError
-            If it is cut off, or larger than `most_bytes`.
-        """
-        size = math.prod(self.shape) * self.dtype.itemsize
-        if size > most_bytes:
-            raise RecordingError(
-                f"{self.name} claims {size:,} bytes, and the most is {most_bytes:,}: save it again"
+        shift = 0 if self.offset_us is None else self.offset_us - recording_start_us
+        start = max(0, self.start_us + shift)
+        if self.end_us is None:
+            return start, None
+        end = self.end_us + shift
+        if end <= start:
+            raise UsageError(
+                f"the part to read ends {-end / 1e6:g} s before the recording begins "
+                f"({recording_start_us / 1e6:.6f} s on its own clock): check start offset and end"
             )
-        data = self._stream.read(size)
-        if len(data) < size:
-            raise RecordingError(f"{self.name} is cut off: copy or save it again")
-        return np.frombuffer(data, self.dtype).reshape(self.shape)
+        return start, end
 
 
-# Files that are records of one size behind a header.
-
-
-def is_text(line: bytes) -> bool:
-    """Return whether bytes are a line of a header, in ASCII, UTF-8 or Latin-1."""
-    return line.endswith(b"\n") and not re.search(rb"[\0-\x08\x0b\x0c\x0e-\x1f\x7f]", line)
-
-
-def read_records(
-    path: Path, start: int, dtype: np.dtype[Any], number: int, log: FaultLog, what: str = "an event"
-) -> Iterator[tuple[npt.NDArray[Any], float]]:
-    """Yield the records from byte `start` on, up to `number` at a time.
-
-    Beside each part is the share of the file up to its end. `what` names a record in the report of
-    a last one that is cut off.
-    """
-    size = max(1, path.stat().st_size)
-    with path.open("rb") as file:
-        file.seek(start)
-        while data := file.read(number * dtype.itemsize):
-            yield np.frombuffer(data, dtype, len(data) // dtype.itemsize), file.tell() / size
-            if leftover := len(data) % dtype.itemsize:
-                log.truncated(leftover, f"byte {size - leftover:,}, within {what}")
-
-
-# Choice of one of the streams of a file, by its name or its number.
-
-
-class Wording(NamedTuple):
-    """What messages call the streams."""
-
-    #: one, several: ``"camera"`` and ``"cameras"``, for example.
-    one: str
-    several: str
-    remedy: str  #: What to do if there is none.
-
-
-def choose_stream(
-    path: Path, names: Mapping[int, str], wanted: str | None, wording: Wording
-) -> int:
-    """Return the number of the one stream, or of that which is wanted.
+def seconds_us(given: float | str, name: str) -> int:
+    """Read seconds exactly, such as ``1587452582.35`` or ``1/30``, as microseconds.
 
     Parameters
     ----------
-    names : mapping of int to str
-        Names of the streams by their numbers.
-    wanted : str, optional
-        Name or number of the stream.
+    name : str
+        Named in the message.
 
-    Raises
-    ------
-    RecordingError
-        If there is none.
-    UsageError
-        If there are several.
+    Returns
+    -------
+    int
+        Rounded to the nearest, halves to even.
     """
-    found = [number for number, name in names.items() if wanted in (None, name, str(number))]
-    listed = ", ".join(f"{number} ({name})" for number, name in names.items()) or "none"
-    if not found:
-        raise RecordingError(
-            f"{path} has no {wording.one}{f' {wanted!r}' if wanted else ''}; it has: {listed}: "
-            f"{wording.remedy}, or choose one of these with --topic"
-        )
-    if len(found) > 1:
-        raise UsageError(f"{path} has several {wording.several}, {listed}: choose with --topic")
-    return found[0]
+    text = str(given)
+    # 1e999999999 would fill the memory
+    if len(text) <= 40 and "e" not in text.lower():
+        with contextlib.suppress(ValueError, ZeroDivisionError):
+            return round(Fraction(text) * 1_000_000)
+    raise UsageError(f"{name} {text[:40]!r} is no number of seconds: write for example 12.5")
 
 
-# Decompression with a limit: a few bytes cannot become gigabytes of memory.
+def crop_of(
+    start: float | str | None, end: float | str | None, offset: float | str | None = None
+) -> TimeCrop | None:
+    """Return the part between two times in seconds; None if no time is given."""
+    if start is end is offset is None:
+        return None
+    return TimeCrop(
+        start_us=0 if start is None else seconds_us(start, "start (--start)"),
+        end_us=None if end is None else seconds_us(end, "end (--end)"),
+        offset_us=None if offset is None else seconds_us(offset, "--start-offset"),
+    )
 
 
-#: Most bytes that one packet, chunk or message of a recording may expand to.
-LIMIT_BYTES = 1 << 26
-#: Bytes that are read, and expanded, at a time.
-PIECE_BYTES = 1 << 20
-
-
-class DecompressionError(ValueError):
-    """Compressed data is damaged, cut off, or expands to more than the limit."""
-
-
-def lz4(what: str, extra: str) -> Callable[[bytes], bytes]:
-    """Return a function that decompresses LZ4 frames; errors name `what`."""
-    frame = import_extra("lz4.frame", f"{what}, LZ4", "lz4", extra)
-    return lambda data: expand(frame.LZ4FrameDecompressor, data, (RuntimeError, EOFError))
-
-
-def zstd_decompressor(
-    what: str, extra: str
-) -> tuple[Callable[[], Any], tuple[type[Exception], ...]]:
-    """Return a maker of Zstandard decompressors, and its exceptions; errors name `what`."""
-    package = "compression" if sys.version_info >= (3, 14) else "backports"
-    zstd = import_extra(f"{package}.zstd", f"{what}, ZSTD", "backports.zstd", extra)
-    return zstd.ZstdDecompressor, (zstd.ZstdError, EOFError)
-
-
-def zstd(what: str, extra: str) -> Callable[[bytes], bytes]:
-    """Return a function that decompresses Zstandard frames; errors name `what`."""
-    decompressor, errors = zstd_decompressor(what, extra)
-    return lambda data: expand(decompressor, data, errors)
-
-
-def bzip2(data: bytes) -> bytes:
-    """Decompress bzip2 streams."""
-    return expand(bz2.BZ2Decompressor, data, (OSError, EOFError))
-
-
-def expand(
-    new: Callable[[], Any],
-    data: bytes,
-    errors: tuple[type[Exception], ...],
-    limit: int | None = None,
-) -> bytes:
-    """Decompress one or more frames, and stop at the limit.
+def cropped_events(chunks: Iterator[Events], start_us: int, end_us: int | None) -> Iterator[Events]:
+    """Yield the events from `start_us` up to `end_us`, with times counted from `start_us`.
 
     Parameters
     ----------
-    new : callable
-        Function that makes a decompressor with the interface of :class:`bz2.BZ2Decompressor`.
-    errors : tuple of exception types
-        Exceptions that the decompressor raises for damaged data.
-    limit : int, optional
-        Most bytes of the result; by default :data:`LIMIT_BYTES`.
-
-    Raises
-    ------
-    DecompressionError
-        If the data is damaged, cut off, or expands to more than `limit`.
-    """
-    limit = LIMIT_BYTES if limit is None else limit
-    return b"".join(expand_file(new, io.BytesIO(data), errors, limit))
-
-
-def expand_file(
-    new: Callable[[], Any], file: BinaryIO, errors: tuple[type[Exception], ...], limit: int
-) -> Iterator[bytes]:
-    """Decompress the frames of a file piece by piece, and stop at the limit.
-
-    Parameters
-    ----------
-    new, errors, limit
-        As for :func:`expand`.
-    file : binary file
-        Read to its end.
+    chunks : iterator of ndarray of EVENT_DTYPE
+        In time order. No further chunk is read after one that reaches `end_us`.
 
     Yields
     ------
-    bytes
-        At most :data:`PIECE_BYTES`.
-
-    Raises
-    ------
-    DecompressionError
-        As for :func:`expand`; the pieces yielded before are correct.
+    ndarray of EVENT_DTYPE, shape (n,)
+        Copies; never empty.
     """
-    size = 0
-    rest = file.read(PIECE_BYTES)
-    while rest:
-        frame = new()
-        while not frame.eof:
-            if frame.needs_input and not rest:
-                rest = file.read(PIECE_BYTES)
-                if not rest:
-                    raise DecompressionError("the compressed data is cut off")
-            try:
-                part = frame.decompress(rest, max_length=min(PIECE_BYTES, limit + 1 - size))
-            except errors as error:
-                raise DecompressionError(str(error)) from error
-            rest = b""  # the decompressor keeps the bytes that it has not used
-            size += len(part)
-            if size > limit:
-                raise DecompressionError(f"it expands to more than {limit:,} bytes")
-            if part:
-                yield part
-            elif not (frame.eof or frame.needs_input):
-                raise DecompressionError("the compressed data gives nothing")
-        rest = frame.unused_data or file.read(PIECE_BYTES)
+    for events in chunks:
+        times = events["t"]
+        first = int(np.searchsorted(times, start_us))
+        end = times.size if end_us is None else int(np.searchsorted(times, end_us))
+        if end > first:
+            part = events[first:end].copy()
+            part["t"] -= start_us
+            yield part
+        if end < times.size:
+            return
+
+
+# A recording: an iterable of checked event arrays, for any number of passes.
+
+
+class Recording:
+    r"""Iterable of event arrays that are never empty, in time order, and inside the sensor.
+
+    >>> import tempfile, edge_vpr
+    >>> path = Path(tempfile.mkdtemp()) / "three.csv"
+    >>> _ = path.write_text("t,x,y,p\n100,0,0,1\n150,1,0,0\n150,1,1,1\n")
+    >>> recording = edge_vpr.open_recording(path, sensor=(2, 2))
+    >>> recording.sensor, [len(events) for events in recording]
+    (Sensor(width=2, height=2), [3])
+
+    Each ``iter()`` starts at the first event and resets `faults` and `position`. Memory does not
+    grow with the length of the file.
+
+    Attributes
+    ----------
+    format : str
+        Short name, as in :data:`edge_vpr.recordings.FORMATS`.
+    start_us : int
+        Time t = 0 on the file's own clock, in microseconds: since the Unix epoch if the file has
+        wall-clock time (ROS, AEDAT4), else on the camera's clock.
+    faults : Faults
+        Entries that the newest pass has dropped so far.
+    remark : str
+        Warning about an implausible unit of times, if the file does not state it, or about
+        implausible values of the polarity; else "".
+    frame_period : Fraction or None
+        Seconds per frame of counts, as the file states or as given; None if the file holds events.
+    """
+
+    def __init__(self, source: Source, on_fault: str) -> None:
+        if source.sensor is None:
+            raise UsageError(
+                f"{source.path} does not say how large its sensor is: "
+                "pass --sensor WIDTHxHEIGHT (sensor=), for example --sensor 346x260"
+            )
+        self.path: Path = source.path
+        self.format = source.options.format
+        self.sensor: Sensor = source.sensor
+        self.faults = Faults()
+        self._source = source
+        self._on_fault = on_fault
+        self.remark = ""
+        self.frame_period: Fraction | None = getattr(source, "frame_period", None)
+        self._span: tuple[int, int | None] = (0, None)
+        self._origin_us, self.start_us = self._find_start()
+
+    @property
+    def position(self) -> float | None:
+        """Share of the file that the newest pass has read, 0 to 1; None if it is not known."""
+        return self._source.position
+
+    @property
+    def cropped_us(self) -> int:
+        """Microseconds from the recording's start to time 0, which is that of the part read."""
+        return self._span[0]
+
+    def __iter__(self) -> Iterator[Events]:
+        log = FaultLog(self.path, self.sensor, self._on_fault, self._origin_us)
+        self.faults = log.faults
+        return self._walk(log) if self._span == (0, None) else self._cropped(log)
+
+    def cropped(self, crop: TimeCrop) -> Recording:
+        """Return the part between two moments; its times count from the part's beginning.
+
+        Returns
+        -------
+        Recording
+            Part of the same file, with `start_us` at its beginning. A pass over a part without
+            events raises RecordingError.
+        """
+        start, end = crop.span(self.start_us)
+        part = copy.copy(self)
+        first, last = self._span
+        part._span = (first + start, last if end is None else min(first + end, last or first + end))
+        part.start_us = self.start_us + start
+        part.faults = Faults()
+        return part
+
+    def __repr__(self) -> str:
+        return f"<Recording {self.path} ({self.format}, {self.sensor})>"
+
+    def _walk(self, log: FaultLog) -> Generator[Events, None, None]:
+        with foreign_errors(self.path, lambda: f" after event {log.entries:,}"):
+            for columns in self._source.chunks(log):
+                events = log.admit(columns)
+                if events.size:
+                    yield events
+            log.finish()
+
+    def _cropped(self, log: FaultLog) -> Generator[Events, None, None]:
+        start, end = self._span
+        found = False
+        with contextlib.closing(self._walk(log)) as chunks:
+            for events in cropped_events(chunks, start, end):
+                found = True
+                yield events
+        if not found:
+            until = "its end" if end is None else f"{end / 1e6:g} s"
+            raise RecordingError(
+                f"{self.path} holds no events from {start / 1e6:g} s to {until}: give another "
+                "--start and --end (edge-vpr info shows its times)"
+            )
+
+    def _find_start(self) -> tuple[int, int]:
+        """Read up to the first good event, so that an empty file is noticed at once."""
+        log = FaultLog(
+            self.path, self.sensor, "drop", origin_us=0 if self._source.relative else None
+        )
+        with contextlib.closing(self._walk(log)) as chunks:
+            first = next(chunks, None)
+        if first is None:
+            lost = f" (dropped: {log.faults})" if log.faults.total else ""
+            raise RecordingError(
+                f"{self.path} holds no events of a {self.sensor} sensor{lost}: "
+                + (log.first_unreadable or "check the file, its format and its sensor")
+            )
+        assert log.origin_us is not None
+        start = self._source.start_us
+        if start is not None and abs(start) > TIME_LIMIT_US:
+            raise RecordingError(
+                f"{self.path} begins at {start} us, beyond 2**60 us: copy or record it again"
+            )
+        if log.assumed_unit is not None:
+            log.remark(_doubt(first, self._source.position, self.sensor, log.assumed_unit))
+        self.remark = "; ".join(filter(None, log.remarks))
+        self._source.position = 0.0 if self._source.position is not None else None
+        return log.origin_us, log.origin_us if start is None else start
+
+
+#: Fewest events for a check of the unit of time.
+_FEWEST = 1_000
+_US_PER_UNIT = {
+    "s": Fraction(10**6),
+    "ms": Fraction(1000),
+    "us": Fraction(1),
+    "ns": Fraction(1, 1000),
+}
+#: Usual rate of a moving camera in events/s a pixel, and lowest one in events/s; shortest and
+#: longest usual recording in s.
+_USUAL_RATE, _SLOWEST, _SHORTEST, _LONGEST = 3.0, 1_000.0, 1.0, 3_600.0
+#: A unit is doubted if another one is more usual by this many powers of ten, or if times come in
+#: longer steps; a unit beyond so many powers of ten is not proposed.
+_DOUBTFUL, _LONGEST_STEP_US, _IMPOSSIBLE = 2.0, 10_000, 4.0
+
+
+def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str) -> str:
+    """Return why the unit of the times is implausible; "" if it is plausible.
+
+    Parameters
+    ----------
+    events : ndarray of EVENT_DTYPE, shape (n,)
+        The first events.
+    share : float or None
+        Share of the file that they are.
+    assumed : str
+        Unit in which they were read.
+    """
+    n, duration_us = events.size, int(events["t"][-1] - events["t"][0])
+    if n < _FEWEST:
+        return ""
+    steps = np.diff(events["t"])
+    step_us = int(steps[steps > 0].min(initial=TIME_LIMIT_US))
+
+    def oddness(factor: Fraction) -> float:
+        """Return by how many powers of ten rate and duration are unusual, if times are longer."""
+        if step_us * factor > _LONGEST_STEP_US:
+            return math.inf
+        seconds = float(duration_us * factor) / 1e6
+        total = seconds / min(max(share or 1.0, 1e-6), 1.0)
+        rate = abs(math.log10(n / seconds / sensor.pixels / _USUAL_RATE))
+        return rate + max(0.0, math.log10(_SHORTEST / total), math.log10(total / _LONGEST))
+
+    odd = {unit: oddness(us / _US_PER_UNIT[assumed]) for unit, us in _US_PER_UNIT.items()}
+    best = min(odd, key=lambda unit: odd[unit])
+    if odd[best] > _IMPOSSIBLE and odd[assumed] == math.inf:
+        return (
+            f"among the first {n:,} events there are {np.unique(events['t']).size:,} different "
+            "times: save them as whole microseconds or float64, since float32 has too few digits "
+            "for times since 1970"
+        )
+    rate = n * 1e6 / duration_us
+    if best == assumed or (odd[assumed] < odd[best] + _DOUBTFUL and rate >= _SLOWEST):
+        return ""
+    return (
+        f"the first {n:,} events take {duration_us / 1e6:,.6g} s if times are in {assumed}, as "
+        f"assumed, which is {rate:,.3g} events/s: if they are in {best}, which is more likely, "
+        f"pass --time-unit {best}"
+    )

@@ -20,22 +20,24 @@ from edge_vpr.compiling import kernel
 from edge_vpr.errors import EdgeVprError, RecordingError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.files import work_folder
-from edge_vpr.recordings.prophesee import EvtWordDecoder
-from edge_vpr.recordings.reading import (
-    Columns,
+from edge_vpr.recordings.decoding import (
     DecompressionError,
-    FaultLog,
-    ReadOptions,
-    Source,
     Unwrapper,
     bzip2,
-    empty_columns,
     expand_file,
     import_extra,
-    in_chunks,
     lz4,
     zstd,
     zstd_decompressor,
+)
+from edge_vpr.recordings.prophesee import EvtWordDecoder
+from edge_vpr.recordings.reading import (
+    Columns,
+    FaultLog,
+    ReadOptions,
+    Source,
+    empty_columns,
+    in_chunks,
 )
 from edge_vpr.recordings.table import match_columns, tidy
 

@@ -17,7 +17,7 @@ from streams import absolute
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.recordings import open_recording, reading, rosbag
+from edge_vpr.recordings import decoding, open_recording, rosbag
 from edge_vpr.recordings.rosbag import Cursor, LibcaerCmpDecoder, read_event_array, read_preamble
 
 rosbags = pytest.importorskip("rosbags")
@@ -268,7 +268,7 @@ def test_a_ros2_bag_of_one_file_is_read_whatever_its_metadata_says(plugin, metad
 def test_a_compressed_chunk_of_a_bag_has_a_limit(tmp_path, monkeypatch):
     from rosbags.rosbag1 import Writer
 
-    monkeypatch.setattr(reading, "LIMIT_BYTES", 1000)
+    monkeypatch.setattr(decoding, "LIMIT_BYTES", 1000)
     for name in ("BZ2", "LZ4"):
         writer = Writer(tmp_path / f"{name}.bag")
         writer.set_compression(Writer.CompressionFormat[name])
@@ -315,7 +315,7 @@ def test_a_compressed_ros2_bag_is_read_and_leaves_nothing_behind(
 
 def test_a_compressed_ros2_bag_expands_to_no_more_than_its_limit(tmp_path, monkeypatch):
     """Zeros, of which 8 MB are 300 bytes: in one message, and in one file."""
-    monkeypatch.setattr(reading, "LIMIT_BYTES", 1 << 20)
+    monkeypatch.setattr(decoding, "LIMIT_BYTES", 1 << 20)
     monkeypatch.setattr(rosbag, "LEAST_BYTES", 1 << 20)
     for mode, words in (("MESSAGE", "expands to more than"), ("FILE", "expands to more than")):
         write_compressed(tmp_path / mode, mode, messages=[bytes(8 << 20)])

@@ -14,7 +14,8 @@ from streams import random_events
 from edge_vpr.descriptors.windows import PublishedWindows
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.recordings import TimeCrop, open_recording, seconds_us, write_recording
+from edge_vpr.recordings import TimeCrop, open_recording, write_recording
+from edge_vpr.recordings.reading import seconds_us
 
 SENSOR = Sensor(16, 12)
 

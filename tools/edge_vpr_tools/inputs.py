@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 from edge_vpr.descriptors.counting import Removed, WindowSource
 from edge_vpr.descriptors.windows import PublishedWindows
 from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings import Recording, crop_of, open_recording, parse_period
+from edge_vpr.recordings import Recording, open_recording, parse_period
+from edge_vpr.recordings.reading import crop_of
 from edge_vpr.settings import Settings
 from edge_vpr_tools.console import check_interrupted, is_quiet, warning
 

@@ -16,7 +16,8 @@ from edge_vpr.descriptors.counting import CountPixels
 from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import EVENT_DTYPE, Events
-from edge_vpr.recordings import cropped_events, open_recording
+from edge_vpr.recordings import open_recording
+from edge_vpr.recordings.reading import cropped_events
 from edge_vpr_tools.research.datasets import (
     BRISBANE_TRAVERSES,
     QCR_TRAVERSES,

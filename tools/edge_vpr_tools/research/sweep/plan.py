@@ -17,7 +17,8 @@ import edge_vpr
 from edge_vpr.errors import UsageError, did_you_mean
 from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr.files import open_input, read_toml
-from edge_vpr.recordings import Recording, crop_of, open_recording
+from edge_vpr.recordings import Recording, open_recording
+from edge_vpr.recordings.reading import crop_of
 from edge_vpr.reference_map import MatchMetrics, ReferenceMap
 from edge_vpr.results import RecordError, from_json
 from edge_vpr.settings import SETTING_FIELDS, Settings, resolve_settings

@@ -1,0 +1,379 @@
+"""Tools of readers: arrays, records, clocks that wrap, and decompression, in bounded memory."""
+
+from __future__ import annotations
+
+import bz2
+import io
+import math
+import re
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import IO, Any, BinaryIO, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
+from edge_vpr.recordings.reading import FaultLog
+
+
+def import_extra(module: str, what: str, library: str, extra: str) -> Any:
+    """Import a module of an optional library, or raise an error that names the extra with it."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise MissingExtraError(what, library, extra) from error
+
+
+# Conversion of times that wrap into times that never wrap.
+
+
+class Unwrapper:
+    """Continue a clock of `bits` bits beyond its wraps, chunk by chunk.
+
+    Between two events the shorter direction is taken, so that a step of less than half the clock's
+    period can go forwards or backwards. Slightly late events stay late, also across a wrap.
+
+    Examples
+    --------
+    >>> Unwrapper(8).unwrap(np.array([250, 3, 254, 5], np.uint8))
+    array([250, 259, 254, 261])
+    """
+
+    def __init__(self, bits: int) -> None:
+        self._half = 1 << (bits - 1)
+        self._mask = (1 << bits) - 1
+        self._last: int | None = None
+
+    def unwrap(self, times: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+        """Return the times of one chunk, int64, continued from the chunk before."""
+        raw = times.astype(np.int64)
+        if raw.size == 0:
+            return raw
+        first = int(raw[0]) if self._last is None else self._last
+        steps = np.diff(raw, prepend=first)
+        steps += self._half
+        steps &= self._mask
+        steps -= self._half
+        unwrapped = np.cumsum(steps, out=steps)
+        unwrapped += first
+        self._last = int(unwrapped[-1])
+        return unwrapped
+
+
+# Arrays in NumPy's file format, read a few rows at a time from any binary stream.
+
+
+#: Most bytes of one row: a frame of 4 million counts of 8 bytes.
+LONGEST_ROW_BYTES = 1 << 25
+_READ_BYTES = 1 << 25
+_LONGEST_HEADER = 1 << 16
+_READERS = {
+    (1, 0): (2, np.lib.format.read_array_header_1_0),
+    (2, 0): (4, np.lib.format.read_array_header_2_0),
+}
+
+
+class ArrayStream:
+    """Read an array in NumPy's file format from any binary stream, a few rows at a time.
+
+    The header's claims are not trusted: no read is larger than 32 MiB, and a larger row is an
+    error.
+
+    Parameters
+    ----------
+    stream : binary file
+        At the start of the array.
+    name : str
+        Name of the array in messages.
+
+    Attributes
+    ----------
+    header_bytes : int
+        Length of the header in bytes.
+    most_rows : int
+        Largest number of rows that one call of :meth:`read` returns.
+    rows_read : int
+        Number of rows that :meth:`read` has returned.
+
+    Raises
+    ------
+    RecordingError
+        If the stream holds no such array, or one that cannot be read in pieces.
+    """
+
+    def __init__(self, stream: IO[bytes], name: str) -> None:
+        self._stream = stream
+        self.name = name
+        try:
+            self.shape, fortran, self.dtype = self._header()
+        except Exception as error:  # NumPy evaluates the header as Python text
+            raise RecordingError(
+                f"{name} is no readable NumPy array ({error}): save it again with numpy.save"
+            ) from error
+        if self.dtype.hasobject:
+            raise RecordingError(
+                f"{name} holds Python objects, which are never unpickled: save numbers"
+            )
+        if not all(type(side) is int and 0 <= side < 1 << 48 for side in self.shape):
+            raise RecordingError(f"{name} has the shape {self.shape}: copy or save it again")
+        if fortran and sum(side > 1 for side in self.shape) > 1:
+            raise RecordingError(
+                f"{name} is stored column by column (Fortran order) and cannot be read in "
+                "pieces: save numpy.ascontiguousarray of it"
+            )
+        self.row_bytes = self.dtype.itemsize * math.prod(self.shape[1:])
+        if self.row_bytes > LONGEST_ROW_BYTES:
+            raise RecordingError(
+                f"{name} has rows of {self.row_bytes:,} bytes (shape {self.shape}, dtype "
+                f"{self.dtype}), and the most is {LONGEST_ROW_BYTES:,}: save it in smaller pieces"
+            )
+        self.most_rows = max(1, _READ_BYTES // (self.row_bytes or 1))
+        self.rows_read = 0
+
+    def _header(self) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+        version = np.lib.format.read_magic(self._stream)
+        if version not in _READERS:
+            raise ValueError(f"version {version[0]}.{version[1]}")
+        size, read = _READERS[version]
+        length = self._stream.read(size)
+        n = int.from_bytes(length, "little")
+        if n > _LONGEST_HEADER:
+            raise ValueError(f"a header of {n:,} bytes")
+        text = self._stream.read(n)
+        self.header_bytes = np.lib.format.MAGIC_LEN + size + n
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about Python 2, and about texts that are not Python
+            return read(io.BytesIO(length + text))
+
+    def read(self, rows: int) -> tuple[npt.NDArray[Any], int]:
+        """Read the next rows, up to :attr:`most_rows`.
+
+        Returns
+        -------
+        array : ndarray, shape (n, ...)
+            ``n`` may be less than `rows`; it is 0 at the end only.
+        leftover : int
+            Number of bytes of a last incomplete row, if the stream is cut off.
+        """
+        rows = min(rows, self.shape[0] - self.rows_read, self.most_rows)
+        data = self._stream.read(rows * self.row_bytes) if self.row_bytes else b""
+        whole = len(data) // self.row_bytes if self.row_bytes else 0
+        self.rows_read += whole
+        array = np.frombuffer(data, self.dtype, whole * math.prod(self.shape[1:]))
+        return array.reshape(whole, *self.shape[1:]), len(data) - whole * self.row_bytes
+
+    def blocks(self, rows: int, log: FaultLog, where: str) -> Iterator[npt.NDArray[Any]]:
+        """Yield all rows, up to `rows` at a time.
+
+        A cut-off end is reported to `log`; `where` formats how many rows were read of how many.
+        """
+        total = self.shape[0]
+        while self.rows_read < total:
+            block, leftover = self.read(rows)
+            if len(block):
+                yield block
+            if leftover or not len(block):
+                lost = (total - self.rows_read) * self.row_bytes - leftover
+                log.truncated(lost, where.format(self.rows_read, total))
+                return
+
+    def load(self, most_bytes: int) -> npt.NDArray[Any]:
+        """Read a small array whole.
+
+        Raises
+        ------
+        RecordingError
+            If it is cut off, or larger than `most_bytes`.
+        """
+        size = math.prod(self.shape) * self.dtype.itemsize
+        if size > most_bytes:
+            raise RecordingError(
+                f"{self.name} claims {size:,} bytes, and the most is {most_bytes:,}: save it again"
+            )
+        data = self._stream.read(size)
+        if len(data) < size:
+            raise RecordingError(f"{self.name} is cut off: copy or save it again")
+        return np.frombuffer(data, self.dtype).reshape(self.shape)
+
+
+# Files that are records of one size behind a header.
+
+
+def is_text(line: bytes) -> bool:
+    """Return whether bytes are a line of a header, in ASCII, UTF-8 or Latin-1."""
+    return line.endswith(b"\n") and not re.search(rb"[\0-\x08\x0b\x0c\x0e-\x1f\x7f]", line)
+
+
+def read_records(
+    path: Path, start: int, dtype: np.dtype[Any], number: int, log: FaultLog, what: str = "an event"
+) -> Iterator[tuple[npt.NDArray[Any], float]]:
+    """Yield the records from byte `start` on, up to `number` at a time.
+
+    Beside each part is the share of the file up to its end. `what` names a record in the report of
+    a last one that is cut off.
+    """
+    size = max(1, path.stat().st_size)
+    with path.open("rb") as file:
+        file.seek(start)
+        while data := file.read(number * dtype.itemsize):
+            yield np.frombuffer(data, dtype, len(data) // dtype.itemsize), file.tell() / size
+            if leftover := len(data) % dtype.itemsize:
+                log.truncated(leftover, f"byte {size - leftover:,}, within {what}")
+
+
+# Choice of one of the streams of a file, by its name or its number.
+
+
+class Wording(NamedTuple):
+    """What messages call the streams."""
+
+    #: one, several: ``"camera"`` and ``"cameras"``, for example.
+    one: str
+    several: str
+    remedy: str  #: What to do if there is none.
+
+
+def choose_stream(
+    path: Path, names: Mapping[int, str], wanted: str | None, wording: Wording
+) -> int:
+    """Return the number of the one stream, or of that which is wanted.
+
+    Parameters
+    ----------
+    names : mapping of int to str
+        Names of the streams by their numbers.
+    wanted : str, optional
+        Name or number of the stream.
+
+    Raises
+    ------
+    RecordingError
+        If there is none.
+    UsageError
+        If there are several.
+    """
+    found = [number for number, name in names.items() if wanted in (None, name, str(number))]
+    listed = ", ".join(f"{number} ({name})" for number, name in names.items()) or "none"
+    if not found:
+        raise RecordingError(
+            f"{path} has no {wording.one}{f' {wanted!r}' if wanted else ''}; it has: {listed}: "
+            f"{wording.remedy}, or choose one of these with --topic"
+        )
+    if len(found) > 1:
+        raise UsageError(f"{path} has several {wording.several}, {listed}: choose with --topic")
+    return found[0]
+
+
+# Decompression with a limit: a few bytes cannot become gigabytes of memory.
+
+
+#: Most bytes that one packet, chunk or message of a recording may expand to.
+LIMIT_BYTES = 1 << 26
+#: Bytes that are read, and expanded, at a time.
+PIECE_BYTES = 1 << 20
+
+
+class DecompressionError(ValueError):
+    """Compressed data is damaged, cut off, or expands to more than the limit."""
+
+
+def lz4(what: str, extra: str) -> Callable[[bytes], bytes]:
+    """Return a function that decompresses LZ4 frames; errors name `what`."""
+    frame = import_extra("lz4.frame", f"{what}, LZ4", "lz4", extra)
+    return lambda data: expand(frame.LZ4FrameDecompressor, data, (RuntimeError, EOFError))
+
+
+def zstd_decompressor(
+    what: str, extra: str
+) -> tuple[Callable[[], Any], tuple[type[Exception], ...]]:
+    """Return a maker of Zstandard decompressors, and its exceptions; errors name `what`."""
+    package = "compression" if sys.version_info >= (3, 14) else "backports"
+    zstd = import_extra(f"{package}.zstd", f"{what}, ZSTD", "backports.zstd", extra)
+    return zstd.ZstdDecompressor, (zstd.ZstdError, EOFError)
+
+
+def zstd(what: str, extra: str) -> Callable[[bytes], bytes]:
+    """Return a function that decompresses Zstandard frames; errors name `what`."""
+    decompressor, errors = zstd_decompressor(what, extra)
+    return lambda data: expand(decompressor, data, errors)
+
+
+def bzip2(data: bytes) -> bytes:
+    """Decompress bzip2 streams."""
+    return expand(bz2.BZ2Decompressor, data, (OSError, EOFError))
+
+
+def expand(
+    new: Callable[[], Any],
+    data: bytes,
+    errors: tuple[type[Exception], ...],
+    limit: int | None = None,
+) -> bytes:
+    """Decompress one or more frames, and stop at the limit.
+
+    Parameters
+    ----------
+    new : callable
+        Function that makes a decompressor with the interface of :class:`bz2.BZ2Decompressor`.
+    errors : tuple of exception types
+        Exceptions that the decompressor raises for damaged data.
+    limit : int, optional
+        Most bytes of the result; by default :data:`LIMIT_BYTES`.
+
+    Raises
+    ------
+    DecompressionError
+        If the data is damaged, cut off, or expands to more than `limit`.
+    """
+    limit = LIMIT_BYTES if limit is None else limit
+    return b"".join(expand_file(new, io.BytesIO(data), errors, limit))
+
+
+def expand_file(
+    new: Callable[[], Any], file: BinaryIO, errors: tuple[type[Exception], ...], limit: int
+) -> Iterator[bytes]:
+    """Decompress the frames of a file piece by piece, and stop at the limit.
+
+    Parameters
+    ----------
+    new, errors, limit
+        As for :func:`expand`.
+    file : binary file
+        Read to its end.
+
+    Yields
+    ------
+    bytes
+        At most :data:`PIECE_BYTES`.
+
+    Raises
+    ------
+    DecompressionError
+        As for :func:`expand`; the pieces yielded before are correct.
+    """
+    size = 0
+    rest = file.read(PIECE_BYTES)
+    while rest:
+        frame = new()
+        while not frame.eof:
+            if frame.needs_input and not rest:
+                rest = file.read(PIECE_BYTES)
+                if not rest:
+                    raise DecompressionError("the compressed data is cut off")
+            try:
+                part = frame.decompress(rest, max_length=min(PIECE_BYTES, limit + 1 - size))
+            except errors as error:
+                raise DecompressionError(str(error)) from error
+            rest = b""  # the decompressor keeps the bytes that it has not used
+            size += len(part)
+            if size > limit:
+                raise DecompressionError(f"it expands to more than {limit:,} bytes")
+            if part:
+                yield part
+            elif not (frame.eof or frame.needs_input):
+                raise DecompressionError("the compressed data gives nothing")
+        rest = frame.unused_data or file.read(PIECE_BYTES)
