@@ -174,15 +174,8 @@ def synthesize(folder: Path, board: Board) -> None:
     _run(["yosys", "-q", "-p", script], folder)
 
 
-def packed_cells(
-    design: Design, board: Board, written: Path | None = None
-) -> dict[str, tuple[int, int]]:
+def packed_cells(design: Design, board: Board) -> dict[str, tuple[int, int]]:
     """Count the cells of a board design, packed but not placed, and the cells of the FPGA.
-
-    Parameters
-    ----------
-    written : path, optional
-        JSON file of the packed netlist to be written.
 
     Returns
     -------
@@ -198,8 +191,7 @@ def packed_cells(
         folder = Path(name)
         write_tables(design, folder)
         synthesize(folder, board)
-        write = () if written is None else ("--write", str(written))
-        return _cells(_place(folder, board, "--pack-only", *write), board)
+        return _cells(_place(folder, board, "--pack-only"), board)
 
 
 def _place(folder: Path, board: Board, *options: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import re
 import shutil
@@ -28,7 +27,6 @@ from firmware_model.hardware import (
     report,
     simulation,
     sources,
-    unit_cells,
     waves,
 )
 from firmware_model.hardware.parameters import (
@@ -473,37 +471,6 @@ KINDS = [
     replace(BY_ACTIVITY, places_per_window=2),
     replace(DESIGN, code="contrast"),
 ]
-
-
-@pytest.mark.parametrize(
-    ("cell", "unit"),
-    [
-        ("device.core.search.left_SB_DFFE_Q_LC", "search"),
-        ("device.core.search.delay.g_ring.at_LC", "search"),
-        ("device.core.g_filter.place_filter.product_LC", "place_filter"),
-        ("device.core.g_filter.place_filter.scale.low_LC", "place_filter: scale"),
-        ("device.core.events.g_by_time.window_timer.over_LC", "events: window_timer"),
-        ("device.spi.value_LC", "spi"),
-        ("device.core.window_LC", unit_cells.TOP),
-        ("$nextpnr_ICESTORM_LC_3", unit_cells.CARRIES),
-    ],
-)
-def test_a_cell_belongs_to_the_unit_that_its_name_begins_with(cell, unit):
-    """Generate blocks have no name of their own; unnamed cells are of carries."""
-    assert unit_cells.unit_of(cell) == unit
-
-
-@pytest.mark.slow
-@needs("yosys", "nextpnr-ice40")
-def test_the_cells_of_all_units_are_those_of_the_report():
-    """Each is counted once; the table has the sum."""
-    small = replace(DESIGN, pixels=4, places=6, lanes=1)
-    found = unit_cells.unit_cells(small)
-    assert {"search", "sequence_sums", "events: counters", "spi"} < set(found)
-    packed = report.packed_cells(small, boards.ICEBREAKER)
-    assert found.total() == packed["logic cells"][0]
-    (total,) = list(csv.reader(unit_cells.to_csv({"small": found}).splitlines()))[-1:]
-    assert total == ["all", f"{found.total():,}"]
 
 
 @needs("yosys")
