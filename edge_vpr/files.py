@@ -186,8 +186,7 @@ def clear_dead_runs(folder: str | Path) -> None:
     """
     for work in Path(folder).glob(".edge-vpr-*.part"):
         if is_work_folder(work):
-            # RecursionError: folders in folders, deeper than `shutil.rmtree` goes
-            with suppress(OSError, RecursionError):
+            with suppress(OSError):
                 _remove_dead(work)
 
 

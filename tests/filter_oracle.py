@@ -21,7 +21,7 @@ from firmware_model.specification import (
     own_mean_code,
     window_mean,
 )
-from firmware_model.specification_drive import Drive, DriveMatch, drive_codes
+from firmware_model.specification_drive import Drive, DriveMatch
 from fixedpoint.activity import COSTS_BY_ACTIVITY, EVENTS_TOP
 
 Rows = list[list[int]]
@@ -105,13 +105,6 @@ def running_codes(reference: ReferenceMap, counted: Rows, begin: Begin) -> Rows:
         if not pause:
             means, moves = means_after(means, levels, mean_shift(moves)), moves + 1
     return coded
-
-
-def codes_of_drive(reference: ReferenceMap, counted: Rows) -> Rows:
-    """Own-mean codes of windows, all against the mean of the drive without its pauses."""
-    code, paused = reference.own_mean_code, pauses(counted, begin_of(reference).mean_activity)
-    assert code is not None
-    return drive_codes(levels_of(reference, counted), paused, code.bits, code.contrast)
 
 
 def drive_of(

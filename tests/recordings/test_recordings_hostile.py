@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 import recording_files as files
 
-from edge_vpr.errors import EdgeVprError, RecordingError, printable
+from edge_vpr.errors import EdgeVprError, RecordingError
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
 from edge_vpr.recordings import frames, open_recording, write_recording
 from edge_vpr.recordings.decoding import (
@@ -410,11 +410,6 @@ def test_no_foreign_exception_passes_the_wall(error, words):
     assert words in str(raised.value)
     with pytest.raises(KeyboardInterrupt), foreign_errors(Path("a.bin")):
         raise KeyboardInterrupt
-
-
-def test_a_message_is_one_printable_line_of_bounded_length():
-    assert printable("a\n b\t\x00\udc80") == r"a b \x00\udc80"
-    assert len(printable("x" * 5000)) <= 1000
 
 
 # --- times in another unit ------------------------------------------------------------------

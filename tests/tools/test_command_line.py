@@ -467,12 +467,6 @@ def test_a_recording_is_a_file_or_a_folder(tmp_path, capsys, kind):
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_control_characters_of_a_file_name_do_not_reach_the_terminal(tmp_path, capsys):
-    assert cli.main(["info", str(tmp_path / "a\x1b[2J\x07.npz")]) != 0
-    err = capsys.readouterr().err
-    assert "\x1b" not in err and "\x07" not in err and r"\x1b[2J" in err
-
-
 def test_names_of_outputs_reach_no_terminal_raw(drive, tmp_path, capsys):
     """Nor do they mark text up, or feed lines of their own."""
     folder = tmp_path / "a\x1b[2J\n[bold]"
