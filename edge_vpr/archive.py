@@ -75,25 +75,37 @@ def present(**arrays: npt.NDArray[Any] | None) -> Arrays:
 
 
 def write_archive(
-    path: str | Path, kind: str, arrays: Mapping[str, npt.NDArray[Any]], meta: Mapping[str, Any]
+    path: str | Path,
+    kind: str,
+    arrays: Mapping[str, npt.NDArray[Any]],
+    meta: Mapping[str, Any],
+    *,
+    overwrite: bool = True,
 ) -> None:
     """Write arrays and plain values as one compressed ``.npz``, atomically.
 
     Parameters
     ----------
     path : path
-        Replaced if it exists.
+        The file to write.
     kind : str
         What the file is, for example ``reference map``; checked when it is read.
     arrays : mapping of str to ndarray
         Contents, by the names under which they are read.
     meta : mapping
         Values that JSON can hold.
+    overwrite : bool
+        Replace a file that exists.
+
+    Raises
+    ------
+    UsageError
+        If it exists and may not be replaced, or cannot be written.
     """
     path = as_path(path, f"a {kind}")
     meta = {"kind": kind, "version": SCHEMA_VERSION, **meta}
     header = json.dumps({**meta, "checksum": _checksum(meta, arrays)})
-    with replacing(path) as temporary, temporary.open("wb") as file:
+    with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **{_HEADER: np.array(header)}, **arrays)
 
 

@@ -368,8 +368,21 @@ class MapRecord(EqualByValue):
         """Packed size of all places that begin in a window, in bytes."""
         return self.packed_bytes_per_place * self.settings.window_parts
 
-    def save(self, path: str | Path) -> None:
-        """Write as ``.npz``, atomically; `load` gives an equal map back."""
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Write as ``.npz``, atomically; `load` gives an equal map back.
+
+        Parameters
+        ----------
+        path : path
+            The file to write.
+        overwrite : bool
+            Replace a file that exists.
+
+        Raises
+        ------
+        UsageError
+            If it exists and may not be replaced, or cannot be written.
+        """
         arrays = {
             "pixel_x": self.pixel_map.x,
             "pixel_y": self.pixel_map.y,
@@ -392,7 +405,7 @@ class MapRecord(EqualByValue):
             meta["frame_period"] = str(self.frame_period)
         if self.start_us:
             meta["start_us"] = self.start_us
-        write_archive(path, KIND, arrays, meta)
+        write_archive(path, KIND, arrays, meta, overwrite=overwrite)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:

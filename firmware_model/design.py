@@ -363,9 +363,21 @@ class Design:
         values = self.to_dict().items()
         return "".join(f"{name} = {json.dumps(value)}\n" for name, value in values)
 
-    def save(self, path: str | Path) -> None:
-        """Write as a TOML file."""
-        Path(path).write_text(self.to_toml(), encoding="utf-8")
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Write as a TOML file.
+
+        Raises
+        ------
+        DesignError
+            If it exists and may not be replaced.
+        """
+        try:
+            with Path(path).open("w" if overwrite else "x", encoding="utf-8") as file:
+                file.write(self.to_toml())
+        except FileExistsError:
+            raise DesignError(
+                f"design {path} exists: name another, or replace it with overwrite=True"
+            ) from None
 
     @classmethod
     def load(cls, path: str | Path) -> Self:

@@ -1168,7 +1168,7 @@ class LiveSession:
                 self.learnt = ReferenceMap.build(
                     drive, self._settings, odometry=odometry, removed=self.removed
                 )
-            self.learnt.save(target)
+            self.learnt.save(target, overwrite=self._overwrite)
             drive.unlink()
         finally:
             if drive.exists():

@@ -207,13 +207,26 @@ class Matches(EqualByValue):
         found = self.take(slice(None, None, stride))
         return replace(found, query=np.arange(len(found), dtype=np.int64))
 
-    def save(self, path: str | Path) -> None:
-        """Write as ``.npz``, atomically."""
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Write as ``.npz``, atomically.
+
+        Parameters
+        ----------
+        path : path
+            The file to write.
+        overwrite : bool
+            Replace a file that exists.
+
+        Raises
+        ------
+        UsageError
+            If it exists and may not be replaced, or cannot be written.
+        """
         arrays = {name: getattr(self, name) for name in _COLUMNS}
         # for readers that open the file with NumPy only
         arrays |= {name: getattr(self, name) for name in ("distance", "second_distance", "ratio")}
         meta = {"settings": self.settings.to_dict(), "places_in_map": self.places_in_map}
-        write_archive(path, KIND, arrays, meta)
+        write_archive(path, KIND, arrays, meta, overwrite=overwrite)
 
     @classmethod
     def load(cls, path: str | Path) -> Matches:

@@ -968,13 +968,20 @@ class Localiser:
         self.run.append(counts)
         return len(self) - 1
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Save the map and the state, so that `load` continues exactly from here.
 
         Parameters
         ----------
         path : path
             An ``.npz`` file, written atomically.
+        overwrite : bool
+            Replace a file that exists, such as an earlier state.
+
+        Raises
+        ------
+        UsageError
+            If it exists and may not be replaced, or cannot be written.
         """
         run, reference = self.run, self._reference
         arrays = map_arrays(reference) | run.to_arrays()
@@ -986,7 +993,7 @@ class Localiser:
             "now_us": run.now_us,
             "floor_us": run.floor_us,
         }
-        write_archive(path, KIND, arrays, meta)
+        write_archive(path, KIND, arrays, meta, overwrite=overwrite)
 
     @classmethod
     def load(cls, path: str | Path, *, check_every: int = 0) -> Localiser:

@@ -490,7 +490,7 @@ def test_a_table_of_an_earlier_rule_of_trust_is_not_used(tmp_path, monkeypatch, 
     reference.save(path)
     assert ReferenceMap.load(path).confidence is not None
     monkeypatch.setattr("edge_vpr.map_record.TRUST_RULE", 1)
-    reference.save(path)
+    reference.save(path, overwrite=True)
     monkeypatch.undo()
     if matching == "sequence":
         assert ReferenceMap.load(path).confidence is not None

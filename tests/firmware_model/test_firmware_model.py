@@ -286,7 +286,7 @@ def test_a_design_survives_its_file(tmp_path):
     """TOML gives back the same design, for 50 of them."""
     for seed in range(50):
         design = random_design(np.random.default_rng(seed))
-        design.save(tmp_path / "design.toml")
+        design.save(tmp_path / "design.toml", overwrite=True)
         assert Design.load(tmp_path / "design.toml") == design
 
 

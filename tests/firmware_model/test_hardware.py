@@ -1102,7 +1102,7 @@ def test_the_report_goes_on_where_it_was_ended(tmp_path, monkeypatch, capsys):
         runs.append(log.read_text("ascii").count("--seed"))
     assert runs == [1, 2, 2]
     assert 'iCE40UP5K,7 of 10,7 of 10,7 of 10,7 of 10,"5' in capsys.readouterr().out
-    replace(DESIGN, places=21).save(tmp_path / "d.toml")
+    replace(DESIGN, places=21).save(tmp_path / "d.toml", overwrite=True)
     assert report.main([*command, "1"]) == 0
     assert log.read_text("ascii").count("--seed") == 3
     (tmp_path / "rows.json").write_text('{"a": {"1": {}}}', "ascii")

@@ -20,6 +20,8 @@ from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.session import LiveSession
 from edge_vpr.matching.matches import TABLE
 from edge_vpr.online.localiser import MATCH_DTYPE
+from firmware_model.design import Design
+from firmware_model.errors import DesignError
 
 SENSOR = ev.Sensor(16, 12)
 SMALL = {"pixels": 5, "sigma": 1.0, "tau": "100ms"}
@@ -65,7 +67,7 @@ def test_a_map_equals_itself_after_saving_and_no_other_map(folder, route, tmp_pa
         jumps=np.array([[0, 5]], dtype=np.int32), **SMALL,
     )  # fmt: skip
     for made in (route, full):
-        made.save(tmp_path / "map.npz")
+        made.save(tmp_path / "map.npz", overwrite=True)
         assert ev.ReferenceMap.load(tmp_path / "map.npz") == made
     assert full != route
     saliency = full.saliency.copy()
@@ -74,6 +76,25 @@ def test_a_map_equals_itself_after_saving_and_no_other_map(folder, route, tmp_pa
     matches = route.match(folder / "tuesday.npz").matches
     matches.save(tmp_path / "matches.npz")
     assert ev.Matches.load(tmp_path / "matches.npz") == matches
+
+
+@pytest.mark.parametrize("kind", ["map", "matches", "state", "results", "design"])
+def test_nothing_that_is_saved_replaces_a_file_silently(folder, route, tmp_path, kind):
+    path = tmp_path / "saved.npz"
+    save = {
+        "map": lambda: route.save,
+        "matches": lambda: route.match(folder / "tuesday.npz").matches.save,
+        "state": lambda: route.localiser().save,
+        "results": lambda: route.match(folder / "tuesday.npz").save,
+        "design": lambda: Design(width=4, height=4, pixels=2, places=3, length=1).save,
+    }[kind]()
+    save(path)
+    before = path.stat()
+    with pytest.raises((ev.UsageError, DesignError), match=r"saved.npz exists: .*overwrite=True"):
+        save(path)
+    assert path.stat() == before
+    save(path, overwrite=True)
+    assert [one.name for one in tmp_path.iterdir()] == ["saved.npz"]
 
 
 def test_a_map_of_own_pixels_counts_those(folder):

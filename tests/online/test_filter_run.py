@@ -230,7 +230,7 @@ def test_with_odometry_the_cut_of_the_stream_and_a_saved_state_change_nothing(tm
     for cut in (1, 333, 600):
         first = Localiser(reference)
         begin = OdometryFeed(first, odometry).update(events[:cut])
-        first.save(tmp_path / "state.npz")
+        first.save(tmp_path / "state.npz", overwrite=True)
         later = odometry.time_us > events["t"][cut - 1]
         rest = OdometryFeed(
             Localiser.load(tmp_path / "state.npz"),
@@ -238,7 +238,7 @@ def test_with_odometry_the_cut_of_the_stream_and_a_saved_state_change_nothing(tm
         ).update(events[cut:])
         assert without_ratio(np.concatenate([*begin, *rest])) == without_ratio(whole)
     first.run.odometer.before = 7
-    first.save(tmp_path / "state.npz")
+    first.save(tmp_path / "state.npz", overwrite=True)
     assert vars(Localiser.load(tmp_path / "state.npz").run.odometer) == vars(first.run.odometer)
 
 
@@ -273,7 +273,7 @@ def test_a_saved_state_goes_on_as_if_it_had_not_been_saved(tmp_path, code, windo
     for cut in (0, 1, 333, 899):
         first = Localiser(reference)
         begin = first.update(events[:cut])
-        first.save(tmp_path / "state.npz")
+        first.save(tmp_path / "state.npz", overwrite=True)
         rest = Localiser.load(tmp_path / "state.npz").update(events[cut:])
         assert without_ratio(np.concatenate([begin, rest])) == without_ratio(whole)
 

@@ -108,7 +108,8 @@ def run(args: argparse.Namespace) -> None:
         note(
             f"{output} has the settings that the drive was matched with; the table holds for these"
         )
-    found.reference.save(output)
+    # without -o, the results' own map gets the table
+    found.reference.save(output, overwrite=args.overwrite or args.output is None)
 
     if found.matches < LEAST_MATCHES:
         note(f"{found.matches} matches are few to learn probabilities from: calibrate with more")

@@ -168,7 +168,7 @@ def run(args: argparse.Namespace) -> None:
         for concern in update.warnings:
             warning(f"{drive}: {concern}")
         reference = update.reference
-    reference.save(output)
+    reference.save(output, overwrite=args.overwrite)
     hot_pixels = int(reference.hot.sum())
     left_out = removed_record(removed, hot_pixels)
     write_json(run_file, run_record(reference.settings.to_dict(), inputs, left_out))
