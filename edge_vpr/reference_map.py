@@ -14,6 +14,7 @@ import numpy.typing as npt
 from edge_vpr.archive import archive_kind, read_archive, write_archive
 from edge_vpr.descriptors.cleaning import load_hot_pixels
 from edge_vpr.descriptors.counting import (
+    DescriptorStream,
     EventSource,
     Removed,
     WindowSource,
@@ -21,9 +22,10 @@ from edge_vpr.descriptors.counting import (
     cleaned,
     count_places,
     opened,
+    window_of,
 )
 from edge_vpr.descriptors.pixels import PixelMap, load_pixel_map
-from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect
 from edge_vpr.errors import MapError, UsageError, as_path, expect, kind_of
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
 from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
@@ -48,6 +50,7 @@ from edge_vpr.results import (
     QUERIES,
     QUERIES_KIND,
     RUN,
+    WINDOWS,
     RemovedEvents,
     results_folder,
     run_record,
@@ -315,7 +318,10 @@ class ReferenceMap(MapRecord):
             result = _match_events(matched.causal(), drive, every, odometry, shift)
         # the map as it was given: what is asked of one run is no part of it
         start_us = getattr(drive, "cropped_us", 0)
-        return replace(result, reference=reference, inputs=inputs, start_us=start_us)
+        windows = None if result.windows is None else reference.coded(result.windows)
+        return replace(
+            result, reference=reference, inputs=inputs, start_us=start_us, windows=windows
+        )
 
     def localiser(
         self,
@@ -492,6 +498,9 @@ class MatchResult:
         where the query was registered.
     queries : Descriptors or None
         The windows of the query; None where it was matched event by event.
+    windows : Descriptors or None
+        Where it was matched event by event, its whole windows, for the report; None if there are
+        none, or more than `MAX_WINDOWS`.
     metrics : MatchMetrics or OnlineMetrics or None
         Sizes and times of the run; None where the result was loaded.
     removed : Removed
@@ -509,6 +518,7 @@ class MatchResult:
     removed: Removed = field(default_factory=Removed)
     inputs: tuple[str, ...] = ()
     start_us: int = 0
+    windows: Descriptors | None = None
 
     def __len__(self) -> int:
         return len(self.matches)
@@ -648,6 +658,8 @@ class MatchResult:
             Files that were read, for `run.json`.
         """
         write_matched(folder, self.reference, self.matches, self.queries)
+        if self.windows is not None:
+            write_queries(folder / WINDOWS, self.windows)
         link_if_same(folder / MAP, inputs)
         left_out = removed_record(self.removed, int(self.reference.hot.sum()))
         settings = self.matches.settings.to_dict()
@@ -676,6 +688,7 @@ class MatchResult:
             Matches.load(path / MATCHES),
             read_queries(path),
             start_us=start_us,
+            windows=read_queries(path, WINDOWS),
         )
 
 
@@ -774,8 +787,12 @@ def _match_events(
     odometry: Odometry | None,
     shift: MountShift | None,
 ) -> MatchResult:
-    """Feed the events of a drive to a localiser."""
+    """Feed the events of a drive to a localiser, and count its windows in the same pass."""
     localiser = Localiser(asked, every=every)
+    stream: DescriptorStream | None = DescriptorStream(
+        asked.pixel_map, window_of(asked.settings), polarity=asked.settings.polarity
+    )
+    windows: list[WindowCounts] = []
     found: list[npt.NDArray[np.void]] = []
     events_fed, busy_s = 0, 0.0
     removed, fed = Removed(), OdometryFeed(localiser, odometry)
@@ -784,6 +801,11 @@ def _match_events(
         found += fed.update(events)
         busy_s += time.perf_counter() - start
         events_fed += events.size
+        if stream is not None:
+            try:
+                windows += stream.windows(events)
+            except UsageError:  # more than are kept, which matching does not need
+                stream, windows = None, []
     rows = np.concatenate([*found, localiser.finish()])
     if rows.size == 0:
         raise UsageError(
@@ -800,4 +822,8 @@ def _match_events(
         mount_shift=shift,
     )
     matches = Matches.of_rows(rows, asked.settings, len(asked))
-    return MatchResult(asked, matches, None, metrics, removed)
+    counted = collect(windows, len(asked.pixel_map) * (2 if asked.settings.polarity else 1))
+    counted = replace(counted, selected=counted.selected_events)
+    return MatchResult(
+        asked, matches, None, metrics, removed, windows=counted if len(counted) else None
+    )

@@ -22,8 +22,8 @@ from edge_vpr.archive import write_archive
 from edge_vpr.events import Sensor, join_events
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.matching.matches import Matches
-from edge_vpr.recordings import open_recording, write_recording
-from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.recordings import Recording, open_recording, write_recording
+from edge_vpr.reference_map import MatchResult, ReferenceMap
 
 SENSOR = Sensor(16, 12)
 SMALL = ["--preset", "paper", "--pixels", "5", "--sigma", "1", "--tau", "100ms", "-L", "2"]
@@ -110,6 +110,25 @@ def test_evaluate_adds_figures_and_metrics(drive, tmp_path, capsys):
     metrics = json.loads((drive / "results" / "metrics.json").read_text())
     assert metrics["evaluation"]["queries"] == 18
     assert (drive / "results" / "precision_recall.svg").is_file()
+
+
+@pytest.mark.parametrize("more", [[], ["--online"], ["--online", "--every", "window"]])
+def test_a_match_reads_its_recording_once(drive, tmp_path, monkeypatch, more):
+    """Also for its report, which shows the windows of a match event by event."""
+    read, passes = Recording.__iter__, []
+
+    def noted(recording):
+        passes.append(recording.path)
+        return read(recording)
+
+    monkeypatch.setattr(Recording, "__iter__", noted)
+    arguments = ["match", str(drive / "map.npz"), str(drive / "query.npz"), *more]
+    assert main([*arguments, "-o", str(tmp_path / "results")]) == 0
+    assert passes == [drive / "query.npz"]
+    assert (tmp_path / "results/report.html").is_file()
+    if more:
+        queries = MatchResult.load(drive / "results").queries
+        assert MatchResult.load(tmp_path / "results").windows == queries
 
 
 @pytest.mark.parametrize("every", ["event", "7", "30ms", "window", "change"])

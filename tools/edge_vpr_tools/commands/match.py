@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 from collections.abc import Iterable
 from pathlib import Path
 from shlex import quote
@@ -107,9 +106,8 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.evaluation.match_tracks import check_track_file
     from edge_vpr.evaluation.tables import load_odometry
     from edge_vpr.map_record import KIND as MAP_KIND
-    from edge_vpr.map_record import describe_query
     from edge_vpr.matching.drive import query_distances
-    from edge_vpr.reference_map import OnlineMetrics, ReferenceMap, write_queries
+    from edge_vpr.reference_map import OnlineMetrics, ReferenceMap
     from edge_vpr.warm_up import matching_steps
     from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, tracked
 
@@ -162,10 +160,6 @@ def run(args: argparse.Namespace) -> None:
             from edge_vpr_tools.report.traverse import write_report
             from edge_vpr_tools.report.verdict import outcome_of
 
-            if args.online:
-                with contextlib.suppress(UsageError):  # of a drive without a whole window
-                    windows = describe_query(found.reference, tracked(recording, "counting"))
-                    write_queries(folder / results.WINDOWS, windows)
             write_report(folder, found, outcome_of(found.reference, matches), formats)
     removed = describe_removed(found.removed, asked.settings)
     if isinstance(metrics, OnlineMetrics):

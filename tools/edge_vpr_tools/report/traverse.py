@@ -14,7 +14,7 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.files import parse_errors, read_json
 from edge_vpr.matching.matches import Matches
-from edge_vpr.reference_map import MatchResult, ReferenceMap, read_queries
+from edge_vpr.reference_map import MatchResult, ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr_tools.report.figures import (
     Window,
@@ -82,7 +82,7 @@ def write_report(
     _add_outcome(add, reference, outcome, route)
     windows, at = queries, matches.query
     if windows is None:  # of a drive that was matched event by event: the last before each match
-        windows = read_queries(folder, results.WINDOWS)
+        windows = result.windows
         if windows is not None:
             before = np.searchsorted(windows.end_us, matches.time_us, side="right") - 1
             at = np.maximum(before, 0)
