@@ -224,14 +224,26 @@ def work_folder(target: Path) -> Iterator[Path]:
         ) from error
     try:
         yield work
-    except OSError as error:
-        if error.errno in _FULL and error.filename is None:
-            raise OSError(error.errno, error.strerror, str(target)) from error
+    except Exception as error:
+        _name_target(error, work, target)
         raise
     finally:
         shutil.rmtree(work, ignore_errors=True)
         if lock is not None:
             os.close(lock)
+
+
+def _name_target(error: Exception, work: Path, target: Path) -> None:
+    """Name what the user asked for in an error that names the hidden folder, or nothing."""
+    hidden, shown = f"{work}{os.sep}", str(target.parent / "_")[:-1]
+    error.args = tuple(
+        one.replace(hidden, shown) if isinstance(one, str) else one for one in error.args
+    )
+    if isinstance(error, OSError):
+        if isinstance(error.filename, str | bytes):
+            error.filename = os.fsdecode(error.filename).replace(hidden, shown)
+        elif error.filename is None and error.errno in _FULL:
+            error.filename = str(target)
 
 
 def is_work_folder(path: Path) -> bool:

@@ -33,7 +33,7 @@ from edge_vpr.evaluation.tables import load_jumps, load_odometry
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track, with_positions
 from edge_vpr.events import TIME_LIMIT_US
-from edge_vpr.files import link_if_same, read_json
+from edge_vpr.files import link_if_same
 from edge_vpr.learning import MapUpdate, learn_drive
 from edge_vpr.map_record import KIND, MapRecord, check_matchable, describe_query, map_traverse
 from edge_vpr.matching.drive import match_query
@@ -52,6 +52,7 @@ from edge_vpr.results import (
     RUN,
     WINDOWS,
     RemovedEvents,
+    read_run,
     results_folder,
     run_record,
     write_json,
@@ -678,10 +679,8 @@ class MatchResult:
         path = as_path(folder, "a folder of results")
         if not path.is_dir():
             raise MapError(f"{path} is not a folder of results: run edge-vpr match first")
-        start_us = 0
-        if (path / RUN).is_file():
-            start_us = read_json(path / RUN, "the run", "match again").get("start_us", 0)
-        if type(start_us) is not int or not 0 <= start_us <= TIME_LIMIT_US:
+        start_us = (read_run(path).start_us or 0) if (path / RUN).is_file() else 0
+        if not 0 <= start_us <= TIME_LIMIT_US:
             raise MapError(f"{path / RUN} has start_us {start_us!r}: match again")
         return cls(
             ReferenceMap.load(path / MAP),

@@ -18,8 +18,15 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from edge_vpr.errors import EdgeVprError, UsageError
-from edge_vpr.files import check_absent, check_output, open_input, replacing, replacing_folder
+from edge_vpr.errors import EdgeVprError, UsageError, printable
+from edge_vpr.files import (
+    check_absent,
+    check_output,
+    open_input,
+    read_json,
+    replacing,
+    replacing_folder,
+)
 from edge_vpr.run_log import command_line, warnings_so_far
 
 # Folders of results, which are written whole or not at all.
@@ -159,6 +166,33 @@ class RecordError(EdgeVprError):
     """Values from a file do not fit the expected record."""
 
 
+def read_record(kind: type[T], path: Path, what: str, remedy: str) -> T:
+    """Read a record from a JSON file; see `from_json` and `edge_vpr.files.read_json`.
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read, or a field of it is missing or of a wrong type.
+    """
+    try:
+        return from_json(kind, read_json(path, what, remedy))
+    except RecordError as error:
+        raise UsageError(
+            f"cannot read {what} from {path}: {printable(error, 200)}: {remedy}"
+        ) from error
+
+
+def read_run(folder: Path) -> RunRecord:
+    """Read the record of the run that wrote a folder of results.
+
+    Raises
+    ------
+    UsageError
+        As `read_record` does.
+    """
+    return read_record(RunRecord, folder / RUN, "the run", "match again")
+
+
 def to_json(value: Any) -> Any:
     """Return a record as values that JSON can hold.
 
@@ -277,7 +311,10 @@ def _value(hint: Any, value: object, where: str) -> Any:
         fits = isinstance(value, int | float if hint is float else hint)
         if not fits or (isinstance(value, bool) and hint is not bool):
             raise RecordError(f"{where} is {value!r}: expected {_NUMBERS[hint]}")
-        return hint(value)
+        try:
+            return hint(value)
+        except OverflowError:
+            raise RecordError(f"{where} is {value!r}: expected a smaller number") from None
     return value if isinstance(value, hint) else from_json(hint, value, where)
 
 

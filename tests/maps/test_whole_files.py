@@ -182,6 +182,26 @@ def test_a_full_disk_is_an_error_that_names_what_was_written(tmp_path, write):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("inner", ["write_text", "replacing", "by a library"])
+def test_no_error_names_the_hidden_folder(tmp_path, monkeypatch, inner):
+    def full(*_, **named):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def fails():
+        with replacing_folder(tmp_path / "result") as folder:
+            if inner == "by a library":
+                raise EdgeVprError(f"cannot write {folder / 'a.h5'}: name another")
+            if inner == "write_text":
+                raise OSError(errno.ENOSPC, "No space left on device", str(folder / "a.h5"))
+            monkeypatch.setattr(os, "fsync", full)
+            write(folder / "a.h5", "text")
+
+    with pytest.raises((OSError, EdgeVprError)) as told:
+        fails()
+    assert f"{tmp_path}/result/a.h5" in str(told.value)
+    assert ".part" not in str(told.value)
+
+
 def test_an_error_in_the_block_leaves_the_old_folder(tmp_path):
     write_folder(tmp_path / "results", "old")
 

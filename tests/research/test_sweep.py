@@ -44,7 +44,8 @@ from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import write_recording
-from edge_vpr.settings import PRESETS
+from edge_vpr.results import run_record, write_json
+from edge_vpr.settings import PRESETS, Settings
 
 ROOT = Path(__file__).parents[2]
 
@@ -504,7 +505,7 @@ def a_match(folder, **changed):
     shares = dict.fromkeys(list(comparison.MEASURES)[:3], 0.5)
     metrics = {"evaluation": shares | {"recall_at": {"1": 0.5}}}
     (folder / "metrics.json").write_text(json.dumps(metrics))
-    (folder / "run.json").write_text(json.dumps({"settings": {"seed": 1, "tau_us": 5} | changed}))
+    write_json(folder / "run.json", run_record({"seed": 1, "tau_us": 5} | changed, []))
     return folder
 
 
@@ -518,6 +519,80 @@ def test_a_changed_record_of_a_match_is_named(tmp_path, capsys, changed):
     said = capsys.readouterr().err.strip()
     assert "\n" not in said
     assert f"run.json: setting {next(iter(changed))}" in said.replace("tau =", "tau_us =")
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "value", "says"),
+    [
+        ("run.json", ["command"], 3, "command is 3: expected a list"),
+        ("run.json", ["settings"], [1], "settings holds a list"),
+        ("metrics.json", ["evaluation"], [0.5], "evaluation holds a list"),
+        ("metrics.json", ["evaluation", "recall_at"], {"1": "x"}, "recall_at.1 is 'x'"),
+        ("metrics.json", ["evaluation", "average_precision"], 10**400, "expected a smaller number"),
+        ("metrics.json", ["evaluation"], {}, "evaluation lacks precision_at_100_recall"),
+        ("metrics.json", ["packed_bytes_per_place"], True, "expected an integer"),
+    ],
+)
+def test_a_field_of_a_wrong_type_ends_a_comparison_in_one_line(
+    tmp_path, capsys, name, at, value, says
+):
+    run = a_match(tmp_path / "run")
+    changed = json.loads((run / name).read_text())
+    place = changed
+    for step in at[:-1]:
+        place = place[step]
+    place[at[-1]] = value
+    (run / name).write_text(json.dumps(changed))
+    assert cli.main(["compare", str(run)]) == 2
+    said = capsys.readouterr().err.strip()
+    assert "\n" not in said
+    assert f"run/{name}: " in said
+    assert says in said
+
+
+def test_what_a_run_does_not_say_of_a_setting_is_its_default(tmp_path):
+    """A comparison over it ended in an internal error."""
+    runs = [a_match(tmp_path / "a", pixels=9), a_match(tmp_path / "b")]
+    words = [*map(str, runs), "-o", str(tmp_path / "out"), "--over", "pixels"]
+    assert cli.main(["compare", *words]) == 0
+    tidy = (tmp_path / "out/compare_tidy.csv").read_text().splitlines()
+    column = tidy[0].split(",").index("pixels")
+    assert [line.split(",")[column] for line in tidy[1:]] == ["9", str(Settings().pixels)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "at", "value"),
+    [
+        ("results", ["trial", "settings", "places_per_window"], "2"),
+        ("results", ["trial", "settings", "none"], 1),
+        ("results", ["trial", "system"], []),
+        ("results", ["found", "places"], "x"),
+        ("results", ["found", "mapping_s"], 10**400),
+        ("sweep.json", ["trials"], 5),
+    ],
+)
+def test_a_field_of_a_wrong_type_in_a_sweep_ends_in_one_line(
+    plan_file, tmp_path, capsys, kind, at, value
+):
+    swept(plan_file, Inline(), tmp_path / "out")
+    files = [tmp_path / "out/sweep.json"]
+    if kind == "results":
+        files = sorted((tmp_path / "out/results").iterdir())
+    for file in files:
+        changed = json.loads(file.read_text())
+        if "trial" in changed:
+            changed["trial"]["version"] = "another"  # whose keys are made otherwise
+        place = changed
+        for step in at[:-1]:
+            place = place[step]
+        place[at[-1]] = value
+        file.write_text(json.dumps(changed))
+    capsys.readouterr()
+    assert cli.main(["compare", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err.strip()
+    assert "\n" not in said
+    assert "internal error" not in said
+    assert at[-1] in said
 
 
 def test_a_name_of_a_folder_is_text_in_markdown(tmp_path, capsys):

@@ -22,6 +22,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -41,11 +42,11 @@ from rich.terminal_theme import SVG_EXPORT_THEME
 from rich.text import Text
 
 from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr.files import read_json
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import MatchResult, ReferenceMap
+from edge_vpr.results import read_run
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tests/tools"))
@@ -181,13 +182,10 @@ def pipeline(folder: Path, path: Path) -> None:
 def read_replay(folder: Path) -> Replay:
     """Read the smoothed matches, with the events of all pixels."""
     results = folder / "results"
-    run = read_json(results / "run.json", "the run", "match again")
-    for record in run["inputs"]:  # of commands that ran in the folder
-        record["path"] = str(folder / record["path"])
-    run["command"] = [
-        str(folder / word) if (folder / word).is_file() else word for word in run["command"]
-    ]
-    inputs = RecordedInputs(run)
+    run = read_run(results)  # of commands that ran in the folder
+    files = tuple(replace(one, path=str(folder / one.path)) for one in run.inputs)
+    words = (str(folder / word) if (folder / word).is_file() else word for word in run.command)
+    inputs = RecordedInputs(replace(run, inputs=files, command=tuple(words)))
     recording = inputs.recording("a picture")
     return replay_of(
         MatchResult.load(results), recording, inputs.odometry(), 10_000, all_events=True

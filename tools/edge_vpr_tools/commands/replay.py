@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.cli import VerbParser, find_verb
@@ -15,6 +14,7 @@ from edge_vpr_tools.flags import add_output_flags
 if TYPE_CHECKING:
     from edge_vpr.descriptors.windows import PublishedWindows
     from edge_vpr.recordings import Recording
+    from edge_vpr.results import RunRecord
     from edge_vpr.route import Odometry
 
 EXAMPLES = """\
@@ -57,9 +57,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 class RecordedInputs:
     """The files that a run has read, by its `run.json`; each is opened when it is asked for."""
 
-    def __init__(self, run: Mapping[str, Any]) -> None:
-        self._files = run.get("inputs", ())
-        verb, words = find_verb([str(word) for word in run.get("command", ())][1:])
+    def __init__(self, run: RunRecord) -> None:
+        self._files = run.inputs
+        verb, words = find_verb(list(run.command[1:]))
         self._args: argparse.Namespace | None = None
         if verb == "match":
             self._args = VerbParser(verb).parse(words)
@@ -101,13 +101,13 @@ class RecordedInputs:
         return load_odometry(self._unchanged(self._args.odometry, "a match with --odometry"))
 
     def _unchanged(self, path: str, what: str) -> str:
-        from edge_vpr.results import InputFile, hash_input
+        from edge_vpr.results import hash_input
 
         remedy = "run edge-vpr replay in the folder where edge-vpr match ran, or match again"
         if not Path(path).exists():
             raise UsageError(f"{path}, which {what} needs, is not there: {remedy}")
         for record in self._files:
-            if record["path"] == path and hash_input(Path(path)) != InputFile(**record):
+            if record.path == path and hash_input(Path(path)) != record:
                 raise UsageError(
                     f"{path}, which {what} needs, has changed since it was matched: {remedy}"
                 )
@@ -116,9 +116,8 @@ class RecordedInputs:
 
 def run(args: argparse.Namespace) -> None:
     """Compute the costs again, draw the frames and write the film."""
-    from edge_vpr.files import read_json
     from edge_vpr.reference_map import MatchResult
-    from edge_vpr.results import RUN, check_new_file
+    from edge_vpr.results import check_new_file, read_run
     from edge_vpr_tools.report.replay import frames, replay_of, write_gif
 
     output = Path(args.output)
@@ -132,7 +131,7 @@ def run(args: argparse.Namespace) -> None:
     folder = Path(args.results)
     with status("reading the matches") as show:
         result = MatchResult.load(folder)
-        inputs = RecordedInputs(read_json(folder / RUN, "the run", "match again"))
+        inputs = RecordedInputs(read_run(folder))
         recording = None
         if args.all_events or result.queries is None:
             what = "the events of all pixels" if args.all_events else "a match --online"

@@ -216,7 +216,7 @@ def write_report(found: Profile, folder: Path) -> None:
             if name != "versions"
         ],
     )
-    add_run(page, to_json(found.run))
+    add_run(page, found.run)
     page.write(folder / results.REPORT)
 
 

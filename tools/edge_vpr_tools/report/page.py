@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import html
-import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from string import Template
-from typing import Any
 
 from edge_vpr import __version__
 from edge_vpr.errors import escaped
 from edge_vpr.files import replacing
+from edge_vpr.results import RunRecord, json_text
 
 #: pixels of a browser in a point of a figure
 _PIXELS = 96 / 72
@@ -186,39 +185,25 @@ _HASH_SHOWN = 16
 _NAMES = {"edge-vpr": "edge-vpr", "python": "Python", "numpy": "NumPy", "numba": "Numba"}
 
 
-def add_run(page: Page, record: Mapping[str, Any]) -> None:
-    """Add the contents of ``run.json``.
-
-    Parameters
-    ----------
-    record : mapping
-        A `RunRecord`, as read from the file. What an older file lacks is left out.
-    """
+def add_run(page: Page, record: RunRecord) -> None:
+    """Add the contents of ``run.json``."""
     page.heading("Settings and versions")
-    if record.get("command"):
-        program, *words = map(str, record["command"])
-        command = " ".join([Path(program).name, *words])
-        page.text(f"Made by: {command} ({record.get('finished_utc', 'time not recorded')}).")
-    settings = record.get("settings", {})
-    if settings:
-        page.table(("setting", "value"), [(name, plain(one)) for name, one in settings.items()])
-    versions = [(_NAMES.get(name, name), one) for name, one in record.get("versions", {}).items()]
-    machine = record.get("machine", {})
-    where = [("system", machine.get("system")), ("processor", machine.get("processor"))]
-    page.table(
-        ("software and machine", ""), [(name, str(one)) for name, one in (*versions, *where) if one]
-    )
-    inputs = record.get("inputs", ())
-    if inputs:
+    if record.command:
+        program, *words = record.command
+        page.text(f"Made by: {' '.join([Path(program).name, *words])} ({record.finished_utc}).")
+    if record.settings:
+        rows = [(name, plain(one)) for name, one in record.settings.items()]
+        page.table(("setting", "value"), rows)
+    versions = [(_NAMES.get(name, name), one) for name, one in record.versions.items()]
+    where = [("system", record.machine.system), ("processor", record.machine.processor)]
+    page.table(("software and machine", ""), [row for row in (*versions, *where) if row[1]])
+    if record.inputs:
         page.heading("Inputs")
         page.table(
             ("file", "bytes", f"SHA-256, first {_HASH_SHOWN} digits"),
-            [
-                (str(one["path"]), f"{one['bytes']:,}", str(one["sha256"])[:_HASH_SHOWN])
-                for one in inputs
-            ],
+            [(one.path, f"{one.bytes:,}", one.sha256[:_HASH_SHOWN]) for one in record.inputs],
         )
-    page.folded("The whole record of the run", json.dumps(record, indent=2))
+    page.folded("The whole record of the run", json_text(record, indent=2))
 
 
 def plain(value: object) -> str:

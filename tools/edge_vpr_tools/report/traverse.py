@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from edge_vpr import results
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.metrics import Evaluation
-from edge_vpr.files import parse_errors, read_json
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import MatchResult, ReferenceMap
 from edge_vpr.route import Route
@@ -63,7 +62,7 @@ def write_report(
     """
     reference, queries = result.reference, result.queries
     matches, truth, found = outcome.matches, outcome.truth, outcome.found
-    run = read_json(folder / results.RUN, "the run", "match again")
+    run = results.read_run(folder)
     route = reference.route if route is None else route
     page = Page("edge-vpr: matches of a drive")
 
@@ -72,7 +71,7 @@ def write_report(
         page.picture(save(drawing, *files), caption)
 
     page.verdict(outcome.sentence())
-    for text in (*run.get("warnings", ()), *warnings):
+    for text in (*(run.warnings or ()), *warnings):
         page.warning(text)
     if truth is None:
         page.text("edge-vpr evaluate adds which matches are correct, given a ground truth.")
@@ -104,8 +103,7 @@ def write_report(
     page.heading("Pixels")
     add("pixels", selected_pixels(reference),
          "Where the sensor sees change that differs from place to place.")  # fmt: skip
-    with parse_errors(folder / results.RUN, "the run", "match again"):
-        add_run(page, run)
+    add_run(page, run)
     page.write(folder / results.REPORT)
 
 

@@ -8,6 +8,7 @@ import hashlib
 import json
 import multiprocessing
 import os
+import re
 import threading
 import time
 import traceback
@@ -24,8 +25,8 @@ from typing import Any, Generic, Protocol, TypeVar
 
 import edge_vpr
 from edge_vpr.errors import EdgeVprError, MissingExtraError, UsageError, printable
-from edge_vpr.files import is_work_folder, read_json
-from edge_vpr.results import RecordError, check_parent, from_json, write_json
+from edge_vpr.files import is_work_folder
+from edge_vpr.results import RecordError, check_parent, from_json, read_record, write_json
 
 # Workers for trials, with one interface: processes of this machine, or a Dask cluster.
 
@@ -280,6 +281,7 @@ SCHEMA = 1
 SWEEP = "sweep.json"
 _RESULTS, _FAILURES, _LOCK = "results", "failures", ".lock"
 _REMEDY = "remove it, and the sweep computes it again"
+_KEY = re.compile("[0-9a-f]{32}")
 
 
 def key_of(version: str, *decides: Any) -> str:
@@ -413,9 +415,8 @@ class Store(Generic[TrialT, ResultT]):
         UsageError
             If the file is missing or damaged.
         """
-        path, remedy = self.folder / SWEEP, "run edge-vpr sweep again"
-        with _named(path, remedy):
-            return from_json(SweepRecord, read_json(path, "a sweep's file", remedy)).trials
+        remedy = "run edge-vpr sweep again"
+        return read_record(SweepRecord, self.folder / SWEEP, "a sweep's file", remedy).trials
 
     def keep_result(self, key: str, trial: TrialT, found: ResultT) -> None:
         """Write a result, and delete an earlier failure under its key."""
@@ -450,7 +451,7 @@ class Store(Generic[TrialT, ResultT]):
         return None if found is None else found.error
 
     def _path(self, kind: str, key: str) -> Path:
-        if not key.isalnum():  # read from a file: it must not lead to another folder
+        if not _KEY.fullmatch(key):  # read from a file: it must not lead to another folder
             raise UsageError(f"{self.folder}: {key!r} is no key of a result: run the sweep again")
         return self.folder / kind / f"{key}.json"
 
@@ -459,8 +460,8 @@ class Store(Generic[TrialT, ResultT]):
         path = self._path(kind, key)
         if not path.is_file():
             return None
+        stored = read_record(_Stored, path, "a sweep's file", _REMEDY)
         with _named(path, _REMEDY):
-            stored = from_json(_Stored, read_json(path, "a sweep's file", _REMEDY))
             trial = from_json(self._trial, stored.trial, "trial")
             # another version makes another key of the same trial
             of_trial = key if trial.version != edge_vpr.__version__ else trial.key

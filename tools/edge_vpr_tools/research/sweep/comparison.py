@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 
 from edge_vpr import results
 from edge_vpr.errors import UsageError, did_you_mean, printable
-from edge_vpr.files import parse_errors, read_json, replacing
-from edge_vpr.results import RUN, run_record, write_json
-from edge_vpr.settings import SETTING_FIELDS
+from edge_vpr.files import replacing
+from edge_vpr.results import RUN, read_record, run_record, write_json
+from edge_vpr.settings import SETTING_FIELDS, Settings
 from edge_vpr_tools.report.style import CYCLE, figure, legend_below, look, name_label, save
 from edge_vpr_tools.report.tables import markdown_table, write_spreadsheet
 from edge_vpr_tools.research.sweep import MEASURES
@@ -130,6 +130,28 @@ def draw(rows: Sequence[Row], measure: str = "precision_at_100_recall") -> Figur
     return drawing
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Evaluation:
+    """What `edge-vpr evaluate` wrote that is compared; None is a value that is not finite."""
+
+    precision_at_100_recall: float | None
+    recall_at_99_precision: float | None
+    average_precision: float | None
+    recall_at: Mapping[str, float | None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Metrics:
+    """What is compared of ``metrics.json``; a match event by event has the evaluation alone."""
+
+    evaluation: _Evaluation | None = None
+    packed_bytes_per_place: int | None = None
+    matching_s: float = 0.0
+    queries: int = 0
+    pixels: int = 0
+    places: int = 0
+
+
 def _of_sweep(run: Path, name: str) -> list[Row]:
     store = sweep_store(run)
     groups: dict[tuple[str, str], list[ListedTrial]] = {}
@@ -140,13 +162,14 @@ def _of_sweep(run: Path, name: str) -> list[Row]:
         known = [
             (one.seed, *stored) for one in listed if (stored := store.stored(one.key)) is not None
         ]
-        measured = []
+        measured, settings = [], Settings()
         for _, trial, found in known:
+            settings = Settings.from_dict(trial.settings, f"{run}: the trial of {variant}")
             operations, size = found.operations, found.packed_bytes_per_window
             if operations is None:  # of an earlier version
-                operations = _operations(found.pixels, found.places, trial.settings)
+                operations = _operations(found.pixels, found.places, settings)
             if size is None:
-                size = found.packed_bytes_per_place * _parts(trial.settings)
+                size = found.packed_bytes_per_place * settings.window_parts
             costs = {"operations_per_match": operations, "packed_bytes_per_window": size}
             measured.append({**asdict(found), **costs})
         last = known[-1][1] if known else None
@@ -158,7 +181,7 @@ def _of_sweep(run: Path, name: str) -> list[Row]:
                 values={each: tuple(float(one[each]) for one in measured) for each in MEASURES},
                 failed=len(listed) - len(known),
                 seeds=tuple(seed for seed, *_ in known),
-                settings={} if last is None else last.settings,
+                settings={} if last is None else settings.to_dict(),
                 system=(last and last.system) or "",
             )
         )
@@ -166,45 +189,39 @@ def _of_sweep(run: Path, name: str) -> list[Row]:
 
 
 def _of_match(run: Path, name: str) -> Row:
-    path = run / results.METRICS
-    metrics = read_json(path, "metrics", _REMEDY)
-    if "evaluation" not in metrics:
+    metrics = read_record(_Metrics, run / results.METRICS, "metrics", _REMEDY)
+    evaluation = metrics.evaluation
+    if evaluation is None:
         raise UsageError(f"{run} is not evaluated: run edge-vpr evaluate {run} first")
-    made = run / results.RUN
-    record = read_json(made, "run", "match again")
-    with parse_errors(made, "run", "match again"):
-        settings = dict(record["settings"])
-        for setting, value in settings.items():
-            if setting in SETTING_FIELDS:
-                checked = SETTING_FIELDS[setting]
-                try:
-                    checked.check(checked.value_of(value))
-                except UsageError as error:
-                    raise UsageError(f"{made}: {error}: match again") from None
-    with parse_errors(path, "metrics", _REMEDY):
-        evaluation = metrics["evaluation"]
-        values = {name: evaluation[name] for name in list(MEASURES)[:3]}
-        values["recall_at_1"] = evaluation["recall_at"]["1"]
-        if "packed_bytes_per_place" in metrics:  # absent for matches event by event
-            size = metrics["packed_bytes_per_place"] * _parts(settings)
-            values["packed_bytes_per_window"] = size
-            values["microseconds_per_match"] = 1e6 * metrics["matching_s"] / metrics["queries"]
-            values["operations_per_match"] = _operations(
-                metrics["pixels"], metrics["places"], settings
-            )
-        numbers = {name: (float(values[name]),) if name in values else () for name in MEASURES}
-    seeds = (int(settings.get("seed", 0)),)
-    return Row(run=name, variant="", drives="", values=numbers, seeds=seeds, settings=settings)
+    made = results.read_run(run)
+    settings = Settings.from_dict(made.settings, str(run / results.RUN))
+    values = {
+        "precision_at_100_recall": evaluation.precision_at_100_recall,
+        "recall_at_99_precision": evaluation.recall_at_99_precision,
+        "average_precision": evaluation.average_precision,
+        "recall_at_1": evaluation.recall_at.get("1"),
+    }
+    if metrics.packed_bytes_per_place is not None and metrics.queries > 0:
+        size = metrics.packed_bytes_per_place * settings.window_parts
+        values["packed_bytes_per_window"] = size
+        values["microseconds_per_match"] = 1e6 * metrics.matching_s / metrics.queries
+        values["operations_per_match"] = _operations(metrics.pixels, metrics.places, settings)
+    return Row(
+        run=name,
+        variant="",
+        drives="",
+        values={
+            each: () if (value := values.get(each)) is None else (float(value),)
+            for each in MEASURES
+        },
+        seeds=(settings.seed,),
+        settings=settings.to_dict(),
+    )
 
 
-def _parts(settings: Mapping[str, Any]) -> int:
-    """Return the number of places per window by settings that say it; those of old maps do not."""
-    return settings.get("places_per_window") or 1
-
-
-def _operations(pixels: int, places: int, settings: Mapping[str, Any]) -> int:
+def _operations(pixels: int, places: int, settings: Settings) -> int:
     """Return the number of differences of counters between one query window and all places."""
-    return (2 if settings.get("polarity") else 1) * pixels * places
+    return (2 if settings.polarity else 1) * pixels * places
 
 
 def digits_of(measure: str) -> int:
