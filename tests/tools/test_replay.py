@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import shutil
 from itertools import pairwise
 
@@ -19,6 +18,7 @@ from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import MatchResult
+from edge_vpr.results import read_run
 
 SENSOR = Sensor(16, 12)
 
@@ -55,7 +55,7 @@ def there(drive, monkeypatch):
 
 
 def load(folder, most, **more):
-    inputs = RecordedInputs(json.loads((folder / "run.json").read_text()))
+    inputs = RecordedInputs(read_run(folder))
     result = MatchResult.load(folder)
     needed = result.queries is None or more.get("all_events")
     recording = inputs.recording("a test") if needed else None

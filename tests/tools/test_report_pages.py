@@ -13,20 +13,18 @@ from edge_vpr_tools.report.page import MISSED, Page, add_run
 from edge_vpr_tools.report.style import Scale, add_scale, along_route, figure, save
 
 from edge_vpr.evaluation.metrics import RecallDenominator
+from edge_vpr.results import InputFile, Machine, RunRecord
 from edge_vpr.route import Route
 
-# fmt: off
-RECORD = {
-    "command": ["/usr/bin/edge-vpr", "match", "<script>alert(1)</script>"],
-    "finished_utc": "2026-01-01T00:00:00+00:00",
-    "settings": {
-        "pixels": 150, "smooth": True, "clip": None,
-    },
-    "versions": {"python": "3.12.1", "numpy": "2.1.0"},
-    "machine": {"system": "Linux", "processor": "a processor & more"},
-    "inputs": [{"path": "drive.raw", "bytes": 1_234_567, "sha256": "ab" * 32}],
-}
-# fmt: on
+RECORD = RunRecord(
+    schema=1,
+    command=("/usr/bin/edge-vpr", "match", "<script>alert(1)</script>"),
+    finished_utc="2026-01-01T00:00:00+00:00",
+    settings={"pixels": 150, "smooth": True, "clip": None},
+    versions={"python": "3.12.1", "numpy": "2.1.0"},
+    machine=Machine("Linux", "a processor & more"),
+    inputs=(InputFile("drive.raw", 1_234_567, "ab" * 32, "file"),),
+)
 
 
 def report(path):
