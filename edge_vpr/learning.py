@@ -1,14 +1,14 @@
 """Update of a map: another drive of the route is aligned with it and averaged into its codes.
 
-A map of one drive shows the route in one light. Each further drive is matched with the map (or
-aligned by its track), and the logarithm of the counts of its windows is averaged into the places
-that they show. The descriptors stay as large as they were.
+A map of one drive shows the route in one light. Each further drive is aligned with the map (by its
+track, or by matching both ways), and the logarithm of the counts of its windows is averaged into
+the places that they show. The descriptors stay as large as they were.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Generic, NamedTuple
+from typing import Any, Generic, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,15 +19,25 @@ from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import Track, distances
 from edge_vpr.map_record import AnyMap, MapRecord
 from edge_vpr.matching.distances import ReferenceIndex
-from edge_vpr.matching.drive import match_query
+from edge_vpr.matching.drive import match_descriptors, match_query
 from edge_vpr.route import Odometry
 
-#: a window is aligned by matching if its match is correct with this probability
-LEAST_PROBABILITY = 0.9
+#: a window agrees if its place, matched with the windows of the drive, is that many windows from it
+AGREE = 3
+#: a window is an anchor if at least this share of those around it agrees, and if on average at most
+#: this share of all places looks more like each of them than the matched place does
+AROUND, LEAST_AGREEING, ANCHOR_RANK = 12, 0.6, 46 / 256
+#: windows between two anchors are aligned with the places between these, if there are not more of
+#: them, and not more places a window than `MOST_PACE` times as many as in the reference, and if at
+#: most this share of all places looks more like them
+LONGEST_GAP, MOST_PACE, GAP_RANK = 80, 3, 64 / 256
 #: the newest drive weighs at least 1/5 in the mean, so that a map follows a route that changes
 MOST_DRIVES = 4
 #: a drive of which fewer windows can be aligned is refused, or learnt with a warning
 LEAST_ALIGNED, FEW_ALIGNED = 0.5, 0.75
+#: a drive is refused too unless this share of its smoothed matches has this probability: a short
+#: drive of another route agrees with the map by chance
+LEAST_CERTAIN, CERTAIN = 0.1, 0.9
 #: places that are looked at for confusion, spread over the route
 SAMPLE = 2_000
 #: share of places that may newly be confused with others before there is a warning
@@ -115,6 +125,7 @@ def learn_drive(
     *,
     track: Track | None = None,
     odometry: Odometry | None = None,
+    same_route: bool = False,
 ) -> MapUpdate[AnyMap]:
     """Average another drive into the codes of a map.
 
@@ -126,20 +137,27 @@ def learn_drive(
         Of the drive. Where the map has positions too, its windows are aligned by them.
     odometry : Odometry, optional
         Of the drive, for its alignment by matching.
+    same_route : bool
+        The drive is known to be of the route: what can be aligned is learnt, whatever the rest.
 
     Raises
     ------
     UsageError
-        If hardly any window can be aligned, or the map takes no odometry.
+        If the drive may not be of the route, or the map takes no odometry.
     """
     place = _aligned_by_track(reference, counted, track) if track is not None else None
+    certain = 1.0
     if place is None:
-        place = _aligned_by_matching(reference, counted, odometry)
+        place, matched = _aligned_by_matching(reference, counted, odometry)
+        certain = float(matched.mean())
     aligned = place >= 0
-    if aligned.mean() < LEAST_ALIGNED:
+    of_route = same_route or (aligned.mean() >= LEAST_ALIGNED and certain >= LEAST_CERTAIN)
+    if not (of_route and aligned.any()):
         raise UsageError(
-            f"{aligned.sum()} of {aligned.size} windows could be aligned with the map: name a "
-            "drive of the same route, or give the tracks of both drives"
+            f"{aligned.sum()} of {aligned.size} windows could be aligned with the map, and "
+            f"{certain:.0%} of them matched with a probability of {CERTAIN}: name a drive of the "
+            "same route, give the tracks of both drives, or say that it is of the route "
+            "(--same-route, same_route=True)"
         )
     code, initial = reference.own_mean_code, reference.mean
     if code is None or initial is None:
@@ -190,25 +208,91 @@ def learn_drive(
     )
 
 
+class _Alignment(NamedTuple):
+    """Place of each window, -1 where it was not aligned, and whether its match alone is certain."""
+
+    place: npt.NDArray[np.int64]
+    certain: npt.NDArray[np.bool_]
+
+
 def _aligned_by_matching(
     reference: MapRecord, counted: Descriptors, odometry: Odometry | None
-) -> npt.NDArray[np.int64]:
-    """Return the place that each window shows, by its smoothed match; -1 if the match is uncertain.
+) -> _Alignment:
+    """Align the windows of a drive with the places that they show, in any light.
 
-    Windows that overlap are matched as several drives, each of windows that do not.
+    Windows that overlap are aligned as several drives, each of windows that do not.
     """
     asked = {
         "matching": "filter", "smooth": True, "query_mean": "own", "precision": None,
         "stays_on_map": False,  # a drive to be learnt may leave the route
     }  # fmt: skip
     matching = reference.matched_with(reference.settings.replaced(asked, "alignment"))
-    place = np.full(len(counted), -1, dtype=np.int64)
     number = reference.settings.window_parts
-    for first in range(min(number, len(counted))):
+    n = len(counted)
+    found = _Alignment(np.full(n, -1, dtype=np.int64), np.zeros(n, dtype=np.bool_))
+    for first in range(min(number, n)):
         windows = matching.coded(counted.take(slice(first, None, number)))
-        matches = match_query(matching, windows, odometry)
-        place[first::number] = np.where(matches.probability >= LEAST_PROBABILITY, matches.place, -1)
-    return place
+        for whole, part in zip(found, _aligned_both_ways(matching, windows, odometry), strict=True):
+            whole[first::number] = part
+    return found
+
+
+def _aligned_both_ways(
+    matching: MapRecord, windows: Descriptors, odometry: Odometry | None
+) -> _Alignment:
+    """Align windows where the best path over the places and that over the windows agree.
+
+    A probability says little in light that the map does not know. But a window whose smoothed match
+    is a place, which matched with the windows of the drive leads back to that window, is right in
+    any light; and what lies between two such anchors is between them on the route.
+    """
+    settings, index = matching.settings, ReferenceIndex(matching.places.counts)
+    number = settings.window_parts
+    matches = match_query(matching, windows, odometry)
+    place = matches.place
+    better = _better_places(index, windows, place, settings.exclusion_places)
+    by_window = settings.replaced({"places_per_window": 1}, "alignment")
+    window = match_descriptors(windows, matching.windows, by_window).place
+    nearest = np.minimum((place + number // 2) // number, len(window) - 1)
+    agrees = np.abs(window[nearest] - np.arange(len(windows))) <= AGREE
+    anchor = (
+        agrees
+        & (_mean_near(agrees, AROUND) >= LEAST_AGREEING)
+        & (_mean_near(better, AROUND) <= ANCHOR_RANK)
+    )
+    aligned, anchors = np.where(anchor, place, -1), np.flatnonzero(anchor)
+    for first, last in zip(anchors[:-1].tolist(), anchors[1:].tolist(), strict=True):
+        begin, end = int(place[first]), int(place[last])
+        if not 1 < last - first <= LONGEST_GAP:
+            continue
+        if not 0 <= end - begin <= MOST_PACE * number * (last - first):
+            continue
+        gap = windows.take(slice(first, last + 1))
+        stretch = matching.places.take(slice(begin, end + 1))
+        between = begin + match_descriptors(stretch, gap, settings).place
+        if _better_places(index, gap, between, settings.exclusion_places).mean() <= GAP_RANK:
+            aligned[first : last + 1] = between
+    return _Alignment(aligned, matches.probability >= CERTAIN)
+
+
+def _better_places(
+    index: ReferenceIndex, windows: Descriptors, place: npt.NDArray[np.int64], exclusion: int
+) -> npt.NDArray[np.float64]:
+    """Return the share of all places, but for those next to it, that beat the place of a window."""
+    k, share = np.arange(index.places), np.empty(len(windows))
+    for first in range(0, len(windows), 64):
+        part = slice(first, first + 64)
+        rows, own = index.rows(windows.counts[part]), place[part, None]
+        beats = (rows < np.take_along_axis(rows, own, axis=1)) & (np.abs(k - own) > exclusion)
+        share[part] = beats.mean(axis=1)
+    return share
+
+
+def _mean_near(values: npt.NDArray[Any], reach: int) -> npt.NDArray[np.float64]:
+    """Return the mean of each value and of up to `reach` on either side."""
+    total, at = np.concatenate([[0], np.cumsum(values)]), np.arange(len(values))
+    first, last = np.maximum(at - reach, 0), np.minimum(at + reach + 1, len(values))
+    return np.asarray((total[last] - total[first]) / (last - first))
 
 
 def _aligned_by_track(

@@ -207,14 +207,15 @@ class ReferenceMap(MapRecord):
         *,
         track: Track | PathName | None = None,
         odometry: Odometry | PathName | None = None,
+        same_route: bool = False,
         removed: Removed | None = None,
     ) -> MapUpdate[Self]:
         """Update the map with another drive: average it into the codes of the places it shows.
 
-        Its windows are aligned with the places by matching, or by positions where both the map and
-        the drive have them. Descriptors stay as large as they are. The newest drive weighs as much
-        as each of the last four. Probabilities of its own that the map has learnt are dropped,
-        because they do not hold for the new codes.
+        Its windows are aligned with the places by matching both ways, or by positions where both
+        the map and the drive have them. Descriptors stay as large as they are. The newest drive
+        weighs as much as each of the last four. Probabilities of its own that the map has learnt
+        are dropped, because they do not hold for the new codes.
 
         Parameters
         ----------
@@ -224,6 +225,8 @@ class ReferenceMap(MapRecord):
             Of this drive.
         odometry : Odometry or path, optional
             Of this drive; only a map with distances takes it.
+        same_route : bool
+            The drive is known to be of the route: it is never refused for its looks.
         removed : Removed, optional
             Filled with what cleaning removed.
 
@@ -236,7 +239,8 @@ class ReferenceMap(MapRecord):
         Raises
         ------
         UsageError
-            If hardly any window can be aligned with the map.
+            If the drive may not be of the route: fewer than half of its windows can be aligned, or
+            fewer than one in ten has a match that is certain.
 
         Examples
         --------
@@ -252,7 +256,7 @@ class ReferenceMap(MapRecord):
             odometry = load_odometry(odometry)
         track, odometry = _of_part(drive, track), _of_part(drive, odometry)
         counted = count_places(drive, self.pixel_map, self.settings, removed)
-        return learn_drive(self, counted, track=track, odometry=odometry)
+        return learn_drive(self, counted, track=track, odometry=odometry, same_route=same_route)
 
     def match(
         self,

@@ -15,7 +15,7 @@ from edge_vpr_tools.cli import main
 
 from edge_vpr import ReferenceMap, UsageError
 from edge_vpr.descriptors.counting import count_places
-from edge_vpr.descriptors.windows import activity_of_drive, find_pauses
+from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, find_pauses
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.learning import MOST_DRIVES, learn_drive
 from edge_vpr.simulation import SimulatedRecording, simulate_pair
@@ -133,6 +133,53 @@ def test_a_drive_of_another_route_is_refused(drives: Drives) -> None:
     elsewhere, _ = simulate_pair(5, "tiny", length_m=150)
     with pytest.raises(UsageError, match="of the same route"):
         ReferenceMap.build(drives[0], pixels=50).update(elsewhere)
+
+
+@pytest.mark.parametrize("order", ["reversed", "shuffled"])
+def test_a_drive_that_is_not_of_the_route_is_refused_unless_it_is_said_to_be(
+    drives: Drives, order: str
+) -> None:
+    reference, query = drives
+    route = ReferenceMap.build(reference, pixels=50)
+    counted = count_places(query, route.pixel_map, route.settings)
+    n = len(counted)
+    rng = np.random.default_rng(0)
+    chosen = np.arange(n)[::-1] if order == "reversed" else rng.permutation(n)
+    other = replace(counted.take(chosen), start_us=counted.start_us, end_us=counted.end_us)
+    with pytest.raises(UsageError, match="--same-route"):
+        learn_drive(route, other)
+    update = learn_drive(route, counted, same_route=True)
+    assert update.aligned.mean() > 0.9 and not update.warnings
+
+
+def test_windows_between_anchors_are_aligned_with_the_places_between_them(drives: Drives) -> None:
+    """Where a glare hides half of the pixels, the windows around it say where the robot is."""
+    reference, query = drives
+    route = ReferenceMap.build(reference, pixels=50, places_per_window=1)
+    counted = count_places(query, route.pixel_map, route.settings)
+    expected = _nearest(route, reference.track, query.track, counted.centre_us)
+    middle, counts = slice(len(counted) // 2, len(counted) // 2 + 4), counted.counts.copy()
+    counts[middle, ::2] = counts[middle, ::2].max()
+    update = learn_drive(route, replace(counted, counts=counts))
+    assert update.aligned[middle].all()
+    assert (np.abs(update.place[middle] - expected[middle]) <= 2).all()
+
+
+def test_windows_away_from_the_route_are_not_learnt() -> None:
+    """A detour: on another street the robot sees other things, and comes back where it left."""
+    reference, query = (drive.keep() for drive in simulate_pair(3, "tiny", length_m=300))
+    elsewhere, _ = simulate_pair(5, "tiny", length_m=150)
+    route = ReferenceMap.build(reference, pixels=50, places_per_window=1)
+    on, off = (count_places(one, route.pixel_map, route.settings) for one in (query, elsewhere))
+    half, away = len(on) // 2, min(12, len(off))
+    parts = (on.take(slice(0, half)), off.take(slice(0, away)), on.take(slice(half, None)))
+    counts = np.concatenate([part.counts for part in parts])
+    events = np.concatenate([part.events for part in parts])
+    start = np.arange(len(counts), dtype=np.int64) * 1_000_000
+    update = learn_drive(route, Descriptors(counts, start, start + 1_000_000, events))
+    aligned = update.aligned
+    assert aligned[:half].mean() > 0.7 and aligned[half + away :].mean() > 0.7
+    assert aligned[half : half + away].mean() <= 0.5
 
 
 def test_places_that_look_different_are_named(drives: Drives) -> None:

@@ -180,10 +180,18 @@ def further_drives() -> list[float]:
     """Return what further drives add to live P@100R, by pixels, light and map."""
     found = {}
     for pixels, query in product(("25", "150"), ("in other light", "in low sun", "at noon")):
-        chosen = {"pixels": pixels, "query": query, "matched": "live"}
+        chosen = {
+            "drives": "streets of 450 m", "pixels": pixels, "query": query, "matched": "live",
+        }  # fmt: skip
         one, *more = means("several-drives.csv", "P@100R", **chosen)
         found[pixels, query] = [of - one for of in more]
     return [gain for gains in found.values() for gain in gains]
+
+
+def by_day(column: str, query: str, *aligned: str) -> list[float]:
+    """Return what the drive by day changes live, by how it is aligned."""
+    chosen = {"drives": "Brisbane, 49 px", "query": query, "matched": "live"}
+    return [float(cell("several-drives.csv", column, aligned=how, **chosen)) for how in aligned]
 
 
 def brisbane(matching: str, pixels: str, tolerance: str = "25 m") -> float:
@@ -387,6 +395,15 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
      lambda: kept("carried off", "1")),
     ("results_robustness", "with 25 and 150 pixels, by {:.2f} to {:.2f}",
      lambda: ends(further_drives())),
+    ("results_robustness", "Without tracks, {:.2f} of its windows are aligned",
+     lambda: by_day("aligned of the last drive learnt", "by day", "by matching")),
+    ("results_robustness", "are aligned, {:.2f} of these correctly",
+     lambda: by_day("of these right", "by day", "by matching")),
+    ("results_robustness", "day, from {:.2f} live to {:.2f} (with tracks to {:.2f})",
+     lambda: by_day("P@100R", "by day", "alone", "by matching", "by tracks")),
+    ("results_robustness", "pays for it: {:.3f} live falls to {:.3f} ({:.3f})",
+     lambda: by_day("P@100R", "at sunset", "alone", "by matching", "by tracks")),
+    ("will_it_work", "from sunset to day {:.2f}", lambda: by_day("P@100R", "by day", "alone")),
     ("results_robustness", "75 pixels at half windows reach {:.2f} and {:.2f}",
      lambda: [half_windows(of, "75", "2") for of in ("P@100R", "share accepted at 0.99")]),
     ("results_robustness", "precision is {:.2f} to {:.2f} on the walks and indoors",

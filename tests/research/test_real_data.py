@@ -138,6 +138,25 @@ def test_the_online_matches_of_a_walk_are_the_offline_ones_and_never_drift(walks
     every_event.verify()
 
 
+@pytest.mark.parametrize("evening", ["sunset1", "sunset2"])
+def test_a_drive_by_day_is_aligned_with_the_map_of_an_evening(shared_data, evening):
+    """Most windows, and none of them wrongly; the matches alone are certain for a few."""
+    folder = shared_data / "brisbane_sparse49"
+    by_day = shared_data / "brisbane_daytime" / "daytime_first_half"
+    if not by_day.with_suffix(".npz").exists():
+        pytest.skip(f"{by_day}.npz is missing: this test reads the drive by day")
+    tracks = [load_track(f"{name}.nmea") for name in (folder / evening, by_day)]
+    changes = {"pixels": 49, "strategy": "top"}
+    route = ReferenceMap.build(folder / f"{evening}.npz", **changes)
+    recording = PublishedWindows(by_day.with_suffix(".npz"))
+    update = route.update(recording)
+    centres = (np.arange(len(update.place)) * 1_000_000) + 500_000
+    truth = from_tracks(*tracks, route.places.centre_us, centres, 70.0)
+    judged = np.flatnonzero(update.aligned & truth.known)
+    assert update.aligned.mean() >= 0.78
+    assert truth.correct[update.place[judged], judged].all()
+
+
 def test_published_windows_need_the_pixels_of_the_map(shared_data):
     folder = shared_data / "brisbane_sparse49"
     windows = PublishedWindows(folder / "sunset2.npz")

@@ -73,6 +73,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="recordings of further drives of the route, averaged into the map, which stays as "
         "large",
     )
+    parser.add_argument(
+        "--same-route",
+        action="store_true",
+        help="the further drives are known to be of the route: learn what can be aligned, however "
+        "little it is",
+    )
     add_output_flags(parser, "MAP.npz", "file to write")
     track = parser.add_argument_group("positions")
     track.add_argument(
@@ -163,7 +169,9 @@ def run(args: argparse.Namespace) -> None:
         reference, seconds = _mapped(args, settings, recording, track, removed)
     for drive, track in itertools.zip_longest(args.more, of_drives):
         other = open_source(args, drive, reference.frame_period)
-        update = reference.update(tracked(other, "learning"), track=track)
+        update = reference.update(
+            tracked(other, "learning"), track=track, same_route=args.same_route
+        )
         summary(f"{drive}: {update}{describe_faults(other)}")
         for concern in update.warnings:
             warning(f"{drive}: {concern}")

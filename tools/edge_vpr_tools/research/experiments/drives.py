@@ -72,7 +72,7 @@ def open_pairs(data: Path) -> Iterator[Pair]:
             yield from open_pair(data / folder)
     for found in published_pairs(data):
         tracks = Tracks(found.reference.track, found.query.track)
-        metres = _BRISBANE_M if found.tolerance_m == _BRISBANE_M[0] else (found.tolerance_m,)
+        metres = BRISBANE_M if found.tolerance_m == BRISBANE_M[0] else (found.tolerance_m,)
         yield from _with_numbers(
             Pair(
                 found.name, found.reference.recording, found.query.recording, PAPER,
@@ -226,7 +226,7 @@ def truth_of_walks(folder: Path) -> TruthOf:
 
 
 #: largest distances of a correct match on the streets of Brisbane, as in the literature
-_BRISBANE_M = (70.0, 25.0)
+BRISBANE_M = (70.0, 25.0)
 _BRISBANE_DRIVES = ("sunset2", "sunset1")
 BRISBANE_SETTINGS = PAPER.replaced({"pixels": 49, "strategy": "top"}, "Brisbane")
 
@@ -241,7 +241,7 @@ def _brisbane(folder: Path) -> Iterator[Pair]:
     first, second = (PublishedWindows(folder / f"{name}.npz") for name in _BRISBANE_DRIVES)
     tracks = Tracks(*(load_track(folder / f"{name}.nmea") for name in _BRISBANE_DRIVES))
     every = Pair(
-        "Brisbane", first, second, BRISBANE_SETTINGS, truths_of_tracks(*tracks, *_BRISBANE_M),
+        "Brisbane", first, second, BRISBANE_SETTINGS, truths_of_tracks(*tracks, *BRISBANE_M),
         drawn=False, tracks=tracks, files=(folder,),
     )  # fmt: skip
     some = BRISBANE_SETTINGS.replaced({"pixels": 25, "strategy": "variance"}, "Brisbane")
@@ -413,7 +413,7 @@ def _brisbane_contest(folder: Path, logs: Path, names: tuple[str, str], seed: in
     tracks = [load_track(logs / f"{name}.nmea") for name in names]
     first, second = (_published_counts(folder / f"{name}.npz") for name in names)
     weights = tuple(sorted(folder.glob("*.pth")))
-    truths = truths_of_tracks(tracks[0], tracks[1], *_BRISBANE_M)
+    truths = truths_of_tracks(tracks[0], tracks[1], *BRISBANE_M)
     return CountedPair("Brisbane", first, second, BRISBANE_SETTINGS, truths, False, weights)
 
 
