@@ -191,12 +191,12 @@ def load_odometry(path: str | Path) -> Odometry:
         with np.errstate(all="ignore"):  # too large values are refused below
             legs = (values[1:] + values[:-1]) / 2 * np.diff(time_s)
             values = np.concatenate([[0.0], np.cumsum(legs)])
-    if not (np.abs(time_s) * 1e6 <= TIME_LIMIT_US).all():
+    if not (np.abs(time_s) <= TIME_LIMIT_US / 1e6).all():
         raise GroundTruthError(
             f"{path} has times up to {np.abs(time_s).max():g} s: give seconds from the recording's "
             "start"
         )
-    if not (np.abs(values) * 1e3 <= MOST_MM).all():
+    if not (np.abs(values) <= MOST_MM / 1e3).all():
         raise GroundTruthError(
             f"{path} has distances up to {np.abs(values).max():g} m: expected at most "
             f"{MOST_MM // 1000}"
