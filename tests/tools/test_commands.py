@@ -630,3 +630,29 @@ def test_the_name_of_a_file_cannot_write_on_the_terminal(tmp_path, capsys):
     refused(capsys, "map", tmp_path / name, "-o", tmp_path / "m.npz", code=1, says="drive\\x1b[2J")
     assert main(["match", str(tmp_path / name), "q.npz", "-o", str(tmp_path / "out")]) == 1
     assert capsys.readouterr().err.rstrip("\n").isprintable()
+
+
+@pytest.mark.parametrize("knows_speed", [True, False])
+def test_tau_auto_fits_the_window_to_a_slow_robot(knows_speed, tmp_path, capsys):
+    drives = tmp_path / "drives"
+    words = ["simulate", "-o", drives, "--sensor", "tiny", "--length", "15", "--speed", "1"]
+    assert main([str(word) for word in words]) == 0
+    track = ["--track", str(drives / "reference_track.csv")] if knows_speed else []
+
+    def mapped(*flags):
+        path = tmp_path / "map.npz"
+        words = ["map", str(drives / "reference.npz"), "-o", str(path), "--overwrite", *track]
+        assert main([*words, "--pixels", "50", "--sigma", "1", *flags]) == 0
+        return ReferenceMap.load(path), capsys.readouterr().err
+
+    short, warned = mapped("--tau", "500ms")
+    named = int(re.search(r"map with --tau (\d+)ms", warned)[1])
+    fitting, warned = mapped("--tau", "auto")
+    assert "map with --tau" not in warned
+    if knows_speed:
+        travel_m = np.median(np.diff(fitting.along_mm[:: fitting.settings.window_parts])) / 1e3
+        assert 2 <= travel_m <= 3
+    else:
+        assert fitting.windows.selected_events.mean() / len(fitting.pixel_map) > 2
+    assert fitting.settings.tau_us > short.settings.tau_us
+    assert abs(named * 1_000 - fitting.settings.tau_us) <= 0.3 * fitting.settings.tau_us

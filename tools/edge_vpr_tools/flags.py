@@ -95,8 +95,14 @@ DEFAULT_PRESET = "default"
 _MATCHING = "matching"
 
 
-def add_map_flags(parser: argparse.ArgumentParser) -> None:
-    """Add the flags of all settings."""
+def add_map_flags(parser: argparse.ArgumentParser, *, fitting_window: bool = False) -> None:
+    """Add the flags of all settings.
+
+    Parameters
+    ----------
+    fitting_window : bool
+        Take ``--tau auto`` too, which stays the word.
+    """
     group = parser.add_argument_group(
         "settings",
         "a flag overrides the file of --config, and the file overrides --preset; the defaults "
@@ -107,7 +113,7 @@ def add_map_flags(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--config", metavar="FILE", help="TOML file with settings")
     for title in ("pixels", "windows", "counters", "cleaning"):
-        _add_flags(parser.add_argument_group(title), title)
+        _add_flags(parser.add_argument_group(title), title, auto="tau" if fitting_window else "")
     add_match_flags(parser.add_argument_group(_MATCHING))
 
 
@@ -194,14 +200,27 @@ def _of_group(group: str) -> Iterable[SettingField]:
     return (field for field in SETTING_FIELDS.values() if field.group == group)
 
 
-def _add_flags(parser: argparse._ActionsContainer, group: str, default: str = "") -> None:
+def _add_flags(
+    parser: argparse._ActionsContainer, group: str, default: str = "", *, auto: str = ""
+) -> None:
     for field in _of_group(group):
         preset = field.word(getattr(PRESETS[DEFAULT_PRESET], field.name))
         names = [field.flag] if field.short is None else [field.flag, field.short]
         text = f"{field.help} (default: {default or preset})"
-        action = parser.add_argument(*names, dest=field.key, help=text, **_form(field))
+        form = _form(field)
+        if field.key == auto:
+            text = (
+                f"{text}; auto: as long as that, or longer for a slow robot: 2.5 m of travel by "
+                "--track or --odometry, without them 3 events at each selected pixel"
+            )
+            form["type"] = partial(_auto_or, form["type"])
+        action = parser.add_argument(*names, dest=field.key, help=text, **form)
         if field.plugins:  # argparse knows no choices, and argcomplete offers these
             action.completer = partial(_offered, field.choices)  # type: ignore[attr-defined]
+
+
+def _auto_or(read: Callable[[str], object], text: str) -> object:
+    return text if text == "auto" else read(text)
 
 
 def _offered(choices: Sequence[str], **_: object) -> Sequence[str]:

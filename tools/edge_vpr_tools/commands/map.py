@@ -116,7 +116,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="pixels to use instead of selecting them: a file with a line x, y per pixel, or a map",
     )
     add_window_argument(add_reading_arguments(parser))
-    add_map_flags(parser)
+    add_map_flags(parser, fitting_window=True)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -163,10 +163,15 @@ def run(args: argparse.Namespace) -> None:
         _check_flags_of_a_map(args)
         reference = ReferenceMap.load(args.recording)
     else:
+        fits, args.tau = args.tau == "auto", None if args.tau == "auto" else args.tau
         settings = map_settings(args)
         recording = open_source(args, args.recording)
         track = of_drives.pop(0) if of_drives else None
+        if fits:
+            settings = _with_fitting_window(args, settings, track)
         reference, seconds = _mapped(args, settings, recording, track, removed)
+        if concern := slow_concern(reference):
+            warning(f"{args.recording}: {concern}")
     for drive, track in itertools.zip_longest(args.more, of_drives):
         other = open_source(args, drive, reference.frame_period)
         update = reference.update(
@@ -241,28 +246,73 @@ def _mapped(
             f"{args.recording} has events at {found} pixels alone, of {settings.pixels} that were "
             "asked for: the map has only these"
         )
-    if concern := slow_concern(reference):
-        warning(f"{args.recording}: {concern}")
     return reference, seconds
 
 
-#: Events for each selected pixel and window below which few live matches are confident, and how
-#: many to aim at: measured on simulated streets at walking pace.
-FEW_EVENTS, ENOUGH_EVENTS = 2.0, 3.0
+def _with_fitting_window(
+    args: argparse.Namespace, settings: Settings, track: Track | None
+) -> Settings:
+    """Return settings with the window of --tau auto, from a map with the window that they have."""
+    from edge_vpr.descriptors.counting import Removed
+    from edge_vpr_tools.inputs import open_source
+
+    if settings.window != "time":
+        raise UsageError("--tau auto is for windows of fixed time: leave out --window count")
+    recording = open_source(args, args.recording)
+    reference, _ = _mapped(args, settings, recording, track, Removed())
+    tau_us, _ = fitting_window(reference)
+    chosen = settings.replaced({"tau_us": tau_us}, "--tau auto")
+    summary(f"--tau auto: windows of {tau_us / 1e6:g} s")
+    return chosen
+
+
+#: Travel in a window that is aimed at, and below which few live matches are confident.
+WINDOW_MM, LEAST_MM = 2_500, 2_000
+#: Without a speed: events for each selected pixel and window, likewise.
+ENOUGH_EVENTS, FEW_EVENTS = 3.0, 2.0
+
+
+def fitting_window(reference: ReferenceMap) -> tuple[int, str]:
+    """Return the length of window that fits the speed of the map's drive.
+
+    Returns
+    -------
+    tau_us : int
+        For 2.5 m of travel in the median window in which the robot moves, if the map knows its
+        distances; else for 3 events at each selected pixel. In whole 100 ms, and never shorter
+        than the map's: short windows of a fast robot make fewer matches confident.
+    short : str
+        Why the map's windows are too short; empty if they are not.
+    """
+    import numpy as np
+
+    settings, along_mm = reference.settings, reference.along_mm
+    tau_us, short = settings.tau_us, ""
+    moved = np.empty(0)
+    if along_mm is not None:
+        moved = np.diff(along_mm[:: settings.window_parts])
+        moved = moved[moved > 0.1 * moved.mean()] if moved.size else moved
+    per_pixel = float(reference.windows.selected_events.mean()) / len(reference.pixel_map)
+    if moved.size:
+        travel_mm = float(np.median(moved))
+        share = WINDOW_MM / travel_mm
+        if travel_mm < LEAST_MM:
+            short = f"the robot drives {travel_mm / 1e3:.1f} m in a window"
+    else:
+        share = ENOUGH_EVENTS / per_pixel if per_pixel else 1.0
+        if 0 < per_pixel < FEW_EVENTS:
+            short = f"a window has {per_pixel:.1f} events for each selected pixel"
+    return max(tau_us, round(tau_us * share / 100_000) * 100_000), short
 
 
 def slow_concern(reference: ReferenceMap) -> str:
     """Return a warning if windows are too short for the speed of the drive; else empty."""
     if reference.settings.window != "time":
         return ""
-    per_pixel = float(reference.windows.selected_events.mean()) / len(reference.pixel_map)
-    if per_pixel >= FEW_EVENTS or not per_pixel:
-        return ""
-    tau_ms = 100 * -(-reference.settings.tau_us * ENOUGH_EVENTS // (per_pixel * 100_000))
-    return (
-        f"a window has {per_pixel:.1f} events for each selected pixel, and with fewer than "
-        f"{FEW_EVENTS:g} few live matches are confident: for a drive as slow as this, map with "
-        f"--tau {tau_ms:.0f}ms"
+    tau_us, short = fitting_window(reference)
+    return short and (
+        f"{short}, and with so little few live matches are confident: for a drive as slow as this, "
+        f"map with --tau {tau_us // 1_000}ms"
     )
 
 
