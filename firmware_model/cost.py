@@ -35,9 +35,9 @@ def memories(design: Design, slow_blocks: bool = False) -> dict[str, Memory]:
     Returns
     -------
     dict of str to Memory
-        Row displacements and look-up, with its delay line of pixels; counters; code tables, and
-        which each counter uses; running means, and those that they begin with; of contrast codes,
-        the differences to them; the descriptor that is compared; the places; the distances of the
+        Row displacements and look-up, with its delay line of pixels; counters; of
+        contrast codes logarithms, running means, those that they begin with, and the differences to
+        them; the descriptor that is compared; the places; the distances of the
         last L windows, or the filter's metrics and distances, powers of two for logarithms of
         events, activities of places, and costs by them; the delay line of the search.
     """
@@ -56,21 +56,18 @@ def memories(design: Design, slow_blocks: bool = False) -> dict[str, Memory]:
         }
     else:
         kept = {"history": Memory(design.length * design.places, bits["distance"])}
-    if design.own_mean:
-        kept["mean"] = Memory(design.slots, bits["mean"])
-        kept["first_mean"] = Memory(design.slots, bits["entry"])
     if design.contrast:
+        kept["level"] = Memory(design.count_max + 1, bits["level"])
+        kept["mean"] = Memory(design.slots, bits["mean"])
+        kept["first_mean"] = Memory(design.slots, bits["level"])
         # with sign and rounding
-        kept["deviation"] = Memory(design.slots, bits["entry"] + 2)
+        kept["deviation"] = Memory(design.slots, bits["level"] + 2)
     return {
         "displacement": Memory(design.height, bits["address"]),
         "lookup": Memory(design.lookup_depth, bits["owner"] + bits["slot"]),
         # while its entry is read: row of a pixel, and whether it is off the sensor
         "pixel_delay": Memory(3 if slow_blocks else 2, bits["row"] + 1),
         "counts": Memory(design.slots, bits["count"]),
-        "code": Memory(len(design.full_scales) * (design.count_max + 1), bits["entry"]),
-        # a single table needs no number
-        "table": Memory(design.slots if len(design.full_scales) > 1 else 0, bits["table"]),
         "query": Memory(design.words, lanes),
         "places": Memory(design.places * design.words, lanes),
         **kept,
@@ -122,7 +119,7 @@ def encoding_cycles(design: Design) -> int:
 
 def window_mean_cycles(design: Design) -> int:
     """Count the clock cycles of the division of contrast codes: a bit a cycle, and the sign's."""
-    return formats_of(design)["entry"].width + 1
+    return formats_of(design)["level"].width + 1
 
 
 class FilterCycles(NamedTuple):

@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import errno
 import json
-import numbers
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, Self, get_args
 
-import numpy as np
-
 from firmware_model.errors import DesignError
 from fixedpoint.activity import COSTS_BY_ACTIVITY, EVENTS_TOP, LOG_TOP, WEIGHT_BITS
-from fixedpoint.codes import CodeKind, CounterCode
-from fixedpoint.errors import FixedPointError
 from fixedpoint.formats import UnsignedFormat
-from fixedpoint.own_mean import MEAN_BITS, OwnMeanCode
+from fixedpoint.limits import MAX_BITS, OWN_MEAN_BITS
+from fixedpoint.own_mean import FULL_SCALE, MEAN_BITS, OwnMeanCode
 
 # Largest values of what a device computes, and fraction bits of its numbers.
 
@@ -35,36 +30,35 @@ MARGIN_TOP = RESIDUAL_TOP = 23
 #: fraction bits of the trust, and its largest value
 TRUST_BITS = 4
 TRUST_TOP = MARGIN_TOP << TRUST_BITS
-#: fraction bits of the usual number of events in a window
+#: fraction bits of the mean number of events in a window
 ACTIVITY_BITS = 8
 #: bits of the activity of a place, a number with sign
 PLACE_ACTIVITY_BITS = 8
+#: level of each count of contrast codes: ``round(256 log2(1 + count))``
+LEVELS: tuple[int, ...] = tuple(OwnMeanCode().levels.tolist())
+LEVEL_TOP = LEVELS[-1]
 
 
 # Ranges of the parameters of a design.
 
 
-DeviceCode = Literal[CodeKind, "own-mean", "contrast"]
+DeviceCode = Literal["counts", "contrast"]
 WindowKind = Literal["time", "count"]
 Matching = Literal["sequence", "filter"]
 
-#: largest number of code tables in a design
-MAX_TABLES = 16
 #: largest cost: with its fraction bits, it is below the largest metric
 MAX_COST = (METRIC_TOP >> FRACTION_BITS) - 1
 #: an event has 15 bits for the row, and one for the polarity, which a device does not look at
 MAX_SIDE = 1 << 15
 #: accepts sequences of any sum
 LARGEST_SUM = (1 << 32) - 1
-#: largest length of a list, checked first
-MOST_PARTS = 4_096
 
-_TUPLES = ("full_scales",)
-_CHOICES = {"window": WindowKind, "matching": Matching}
+_CHOICES = {"code": DeviceCode, "window": WindowKind, "matching": Matching}
 _RANGES = {
     "width": (1, MAX_SIDE),
     "height": (1, MAX_SIDE),
     "pixels": (1, 1 << 15),
+    "code_bits": (1, MAX_BITS),
     "tau_us": (1, 1 << 63),
     "window_events": (1, (1 << 32) - 1),
     "timestamp_bits": (2, 64),
@@ -103,16 +97,12 @@ class Design:
         Of the sensor, in pixels.
     pixels : int
         J, selected pixels.
-    code : {"linear", "sqrt", "log", "own-mean", "contrast"}
-        How counts are coded.
+    code : {"counts", "contrast"}
+        Counts themselves, which saturate at the largest code; or contrast codes: the logarithm of
+        each count, which saturates at 1,023, less the counter's running mean and the window's mean
+        of these differences, see `fixedpoint.own_mean.OwnMeanCode`.
     code_bits : int
-        What a count is turned into at its window's end, see `fixedpoint.codes.CounterCode`; or its
-        logarithm less the counter's running mean, see `fixedpoint.own_mean.OwnMeanCode`, of at
-        most 8 bits. Contrast codes also subtract the mean of these differences over the window.
-    full_scales : tuple of int
-        Where each of one or more code tables ends, 0 for the code's own choice. Each counter uses
-        one of the tables, as `Memories` says; all counters saturate at the largest full scale.
-        Own-mean and contrast codes have one.
+        1 to 16; of contrast codes 1 to 8.
     window : {"time", "count"}
         A window is of `tau_us` microseconds, ``[start, start + tau_us)``, or ends with its
         `window_events`-th event at a selected pixel.
@@ -152,9 +142,8 @@ class Design:
     width: int
     height: int
     pixels: int
-    code: DeviceCode = "log"
+    code: DeviceCode = "counts"
     code_bits: int = 3
-    full_scales: tuple[int, ...] = (0,)
     window: WindowKind = "time"
     tau_us: int = 1_000_000
     window_events: int = 450
@@ -178,14 +167,7 @@ class Design:
             object.__setattr__(self, "lookup_depth", 1 << (least - 1).bit_length())
 
     def _check_each(self) -> None:
-        """Check type and range of each parameter; make lists tuples of plain integers."""
-        for name in _TUPLES:
-            parts = getattr(self, name)
-            if not isinstance(parts, (list, tuple)) or len(parts) > MOST_PARTS:
-                raise DesignError(f"design: {name} = {_shown(parts)}: expected a list of numbers")
-            if not all(isinstance(part, numbers.Integral) for part in parts):
-                raise DesignError(f"design: {name} = {_shown(parts)}: expected whole numbers")
-            object.__setattr__(self, name, tuple(int(part) for part in parts))
+        """Check type and range of each parameter."""
         for name, (low, high) in _RANGES.items():
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
@@ -202,20 +184,11 @@ class Design:
             raise DesignError(
                 f"design: {self.pixels} pixels of a {self.width} x {self.height} sensor: take fewer"
             )
-        if not 1 <= len(self.full_scales) <= MAX_TABLES:
+        if self.contrast and self.code_bits > OWN_MEAN_BITS:
             raise DesignError(
-                f"design: {len(self.full_scales)} full scales: expected 1 to {MAX_TABLES}"
+                f"design: code_bits = {self.code_bits} of contrast codes: expected 1 to "
+                f"{OWN_MEAN_BITS}"
             )
-        if self.own_mean and len(self.full_scales) != 1:
-            raise DesignError(
-                f"design: {len(self.full_scales)} full scales of {self.code} codes: expected 1"
-            )
-        try:
-            scales = tuple(self._code(scale).full_scale for scale in self.full_scales)
-        except FixedPointError as error:
-            raise DesignError(f"design: {error}") from error
-        # replace 0 by the value it means, so that the file of a design is complete
-        object.__setattr__(self, "full_scales", scales)
         self._check_matching()
         if self.tau_us >= 1 << (self.timestamp_bits - 1):
             raise DesignError(
@@ -255,11 +228,6 @@ class Design:
                 "place filter has places at half windows"
             )
 
-    def _code(self, scale: int) -> CounterCode | OwnMeanCode:
-        if self.code == "own-mean" or self.code == "contrast":
-            return OwnMeanCode(self.code_bits, scale)
-        return CounterCode(self.code, self.code_bits, scale)
-
     # Sizes
 
     @property
@@ -268,14 +236,14 @@ class Design:
         return self.matching == "filter"
 
     @property
-    def own_mean(self) -> bool:
-        """Whether codes are taken against a running mean of each counter."""
-        return self.code in ("own-mean", "contrast")
+    def contrast(self) -> bool:
+        """Whether codes are contrast codes; else they are counts."""
+        return self.code == "contrast"
 
     @property
-    def contrast(self) -> bool:
-        """Whether codes are taken against the mean of their window, too."""
-        return self.code == "contrast"
+    def pauses(self) -> bool:
+        """Whether windows with hardly any events are pauses."""
+        return self.contrast or self.filters
 
     @property
     def step_costs(self) -> tuple[tuple[int, ...], ...]:
@@ -292,34 +260,15 @@ class Design:
         """Number of counters, and of codes in a descriptor: J."""
         return self.pixels
 
-    @cached_property
+    @property
     def count_max(self) -> int:
         """Count at which a counter saturates."""
-        return max(self.full_scales)
-
-    @cached_property
-    def tables(self) -> tuple[tuple[int, ...], ...]:
-        """Code of each count for each full scale, in tables of ``count_max + 1`` entries.
-
-        With own-mean codes, the logarithm of each count in units of 1/256 octave.
-        """
-        counts, found = np.arange(self.count_max + 1), []
-        for code in map(self._code, self.full_scales):
-            table = code.levels if isinstance(code, OwnMeanCode) else code.encode(counts)
-            found.append(tuple(table.tolist()))
-        return tuple(found)
-
-    @cached_property
-    def code_max(self) -> int:
-        """Largest code; the smallest is 0."""
-        if self.own_mean:
-            return (1 << self.code_bits) - 1
-        return max(table[-1] for table in self.tables)
+        return FULL_SCALE if self.contrast else self.code_max
 
     @property
-    def entry_max(self) -> int:
-        """Largest entry of a code table: a code, or a logarithm."""
-        return self.tables[0][-1] if self.own_mean else self.code_max
+    def code_max(self) -> int:
+        """Largest code; the smallest is 0."""
+        return (1 << self.code_bits) - 1
 
     @property
     def words(self) -> int:
@@ -328,8 +277,7 @@ class Design:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON and TOML."""
-        values = asdict(self)
-        return {n: list(v) if isinstance(v, tuple) else v for n, v in values.items()}
+        return asdict(self)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], source: str = "design") -> Self:
@@ -423,8 +371,8 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
     Returns
     -------
     dict of str to UnsignedFormat
-        ``sum`` is what the search takes: a sequence's sum, or a metric. A code table's ``entry`` is
-        a code, or a logarithm. ``place_activity`` holds numbers with sign, as two's complement.
+        ``sum`` is what the search takes: a sequence's sum, or a metric. ``level`` is the logarithm
+        of a count. ``place_activity`` holds numbers with sign, as two's complement.
         ``event_log`` and ``level_total`` are without the sign that a difference of them has.
     """
     holding, code = UnsignedFormat.holding, UnsignedFormat(design.code_bits)
@@ -443,23 +391,23 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
         "slot": holding(design.slots - 1),
         "count": holding(design.count_max),
         "window_count": holding(design.window_events),
-        "table": holding(len(design.full_scales) - 1),
-        "entry": holding(design.entry_max) if design.own_mean else code,
         "code": code,
         "distance": distance,
         "sum": total,
         "place": holding(design.places - 1),
     }
-    if design.own_mean or design.filters:
+    if design.pauses:
         found |= {
             "window_events": holding(EVENTS_TOP),
             "activity": holding(EVENTS_TOP << ACTIVITY_BITS),
             "event_log": holding(LOG_TOP),
         }
-    if design.own_mean:
-        found |= {"mean": holding(design.entry_max << MEAN_BITS)}
     if design.contrast:
-        found |= {"level_total": holding(design.entry_max * design.slots)}
+        found |= {
+            "level": holding(LEVEL_TOP),
+            "mean": holding(LEVEL_TOP << MEAN_BITS),
+            "level_total": holding(LEVEL_TOP * design.slots),
+        }
     if design.filters:
         highest_cost = max(*map(max, design.step_costs), design.restart << FRACTION_BITS)
         found |= {

@@ -6,12 +6,12 @@ import struct
 from collections.abc import Sequence
 from enum import IntEnum
 
-from firmware_model.design import FRACTION_BITS, Design, formats_of
+from firmware_model.design import FRACTION_BITS, LEVELS, Design, formats_of
 from firmware_model.errors import DesignError
 from firmware_model.memories import Memories
 
-MAGIC, VERSION = 0x49525056, 4
-HEADER_WORDS = 40
+MAGIC, VERSION = 0x49525056, 5
+HEADER_WORDS = 32
 
 
 class Word(IntEnum):
@@ -24,39 +24,34 @@ class Word(IntEnum):
     HEIGHT = 4
     PIXELS = 5
     STRIDE = 6
-    COUNT_MAX = 7
-    PLACES = 8
-    LENGTH = 9
-    EXCLUSION = 10
-    WINDOW_KIND = 11
-    WINDOW = 12
-    TIMESTAMP_BITS = 13
-    LARGEST_SUM = 14
-    LOOKUP_DEPTH = 15
-    CODE_MAX = 16
-    CODES = 17
-    DISPLACEMENT_TABLE = 18
-    LOOKUP_TABLE = 19
-    CODE_TABLE = 20
-    WHICH_CODE_TABLE = 21
-    PLACES_TABLE = 22
-    MEAN_TABLE = 23
-    PLACE_ACTIVITY_TABLE = 24
-    PLACES_PER_WINDOW = 25
-    RESTART = 26
-    TRUST = 27
-    OWN_MEAN = 28
-    ACTIVITY = 29
-    CONTRAST = 30
+    CODE_BITS = 7
+    CONTRAST = 8
+    PLACES = 9
+    LENGTH = 10
+    EXCLUSION = 11
+    WINDOW_KIND = 12
+    WINDOW = 13
+    TIMESTAMP_BITS = 14
+    LARGEST_SUM = 15
+    LOOKUP_DEPTH = 16
+    PLACES_PER_WINDOW = 17
+    RESTART = 18
+    TRUST = 19
+    ACTIVITY = 20
+    DISPLACEMENT_TABLE = 21
+    LOOKUP_TABLE = 22
+    PLACES_TABLE = 23
+    LEVEL_TABLE = 24
+    MEAN_TABLE = 25
+    PLACE_ACTIVITY_TABLE = 26
 
 
 #: offsets of the tables, in the order in which they lie in the image
 TABLES = (
     Word.DISPLACEMENT_TABLE,
     Word.LOOKUP_TABLE,
-    Word.CODE_TABLE,
-    Word.WHICH_CODE_TABLE,
     Word.PLACES_TABLE,
+    Word.LEVEL_TABLE,
     Word.MEAN_TABLE,
     Word.PLACE_ACTIVITY_TABLE,
 )
@@ -92,9 +87,8 @@ def image(memories: Memories) -> bytes:
     tables = [
         struct.pack(f"<{design.height}H", *lookup.displacement),
         b"".join(entries),
-        b"".join(map(_words if design.own_mean else bytes, memories.codes)),
-        bytes(memories.tables),
         b"".join(bytes(place).ljust(row, b"\0") for place in memories.places),
+        _words(LEVELS if design.contrast else ()),
         _words(memories.mean),
         struct.pack(f"{len(memories.place_activity)}b", *memories.place_activity),
     ]
@@ -111,7 +105,8 @@ def image(memories: Memories) -> bytes:
         Word.HEIGHT: design.height,
         Word.PIXELS: design.pixels,
         Word.STRIDE: row,
-        Word.COUNT_MAX: design.count_max,
+        Word.CODE_BITS: design.code_bits,
+        Word.CONTRAST: int(design.contrast),
         Word.PLACES: design.places,
         Word.LENGTH: design.length,
         Word.EXCLUSION: design.exclusion,
@@ -120,11 +115,7 @@ def image(memories: Memories) -> bytes:
         Word.TIMESTAMP_BITS: design.timestamp_bits,
         Word.LARGEST_SUM: 0 if design.filters else design.largest_sum,
         Word.LOOKUP_DEPTH: design.lookup_depth,
-        Word.CODE_MAX: design.code_max,
-        Word.CODES: len(design.full_scales),
-        Word.OWN_MEAN: design.code_bits if design.own_mean else 0,
         Word.ACTIVITY: memories.activity,
-        Word.CONTRAST: int(design.contrast),
         **dict(zip(TABLES, offsets, strict=True)),
     }
     if design.filters:
@@ -149,7 +140,7 @@ def ram_arrays(design: Design) -> dict[str, int]:
         "history": _aligned(2 * design.length * design.places),
         "distance": kept_bytes(design),
         "delay": 0 if design.filters else _aligned(4 * (design.exclusion + 1)),
-        "mean": _aligned(4 * design.slots) if design.own_mean else 0,
+        "mean": _aligned(4 * design.slots) if design.contrast else 0,
     }
 
 
@@ -170,7 +161,6 @@ def check_limits(design: Design) -> None:
     for what, value, bits in (
         ("codes", design.code_max, 8),
         ("timestamps", formats["timestamp"].highest, 32),
-        ("counts", design.count_max, 16),
         ("a distance", distance, 16),
         ("sums", distance * design.length, 32),
         ("places", design.places, 16),

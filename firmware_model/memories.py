@@ -1,11 +1,11 @@
-"""Contents of the tables of a device: selected pixels, and the codes of each place."""
+"""Contents of the tables of a device: selected pixels, the codes of each place, and means."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from firmware_model.design import ACTIVITY_BITS, PLACE_ACTIVITY_BITS, Design
+from firmware_model.design import ACTIVITY_BITS, LEVEL_TOP, PLACE_ACTIVITY_BITS, Design
 from firmware_model.errors import DesignError
 from fixedpoint.activity import EVENTS_TOP
 
@@ -50,19 +50,14 @@ class Memories:
         Slot j counts pixel ``pixels[j]``.
     places : sequence of sequences of int, shape (K, slots)
         Codes.
-    tables : sequence of int, length slots, optional
-        Which of the design's code tables each counter uses; by default the first.
-    codes : sequence of sequences of int, optional
-        Code of each count in each code table; by default those of the design. A device looks them
-        up, so that any others of the same size will do.
     mean : sequence of int, length slots, optional
-        Of own-mean codes, where each counter's running mean starts, in units of 1/256 octave; by
+        Of contrast codes, where each counter's running mean starts, in units of 1/256 octave; by
         default 0.
     activity : int
-        Selected events that a window usually has, in units of 1/256 event; 0 if windows never
-        pause. Of the filter and of own-mean codes.
+        Mean number of selected events of a window, in units of 1/256 event; 0 if windows never
+        pause. Of the filter and of contrast codes.
     place_activity : sequence of int, length K, optional
-        Of the filter, the logarithm of each place's events less that of the usual number, in units
+        Of the filter, the logarithm of each place's events less that of the mean number, in units
         of 1/16 octave, -128 to 127; by default 0.
 
     Raises
@@ -74,8 +69,6 @@ class Memories:
     design: Design
     pixels: tuple[Pixel, ...]
     places: tuple[Codes, ...]
-    tables: tuple[int, ...]
-    codes: tuple[Codes, ...]
     mean: tuple[int, ...]
     activity: int
     place_activity: tuple[int, ...]
@@ -85,18 +78,12 @@ class Memories:
         design: Design,
         pixels: Sequence[Pixel],
         places: Sequence[Sequence[int]],
-        tables: Sequence[int] | None = None,
-        codes: Sequence[Sequence[int]] | None = None,
         mean: Sequence[int] | None = None,
         activity: int = 0,
         place_activity: Sequence[int] | None = None,
     ) -> None:
-        coded = design.tables if codes is None else tuple(tuple(map(int, t)) for t in codes)
-        chosen = (0,) * design.slots if tables is None else tuple(map(int, tables))
-        object.__setattr__(self, "tables", chosen)
-        object.__setattr__(self, "codes", coded)
         object.__setattr__(self, "design", design)
-        start = (0,) * (design.slots if design.own_mean else 0)
+        start = (0,) * (design.slots if design.contrast else 0)
         object.__setattr__(self, "mean", start if mean is None else tuple(map(int, mean)))
         object.__setattr__(self, "activity", int(activity))
         still = (0,) * (design.places if design.filters else 0)
@@ -113,15 +100,6 @@ class Memories:
                 raise DesignError(
                     f"pixel ({x}, {y}) lies off the {design.width} x {design.height} sensor"
                 )
-        if len(self.tables) != design.slots or not set(self.tables) <= set(
-            range(len(design.full_scales))
-        ):
-            raise DesignError(
-                f"code tables of {len(self.tables)} counters: expected one of "
-                f"{len(design.full_scales)} for each of {design.slots}"
-            )
-        if codes is not None:
-            self._check_codes()
         self._check_adaptive()
         if len(self.places) != design.places:
             raise DesignError(f"{len(self.places)} places: the design has {design.places}")
@@ -132,27 +110,16 @@ class Memories:
                     "the counts with the design's code first"
                 )
 
-    def _check_codes(self) -> None:
-        design = self.design
-        entries = [len(table) for table in self.codes]
-        if entries != [design.count_max + 1] * len(design.tables) or not all(
-            0 <= min(table) <= max(table) <= design.entry_max for table in self.codes
-        ):
-            raise DesignError(
-                f"code tables of {entries} entries: expected {len(design.tables)} of "
-                f"{design.count_max + 1}, from 0 to {design.entry_max}"
-            )
-
     def _check_adaptive(self) -> None:
         design = self.design
-        if len(self.mean) != (design.slots if design.own_mean else 0) or not all(
-            0 <= mean <= design.entry_max for mean in self.mean
+        if len(self.mean) != (design.slots if design.contrast else 0) or not all(
+            0 <= mean <= LEVEL_TOP for mean in self.mean
         ):
             raise DesignError(
-                f"means of {len(self.mean)} counters: own-mean codes have one of each of "
-                f"{design.slots}, from 0 to {design.entry_max}, and others none"
+                f"means of {len(self.mean)} counters: contrast codes have one of each of "
+                f"{design.slots}, from 0 to {LEVEL_TOP}, and counts none"
             )
-        most = EVENTS_TOP << ACTIVITY_BITS if design.own_mean or design.filters else 0
+        most = EVENTS_TOP << ACTIVITY_BITS if design.pauses else 0
         if not 0 <= self.activity <= most:
             raise DesignError(f"activity = {self.activity}: expected 0 to {most}")
         half = 1 << (PLACE_ACTIVITY_BITS - 1)
@@ -163,10 +130,6 @@ class Memories:
                 f"activities of {len(self.place_activity)} places: designs of the filter "
                 f"have one of each of {design.places}, from {-half} to {half - 1}, and others none"
             )
-
-    def entry(self, slot: int, count: int) -> int:
-        """Return the entry of a count in the table of a counter: its code, or its logarithm."""
-        return self.codes[self.tables[slot]][count]
 
     def lookup(self) -> Lookup:
         """Build the look-up: the fullest row first, each at the last position that fits.

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from firmware_model.design import (
     EVIDENCE_TOP,
     FRACTION_BITS,
+    LEVELS,
     MARGIN_TOP,
     METRIC_TOP,
     RESIDUAL_TOP,
@@ -76,10 +77,10 @@ class WindowState(NamedTuple):
 
     window: int
     counted: int  #: Events at selected pixels.
-    usual: int  #: Mean number of events before this window, in units of 1/256 event.
+    mean_activity: int  #: Mean number of events before this window, in units of 1/256 event.
     activity: int
     paused: bool
-    mean_shift: int | None  #: Of own-mean codes.
+    mean_shift: int | None  #: Of contrast codes.
     window_mean: int  #: Of contrast codes; else 0.
     # of the filter
     weight: int | None = None
@@ -120,7 +121,7 @@ def mean_activity_after(mean_activity: int, counted: int) -> int:
     return mean_activity + ((min(counted, EVENTS_TOP) * 256 - mean_activity) >> 6)
 
 
-# Section 4: own-mean and contrast codes.
+# Section 4: contrast codes.
 
 
 def differences_of(levels: Sequence[int], means: Sequence[int]) -> list[int]:
@@ -340,7 +341,7 @@ class Kept:
 
     windows: int  #: Windows so far.
     mean_activity: int  #: Events of a window, in units of 1/256 event.
-    means: Sequence[int]  #: Mean of each slot of own-mean codes, in units of 1/65,536 octave.
+    means: Sequence[int]  #: Mean of each slot of contrast codes, in units of 1/65,536 octave.
     moves: int  #: Windows that moved these means.
     filter: Filter
 
@@ -419,38 +420,36 @@ class Machine:
         """Return the slot of an event; None if its pixel is not selected."""
         return self._pixels.get((event.x, event.y))
 
-    def entries(self) -> list[int]:
-        """Return the entry of each counter in its code table: a code, or a level."""
-        return [self.memories.entry(slot, count) for slot, count in enumerate(self.counts)]
-
     def _end_window(self) -> Iterator[Result]:
         """End the open window, section 3."""
-        design, kept, entries = self.design, self.kept, self.entries()
+        design, kept, codes = self.design, self.kept, self.counts
         paused = is_pause(self.counted, kept.mean_activity)
         activity = activity_of(self.counted, kept.mean_activity)
-        codes, shared = entries, 0
-        if design.own_mean:
-            differences = differences_of(entries, kept.means)
-            shared = window_mean(differences) if design.contrast else 0
+        levels: list[int] = []
+        shift: int | None = None
+        shared = 0
+        if design.contrast:
+            levels = [LEVELS[count] for count in self.counts]
+            differences = differences_of(levels, kept.means)
+            shared, shift = window_mean(differences), mean_shift(kept.moves)
             codes = [own_mean_code(one - shared, design.code_bits) for one in differences]
         window = WindowResult(kept.windows, self.events, tuple(codes), activity, paused)
         yield window
-        shift = mean_shift(kept.moves) if design.own_mean else None
         state = WindowState(
             kept.windows, self.counted, kept.mean_activity, activity, paused, shift, shared
         )
         if shift is not None and not paused:
-            means = means_after(kept.means, entries, shift)
+            means = means_after(kept.means, levels, shift)
             self.kept = replace(self.kept, means=means, moves=kept.moves + 1)
-        usual = mean_activity_after(kept.mean_activity, self.counted)
-        self.kept = replace(self.kept, mean_activity=usual, windows=kept.windows + 1)
+        mean = mean_activity_after(kept.mean_activity, self.counted)
+        self.kept = replace(self.kept, mean_activity=mean, windows=kept.windows + 1)
         self.counts, self.counted = [0] * design.slots, 0
         match: MatchResult | None
         if design.filters:
             match, state = self._filter(window, state)
         else:
             match = self._sequence(window)
-        if design.filters or design.own_mean:
+        if design.pauses:
             self.states.append(state)
         if match is not None:
             yield match

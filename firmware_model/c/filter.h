@@ -23,7 +23,7 @@
 #define STANDING_SHIFT 4U
 #define WEIGHT_BITS 3U
 #define WEIGHT_TOP 8U
-#define WEIGHT_FROM 48 /* activity below the usual from which on evidence has weight */
+#define WEIGHT_FROM 48 /* activity below the mean from which on evidence has weight */
 #define ROW_BITS 3U
 #define ROW_ORIGIN 100 /* the row of the same activity is 12 times 8 from the first; half of 8 rounds */
 

@@ -15,7 +15,8 @@ enum {
     AT_HEIGHT,
     AT_PIXELS,
     AT_STRIDE,
-    AT_COUNT_MAX,
+    AT_CODE_BITS,
+    AT_CONTRAST, /* 1: contrast codes, 0: counts */
     AT_PLACES,
     AT_LENGTH,
     AT_EXCLUSION,
@@ -24,21 +25,16 @@ enum {
     AT_TIMESTAMP_BITS,
     AT_LARGEST_SUM, /* of sequences that are accepted */
     AT_LOOKUP_DEPTH,
-    AT_CODE_MAX,
-    AT_CODES,
-    AT_DISPLACEMENT_TABLE,
-    AT_LOOKUP_TABLE,
-    AT_CODE_TABLE,
-    AT_WHICH_CODE_TABLE,
-    AT_PLACES_TABLE,
-    AT_MEAN_TABLE,
-    AT_PLACE_ACTIVITY_TABLE,
     AT_PLACES_PER_WINDOW, /* of the place filter; 0: sequences */
     AT_RESTART,
     AT_TRUST,
-    AT_OWN_MEAN, /* bits of own-mean codes; 0: others */
     AT_ACTIVITY,
-    AT_CONTRAST
+    AT_DISPLACEMENT_TABLE,
+    AT_LOOKUP_TABLE,
+    AT_PLACES_TABLE,
+    AT_LEVEL_TABLE,
+    AT_MEAN_TABLE,
+    AT_PLACE_ACTIVITY_TABLE
 };
 
 #define LIMIT 0xFFFFU     /* of what is multiplied */
@@ -48,7 +44,8 @@ enum {
 #define PIXEL_MASK 0x7FFFFFFFU
 #define COST_MAX 1016U
 #define TRUST_MAX 368U
-#define LEVEL_MAX 4096U /* logarithm of 65,536 in units of 1/256 octave */
+#define CONTRAST_COUNT_MAX 1023U /* at which counters of contrast codes saturate */
+#define LEVEL_MAX 2560U           /* its logarithm in units of 1/256 octave */
 #define LEVEL_BITS 8U
 #define LEVEL_HALF 128U
 #define MEAN_BITS 8U
@@ -58,7 +55,7 @@ enum {
 #define EVENTS_TOP 0x7FFFFFU
 #define ACTIVITY_BITS 8U
 #define ACTIVITY_SHIFT 6U
-#define PAUSE_BITS 12U /* of a number of events less than 1/16 of the usual */
+#define PAUSE_BITS 12U /* of a number of events less than 1/16 of the mean */
 #define LEAST_ACTIVITY (-368) /* of no events, against the most */
 #define OCTAVE 16U
 #define OCTAVES_LOW 22U
@@ -84,20 +81,15 @@ static bool fits(uint32_t wide, uint32_t narrow)
     return (((wide >> 16) * narrow) + (((wide & LIMIT) * narrow) >> 16)) <= LIMIT;
 }
 
-/* Whether the place filter's words and those of own-mean codes suit one another; those of what the
- * design has not are zero. */
+/* Whether the words of the place filter and of contrast codes suit one another; those that the design
+ * does not use are zero. */
 static bool adaptive_within_limits(const uint32_t *image)
 {
-    const uint32_t own_mean = image[AT_OWN_MEAN];
     const bool filters = image[AT_PLACES_PER_WINDOW] != 0U;
     const uint32_t of_filter = image[AT_RESTART] | image[AT_TRUST];
     const uint32_t activity_max =
-        (filters || (own_mean != 0U)) ? (EVENTS_TOP << ACTIVITY_BITS) : 0U;
+        (filters || (image[AT_CONTRAST] != 0U)) ? (EVENTS_TOP << ACTIVITY_BITS) : 0U;
     return (filters ? (image[AT_LENGTH] == 1U) : (of_filter == 0U)) &&
-           ((own_mean == 0U)
-                ? (image[AT_CONTRAST] == 0U)
-                : ((image[AT_CODES] == 1U) &&
-                   (image[AT_CODE_MAX] == ((1U << own_mean) - 1U)))) &&
            (image[AT_ACTIVITY] <= activity_max);
 }
 
@@ -110,14 +102,12 @@ static bool within_limits(const uint32_t *image)
         uint8_t least;
         uint16_t most;
     } range[] = {{AT_WIDTH, 1U, SIDE_MAX},  {AT_HEIGHT, 1U, SIDE_MAX},
-                 {AT_PIXELS, 1U, LIMIT},
-                 {AT_COUNT_MAX, 1U, LIMIT}, {AT_PLACES, 1U, LIMIT},
+                 {AT_PIXELS, 1U, LIMIT},    {AT_CODE_BITS, 1U, 8U},
+                 {AT_CONTRAST, 0U, 1U},     {AT_PLACES, 1U, LIMIT},
                  {AT_LENGTH, 1U, LIMIT},    {AT_EXCLUSION, 0U, LIMIT},
                  {AT_WINDOW_KIND, 0U, 1U},  {AT_TIMESTAMP_BITS, 2U, 32U},
-                 {AT_CODE_MAX, 1U, 255U},   {AT_CODES, 1U, 16U},
                  {AT_PLACES_PER_WINDOW, 0U, 2U},
-                 {AT_RESTART, 0U, COST_MAX}, {AT_TRUST, 0U, TRUST_MAX},
-                 {AT_OWN_MEAN, 0U, 8U},     {AT_CONTRAST, 0U, 1U}};
+                 {AT_RESTART, 0U, COST_MAX}, {AT_TRUST, 0U, TRUST_MAX}};
     for (uint32_t i = 0U; i < (sizeof range / sizeof *range); i++) {
         const uint32_t value = image[range[i].word];
         if ((value < range[i].least) || (value > range[i].most)) {
@@ -126,7 +116,7 @@ static bool within_limits(const uint32_t *image)
     }
     const uint32_t slots = image[AT_PIXELS];
     const uint32_t depth = image[AT_LOOKUP_DEPTH];
-    const uint32_t distance_max = slots * image[AT_CODE_MAX];
+    const uint32_t distance_max = slots * ((1U << image[AT_CODE_BITS]) - 1U);
     /* by time, windows are shorter than half the clock's period */
     const uint32_t windows = (image[AT_WINDOW_KIND] == 0U)
                                  ? (((uint32_t)1U << (image[AT_TIMESTAMP_BITS] - 1U)) - 1U)
@@ -141,13 +131,12 @@ static bool within_limits(const uint32_t *image)
 /* Whether the tables lie behind the header and one another, aligned, and within the image. */
 static bool laid_out(const uint32_t *image)
 {
-    const bool own_mean = image[AT_OWN_MEAN] != 0U;
+    const bool contrast = image[AT_CONTRAST] != 0U;
     const uint32_t size[] = {image[AT_HEIGHT] * 2U,
                              image[AT_LOOKUP_DEPTH] * 8U,
-                             image[AT_CODES] * (image[AT_COUNT_MAX] + 1U) * (own_mean ? 2U : 1U),
-                             image[AT_PIXELS],
                              image[AT_PLACES] * image[AT_STRIDE],
-                             own_mean ? (image[AT_PIXELS] * 2U) : 0U,
+                             contrast ? ((CONTRAST_COUNT_MAX + 1U) * 2U) : 0U,
+                             contrast ? (image[AT_PIXELS] * 2U) : 0U,
                              (image[AT_PLACES_PER_WINDOW] != 0U) ? image[AT_PLACES] : 0U};
     uint32_t end = VPR_HEADER_WORDS * 4U;
     for (uint32_t i = 0U; i < (sizeof size / sizeof *size); i++) {
@@ -208,22 +197,19 @@ static bool lookup_sound(const vpr_design_t *d, uint32_t width, uint32_t pixels)
     return owned == pixels;
 }
 
-/* Whether the entries that codes are made of are within their range. */
-static bool codes_sound(const vpr_design_t *d, uint32_t tables)
+/* Whether the logarithms that contrast codes are made of are within their range. */
+static bool levels_sound(const vpr_design_t *d)
 {
-    if (d->level != NULL) {
-        return words_at_most(d->level, d->count_max + 1U, LEVEL_MAX) &&
-               words_at_most(d->mean, d->slots, LEVEL_MAX);
-    }
-    return at_most(d->code, tables * (d->count_max + 1U), d->code_max);
+    return !d->contrast || (words_at_most(d->level, d->count_max + 1U, LEVEL_MAX) &&
+                            words_at_most(d->mean, d->slots, LEVEL_MAX));
 }
 
 /* Whether no place has a code beyond the largest, and padding that is not zero. */
-static bool places_sound(const vpr_design_t *d, uint32_t code_max)
+static bool places_sound(const vpr_design_t *d)
 {
     const uint8_t *codes = d->places;
     for (uint32_t place = 0U; place < d->place_count; place++) {
-        if (!at_most(codes, d->slots, code_max) ||
+        if (!at_most(codes, d->slots, d->code_max) ||
             !at_most(&codes[d->slots], d->stride - d->slots, 0U)) {
             return false;
         }
@@ -245,19 +231,17 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     /* MISRA deviation 11.3: the tables lie aligned in the image */
     d->displacement = (const uint16_t *)(const void *)&bytes[image[AT_DISPLACEMENT_TABLE]];
     d->lookup = (const vpr_entry_t *)(const void *)&bytes[image[AT_LOOKUP_TABLE]];
-    d->code = &bytes[image[AT_CODE_TABLE]];
-    d->level = (image[AT_OWN_MEAN] != 0U)
-                   ? (const uint16_t *)(const void *)&bytes[image[AT_CODE_TABLE]]
-                   : NULL;
+    d->level = (const uint16_t *)(const void *)&bytes[image[AT_LEVEL_TABLE]];
     d->place_activity = (const int8_t *)(const void *)&bytes[image[AT_PLACE_ACTIVITY_TABLE]];
     d->mean = (const uint16_t *)(const void *)&bytes[image[AT_MEAN_TABLE]];
-    d->code_table = &bytes[image[AT_WHICH_CODE_TABLE]];
     d->places = &bytes[image[AT_PLACES_TABLE]];
     d->height = image[AT_HEIGHT];
     d->lookup_mask = image[AT_LOOKUP_DEPTH] - 1U;
     d->slots = image[AT_PIXELS];
     d->stride = image[AT_STRIDE];
-    d->count_max = image[AT_COUNT_MAX];
+    d->code_max = (1U << image[AT_CODE_BITS]) - 1U;
+    d->contrast = image[AT_CONTRAST] != 0U;
+    d->count_max = d->contrast ? CONTRAST_COUNT_MAX : d->code_max;
     d->time_scale = by_time ? ((uint32_t)1U << (32U - image[AT_TIMESTAMP_BITS])) : 0U;
     d->tau = image[AT_WINDOW] * d->time_scale;
     d->budget = by_time ? 0U : image[AT_WINDOW];
@@ -265,17 +249,14 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->length = image[AT_LENGTH];
     d->exclusion = image[AT_EXCLUSION];
     d->largest_sum = image[AT_LARGEST_SUM];
-    d->code_max = image[AT_CODE_MAX];
     d->steps = (image[AT_PLACES_PER_WINDOW] == 0U)
                    ? 0U
                    : ((image[AT_PLACES_PER_WINDOW] == 1U) ? STEPS : HALF_STEPS);
     d->restart = image[AT_RESTART];
     d->trust = image[AT_TRUST];
     d->activity = image[AT_ACTIVITY];
-    d->contrast = image[AT_CONTRAST] != 0U;
-    return lookup_sound(d, image[AT_WIDTH], image[AT_PIXELS]) && codes_sound(d, image[AT_CODES]) &&
-           at_most(d->code_table, d->slots, image[AT_CODES] - 1U) &&
-           places_sound(d, d->code_max);
+    return lookup_sound(d, image[AT_WIDTH], image[AT_PIXELS]) && levels_sound(d) &&
+           places_sound(d);
 }
 
 uint32_t vpr_ram_bytes(const vpr_design_t *d)
@@ -284,7 +265,7 @@ uint32_t vpr_ram_bytes(const vpr_design_t *d)
      * sequences have the delay line */
     return d->stride + rounded_up(d->slots * 2U) + rounded_up(d->length * d->place_count * 2U) +
            rounded_up((d->steps != 0U) ? (d->place_count * 2U) : ((d->exclusion + 1U) * 4U)) +
-           ((d->level != NULL) ? rounded_up(d->slots * 4U) : 0U);
+           (d->contrast ? rounded_up(d->slots * 4U) : 0U);
 }
 
 void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t start)
@@ -318,7 +299,7 @@ void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t st
     s->windows = 0U;
     s->seen = 0U;
     s->newest = 0U;
-    s->usual = d->activity;
+    s->mean_activity = d->activity;
     s->activity = 0;
     s->paused = false;
     s->mean_shift = FIRST_SHIFT;
@@ -329,7 +310,7 @@ void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t st
     s->support = 0U;
     s->residual = 0U;
     s->residual_before = 0U;
-    for (uint32_t i = 0U; (d->level != NULL) && (i < d->slots); i++) {
+    for (uint32_t i = 0U; d->contrast && (i < d->slots); i++) {
         s->mean[i] = (uint32_t)d->mean[i] << MEAN_BITS;
     }
 }
@@ -404,22 +385,20 @@ static uint32_t rounded_mean(const vpr_state_t *s, uint32_t slot)
     return (s->mean[slot] + MEAN_HALF) >> MEAN_BITS;
 }
 
-/* Mean over the window of the logarithms less their counters' means, rounded, of contrast codes. No
+/* Mean over the window of the logarithms less their counters' means, rounded, of a design with contrast codes. No
  * logarithm is below its mean by more than LEVEL_MAX, which is added. */
 static uint32_t window_mean(const vpr_design_t *d, const vpr_state_t *s)
 {
     uint32_t sum = 0U;
-    if (!d->contrast) {
-        return LEVEL_MAX;
-    }
     for (uint32_t i = 0U; i < d->slots; i++) {
         sum += (d->level[s->counts[i]] + LEVEL_MAX) - rounded_mean(s, i);
     }
     return quotient((sum * 2U) + d->slots, d->slots * 2U);
 }
 
-/* Code each count against the counter's running mean, and move the mean unless the camera stands. */
-static void own_mean_codes(const vpr_design_t *d, vpr_state_t *s)
+/* Code each count against the running mean of its counter and the mean of the window; move the running
+ * means unless the window is a pause. */
+static void contrast_codes(const vpr_design_t *d, vpr_state_t *s)
 {
     const uint32_t code_max = d->code_max;
     /* codes have no sign: half of their range is added */
@@ -463,28 +442,28 @@ static uint32_t event_log(uint32_t events)
     return found + above;
 }
 
-/* The activity of the open window, whether it pauses, and the usual number of events with it. It
- * pauses if it has at most what is left of `below`, rounded down: less than 1/16 of the usual. */
+/* Compute the activity of the open window, whether it is a pause, and the mean number of events with
+ * it. A pause has at most `below` / 4096, rounded down: less than 1/16 of the mean number. */
 static void take_activity(const vpr_design_t *d, vpr_state_t *s)
 {
     const uint32_t counted = d->budget - s->left;
     const uint32_t events = (counted < EVENTS_TOP) ? counted : EVENTS_TOP;
-    const uint32_t below = (s->usual > 0U) ? (s->usual - 1U) : 0U; /* without events: it does */
+    const uint32_t below = (s->mean_activity > 0U) ? (s->mean_activity - 1U) : 0U; /* without events: it does */
     s->activity = (events == 0U) ? LEAST_ACTIVITY
                                  : ((int32_t)event_log(events) -
-                                    (int32_t)event_log(s->usual >> ACTIVITY_BITS));
+                                    (int32_t)event_log(s->mean_activity >> ACTIVITY_BITS));
     s->paused = events <= (below >> PAUSE_BITS);
-    s->usual = moved(s->usual, events << ACTIVITY_BITS, ACTIVITY_SHIFT);
+    s->mean_activity = moved(s->mean_activity, events << ACTIVITY_BITS, ACTIVITY_SHIFT);
 }
 
 void vpr_window_end(const vpr_design_t *d, vpr_state_t *s)
 {
     take_activity(d, s);
-    if (d->level != NULL) {
-        own_mean_codes(d, s);
+    if (d->contrast) {
+        contrast_codes(d, s);
     } else {
         for (uint32_t i = 0U; i < d->slots; i++) {
-            s->query[i] = d->code[(d->code_table[i] * (d->count_max + 1U)) + s->counts[i]];
+            s->query[i] = (uint8_t)s->counts[i];
             s->counts[i] = 0U;
         }
     }

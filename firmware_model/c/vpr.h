@@ -20,77 +20,89 @@
 #include <stdint.h>
 
 #define VPR_MAGIC 0x49525056U /* "VPRI" */
-#define VPR_VERSION 4U
-#define VPR_HEADER_WORDS 40U
+#define VPR_VERSION 5U
+#define VPR_HEADER_WORDS 32U
 #define VPR_NONE 0xFFFFFFFFU
 
-/* As it arrives: 8 bytes. */
+/* An event as it arrives: 8 bytes. */
 typedef struct {
-    uint32_t t;     /* microseconds; the upper bits beyond timestamp_bits are ignored */
+    uint32_t t;     /* microseconds; bits beyond timestamp_bits are ignored */
     uint32_t pixel; /* bit 31: any, as 1 for ON; bits 30..16: row; bits 15..0: column */
 } vpr_event_t;
 
-/* Of the look-up: whose entry it is, and its slot. */
+/* An entry of the look-up: its pixel, and the slot of that pixel. */
 typedef struct {
-    uint32_t pixel; /* bits 30..16: row; bits 15..0: column; all ones: nobody's */
+    uint32_t pixel; /* bits 30..16: row; bits 15..0: column; all ones: no pixel */
     uint32_t slot;
 } vpr_entry_t;
 
-/* Constants: read from the image once, and the same ever after. */
+/* A design, read from the image by vpr_open and constant afterwards. The advice is for who makes the
+ * image: `edge-vpr golden` writes all of it. */
 typedef struct {
     const uint16_t *displacement; /* [height]: where a row begins in the look-up */
     const vpr_entry_t *lookup;    /* [lookup_mask + 1] */
-    const uint8_t *code;          /* [tables][count_max + 1]: code of each count */
-    const uint16_t *level;        /* [count_max + 1]: its logarithm, of own-mean codes; else NULL */
-    const uint8_t *code_table;    /* [slots]: which of the tables a counter uses */
-    const uint8_t *places;        /* [places][stride]: codes, padded with zeros */
-    const int8_t *place_activity; /* [places], of the place filter: steps cost what it says */
-    const uint16_t *mean;         /* [slots]: where running means start; of other codes unused */
-    uint32_t height;
-    uint32_t lookup_mask;
-    uint32_t slots;
-    uint32_t stride;
-    uint32_t count_max;
-    uint32_t time_scale; /* brings times to 32 bits, so that the clock wraps there; by count: 0 */
-    uint32_t tau;        /* scaled; by count: 0 */
-    uint32_t budget;     /* events of a window by count; by time: 0 */
-    uint32_t place_count;
-    uint32_t length;
-    uint32_t exclusion;
-    uint32_t largest_sum; /* of a sequence that is accepted */
-    uint32_t code_max;
-    uint32_t steps;   /* of 0, 1 ... places that have a cost, of the place filter; of sequences 0 */
-    uint32_t restart; /* cost of jumping to any place (kidnapped robot): 64 suits most routes, 0
-                         matches every window alone */
-    uint32_t trust;   /* least of the place filter that is accepted, 0 to 368 */
-    uint32_t activity; /* where the usual number of events starts, in units of 1/256 */
-    bool contrast;     /* own-mean codes are less the mean of their window, too */
+    const uint16_t *level; /* [1024], of contrast codes: round(256 log2(1 + count)), 0 to 2560 */
+    const uint8_t *places; /* [place_count][stride]: codes 0 to code_max, padded with zeros */
+    const int8_t *place_activity; /* [place_count], of the filter: 1/16 octave, -128 to 127; from the
+                                     reference drive. 0 everywhere if its speed is not known */
+    const uint16_t *mean; /* [slots], of contrast codes: first running means, 0 to 2560; from the map */
+    uint32_t height;      /* rows of the sensor, 1 to 32768 */
+    uint32_t lookup_mask; /* entries of the look-up less 1: a power of two up to 65536, less 1 */
+    uint32_t slots;       /* selected pixels, 1 to 65535: 100 to 200 suit most routes */
+    uint32_t stride;      /* slots rounded up to a multiple of 16: bytes of a row of codes */
+    uint32_t count_max;   /* at which a counter saturates: 1023 of contrast codes, else code_max */
+    uint32_t time_scale;  /* 2^(32 - timestamp_bits), so that the clock wraps at 32 bits, which it
+                             can have from 2 on; 0 if windows are of a number of events */
+    uint32_t tau;         /* length of a window in microseconds, scaled, 1 to half the clock's
+                             period - 1; 1 s suits most routes. 0 if windows are of a number */
+    uint32_t budget;      /* selected events of a window, 1 to 2^32 - 1: 3 per pixel suit most
+                             routes. 0 if windows are of a fixed time */
+    uint32_t place_count; /* 1 to 65535 */
+    uint32_t length;      /* windows of a sequence, 1 to place_count: 5 suits most routes. Of the
+                             filter 1 */
+    uint32_t exclusion;   /* places on each side of the best in which no second best is looked for,
+                             0 to 65535: as many as lie within the tolerance of a correct match */
+    uint32_t largest_sum; /* largest accepted sum of a sequence, 0 to 2^32 - 1: 2^32 - 1 accepts all;
+                             choose it on a drive with ground truth */
+    uint32_t code_max;    /* 1, 3, 7 ... 255: 7 (3 bits) suits contrast codes */
+    uint32_t steps;       /* of 0, 1 ... places that have a cost, of the filter: 4, or 7 with two
+                             places per window. 0: sequences */
+    uint32_t restart; /* cost of jumping to any place (kidnapped robot), in 1/4, 0 to 1016: 64 suits
+                         most routes, 0 matches every window alone */
+    uint32_t trust;   /* least accepted trust of the filter, 0 to 368: 0 accepts every match with a
+                         second best; choose it on a drive with ground truth */
+    uint32_t activity; /* mean selected events of a window at first, in 1/256, 0 to 2^31 - 257: that of
+                          the reference drive. 0: no window is a pause before events arrive */
+    bool contrast;     /* contrast codes: logarithms less the means of their counters and of their
+                          window, for light and speed that differ; else counts */
 } vpr_design_t;
 
+/* State, written by the functions below alone; its arrays lie in the block of RAM. */
 typedef struct {
-    uint16_t *counts;  /* [slots] */
-    uint8_t *query;    /* [stride]: codes of the window that ended last */
-    uint16_t *history; /* [length][place_count]: distances of the last windows, a ring */
-    uint32_t *delay;   /* [exclusion + 1]: sums still within the exclusion zone, a ring */
-    uint32_t window_end; /* of the open window, scaled */
-    uint32_t left;       /* events at selected pixels that the open window still takes */
-    uint32_t windows;  /* ended so far */
-    uint32_t seen;     /* the same, at most length */
-    uint32_t newest;   /* row of history */
-    uint32_t usual;    /* events of a window, in units of 1/256 */
-    int32_t activity;  /* of the window that ended last, against that: 1/16 octave */
-    bool paused;       /* it had hardly any events */
-    uint32_t *mean;    /* [slots]: running mean of the logarithm, in units of 1/65536 octave */
-    uint32_t mean_shift;
-    uint32_t mean_windows; /* until the shift grows */
-    uint16_t *metric;      /* [place_count], of the place filter */
-    uint16_t *distance;    /* [place_count], of the place filter: of the newest window */
-    uint32_t reciprocal; /* of the spread of the window before: scales the evidence */
-    uint32_t least;      /* metric */
-    uint32_t place;      /* of the match before, or VPR_NONE */
-    uint32_t support;    /* of the match before */
-    uint32_t residual;   /* evidence against that place */
-    uint32_t residual_before; /* of the match before that one */
+    uint16_t *counts;     /* [slots]: 0 to count_max */
+    uint8_t *query;       /* [stride]: codes of the window that ended last */
+    uint16_t *history;    /* [length][place_count]: distances of the last windows, a ring */
+    uint32_t *delay;      /* [exclusion + 1]: sums still within the exclusion zone, a ring */
+    uint32_t window_end;  /* of the open window, scaled */
+    uint32_t left;        /* events at selected pixels that the open window still takes */
+    uint32_t windows;     /* that have ended, modulo 2^32 */
+    uint32_t seen;        /* the same, at most length */
+    uint32_t newest;      /* row of history, 0 to length - 1 */
+    uint32_t mean_activity; /* events of a window, in 1/256, 0 to 2^31 - 257 */
+    int32_t activity;     /* of the window that ended last, against that: 1/16 octave, -368 to 368 */
+    bool paused;          /* that window had hardly any events */
+    uint32_t *mean;       /* [slots], of contrast codes: running mean of the logarithm, in 1/65536
+                             octave, 0 to 2560 * 256 */
+    uint32_t mean_shift;  /* a running mean moves by 1/2^mean_shift of the difference, 4 to 8 */
+    uint32_t mean_windows; /* windows that moved them, plus 16, until mean_shift is 8 */
+    uint16_t *metric;     /* [place_count], of the filter: 0 to 1023 */
+    uint16_t *distance;   /* [place_count], of the filter: of the newest window that was no pause */
+    uint32_t reciprocal;  /* of the spread of the window before, in 1/65536, 1 to 65536; 0: none yet */
+    uint32_t least;       /* metric, 0 to 1023 */
+    uint32_t place;       /* of the match before, or VPR_NONE */
+    uint32_t support;     /* of that match, 0 to 368 */
+    uint32_t residual;    /* evidence against that match, 0 to 23 */
+    uint32_t residual_before; /* evidence against the match before that one, 0 to 23 */
 } vpr_state_t;
 
 typedef enum {
@@ -100,13 +112,13 @@ typedef enum {
 
 typedef struct {
     uint32_t window;     /* number of the window that ended last, from 0 */
-    uint32_t place;      /* where the sequence ends on the map */
-    uint32_t sum;        /* its distance, over the whole sequence; or the metric of the filter */
+    uint32_t place;      /* best place, 0 to place_count - 1; of a sequence where it ends */
+    uint32_t sum;        /* distance of the whole sequence; of the filter the metric, 0 to 1023 */
     uint32_t second;     /* best place outside the exclusion zone, or VPR_NONE */
-    uint32_t second_sum; /* VPR_NONE where there is none */
-    uint32_t ties;       /* further places at the same smallest distance */
-    bool accepted;
-    uint32_t trust; /* of the filter: how far to trust it, in units of 1/16 of a metric; else 0 */
+    uint32_t second_sum; /* its sum, or VPR_NONE */
+    uint32_t ties;       /* further places with the sum of the best */
+    bool accepted;       /* by trust or largest_sum of the design: drive by accepted matches alone */
+    uint32_t trust;      /* of the filter, 0 to 368: higher means more confident; else 0 */
 } vpr_match_t;
 
 /* Check an image and read its design. False: it is none, of another version, damaged, or beyond the

@@ -15,20 +15,21 @@ from firmware_model.hardware import sources
 #: name of the package, and of its file
 PACKAGE = "vpr_pkg"
 #: tables that the core reads from files, by their numbers; places are loaded at run time
-TABLES = ("displacement", "lookup", "codes", "code_tables", "means", "place_activity")
+TABLES = ("displacement", "lookup", "levels", "means", "place_activity")
 #: bits of each cost in the table of step costs
 COST_BITS = 7
 
 
 def tables(design: Design) -> tuple[str, ...]:
     """Return those of `TABLES` that the core of a design has."""
-    adaptive = {"means": design.own_mean, "place_activity": design.filters}
+    adaptive = {
+        "levels": design.contrast, "means": design.contrast, "place_activity": design.filters
+    }  # fmt: skip
     return tuple(name for name in TABLES if adaptive.get(name, True))
 
 
 def constants(design: Design) -> dict[str, int]:
     """Return the constants of the package's first part, from which its second part follows."""
-    levels = {"LEVEL_MAX": design.entry_max} if design.own_mean else {}
     return {
         "WIDTH": design.width,
         "HEIGHT": design.height,
@@ -39,11 +40,8 @@ def constants(design: Design) -> dict[str, int]:
         "TAU_US": design.tau_us,
         "WINDOW_EVENTS": design.window_events,
         "COUNT_MAX": design.count_max,
-        "TABLES": len(design.full_scales),
         "CODE_BITS": design.code_bits,
-        "OWN_MEAN": int(design.own_mean),
         "CONTRAST": int(design.contrast),
-        **levels,
         "PLACES": design.places,
         "LANES": design.lanes,
         "LENGTH": design.length,

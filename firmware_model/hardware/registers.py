@@ -45,7 +45,7 @@ REGISTERS = (
     ),
     Register("START", 0x10, "read, write", "time at which the first window opens"),
     Register("START_HIGH", 0x14, "read, write", "its upper bits, of clocks above 32 bits"),
-    Register("ACTIVITY", 0x18, "read, write", "usual number of events in a window, times 256"),
+    Register("ACTIVITY", 0x18, "read, write", "mean number of events in a window, times 256"),
     Register("EVENT_TIME", 0x20, "write", "time of the next event"),
     Register("EVENT_TIME_HIGH", 0x24, "write", "its upper bits, of clocks above 32 bits"),
     Register("EVENT_PIXEL", 0x28, "write", "column (16 bits), row (15), ON (1); sends the event"),

@@ -2,7 +2,7 @@
 
 With a folder of vectors that ``edge-vpr golden --rtl`` wrote, its cases are replayed; with
 ``--designs N``, those of N random designs; with ``--events N``, one long case of a design with the
-place filter and own-mean codes. With ``--slow-blocks``, the core is that of an ECP5, which has
+place filter and contrast codes. With ``--slow-blocks``, the core is that of an ECP5, which has
 registers behind its block memories. Needs Icarus Verilog.
 """
 
@@ -26,7 +26,7 @@ from firmware_model.vectors.verify import COMPARED, Verdict, verify
 
 #: design of the long case
 LONG = Design(
-    width=24, height=16, pixels=9, matching="filter", length=1, code="own-mean", full_scales=(0,),
+    width=24, height=16, pixels=9, matching="filter", length=1, code="contrast",
     timestamp_bits=24, places=20, lanes=4,
 )  # fmt: skip
 
@@ -46,7 +46,7 @@ def hold_random_designs(
     Parameters
     ----------
     number : int
-        Number of designs; every other one has the place filter, own-mean codes, or both.
+        Number of designs; every other one has the place filter, contrast codes, or both.
     conditions : Conditions
         The seed is also that of designs and cases.
     only : str, optional

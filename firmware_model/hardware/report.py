@@ -30,15 +30,12 @@ from firmware_model.vectors.case import choose_pixels
 from firmware_model.vectors.suite import memory_words
 
 #: designs of the documented figures
-DOCUMENTED = Design(
-    width=346, height=260, pixels=150, places=860, length=5, lanes=8, code="log", code_bits=4
-)
+DOCUMENTED = Design(width=346, height=260, pixels=150, places=860, length=5, lanes=8, code_bits=4)
 _FILTER = replace(DOCUMENTED, matching="filter", length=1)
-_DEFAULT = replace(_FILTER, code="contrast", full_scales=(0,))
+_DEFAULT = replace(_FILTER, code="contrast")
 KINDS = {
     "sequences of 5": DOCUMENTED,
     "place filter": _FILTER,
-    "place filter, own means": replace(_FILTER, code="own-mean", full_scales=(0,)),
     "place filter, contrast codes": _DEFAULT,
     "place filter, places at half windows, contrast codes": replace(_DEFAULT, places_per_window=2),
 }
@@ -160,8 +157,7 @@ def _megahertz(log: str) -> float:
 def write_tables(design: Design, folder: Path) -> None:
     """Write the package and the tables that synthesis reads, with arbitrary pixels."""
     blank = [[0] * design.slots] * design.places
-    chosen = [slot % len(design.full_scales) for slot in range(design.slots)]
-    words = memory_words(Memories(design, choose_pixels(design), blank, chosen))
+    words = memory_words(Memories(design, choose_pixels(design), blank))
     (folder / f"{PACKAGE}.sv").write_text(package(design), encoding="ascii")
     for name in tables(design):
         (folder / f"{name}.mem").write_text(formats.readmemh(words[name]), encoding="ascii")

@@ -1,19 +1,19 @@
-// Codes of contrast: the deviations of a window from the running means of their counters, less their
+// Contrast codes: the deviations of a window from the running means of their counters, less their
 // own mean over all slots, rounded to octaves, saturated, plus half the range.
 //
-// The deviations d come from vpr_own_mean, in the order of slots behind `clear_i`, the last with
-// `last_i`: as d + 128 + 2^ENTRY_BITS, which is positive. They are kept, and added up. Their mean
+// The deviations d come from vpr_running_mean, in the order of slots behind `clear_i`, the last with
+// `last_i`: as d + 128 + 2^LEVEL_BITS, which is positive. They are kept, and added up. Their mean
 // g = floor((2 sum d + S) / (2 S)) over S slots is floor((sum d + floor(S / 2)) / S): for an odd S the
-// half that this leaves out cannot raise a sum of integers to a multiple of S. With S 2^ENTRY_BITS
-// added it is positive, and below S 2^QUOTIENT_BITS, as |d| < 2^ENTRY_BITS: so its upper bits are
+// half that this leaves out cannot raise a sum of integers to a multiple of S. With S 2^LEVEL_BITS
+// added it is positive, and below S 2^QUOTIENT_BITS, as |d| < 2^LEVEL_BITS: so its upper bits are
 // less than S, and the quotient has QUOTIENT_BITS. Division is by restoring, a bit a clock, of the
-// register that holds the sum; then it holds the quotient g + 2^ENTRY_BITS, inverted as it is
+// register that holds the sum; then it holds the quotient g + 2^LEVEL_BITS, inverted as it is
 // subtracted, and `divided_o` is high for a clock. From then on the code of `slot_i` follows two steps
-// later: both have the same 2^ENTRY_BITS, and the rounding is in the deviation.
+// later: both have the same 2^LEVEL_BITS, and the rounding is in the deviation.
 module vpr_contrast #(
     localparam int SLOTS      = vpr_pkg::SLOTS,
     localparam int SLOT_BITS  = vpr_pkg::SLOT_BITS,
-    localparam int ENTRY_BITS = vpr_pkg::ENTRY_BITS,
+    localparam int LEVEL_BITS = vpr_pkg::LEVEL_BITS,
     localparam int CODE_BITS  = vpr_pkg::CODE_BITS
 ) (
     input  logic                  clk_i,
@@ -22,21 +22,21 @@ module vpr_contrast #(
     input  logic                  deviates_i,
     input  logic                  last_i,
     input  logic [SLOT_BITS-1:0]  deviating_slot_i,
-    input  logic [ENTRY_BITS+1:0] deviation_i,
+    input  logic [LEVEL_BITS+1:0] deviation_i,
     output logic                  divided_o,
     input  logic                  step_i,
     input  logic [SLOT_BITS-1:0]  slot_i,
     output logic [CODE_BITS-1:0]  code_o
 );
-    localparam int LEVEL_BITS    = 8;  // fraction bits of a logarithm
-    localparam int QUOTIENT_BITS = ENTRY_BITS + 1;
+    localparam int LEVEL_FRACTION    = 8;  // fraction bits of a logarithm
+    localparam int QUOTIENT_BITS = LEVEL_BITS + 1;
     localparam int REST_BITS     = SLOTS > 1 ? $clog2(SLOTS) : 1;
     localparam int TOTAL_BITS    = REST_BITS + QUOTIENT_BITS;
     localparam int LEFT_BITS     = $clog2(QUOTIENT_BITS);
     // without the rounding of the deviations, and with that of their mean
-    localparam int BEGIN         = SLOTS / 2 - (SLOTS << (LEVEL_BITS - 1));
-    localparam int EXCESS_BITS   = ENTRY_BITS + 3;
-    localparam int WHOLE_BITS    = EXCESS_BITS - LEVEL_BITS;
+    localparam int BEGIN         = SLOTS / 2 - (SLOTS << (LEVEL_FRACTION - 1));
+    localparam int EXCESS_BITS   = LEVEL_BITS + 3;
+    localparam int WHOLE_BITS    = EXCESS_BITS - LEVEL_FRACTION;
     localparam int OCTAVE_BITS   = WHOLE_BITS > CODE_BITS + 1 ? WHOLE_BITS : CODE_BITS + 1;
 
     localparam logic [CODE_BITS-1:0] HALF = CODE_BITS'(1 << (CODE_BITS - 1));
@@ -46,7 +46,7 @@ module vpr_contrast #(
     // the sum; then what is left of it above its bits to come, and behind these the quotient's
     logic [REST_BITS-1:0]     rest_q;
     logic [QUOTIENT_BITS-1:0] low_q;
-    logic [ENTRY_BITS+1:0]    kept;
+    logic [LEVEL_BITS+1:0]    kept;
 
     wire [REST_BITS:0]   trial    = {rest_q, low_q[QUOTIENT_BITS-1]};
     wire [REST_BITS+1:0] lessened = {1'b0, trial} - (REST_BITS + 2)'(SLOTS);
@@ -61,7 +61,7 @@ module vpr_contrast #(
     assign code_o   = beyond ? {CODE_BITS{!below}} : octaves_q[CODE_BITS-1:0] ^ HALF;
 
     vpr_ram #(
-        .DEPTH(SLOTS), .BITS(ENTRY_BITS + 2), .ADDRESS_BITS(SLOT_BITS)
+        .DEPTH(SLOTS), .BITS(LEVEL_BITS + 2), .ADDRESS_BITS(SLOT_BITS)
     ) deviations (
         .clk_i(clk_i), .write_i(deviates_i), .write_address_i(deviating_slot_i),
         .write_word_i(deviation_i),

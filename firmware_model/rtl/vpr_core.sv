@@ -7,7 +7,7 @@
 // Outputs that are of no use are left open with their tready at 1, and cost nothing.
 //
 // `rst_i` is synchronous and begins anew but for the places; the first window opens at `start_time_i`,
-// which is read in its last clock, as is `start_activity_i`, the usual number of events in a window.
+// which is read in its last clock, as is `start_activity_i`, the mean number of events in a window.
 // s_event_tready rises TIMESTAMP_BITS + 1 clocks after it. Events are taken while a window is matched,
 // after it was encoded; the end of a further window waits.
 module vpr_core #(
@@ -38,9 +38,9 @@ module vpr_core #(
     input  logic                                   clk_i,
     input  logic                                   rst_i,
 
-    // tables that are loaded before a reset (LOADABLE): displacement, lookup, codes, code_tables,
-    // means, place_activity
-    input  logic [5:0]                             load_i,
+    // tables that are loaded before a reset (LOADABLE): displacement, lookup, levels, means,
+    // place_activity
+    input  logic [4:0]                             load_i,
     input  logic [19:0]                            load_address_i,
     input  logic [31:0]                            load_word_i,
 
@@ -97,7 +97,7 @@ module vpr_core #(
     );
 
     vpr_encoder #(.LOADABLE(LOADABLE)) encoder (
-        .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[4:2]), .load_address_i(load_address_i),
+        .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[3:2]), .load_address_i(load_address_i),
         .load_word_i(load_word_i),
         .start_i(window_end), .paused_i(paused),
         .draining_o(draining), .drain_o(drain), .drain_slot_o(drain_slot), .drained_i(drained),
@@ -161,7 +161,7 @@ module vpr_core #(
             logic [4:0] residual;
 
             vpr_filter #(.LOADABLE(LOADABLE)) place_filter (
-                .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[5]), .load_address_i(load_address_i),
+                .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[4]), .load_address_i(load_address_i),
                 .load_word_i(load_word_i), .start_i(compare_q), .paused_i(paused), .settled_i(settled),
                 .activity_inverse_i(activity_inverse), .idle_o(filter_idle),
                 .distance_valid_i(distance_valid), .distance_i(distance), .sum_valid_o(sum_valid), .sum_last_o(sum_last), .place_o(place),
@@ -191,7 +191,7 @@ module vpr_core #(
             always_ff @(posedge clk_i) accepted_q <= 64'(best_sum) <= 64'(LARGEST_SUM);
             assign trust   = '0;
             assign trusted = 1'b1;
-            wire unused = &{1'b0, trust, trusted, became, ends_search, activity_inverse, load_i[5]};
+            wire unused = &{1'b0, trust, trusted, became, ends_search, activity_inverse, load_i[4]};
             assign m_match_tdata = {
                 accepted_q, ties, second_sum, second, has_second, best_sum, best, window_q
             };

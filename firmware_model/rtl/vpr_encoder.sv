@@ -1,28 +1,24 @@
-// Counts of the ended window to a descriptor: a slot a clock is read, cleared, encoded by its code
-// table, or against its running mean (OWN_MEAN), and packed, LANES codes a word, the first in the
-// least significant bits. Lanes beyond the last slot are zero. The whole unit stands while a word is
-// not taken. After reset it passes over all slots once, without a word, to clear them. `draining_o`
-// holds while it needs the counters. Codes of contrast (CONTRAST) need the mean over all slots: a
-// first pass reads and clears them, without a word, and a second, behind the division, encodes.
+// Counts of the ended window to a descriptor: a slot a clock is read, cleared, and packed as it is,
+// LANES codes a word, the first in the least significant bits. Lanes beyond the last slot are zero. The
+// whole unit stands while a word is not taken. After reset it passes over all slots once, without a
+// word, to clear them. `draining_o` holds while it needs the counters. Contrast codes (CONTRAST) need
+// the mean over all slots: a first pass reads and clears them, without a word, and a second, behind
+// the division, encodes.
 module vpr_encoder #(
     localparam int SLOTS      = vpr_pkg::SLOTS,
     localparam int WORDS      = vpr_pkg::WORDS,
     localparam int LANES      = vpr_pkg::LANES,
-    localparam int TABLES     = vpr_pkg::TABLES,
-    localparam int COUNT_MAX  = vpr_pkg::COUNT_MAX,
-    localparam bit OWN_MEAN   = vpr_pkg::OWN_MEAN,
     localparam bit CONTRAST   = vpr_pkg::CONTRAST,
     localparam int SLOT_BITS  = vpr_pkg::SLOT_BITS,
     localparam int COUNT_BITS = vpr_pkg::COUNT_BITS,
-    localparam int TABLE_BITS = vpr_pkg::TABLE_BITS,
-    localparam int ENTRY_BITS = vpr_pkg::ENTRY_BITS,
+    localparam int LEVEL_BITS = vpr_pkg::LEVEL_BITS,
     localparam int CODE_BITS  = vpr_pkg::CODE_BITS,
     localparam int WORD_BITS  = vpr_pkg::WORD_BITS,
     parameter  bit LOADABLE   = 0
 ) (
     input  logic                       clk_i,
     input  logic                       rst_i,
-    input  logic [2:0]                 load_i,  // see vpr_rom
+    input  logic [1:0]                 load_i,  // see vpr_rom
     input  logic [19:0]                load_address_i,
     input  logic [31:0]                load_word_i,
     input  logic                       start_i,
@@ -38,13 +34,8 @@ module vpr_encoder #(
     output logic [WORD_BITS-1:0]       word_o
 );
     // lanes beyond the last slot
-    localparam int FILL         = WORDS * LANES - SLOTS;
-    localparam int LANE_BITS    = LANES > 1 ? $clog2(LANES) : 1;
-    localparam int STRIDE       = COUNT_MAX + 1;
-    localparam int ENTRIES      = TABLES * STRIDE;
-    localparam int INDEXED_BITS = $clog2(ENTRIES);
-    // steps from a count to its code
-    localparam int STAGES       = OWN_MEAN && !CONTRAST ? 3 : 1;
+    localparam int FILL      = WORDS * LANES - SLOTS;
+    localparam int LANE_BITS = LANES > 1 ? $clog2(LANES) : 1;
 
     logic                 issuing_q, clearing_q;
     logic                 again, encodes_q;  // behind the first pass of two; in the pass that has words
@@ -53,7 +44,7 @@ module vpr_encoder #(
 
     // behind the counters, and on the way to the code
     logic                 counted_q, counted_word_q, counted_last_q;
-    logic [STAGES-1:0]    coded_q, coded_word_q, coded_last_q;
+    logic                 coded_q, coded_word_q, coded_last_q;
     logic [CODE_BITS-1:0] code;
 
     // as the differences of codes take it
@@ -62,7 +53,7 @@ module vpr_encoder #(
 
     // the newest lane above those before it, which move down by one, and at last to the end
     wire [WORD_BITS-1:0]       next_word = WORD_BITS'({code, word_o}
-        >> (coded_last_q[STAGES-1] ? CODE_BITS * (FILL + 1) : CODE_BITS));
+        >> (coded_last_q ? CODE_BITS * (FILL + 1) : CODE_BITS));
 
     wire step      = !word_valid_o || word_ready_i;
     wire end_index = index_q == SLOT_BITS'(SLOTS - 1);
@@ -89,82 +80,50 @@ module vpr_encoder #(
             counted_q        <= issuing_q;
             counted_word_q   <= issuing_q && end_lane;
             counted_last_q   <= end_index;
-            coded_q          <= STAGES'({coded_q, counted_q && (encodes_q || !CONTRAST)});
-            coded_word_q     <= STAGES'({
-                coded_word_q, counted_word_q && (CONTRAST ? encodes_q : !clearing_q)
-            });
-            coded_last_q     <= STAGES'({coded_last_q, counted_last_q});
-            if (coded_q[STAGES-1]) word_inverse_q <= ~next_word;
-            word_valid_o     <= coded_word_q[STAGES-1];
-            word_last_o      <= coded_last_q[STAGES-1];
+            coded_q          <= counted_q && (encodes_q || !CONTRAST);
+            coded_word_q     <= counted_word_q && (CONTRAST ? encodes_q : !clearing_q);
+            coded_last_q     <= counted_last_q;
+            if (coded_q) word_inverse_q <= ~next_word;
+            word_valid_o     <= coded_word_q;
+            word_last_o      <= coded_last_q;
         end
         if (counted_q && counted_last_q) clearing_q <= 1'b0;
         if (rst_i) begin
             clearing_q     <= 1'b1;
             counted_q      <= 1'b0;
             counted_word_q <= 1'b0;
-            coded_q        <= '0;
-            coded_word_q   <= '0;
+            coded_q        <= 1'b0;
+            coded_word_q   <= 1'b0;
             word_valid_o   <= 1'b0;
         end
     end
 
     generate
-        if (OWN_MEAN) begin : g_own_mean
+        if (CONTRAST) begin : g_contrast
             logic                  deviates, deviating_last;
             logic [SLOT_BITS-1:0]  deviating_slot;
-            logic [ENTRY_BITS+1:0] deviation;
-            logic [CODE_BITS-1:0]  own_code;
-            wire                   unused = &{
-                1'b0, load_i[1], own_code, deviates, deviating_last, deviating_slot, deviation
-            };
+            logic [LEVEL_BITS+1:0] deviation;
 
-            vpr_own_mean #(.LOADABLE(LOADABLE)) own_mean (
-                .clk_i(clk_i), .rst_i(rst_i), .load_i({load_i[2], load_i[0]}),
+            vpr_running_mean #(.LOADABLE(LOADABLE)) running_mean (
+                .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i),
                 .load_address_i(load_address_i),
                 .load_word_i(load_word_i), .step_i(step), .clearing_i(clearing_q), .hold_i(paused_i),
-                .valid_i(counted_q && !(CONTRAST && encodes_q)),
-                .last_i(counted_q && counted_last_q && !(CONTRAST && encodes_q)),
-                .slot_i(drained_slot_i), .count_i(drained_i), .code_o(own_code), .deviates_o(deviates),
+                .valid_i(counted_q && !encodes_q),
+                .last_i(counted_q && counted_last_q && !encodes_q),
+                .slot_i(drained_slot_i), .count_i(drained_i), .deviates_o(deviates),
                 .deviating_last_o(deviating_last), .deviating_slot_o(deviating_slot),
                 .deviation_o(deviation)
             );
-            if (CONTRAST) begin : g_contrast
-                vpr_contrast contrast (
-                    .clk_i(clk_i), .rst_i(rst_i), .clear_i(start_i), .deviates_i(deviates),
-                    .last_i(deviating_last), .deviating_slot_i(deviating_slot),
-                    .deviation_i(deviation), .divided_o(again), .step_i(step), .slot_i(index_q),
-                    .code_o(code)
-                );
-            end else begin : g_own_codes
-                assign again = 1'b0;
-                assign code  = own_code;
-            end
-        end else begin : g_table
-            logic [INDEXED_BITS-1:0] entry;
-            wire                     unused = &{1'b0, paused_i, load_i, drained_slot_i};
-            assign again = 1'b0;
-            vpr_rom #(
-                .DEPTH(ENTRIES), .BITS(CODE_BITS), .ADDRESS_BITS(INDEXED_BITS),
-                .FILE("codes.mem"), .LOADABLE(LOADABLE), .STYLE("block")
-            ) codes (
-                .clk_i(clk_i), .enable_i(step), .address_i(entry), .word_o(code),
-                .load_i(load_i[0]), .load_address_i(load_address_i), .load_word_i(load_word_i)
+            vpr_contrast contrast (
+                .clk_i(clk_i), .rst_i(rst_i), .clear_i(start_i), .deviates_i(deviates),
+                .last_i(deviating_last), .deviating_slot_i(deviating_slot),
+                .deviation_i(deviation), .divided_o(again), .step_i(step), .slot_i(index_q),
+                .code_o(code)
             );
-            if (TABLES > 1) begin : g_tables
-                logic [TABLE_BITS-1:0] code_table;
-                vpr_rom #(
-                    .DEPTH(SLOTS), .BITS(TABLE_BITS), .ADDRESS_BITS(SLOT_BITS),
-                    .FILE("code_tables.mem"), .LOADABLE(LOADABLE)
-                ) code_tables (
-                    .clk_i(clk_i), .enable_i(step), .address_i(drain_slot_o), .word_o(code_table),
-                    .load_i(load_i[1]), .load_address_i(load_address_i), .load_word_i(load_word_i)
-                );
-                assign entry = INDEXED_BITS'(code_table) * INDEXED_BITS'(STRIDE)
-                               + INDEXED_BITS'(drained_i);
-            end else begin : g_one_table
-                assign entry = INDEXED_BITS'(drained_i);
-            end
+        end else begin : g_counts
+            wire unused = &{1'b0, paused_i, load_i, load_address_i, load_word_i, drained_slot_i};
+            assign again = 1'b0;
+            always_ff @(posedge clk_i) if (step) code <= drained_i;
         end
     endgenerate
 endmodule

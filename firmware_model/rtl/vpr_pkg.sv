@@ -16,11 +16,8 @@ package vpr_pkg;
     localparam logic [63:0]  TAU_US         = 64'd1;
     localparam logic [31:0]  WINDOW_EVENTS  = 32'd1;
     localparam int           COUNT_MAX      = 1;      // at which a counter saturates
-    localparam int           TABLES         = 1;      // code tables
     localparam int           CODE_BITS      = 1;
-    localparam bit           OWN_MEAN       = 1'd0;   // codes against a counter's running mean
-    localparam bit           CONTRAST       = 1'd0;   // and that against the mean of all
-    localparam int           LEVEL_MAX      = 256;    // logarithm of COUNT_MAX, of own means
+    localparam bit           CONTRAST       = 1'd0;   // contrast codes; else counts
     localparam int           PLACES         = 1;
     localparam int           LANES          = 1;      // codes that are compared in a clock
     localparam int           LENGTH         = 1;      // windows of a sequence; 1 with the filter
@@ -59,13 +56,12 @@ package vpr_pkg;
     localparam int SEEN_BITS         = SLOT_BITS + COUNT_BITS + 1;
 
     // descriptors
-    localparam int TABLE_BITS = index_bits(TABLES);
-    localparam int ENTRY_BITS = index_bits(LEVEL_MAX + 1);  // of own means
-    localparam int MEAN_BITS  = ENTRY_BITS + 8;
+    localparam int LEVEL_BITS = 12;              // of contrast codes: the logarithm of COUNT_MAX is 2560
+    localparam int MEAN_BITS  = LEVEL_BITS + 8;
     localparam int WORD_BITS  = LANES * CODE_BITS;
 
-    // activity: events of a window, and their usual number times 256
-    localparam bit PAUSES             = OWN_MEAN || FILTER;  // windows may pause
+    // activity: events of a window, and their mean number times 256
+    localparam bit PAUSES             = CONTRAST || FILTER;  // windows may pause
     localparam int WINDOW_EVENTS_BITS = 23;
     localparam int ACTIVITY_BITS      = WINDOW_EVENTS_BITS + 8;
 

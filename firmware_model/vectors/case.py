@@ -206,15 +206,10 @@ class Stream:
         if self.design.window == "time":
             self.at(*self.pixels[0])
 
-    def shown_codes(
-        self,
-        tables: Sequence[int] | None = None,
-        codes: Sequence[Codes] | None = None,
-        mean: Sequence[int] | None = None,
-    ) -> list[Codes]:
-        """Return the codes of each window that it ends; see `Memories` for the arguments."""
+    def shown_codes(self, mean: Sequence[int] | None = None) -> list[Codes]:
+        """Return the codes of each window that it ends, with means that begin at `mean`."""
         no_places = [[0] * self.design.slots] * self.design.places
-        memories = Memories(self.design, self.pixels, no_places, tables, codes, mean)
+        memories = Memories(self.design, self.pixels, no_places, mean)
         return window_codes(memories, self.events, self.start)
 
     def case(self, name: str, places: Sequence[Sequence[int]], **tables: Any) -> Case:
@@ -231,7 +226,7 @@ def window_codes(memories: Memories, events: Iterable[Event], start: int) -> lis
     )
     memories = replace(
         memories, design=design, places=memories.places[:1], place_activity=(),
-        activity=memories.activity if design.own_mean else 0,
+        activity=memories.activity if design.contrast else 0,
     )  # fmt: skip
     return [window.codes for window in trace(memories, events, start).windows]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from firmware_model.design import LENGTH, Design
@@ -19,8 +18,8 @@ def corner_cases(design: Design) -> list[Case]:
     Parameters
     ----------
     design : Design
-        If it has the place filter, or own-mean or contrast codes, these are replaced by sequences
-        and logarithms; the cases of the filter and of own-mean codes are in `filter_cases`.
+        If it has the place filter or contrast codes, these are replaced by sequences and counts:
+        the cases of the filter and of contrast codes are in `filter_cases`.
 
     Returns
     -------
@@ -33,9 +32,7 @@ def corner_cases(design: Design) -> list[Case]:
         design = replace(
             design, matching="sequence", length=0, trust=0, places=places, places_per_window=1
         )
-    if design.own_mean:
-        design = replace(design, code="log", full_scales=(0,))
-    design = replace(design, places=_roomy(design))
+    design = replace(design, code="counts", places=_roomy(design))
     return [*event_cases(design), *match_cases(design)]
 
 
@@ -50,14 +47,11 @@ def _roomy(design: Design) -> int:
 def event_cases(design: Design) -> list[Case]:
     """Make the corner cases of events and windows."""
     cases = [_event_case(name, variant) for name, variant in _event_designs(design).items()]
-    by_time = _event_designs(design)["events_by_time"]
-    # finds a device that assumes code 0 for a count of 0 instead of looking the code up
-    turned = [tuple(by_time.code_max - code for code in table) for table in by_time.tables]
-    return [*cases, _event_case("codes_turned_round", by_time, turned), _many_windows(by_time)]
+    return [*cases, _many_windows(_event_designs(design)["events_by_time"])]
 
 
 def adaptive_event_cases(design: Design) -> list[Case]:
-    """Make the corner cases of events and windows that a filter or own-mean codes change."""
+    """Make the corner cases of events and windows that a filter or contrast codes change."""
     names = ("events_by_time", "events_by_count", "one_place", "narrow_clock")
     designs = _event_designs(design)
     return [_event_case(f"adaptive_{name}", designs[name]) for name in names]
@@ -70,7 +64,6 @@ def _event_designs(design: Design) -> dict[str, Design]:
         design, window="count", window_events=max(design.window_events, design.count_max + 9)
     )
     wider = 4 * (design.exclusion // 4 + 1)
-    several = replace(by_time, full_scales=_scales(design)) if not design.own_mean else by_time
     longer = by_time
     if not design.filters:
         longer = replace(by_time, length=design.length + 9, places=design.places + 9)
@@ -79,8 +72,6 @@ def _event_designs(design: Design) -> dict[str, Design]:
         "events_by_time": by_time,
         "events_by_count": by_count,
         "unfilled_lanes": replace(by_time, lanes=odd),
-        **({} if design.own_mean else {"several_code_tables": several}),
-        "counts_above_255": replace(by_time, full_scales=(300,)),
         "columns_above_511": replace(by_time, width=max(design.width, 1000), lookup_depth=0),
         **({} if design.filters else {"sequence_longer_than_seen": longer}),
         "one_place": replace(by_time, places=1, length=1),
@@ -92,14 +83,8 @@ def _event_designs(design: Design) -> dict[str, Design]:
     }
 
 
-def _scales(design: Design) -> tuple[int, ...]:
-    scale = design.full_scales[0]
-    return scale, scale // 2 or 2, 3, scale // 3 or 1, 1
-
-
-def _event_case(name: str, design: Design, codes: Sequence[Codes] | None = None) -> Case:
+def _event_case(name: str, design: Design) -> Case:
     """Make a case whose stream has every kind of event and window."""
-    tables = [slot % len(design.full_scales) for slot in range(design.slots)]
     period = 1 << design.timestamp_bits
     # the clock wraps within the third window
     start = (period - 5 * design.tau_us // 2) % period if design.window == "time" else 0
@@ -144,7 +129,7 @@ def _event_case(name: str, design: Design, codes: Sequence[Codes] | None = None)
     for number in range(min(windows, 12)):
         _ramp(stream, number)
     stream.close()
-    return _case(name, stream, tables, codes)
+    return _case(name, stream)
 
 
 def _narrow(design: Design) -> bool:
@@ -191,18 +176,16 @@ def _off_everything(stream: Stream) -> None:
         stream.at(*pixel)
 
 
-def _case(
-    name: str, stream: Stream, tables: Sequence[int], codes: Sequence[Codes] | None = None
-) -> Case:
+def _case(name: str, stream: Stream) -> Case:
     """Make a case whose map holds windows of the stream at every other place."""
-    design, seen = stream.design, stream.shown_codes(tables, codes)
+    design, seen = stream.design, stream.shown_codes()
     places = []
     for k in range(design.places):
         row = seen[(k * 3) % len(seen)]
         if k % 2:
             row = tuple(design.code_max - code for code in row)
         places.append(row)
-    return stream.case(name, places, tables=tables, codes=codes)
+    return stream.case(name, places)
 
 
 def _many_windows(design: Design) -> Case:
@@ -214,7 +197,7 @@ def _many_windows(design: Design) -> Case:
         stream.slot((number * 7) % design.slots)
         stream.end()
     stream.close()
-    return _case("many_windows", stream, [0] * design.slots)
+    return _case("many_windows", stream)
 
 
 # Corner cases of distances, sequences and the search, with maps laid out by pattern.
@@ -244,7 +227,7 @@ def _sums_above_16_bits(design: Design) -> Case:
     length = -(-0x18000 // (slots * top))
     zone = min(design.exclusion, length)
     wide = replace(
-        design, code="linear", code_bits=bits, full_scales=(0,), length=length, exclusion=zone,
+        design, code="counts", code_bits=bits, length=length, exclusion=zone,
         window_events=1, places=3 * length + 2 * zone + 2,
     )  # fmt: skip
     stream = Stream.showing(wide, [[1, *[0] * (slots - 1)]] * (length + 2))

@@ -8,6 +8,7 @@ from firmware_model.design import (
     ACTIVITY_BITS,
     EVIDENCE_TOP,
     FRACTION_BITS,
+    LEVELS,
     MARGIN_TOP,
     METRIC_TOP,
     RECIPROCAL_BITS,
@@ -48,7 +49,6 @@ CORNERS = {
     "off_the_sensor": "an event that names no pixel of the sensor",
     "below_the_sensor": "such an event in the row behind the last one",
     "column_above_511": "an event at a selected pixel whose column is above 511",
-    "count_above_255": "an event at a counter of 255 or more",
     "on": "an ON event at a selected pixel",
     "off": "an OFF event at a selected pixel",
     "sensor_corner": "an event at one of the four corners of the sensor",
@@ -58,7 +58,6 @@ CORNERS = {
     "full_window": "a window that ends with its last event",
     "all_equal_counts": "a window with the same count, not zero, in every counter",
     "window_above_255": "a window with a number above 255",
-    "code_of_nothing": "a window with a counter at zero whose code is not zero",
     "incomplete_sequence": "a window before which there were fewer than L - 1",
     "zero_distance": "a place at distance zero",
     "largest_distance": "a place at the largest distance that there can be",
@@ -79,8 +78,6 @@ CORNERS = {
     "accepted_at_threshold": "a match that is accepted, and would not be were its sum one larger",
     "rejected_at_threshold": "a match that is rejected, and would not be were its sum one smaller",
     "lanes_unfilled": "a window whose last memory word is not full",
-    "several_tables": "a window with counters of different code tables",
-    "three_tables": "a window with counters of three code tables or more",
     "long_sequence": "a match of a sequence of more than eight windows",
     "place_0_on_the_left": "a match whose second best is place 0, and lower than the best",
 }
@@ -99,13 +96,12 @@ def watched_trace(case: Case) -> tuple[Trace, dict[str, int]]:
     done : Trace
         Same as that of `Case.trace`.
     reached : dict of str to int
-        All corners, including those that are not reached. For a design with the filter or own-mean
+        All corners, including those that are not reached. For a design with the filter or contrast
         codes, `FILTER_CORNERS` are included.
     """
     done = Trace()
     machine, lookup = Machine(case.memories, case.start), case.memories.lookup()
-    adaptive = case.design.filters or case.design.own_mean
-    corners = CORNERS | FILTER_CORNERS if adaptive else CORNERS
+    corners = CORNERS | FILTER_CORNERS if case.design.pauses else CORNERS
     found: Counter[str] = Counter(dict.fromkeys(corners, 0))
     filtered = FilterCoverage(machine, found)
     before: list[int | None] = [None, None]
@@ -160,7 +156,7 @@ def _see_event(
             found["saturated" if count == full else "filled"] += 1
         if x > 511:
             found["column_above_511"] += 1
-        if count >= 255:
+        if design.contrast and count >= 255:
             found["count_above_255"] += 1
         if before[-1] == slot:
             found["same_pixel_twice"] += 1
@@ -178,13 +174,8 @@ def _see_window(machine: Machine, window: WindowResult, found: Counter[str]) -> 
     if design.window == "time":
         found["clock_wrapped"] += machine.end < design.tau_us
     found["window_above_255"] += window.number > 255
-    found["code_of_nothing"] += any(
-        code > 0 and not n for code, n in zip(window.codes, counts, strict=True)
-    )
     found["incomplete_sequence"] += window.number + 1 < design.length
     found["lanes_unfilled"] += design.slots % design.lanes > 0
-    found["several_tables"] += len(set(machine.memories.tables)) > 1
-    found["three_tables"] += len(set(machine.memories.tables)) > 2
 
 
 def _see_distances(design: Design, distances: list[int], found: Counter[str]) -> None:
@@ -223,7 +214,7 @@ def _see_match(
     found["second_on_the_left" if left else "second_on_the_right"] += 1
 
 
-# Corners of the place filter and of own-mean codes.
+# Corners of the place filter and of contrast codes.
 
 
 #: name of each corner, and what is counted as one occurrence of it
@@ -271,8 +262,9 @@ FILTER_CORNERS = {
     "residual_of_the_window_before": "the same for the residual of the match before",
     "residual_of_two_windows_before": "the same for the residual of the match before that one",
     "trust_of_nothing": "a match whose residual is above its support",
-    "code_at_the_bottom": "an own-mean code of 0 that would be below it",
-    "code_at_the_top": "the largest own-mean code, that would be above it",
+    "count_above_255": "an event at a counter of 255 or more, of contrast codes",
+    "code_at_the_bottom": "a contrast code of 0 that would be below it",
+    "code_at_the_top": "the largest contrast code, that would be above it",
     "window_mean_below_nothing": "a window of contrast codes whose mean is negative",
     "window_mean_rounded_up": "a window of contrast codes whose mean is rounded up",
     "window_mean_rounded_down": "a window of contrast codes whose mean is rounded down",
@@ -291,7 +283,7 @@ _OF_RESIDUALS = (
 class FilterCoverage:
     """Counts corners from what a machine keeps, before each window changes them.
 
-    Of sequences without own-mean codes there are none.
+    Of sequences of counts there are none.
     """
 
     def __init__(self, machine: Machine, found: Counter[str]) -> None:
@@ -302,7 +294,7 @@ class FilterCoverage:
 
     def see_window(self, window: WindowResult, distances: list[int]) -> None:
         """Count the corners of a window, before it is matched and its counters are cleared."""
-        if self.machine.design.own_mean:
+        if self.machine.design.contrast:
             self._see_means(window)
         if self.machine.design.filters:
             self._see_metrics(window, distances)
@@ -401,15 +393,15 @@ class FilterCoverage:
             )
 
     def _see_means(self, window: WindowResult) -> None:
-        found, kept, levels = self.found, self.machine.kept, self.machine.entries()
-        shift, differences, shared = mean_shift(kept.moves), differences_of(levels, kept.means), 0
+        found, kept = self.found, self.machine.kept
+        levels = [LEVELS[count] for count in self.machine.counts]
+        shift, differences = mean_shift(kept.moves), differences_of(levels, kept.means)
         half = 1 << (self.machine.design.code_bits - 1)
-        if self.machine.design.contrast:
-            shared = window_mean(differences)
-            exact = shared * len(levels)
-            found["window_mean_below_nothing"] += shared < 0
-            found["window_mean_rounded_up"] += exact > sum(differences)
-            found["window_mean_rounded_down"] += exact < sum(differences)
+        shared = window_mean(differences)
+        exact = shared * len(levels)
+        found["window_mean_below_nothing"] += shared < 0
+        found["window_mean_rounded_up"] += exact > sum(differences)
+        found["window_mean_rounded_down"] += exact < sum(differences)
         for slot, level in enumerate(levels):
             octaves = (differences[slot] - shared + (1 << (LEVEL_BITS - 1))) >> LEVEL_BITS
             found["code_at_the_bottom"] += octaves + half < 0

@@ -1,4 +1,4 @@
-"""The suite ``filter``: corner cases of the place filter and of own-mean and contrast codes."""
+"""The suite ``filter``: corner cases of the place filter and of contrast codes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from firmware_model.design import ACTIVITY_BITS, LARGEST_SUM, TRUST_TOP, Design
+from firmware_model.design import ACTIVITY_BITS, LARGEST_SUM, LEVEL_TOP, LEVELS, TRUST_TOP, Design
 from firmware_model.memories import Memories
 from firmware_model.specification import (
     activity_of,
@@ -30,36 +30,30 @@ def filter_cases(design: Design) -> list[Case]:
     Parameters
     ----------
     design : Design
-        The cases change it to have the filter, own-mean or contrast codes, or both.
+        The cases change it to have the filter, and counts or contrast codes.
     """
-    adaptive = replace(
+    design = replace(
         design, matching="filter", length=1, places=12, places_per_window=1, largest_sum=LARGEST_SUM
     )
-    plain = adaptive
-    if design.own_mean:
-        adaptive = replace(adaptive, code="own-mean")
-        plain = replace(adaptive, code="log", full_scales=(0,))
-    else:
-        bits = min(design.code_bits, 8)
-        adaptive = replace(adaptive, code="own-mean", code_bits=bits, full_scales=(0,))
+    # of so many bits that the counts of near places differ
+    plain = replace(design, code="counts", code_bits=max(design.code_bits, 4))
+    contrast = replace(design, code="contrast", code_bits=min(design.code_bits, 8))
     by_activity = replace(plain, restart=40, exclusion=1)
     half_places = replace(by_activity, places_per_window=2)
-    contrast = replace(adaptive, code="contrast")
     return [
         *(drive(name, variant, route) for name, (variant, route) in _routes(plain).items()),
         *_pauses(plain),
-        *_limits(replace(adaptive, exclusion=1)),
+        *_limits(replace(contrast, exclusion=1)),
         *_thresholds(plain),
         _view_of_another_place(plain),
-        *_means(adaptive),
         *_contrasts(contrast),
         *_activities(by_activity),
         _weights(by_activity),
         _weights_of_far_places(by_activity),
         *_tabulated_costs(by_activity),
         *evidence_cases(plain),
-        *ram_cases(plain, adaptive),
-        *adaptive_event_cases(adaptive),
+        *ram_cases(plain, contrast),
+        *adaptive_event_cases(contrast),
         long_window(by_activity),
         *_half_places(half_places),
         *_tabulated_costs(half_places),
@@ -300,7 +294,7 @@ def _among_any_activity(
 
 def _weights(design: Design) -> Case:
     """Show windows of as many events while the usual number falls: evidence has every weight."""
-    design = replace(design, code="linear", code_bits=5, full_scales=(0,), window_events=24)
+    design = replace(design, code="counts", code_bits=5, window_events=24)
     design = replace(design, exclusion=0)
     events, usual = 24, 24 * 9 << ACTIVITY_BITS
     shown = [[events - number % 3, *[0] * (design.slots - 1)] for number in range(110)]
@@ -315,14 +309,14 @@ def _weights(design: Design) -> Case:
 
 #: count that one place of 80 has, in the only slot that counts, and the others have not: the
 #: evidence against them is the most there is; and the events that windows usually have
-_APART, _APART_COUNT, _APART_EVENTS = 40, 70, 420
+_APART, _APART_COUNT, _APART_EVENTS = 40, 63, 420
 
 
 def _place_apart(design: Design, activity: int, apart: dict[int, int]) -> Memories:
     """Make the tables of a map with one place apart, and its and some others' own activities."""
     design = replace(
-        design, window="time", tau_us=max(design.tau_us, 4), code="linear", code_bits=7,
-        full_scales=(_APART_COUNT,), places=80,
+        design, window="time", tau_us=max(design.tau_us, 4), code="counts", code_bits=6,
+        places=80,
     )  # fmt: skip
     rest, places = [0] * (design.slots - 1), range(design.places)
     codes = [[_APART_COUNT if place == _APART else 0, *rest] for place in places]
@@ -402,11 +396,11 @@ def _tabulated_costs(design: Design) -> list[Case]:
 
 
 def _contrasts(design: Design) -> list[Case]:
-    """Make the cases of codes less the mean of their window."""
+    """Make the cases of contrast codes: all shifts, both ends, and the window's rounded mean."""
     four = replace(design, places=4, exclusion=1)
     sequences = replace(four, matching="sequence", length=2, trust=0)
-    top = design.entry_max
-    high = [min(4 * 256, top) * (slot % 2) for slot in range(design.slots)]
+    top = LEVEL_TOP
+    high = [4 * 256 * (slot % 2) for slot in range(design.slots)]
     cases = [
         drive("contrasts", design, [*range(12)] * 2, high),
         drive("contrasts_of_sequences", sequences, [0, 1, 2, 3] * 3, high),
@@ -414,16 +408,20 @@ def _contrasts(design: Design) -> list[Case]:
         drive(
             "contrasts_of_half", four, [0, 1, 2, 3], [top * (s % 2) for s in range(design.slots)]
         ),
+        drive("all_shifts", four, [0, 1, 2, 3] * 130, high),
         *_rounded_means(four),
+        *_halves(four),
+        _delayed_shifts(four),
     ]
     if design.window == "time":
         cases.append(drive("contrasts_and_pauses", design, [0, PAUSE, 1, PAUSE, 2, 3], high))
+        cases.append(drive("means_and_pauses", four, [0, PAUSE, 1, PAUSE, PAUSE, 2, 3], high))
     return cases
 
 
 def _rounded_means(design: Design) -> list[Case]:
     """Make windows whose mean is at the edge of being rounded otherwise, which changes a code."""
-    slots, level = design.slots, design.tables[0][min(20, design.count_max)]
+    slots, level = design.slots, LEVELS[20]
     cases = []
     for name, total, first in (
         ("up", -(-slots // 2), 128),
@@ -432,8 +430,7 @@ def _rounded_means(design: Design) -> list[Case]:
         ("down_below_nothing", -(slots // 2) - 1, 127),
     ):
         means = [level - first, level - total + first, *[level] * (slots - 2)]
-        # of one slot the mean is its difference; and a small full scale leaves no room
-        if slots == 1 or min(means) < 0 or max(means) > design.entry_max:
+        if slots == 1:  # the mean is its difference
             continue
         cases.append(_counted(f"contrast_rounded_{name}", design, means, [[20] * slots] * 2))
     return cases
@@ -453,48 +450,30 @@ def _thresholds(design: Design) -> list[Case]:
     ]
 
 
-def _means(design: Design) -> list[Case]:
-    """Make the cases that move means by all shifts, up and down, past both ends of the code."""
-    four = replace(design, places=4, exclusion=1)
-    sequences = replace(four, matching="sequence", length=2, trust=0)
-    slots = range(design.slots)
-    high = [min(4 * 256, design.entry_max) * (slot % 2) for slot in slots]
-    route = [0, 1, 2, 3]
-    cases = [
-        drive("own_means", design, [*range(12)] * 2, high),
-        drive("own_means_of_sequences", sequences, route * 3, high),
-        drive("all_shifts", four, route * 130, high),
-        drive("means_from_the_top", four, route, [design.entry_max] * design.slots),
-        *_halves(four),
-        _delayed_shifts(four),
-    ]
-    if design.window == "time":
-        cases.append(drive("means_and_pauses", four, [0, PAUSE, 1, PAUSE, PAUSE, 2, 3], high))
-    return cases
-
-
 def _halves(design: Design) -> list[Case]:
     """Make a case with means at half a unit of a logarithm, or just below, where rounding matters.
 
-    With a full scale of 1 to 3 there is no such case, because no code depends on the rounding.
+    A third slot, an octave below its mean in the last window, takes what the two add to the mean of
+    the window, which is then 0. With fewer slots it is not, and windows by count cannot show it.
     """
-    half = 1 << (MEAN_BITS - 1)
-    exact, below = _counts_to_half(design, half), _counts_to_half(design, half - 1)
-    if exact is None or below is None:
+    if design.slots < 4 or design.window == "count":
         return []
-    chosen = [(exact, below)[slot % 2] for slot in range(design.slots)]
+    half = 1 << (MEAN_BITS - 1)
+    # the others are always at their means
+    octave, rest = (LEVELS[3], (3, 3, 1)), (LEVELS[3], (3, 3, 3))
+    chosen = [_counts_to_half(half), _counts_to_half(half - 1), octave]
+    chosen += [rest] * (design.slots - 3)
     means = [mean for mean, _ in chosen]
     windows = [[counts[i] for _, counts in chosen] for i in range(3)]
     return [_counted("means_of_halves", design, means, windows)]
 
 
-def _counts_to_half(design: Design, end: int) -> tuple[int, tuple[int, int, int]] | None:
+def _counts_to_half(end: int) -> tuple[int, tuple[int, int, int]]:
     """Find a mean and two counts that move it to `end` above a whole unit, and a third count.
 
     The third count has another code if the mean is rounded to the other side.
     """
-    levels, unit = design.tables[0], 1 << LEVEL_BITS
-    counts = range(1, min(60, len(levels)))  # higher counts have the level of the full scale
+    levels, unit, counts = LEVELS, 1 << LEVEL_BITS, range(1, 60)
     pairs = list(product(counts[:7], counts[:7]))
     totals = np.empty((3 * unit, len(pairs)), np.int64)  # of all means at once
     for column, pair in enumerate(pairs):
@@ -507,7 +486,7 @@ def _counts_to_half(design: Design, end: int) -> tuple[int, tuple[int, int, int]
         for count in counts:
             if (levels[count] - whole) % unit == unit // 2 and 0 <= levels[count] - whole < unit:
                 return mean, (*pairs[column], count)
-    return None
+    raise AssertionError("no mean ends there")
 
 
 def _delayed_shifts(design: Design) -> Case:
@@ -515,7 +494,7 @@ def _delayed_shifts(design: Design) -> Case:
     quiet = [[1] * design.slots] * ((1 << (LAST_SHIFT + 1)) - (1 << FIRST_SHIFT) + 20)
     # at these counts, the codes of 1 to 3 octaves change at different windows
     loud = [[(1, 6, 11, 40, 60)[slot % 5] for slot in range(design.slots)]] * 90
-    return _counted("late_shifts", design, [design.tables[0][1]] * design.slots, quiet + loud)
+    return _counted("late_shifts", design, [LEVELS[1]] * design.slots, quiet + loud)
 
 
 def _counted(name: str, design: Design, means: list[int], windows: list[list[int]]) -> Case:
@@ -537,7 +516,7 @@ def evidence_cases(design: Design) -> list[Case]:
     Parameters
     ----------
     design : Design
-        With the place filter, and with logarithmic or linear codes.
+        With the place filter and counts.
     """
     return [
         _far(design),
@@ -556,7 +535,7 @@ def _wide_evidence(design: Design) -> list[Case]:
     if not 66 <= design.slots <= 257:
         return []
     wide = replace(
-        design, code="linear", code_bits=8, full_scales=(0,), exclusion=1, restart=254,
+        design, code="counts", code_bits=8, exclusion=1, restart=254,
         window_events=64 * 128 + 40,
     )  # fmt: skip
     rest = wide.slots - 65
@@ -585,7 +564,7 @@ def _wide_sums(design: Design) -> Case:
     # deviations are on average 2/9 of the largest distance
     places = max(12, -(-6 * 0x10000 // (slots * top)))
     wide = replace(
-        design, code="linear", code_bits=bits, full_scales=(0,), places=places, exclusion=1,
+        design, code="counts", code_bits=bits, places=places, exclusion=1,
         restart=254, window_events=2,
     )  # fmt: skip
     counts = [2, *[0] * (slots - 1)]
@@ -598,7 +577,7 @@ def _wide_sums(design: Design) -> Case:
 
 def _far(design: Design) -> Case:
     """Show a count that is equally far from all places, then the places' own counts."""
-    design = replace(design, code="linear", code_bits=8, full_scales=(0,), window_events=210)
+    design = replace(design, code="counts", code_bits=8, window_events=210)
     rest = [0] * (design.slots - 1)
     stream = Stream.showing(design, [[count, *rest] for count in (101, 1, 201, 1)])
     shown = stream.shown_codes()
@@ -612,7 +591,7 @@ def _beyond_a_byte(design: Design) -> Case:
 
     Truncated to eight bits, the largest distance would be smaller than the others.
     """
-    design = replace(design, code="linear", code_bits=8, full_scales=(0,))
+    design = replace(design, code="counts", code_bits=8)
     # the exclusion zone is as wide as a block of equal places
     design = replace(design, exclusion=design.places // 4 - 1)
     design = replace(design, window_events=411, restart=0)
@@ -631,7 +610,7 @@ def _small_spreads(design: Design) -> list[Case]:
     of memory, if the design has enough slots.
     """
     lanes = -(-design.slots // 2)
-    near = replace(design, full_scales=(0,), lanes=lanes, exclusion=1)
+    near = replace(design, lanes=lanes, exclusion=1)
     near = replace(near, window_events=max(near.window_events, 20 + 3 * near.slots))
     rest = [3] * (near.slots - 1)
     stream = Stream.showing(near, [[first, *rest] for first in (20, 20, 20, 1, 20, 20)])
@@ -662,27 +641,27 @@ def _at_distances(
 # Corner cases of the RAM: arrays that reach up to the next one or to the end of the RAM.
 
 
-def ram_cases(plain: Design, adaptive: Design) -> list[Case]:
+def ram_cases(plain: Design, contrast: Design) -> list[Case]:
     """Make the corner cases of the RAM.
 
     Parameters
     ----------
-    plain, adaptive : Design
-        Both have the place filter, and the second has own-mean codes.
+    plain, contrast : Design
+        Both have the place filter, and the second has contrast codes.
     """
     route = [0, 1, 2, 3, 4, 5, 6, 7]
     eight = replace(plain, places=8, exclusion=1)
     # the means take a multiple of 16 bytes, if there are enough pixels
-    full = replace(adaptive, pixels=adaptive.pixels // 4 * 4 or adaptive.pixels, exclusion=1)
+    full = replace(contrast, pixels=contrast.pixels // 4 * 4 or contrast.pixels, exclusion=1)
     sequences = replace(full, matching="sequence", length=2, trust=0)
     variants = {
-        "own_means_fill_the_ram": full,
+        "means_fill_the_ram": full,
         # four sums fill their room, five need more
-        "own_means_behind_four_sums": replace(sequences, exclusion=3),
-        "own_means_behind_five_sums": replace(sequences, exclusion=4),
+        "means_behind_four_sums": replace(sequences, exclusion=3),
+        "means_behind_five_sums": replace(sequences, exclusion=4),
     }
     # no mean is zero, so that a mean that another array overwrites is noticed
-    high = [min(2 * 256 + 128 * (slot % 3), full.entry_max) for slot in range(full.slots)]
+    high = [2 * 256 + 128 * (slot % 3) for slot in range(full.slots)]
     return [
         drive("distances_fill_the_ram", eight, route),
         *(drive(name, variant, route, high) for name, variant in variants.items()),

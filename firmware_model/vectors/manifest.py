@@ -23,12 +23,11 @@ RTL_FOLDER = "rtl"
 #: of what the files hold; docs/specification.md defines each
 UNITS = {
     "t, start, tau_us": "microseconds, modulo 2^timestamp_bits",
-    "activity of a case, usual": "1/256 event at selected pixels in a window",
+    "activity of a case, mean_activity": "1/256 event at selected pixels in a window",
     "place_activity, activity of a window": "1/16 octave: floor(16 log2(1 + events)), less the "
-    "usual number's; in place_activity.mem two's complement of 8 bits",
+    "mean number's; in place_activity.mem two's complement of 8 bits",
     "weight": "1/8 of the evidence",
-    "codes of own-mean and contrast designs (levels), means, window_mean": "1/256 octave: "
-    "round(256 log2(1 + count))",
+    "levels, means, window_mean": "1/256 octave: round(256 log2(1 + count))",
     "restart": "whole units of cost; a device holds it times 4 (2 fraction bits)",
     "sum, second_sum": "units of code; of the filter metrics, 1/4 unit of cost (2 fraction bits)",
     "margin": "that of sum",
@@ -42,7 +41,7 @@ UNITS = {
 #: what every case begins with, and what is read before what
 POWER_ON = (
     "each case by itself: counters, events counted and numbers of windows 0; the first window "
-    "opens at start; the usual number is activity, the running means are means; the filter has "
+    "opens at start; the mean number is activity, the running means are means; the filter has "
     "seen no window and no place, and trust and residuals are 0. Memories that are written before "
     "they are read may hold anything"
 )
@@ -83,7 +82,7 @@ class CaseEntry:
     name: str
     number: int  #: Number that stands for the case in binary results.
     start: int  #: Time at which the first window starts.
-    activity: int  #: Usual activity at which the device starts.
+    activity: int  #: Mean activity at which the device starts.
     events: int
     windows: int
     matches: int

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from firmware_model.design import LARGEST_SUM, Design
+from firmware_model.design import LARGEST_SUM, LEVEL_TOP, Design
 from firmware_model.memories import Memories
 from firmware_model.specification import Event
 from firmware_model.vectors.case import Case, window_codes
@@ -44,7 +44,6 @@ def window_cases(design: Design, rng: np.random.Generator, number: int = 2) -> l
 def _case(name: str, design: Design, rng: np.random.Generator, number: int) -> Case:
     flat = rng.choice(design.width * design.height, design.pixels, replace=False)
     pixels = [(f % design.width, f // design.width) for f in flat.tolist()]
-    tables = rng.integers(0, len(design.full_scales), design.slots).tolist()
     start = int(rng.integers(0, 1 << min(design.timestamp_bits, 62)))
     if number:
         events = _stream(design, pixels, start, rng, number)
@@ -54,7 +53,7 @@ def _case(name: str, design: Design, rng: np.random.Generator, number: int) -> C
     # usual numbers comparable with those of the windows, so that some windows pause
     mean, activity = _learnt(design, rng, 512 * (EVENTS // 30) if number else 256 * 1000)
     no_places = [[0] * design.slots] * design.length
-    without = Memories(blank, pixels, no_places, tables, mean=mean, activity=activity)
+    without = Memories(blank, pixels, no_places, mean=mean, activity=activity)
     seen = window_codes(without, events, start)
     places = rng.integers(0, design.code_max + 1, (design.places, design.slots))
     # most places are windows of the stream; some of their codes are changed by one
@@ -63,7 +62,7 @@ def _case(name: str, design: Design, rng: np.random.Generator, number: int) -> C
             noise = rng.integers(-1, 2, design.slots) * (rng.random(design.slots) < 0.2)
             places[k] = np.clip(np.array(seen[k % len(seen)]) + noise, 0, design.code_max)
     memories = Memories(
-        design, pixels, places.tolist(), tables, mean=mean, activity=activity,
+        design, pixels, places.tolist(), mean=mean, activity=activity,
         place_activity=_place_activity(design, rng),
     )  # fmt: skip
     return Case(name, memories, tuple(events), start)
@@ -82,10 +81,9 @@ def _learnt(
 ) -> tuple[list[int] | None, int]:
     """Draw initial running means and an initial usual activity."""
     mean, activity = None, 0
-    if design.own_mean:
-        highest = min(design.entry_max, 4 * 256)
-        mean = rng.integers(0, highest + 1, design.slots).tolist()
-    if design.own_mean or design.filters:
+    if design.contrast:
+        mean = rng.integers(0, 4 * 256 + 1, design.slots).tolist()
+    if design.pauses:
         # of as many events as a window at times has, and of many more
         activity = int(2048 * (most_activity / 2048) ** rng.random())
     return mean, activity
@@ -152,9 +150,7 @@ def random_design(rng: np.random.Generator) -> Design:
         width=width,
         height=height,
         pixels=pixels,
-        code=("linear", "sqrt", "log")[rng.integers(3)],
         code_bits=int(rng.integers(1, 9)),
-        full_scales=tuple(rng.integers(1, 12, int(rng.integers(1, 4))).tolist()),
         window=("time", "count")[rng.integers(2)],
         tau_us=int(rng.integers(1, 200)),
         window_events=int(rng.integers(1, 3 * pixels + 1)),
@@ -169,7 +165,7 @@ def random_design(rng: np.random.Generator) -> Design:
 
 
 def random_adaptive_design(rng: np.random.Generator) -> Design:
-    """Draw a small design with the place filter, own-mean or contrast codes, or both.
+    """Draw a small design with the place filter, contrast codes, or both.
 
     Returns
     -------
@@ -179,8 +175,7 @@ def random_adaptive_design(rng: np.random.Generator) -> Design:
     values = random_design(rng).to_dict()
     kind = rng.integers(3)
     if kind != 0:
-        code = ("own-mean", "contrast")[rng.integers(2)]
-        values |= {"code": code, "full_scales": [int(rng.integers(1, 40))]}
+        values |= {"code": "contrast"}
     if kind != 1:
         values |= {
             "matching": "filter",
@@ -201,13 +196,12 @@ def random_memories(rng: np.random.Generator, design: Design) -> Memories:
         if rng.random() < 0.3:
             places[k] = places[rng.integers(k)]
     pixels = [(f % design.width, f // design.width) for f in flat]
-    tables = rng.integers(0, len(design.full_scales), design.slots)
-    if not (design.filters or design.own_mean):
-        return Memories(design, pixels, places.tolist(), tables.tolist())
-    mean = rng.integers(0, design.entry_max + 1, design.slots).tolist() if design.own_mean else None
+    if not design.pauses:
+        return Memories(design, pixels, places.tolist())
+    mean = rng.integers(0, LEVEL_TOP + 1, design.slots).tolist() if design.contrast else None
     # with some values every window pauses at first, and with others none does
     activity = int(rng.integers(0, 1 << int(rng.integers(1, 20))))
     return Memories(
-        design, pixels, places.tolist(), tables.tolist(), mean=mean, activity=activity,
+        design, pixels, places.tolist(), mean=mean, activity=activity,
         place_activity=_place_activity(design, rng),
     )  # fmt: skip

@@ -8,13 +8,12 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from firmware_model.design import Design, widths_of
+from firmware_model.design import LEVELS, Design, widths_of
 from firmware_model.errors import DesignError, VectorError
 from firmware_model.hardware.parameters import PACKAGE, package
 from firmware_model.hardware.sources import SIMULATED, copy_sources
@@ -38,24 +37,20 @@ from firmware_model.vectors.manifest import (
 )
 from firmware_model.vectors.random_cases import random_cases, window_cases
 
-#: names of the memories, which are also the names of their files
-MEMORIES = ("displacement", "lookup", "codes", "code_tables", "places")
-
 
 def memory_words(memories: Memories) -> dict[str, Table]:
-    """Pack the contents of every memory, by the names of `MEMORIES`, in that order."""
+    """Pack the contents of every memory, by the names of their files."""
     design, lookup = memories.design, memories.lookup()
     bits = widths_of(design)
     entries = zip(lookup.slot, lookup.owner, strict=True)
     words = {
         "displacement": _single("address", bits["address"], lookup.displacement),
         "lookup": formats.pack((("slot", bits["slot"]), ("owner", bits["owner"])), entries),
-        "codes": _single("code", bits["entry"], chain(*memories.codes)),
-        "code_tables": _single("table", bits["table"], memories.tables),
         "places": _descriptors(memories, memories.places),
     }
-    if design.own_mean:
-        words["means"] = _single("mean", bits["entry"], memories.mean)
+    if design.contrast:
+        words["levels"] = _single("level", bits["level"], LEVELS)
+        words["means"] = _single("mean", bits["level"], memories.mean)
     if design.filters:
         width = bits["place_activity"]
         unsigned = (activity % (1 << width) for activity in memories.place_activity)
@@ -120,7 +115,7 @@ def word_tables(case: Case, done: Trace) -> dict[str, Table]:
             ),
         ),
     }
-    if design.filters or design.own_mean:
+    if design.pauses:
         packed["activity"] = _single("activity", bits["activity"], [case.memories.activity])
     windows = (window.codes for window in done.windows)
     packed["expected_windows"] = _descriptors(case.memories, windows)
@@ -173,8 +168,7 @@ def arrays(case: Case, done: Trace) -> dict[str, np.ndarray[Any, Any]]:
         "displacement": np.array(lookup.displacement, dtype="<u4"),
         "owner": np.array(lookup.owner, dtype="<u4"),
         "slot": np.array(lookup.slot, dtype="<u4"),
-        "codes": np.array(case.memories.codes, dtype="<u2"),
-        "code_tables": np.array(case.memories.tables, dtype="u1"),
+        "levels": np.array(LEVELS if design.contrast else (), dtype="<u2"),
         "places": np.array(case.memories.places, dtype="<u2"),
         "expected_slot": np.array([-1 if r.slot is None else r.slot for r in done.events], "<i4"),
         "expected_count": np.array([r.counted for r in done.events], dtype="<u4"),
@@ -217,7 +211,7 @@ is absent.
 def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[str, list[Case]]:
     """Make the suites that need only a design: ``corners`` and ``random``.
 
-    A design with the place filter or own-mean codes also has the suite ``filter``.
+    A design with the place filter or contrast codes also has the suite ``filter``.
 
     Parameters
     ----------
@@ -231,7 +225,7 @@ def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[
         "corners": lambda: corner_cases(design),
         "random": lambda: [*random_cases(design, rng), *window_cases(design, rng)],
     }
-    if design.filters or design.own_mean:
+    if design.pauses:
         makers["filter"] = lambda: filter_cases(design)
     return {suite: make() for suite, make in makers.items() if only in (None, suite)}
 
@@ -336,7 +330,7 @@ def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) ->
     files: dict[str, str | bytes] = {"design.toml": case.design.to_toml()}
     for name, table in packed.items():
         files[f"{name}.mem"] = formats.readmemh(table)
-    for name in MEMORIES:
+    for name in memory_words(case.memories):
         files[f"{name}.coe"] = formats.coe(packed[name])
         files[f"{name}.mif"] = formats.mif(packed[name])
     files |= csv_files(case, done)

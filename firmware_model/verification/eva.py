@@ -30,7 +30,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from firmware_model.design import Design
+from firmware_model.design import LEVEL_TOP, LEVELS, Design
 from firmware_model.emulation.build import SOURCES
 from firmware_model.errors import ToolError
 from firmware_model.image import HEADER_WORDS, TABLES, Word, image, ram_arrays
@@ -38,20 +38,20 @@ from firmware_model.memories import Memories
 from firmware_model.vectors.case import choose_pixels
 
 _DESIGN = Design(
-    width=16, height=12, pixels=9, places=12, length=3, code_bits=3, full_scales=(15,)
+    width=16, height=12, pixels=9, places=12, length=3, code_bits=3
 )  # fmt: skip
-_FILTER = replace(_DESIGN, matching="filter", length=1, code="own-mean")
+_FILTER = replace(_DESIGN, matching="filter", length=1, code="contrast")
 #: sizes of which every content of the tables is analysed
 SIZES = {
     "sequences_by_time": _DESIGN,
-    "sequences_by_count": replace(_DESIGN, window="count", full_scales=(7, 15)),
+    "sequences_by_count": replace(_DESIGN, window="count"),
     "sequences_of_one": replace(_DESIGN, length=1, exclusion=0, places=3),
-    "filter": replace(_FILTER, code="log"),
-    "filter_of_three_places": replace(_FILTER, code="log", places=3),
-    "own_means_by_count": replace(_FILTER, window="count"),
-    "default": replace(_FILTER, code="contrast", places=20),
+    "filter": replace(_FILTER, code="counts"),
+    "filter_of_three_places": replace(_FILTER, code="counts", places=3),
+    "contrast_by_count": replace(_FILTER, window="count"),
+    "default": replace(_FILTER, places=20),
     "places_at_half_windows": replace(
-        _FILTER, code="contrast", places_per_window=2, places=20
+        _FILTER, places_per_window=2, places=20
     ),
 }  # fmt: skip
 _LARGE = Design(
@@ -68,7 +68,7 @@ FREE = (
 #: functions after which Eva goes on apart with what they let through, and what they refuse
 _APART = (
     "vpr_open", "within_limits", "adaptive_within_limits", "laid_out", "lookup_sound",
-    "codes_sound", "places_sound", "at_most", "words_at_most",
+    "levels_sound", "places_sound", "at_most", "words_at_most",
 )  # fmt: skip
 _OPTIONS = (
     "-eva", "-machdep", "x86_32",
@@ -87,12 +87,10 @@ _LARGE_OPTIONS = (
     _STATES, f"{_OF_ALL},advance_by_evidence:800",
     "-eva-slevel", "2", _UNROLL, "24", _DOMAINS, "cvalue,symbolic-locations,equality,gauges",
 )  # fmt: skip
-#: logarithm of 65,536 in units of 1/256 octave
-_LEVEL_MAX = 4096
 #: names and types of the tables, in their order in the image
 _TABLES = (
-    ("displacement", "H"), ("lookup", "II"), ("code", "B"), ("code_table", "B"), ("places", "B"),
-    ("mean", "H"), ("place_activity", "b"),
+    ("displacement", "H"), ("lookup", "II"), ("places", "B"), ("level", "H"), ("mean", "H"),
+    ("place_activity", "b"),
 )  # fmt: skip
 _C_TYPES = {"B": "uint8_t", "b": "int8_t", "H": "uint16_t", "I": "uint32_t", "II": "vpr_entry_t"}
 _DRIVER = """
@@ -213,10 +211,9 @@ def driver(design: Design, *, large: bool = False) -> str:
     offsets = [words[word] for word in TABLES]
     fields = [f"    uint32_t header[{HEADER_WORDS}];"]
     for (name, kind), at, end in zip(_TABLES, offsets, [*offsets[1:], len(flash)], strict=True):
-        form = "H" if name == "code" and design.own_mean else kind
-        entries = (end - at) // struct.calcsize(f"<{form}")
+        entries = (end - at) // struct.calcsize(f"<{kind}")
         if entries:
-            fields.append(f"    {_C_TYPES[form]} {name}[{entries}];")
+            fields.append(f"    {_C_TYPES[kind]} {name}[{entries}];")
     header = [
         f"    flash.header[{at}] = {word}U;" for at, word in enumerate(words)
         if large or at not in list(FREE)
@@ -250,14 +247,10 @@ def _numbered(text: str, sizes: dict[str, int]) -> str:
 
 def _ranges(design: Design) -> list[tuple[str, int, int]]:
     """Return each table whose entries have a range, the number of entries, and the largest one."""
-    codes = len(design.full_scales) * (design.count_max + 1)
-    found = [
-        ("displacement", design.height, design.lookup_depth - 1),
-        ("code", codes, _LEVEL_MAX if design.own_mean else design.code_max),
-        ("code_table", design.slots, len(design.full_scales) - 1),
-    ]
-    found += [("mean", design.slots, _LEVEL_MAX)] * design.own_mean
-    return [one for one in found if one[1]]
+    found = [("displacement", design.height, design.lookup_depth - 1)]
+    if design.contrast:
+        found += [("level", len(LEVELS), LEVEL_TOP), ("mean", design.slots, LEVEL_TOP)]
+    return found
 
 
 def _range(name: str, entries: int, most: int, assumed: bool) -> str:

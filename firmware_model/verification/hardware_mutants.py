@@ -1,7 +1,7 @@
 """Generated faults of the core: ``python -m firmware_model.verification.hardware_mutants``.
 
 Each mutant changes one operator or constant of the sources, or removes a statement. The vectors of
-designs with sequences, and of some with the place filter, own-mean and contrast codes, are replayed
+designs with sequences, and of some with the place filter and contrast codes, are replayed
 with stalls and resets until a case finds the mutant; some of them also on the core that has
 registers behind its block memories, and short cases with a reset of one clock at each clock of a
 place or of a match. A mutant that no case finds survives: it is equal to the core, or is found by
@@ -51,15 +51,15 @@ RESULTS = "results.csv"
 #: the same of the programs of Verilator, whose longest case takes a tenth
 BUILT_LIMIT = 3
 _SEQUENCES = Design(
-    width=24, height=16, pixels=9, places=20, length=3, full_scales=(15,), window_events=12, lanes=4
+    width=24, height=16, pixels=9, places=20, length=3, code_bits=4, window_events=12, lanes=4
 )
-_FILTER = replace(_SEQUENCES, matching="filter", length=1, code="own-mean")
-#: the third has so few bits that codes saturate at both ends, for the cases of own means
+_FILTER = replace(_SEQUENCES, matching="filter", length=1, code="contrast")
+#: the third has so few bits that codes saturate at both ends, for the cases of contrast codes
 DESIGNS = (_SEQUENCES, _FILTER, replace(_FILTER, code_bits=2))
 #: an event a window, and sums of so many terms that one begun by a reset would end in a match;
 #: replayed without stalls, and with so many resets that some keep the places
 QUICK = Design(
-    width=1, height=1, pixels=1, places=19, length=16, full_scales=(3,), window="count",
+    width=1, height=1, pixels=1, places=19, length=16, code_bits=2, window="count",
     window_events=1, lanes=1,
 )  # fmt: skip
 QUICK_EVENTS, QUICK_RESETS = 150, 6
@@ -68,7 +68,7 @@ QUICK_EVENTS, QUICK_RESETS = 150, 6
 DEAR = replace(_FILTER, places=16, restart=254, timestamp_bits=9, tau_us=51, trust=8)
 DEAR_EVENTS = 600
 _SMALL = Design(
-    width=4, height=2, pixels=3, places=4, length=3, full_scales=(3,), lanes=3,
+    width=4, height=2, pixels=3, places=4, length=3, code_bits=2, lanes=3,
     window="count", window_events=6,
 )  # fmt: skip
 _CLOCKS = range(200, 400)
@@ -87,13 +87,13 @@ EVERY_CLOCK = {
 }
 #: cases that are replayed on the core of slow block memories too
 ALSO_SLOW = (
-    "tie_of_three", "walk", "own_means_of_sequences", "by_one_too_many", "events_by_time",
+    "tie_of_three", "walk", "contrasts_of_sequences", "by_one_too_many", "events_by_time",
 )  # fmt: skip
 #: cases that find most mutants come first, at least one of each part of the core
 FIRST = (
     *ALSO_SLOW, "usually_more_events", "pause_at_threshold", "by_activity", "contrasts", "weights",
     "spread_of_one", "pauses", "random_2", "events_by_count", "backwards",
-    "sum_at_the_limit", "several_code_tables", "all_shifts", "trusted",
+    "sum_at_the_limit", "all_shifts", "trusted",
 )  # fmt: skip
 _CHANGES = tuple(
     (re.compile(old), new)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
-from firmware_model.design import Design
+from firmware_model.design import LEVEL_TOP, LEVELS, Design
 from firmware_model.errors import DesignError, VectorError
 from firmware_model.image import ALIGNMENT, HEADER_WORDS, TABLES, Word, image, ram_bytes
 from firmware_model.memories import Memories
@@ -70,10 +70,9 @@ class Draft:
         return struct.pack(f"<{HEADER_WORDS}I", *self.words) + body
 
 
-#: six pixels, two code tables for counts up to 3, and six places; every table
-#: except that of the places has padding
+#: six pixels, counts up to 3, and six places
 BASE = Design(
-    width=9, height=5, pixels=6, code="linear", code_bits=2, full_scales=(3, 2),
+    width=9, height=5, pixels=6, code="counts", code_bits=2,
     places=6, length=2, exclusion=1, timestamp_bits=16, tau_us=1000, lookup_depth=16,
 )  # fmt: skip
 PIXELS = ((8, 0), (3, 2), (4, 2), (0, 0), (1, 2), (6, 0))  # in no pixel of the last two rows
@@ -82,7 +81,7 @@ PIXELS = ((8, 0), (3, 2), (4, 2), (0, 0), (1, 2), (6, 0))  # in no pixel of the 
 def base() -> Draft:
     """Draft an image of `BASE`."""
     places = [[(k + slot) % 4 for slot in range(BASE.slots)] for k in range(BASE.places)]
-    return Draft(image(Memories(BASE, PIXELS, places, [0, 1, 0, 1, 0, 1])))
+    return Draft(image(Memories(BASE, PIXELS, places)))
 
 
 def each(words: Callable[..., tuple[str, bytes]], word: str, *values: int) -> Named:
@@ -108,21 +107,23 @@ def deep_draft(depth: int) -> Draft:
     return draft.poke(Word.DISPLACEMENT_TABLE, "H", 0, 0)
 
 
-# Images with the place filter and own-mean codes: each field at its limits and beyond.
+# Images with the place filter and contrast codes: each field at its limits and beyond.
 
 
+#: number of logarithms in an image
+_LEVELS = len(LEVELS)
 #: largest activity, cost and logarithm that an image may have
-_ACTIVITY, _COST, _LEVEL = 0x7FFF_FF00, 1016, 4096
+_ACTIVITY, _COST, _LEVEL = 0x7FFF_FF00, 1016, LEVEL_TOP
 
 
 def adaptive(**changes: object) -> Draft:
-    """Draft an image of `BASE` with the filter and own-mean codes; `changes` go to the design."""
-    values = {"matching": "filter", "length": 1, "code": "own-mean", "full_scales": [3]}
+    """Draft an image of `BASE` with the filter and contrast codes; `changes` go to the design."""
+    values = {"matching": "filter", "length": 1, "code": "contrast"}
     if changes.get("matching") != "sequence":
         values |= {"restart": 9, "trust": 5}
     design = Design(**(BASE.to_dict() | values | changes))
     places = [[(k + slot) % 4 for slot in range(design.slots)] for k in range(design.places)]
-    mean = [256 * (slot % 2) for slot in range(design.slots)] if design.own_mean else None
+    mean = [256 * (slot % 2) for slot in range(design.slots)] if design.contrast else None
     activity = [-128, 127, -1, 0, 1, 40] if design.filters else None
     pixels = (*PIXELS, *((x, 1) for x in range(8)))[: design.pixels]
     return Draft(
@@ -140,26 +141,22 @@ def _adaptive_words(**changes: int) -> tuple[str, bytes]:
 
 def accepted_adaptive() -> Named:
     """Yield the names and bytes of images that must open."""
-    yield "filter_and_own_mean", adaptive().pack()
+    yield "filter_and_contrast", adaptive().pack()
     yield "filter_at_half_windows", adaptive(places_per_window=2).pack()
-    yield "contrast", adaptive(code="contrast").pack()
-    yield "contrast_of_sequences", adaptive(code="contrast", **_SEQUENCES).pack()
-    yield "filter_alone", adaptive(code="linear", full_scales=[3, 2]).pack()
-    yield "own_mean_alone", adaptive(**_SEQUENCES).pack()
+    yield "filter_alone", adaptive(code="counts").pack()
+    yield "contrast_of_sequences", adaptive(**_SEQUENCES).pack()
     yield from each(_adaptive_words, "restart", 0, _COST)
     yield from each(_adaptive_words, "trust", 0, 0x170)
     yield from each(_adaptive_words, "activity", 0, _ACTIVITY)
-    yield "level_at_its_limit", adaptive().poke(Word.CODE_TABLE, "H", 3, _LEVEL).pack()
-    many = adaptive().header(count_max=0xFFFF).grow(Word.CODE_TABLE, 1 << 17)
-    yield "largest_counts_of_own_means", many.pack()
-    padded = adaptive().grow(Word.CODE_TABLE, 16).poke(Word.CODE_TABLE, "H", 4, 0xFFFF)
-    yield "padding_behind_the_levels", padded.pack()
+    yield "level_at_its_limit", adaptive().poke(Word.LEVEL_TABLE, "H", 3, _LEVEL).pack()
+    padded = adaptive().grow(Word.LEVEL_TABLE, 2 * _LEVELS + 16)
+    yield "padding_behind_the_levels", padded.poke(Word.LEVEL_TABLE, "H", _LEVELS, 0xFFFF).pack()
     yield "mean_at_its_limit", adaptive().poke(Word.MEAN_TABLE, "H", 5, _LEVEL).pack()
     wide = adaptive(code_bits=8)
-    yield "eight_bits_of_own_mean", wide.pack()
-    one = adaptive().header(own_mean=1, code_max=1)
+    yield "eight_bits_of_contrast", wide.pack()
+    one = adaptive().header(code_bits=1)
     one.tables[Word.PLACES_TABLE][:] = bytes(len(one.tables[Word.PLACES_TABLE]))
-    yield "one_bit_of_own_mean", one.pack()
+    yield "one_bit_of_contrast", one.pack()
 
 
 def _cut_means() -> bytes:
@@ -187,34 +184,26 @@ def refused_adaptive() -> Named:
     yield from each(_adaptive_words, "length", 2, 6)
     yield _adaptive_words(restart=_COST + 1)
     yield _adaptive_words(trust=0x171)
-    yield from each(_adaptive_words, "own_mean", 9, 3, 1)
     yield from each(_adaptive_words, "contrast", 2, 0x100)
-    plain = adaptive(code="linear", full_scales=[3, 2])
+    plain = adaptive(code="counts")
     yield "contrast_of_counts", plain.header(contrast=1).pack()
     yield "contrast_of_sequences_of_counts", base().header(contrast=1).pack()
     yield "without_activities", adaptive().header(place_activity_table=0).raw(b"")
-    yield _adaptive_words(own_mean=33, code_max=1)
-    yield _adaptive_words(own_mean=3, code_max=6)
+    yield from each(_adaptive_words, "code_bits", 0, 1, 9, 33)
     yield from each(_adaptive_words, "activity", _ACTIVITY + 1, 0xFFFF_FFFF)
-    two = adaptive().header(codes=2).grow(Word.CODE_TABLE, 2 * 2 * 4)
-    yield "two_tables_of_own_means", two.pack()
     # header words of parts that the design does not have must be zero
     for word in ("restart", "trust", "activity"):
         yield f"sequences_with_{word}", base().header(**{word: 1}).pack()
     for name, table, count, most in (
-        ("level", Word.CODE_TABLE, 4, _LEVEL),
+        ("level", Word.LEVEL_TABLE, _LEVELS, _LEVEL),
         ("mean", Word.MEAN_TABLE, 6, _LEVEL),
     ):
         for which, at in (("first", 0), ("last", count - 1)):
             yield f"{which}_{name}_beyond", adaptive().poke(table, "H", at, most + 1).pack()
-    code = adaptive(code="linear", full_scales=[3, 2]).poke(Word.CODE_TABLE, "B", 7, 4)
-    yield "code_of_a_filter_beyond", code.pack()
     yield "place_of_a_filter_beyond", adaptive().poke(Word.PLACES_TABLE, "B", 0, 4).pack()
-    # the last of 2^16 logarithms
-    last = adaptive().header(count_max=0xFFFF).grow(Word.CODE_TABLE, 1 << 17)
-    yield "level_65_535_beyond", last.poke(Word.CODE_TABLE, "H", 0xFFFF, _LEVEL + 1).pack()
     # tables that begin at the end of the image, so that their entries lie behind it
     for name, table in (
+        ("levels", Word.LEVEL_TABLE),
         ("means", Word.MEAN_TABLE),
         ("activities", Word.PLACE_ACTIVITY_TABLE),
     ):
@@ -225,7 +214,8 @@ def refused_adaptive() -> Named:
         yield f"{name}_behind_the_image", draft.raw(whole[HEADER_WORDS * 4 :])
     yield "activities_end_behind_the_image", _cut_activities()
     yield "means_end_behind_the_image", _cut_means()
-    levels = adaptive().header(count_max=8)
+    levels = adaptive()
+    del levels.tables[Word.LEVEL_TABLE][-ALIGNMENT:]
     yield "levels_reach_the_next_table", levels.pack()
 
 
@@ -253,19 +243,12 @@ def refused_layouts() -> Named:
             yield f"{word.name.lower()}_at_{wrong}", bytes(moved)
     yield "unaligned", _unaligned()
     yield "overlap", _overlapping()
-    yield "table_in_the_header", _in_the_header()
-    # a table in the last words of the header, which are zero: a valid displacement
-    for before in (16, 32, 48):
-        draft = deep_draft(16)
-        body = draft.pack()[header:]
-        last = draft.header(displacement_table=header - before).raw(body)
-        yield f"table_in_the_last_{before}_bytes", last
+    yield "table_on_an_offset", _in_the_header()
+    # the last words of the header are zero: a valid displacement
+    draft = deep_draft(16)
+    body = draft.pack()[header:]
+    yield "table_in_the_header", draft.header(displacement_table=header - 16).raw(body)
     yield "displacement_reaches_the_lookup", deep_draft(16).header(height=9).pack()
-    short = deep_draft(16).header(code_max=255)
-    # the bytes that follow would be valid as the last two entries
-    del short.tables[Word.LOOKUP_TABLE][14 * 8 :]
-    short.tables[Word.CODE_TABLE][:] = b"\xff" * 16
-    yield "lookup_reaches_the_codes", short.pack()
 
 
 def _unaligned() -> bytes:
@@ -274,29 +257,29 @@ def _unaligned() -> bytes:
     whole = draft.pack()
     at = draft.words[Word.PLACES_TABLE]
     end = len(whole) + 16
-    draft.header(places_table=at + 8, mean_table=end, bytes=end)
+    draft.header(places_table=at + 8, level_table=end, mean_table=end, bytes=end)
     draft.header(place_activity_table=end)
     return draft.raw(whole[HEADER_WORDS * 4 : at] + bytes(8) + whole[at:] + bytes(8))
 
 
 def _in_the_header() -> bytes:
-    """Put the displacements on the header's offset of the places, so that its low half is read."""
+    """Put the displacements on the header's offset of the levels, so that its low half is read."""
     draft = deep_draft(1 << 16)
     draft.pack()
-    address = draft.words[Word.PLACES_TABLE] & 0xFFFF
+    address = draft.words[Word.LEVEL_TABLE] & 0xFFFF
     draft.poke(Word.LOOKUP_TABLE, "Q", 0, NOBODY).poke(Word.LOOKUP_TABLE, "Q", address, 0)
     whole = draft.pack()
-    draft.header(displacement_table=Word.PLACES_TABLE * 4)
+    draft.header(displacement_table=Word.LEVEL_TABLE * 4)
     return draft.raw(whole[HEADER_WORDS * 4 :])
 
 
 def _overlapping() -> bytes:
-    """Put the table of code choices on the codes; all bytes are zero, which is valid for both."""
-    draft = base()
-    draft.tables[Word.WHICH_CODE_TABLE][:] = bytes(16)
-    draft.tables[Word.CODE_TABLE][:] = bytes(16)
+    """Put the means on the levels; all bytes are zero, which is valid for both."""
+    draft = adaptive()
+    for table in (Word.LEVEL_TABLE, Word.MEAN_TABLE):
+        draft.tables[table][:] = bytes(len(draft.tables[table]))
     whole = draft.pack()
-    draft.header(which_code_table=draft.words[Word.CODE_TABLE])
+    draft.header(mean_table=draft.words[Word.LEVEL_TABLE])
     return draft.raw(whole[HEADER_WORDS * 4 :])
 
 
@@ -338,8 +321,7 @@ def _accepted_words() -> Named:
     yield "unchanged", base().pack()
     yield _words(width=1 << 15)
     yield _words(height=3)
-    yield _words(count_max=7)  # the further codes are the table's padding
-    yield _words(codes=3)
+    yield _words(code_bits=8)
     yield _words(places=2)
     yield from each(_words, "length", 1, 6)
     yield from each(_words, "exclusion", 0, 0xFFFF)
@@ -353,15 +335,14 @@ def _accepted_words() -> Named:
 
 def _refused_words() -> Named:
     yield _words(magic=0x4952_5057)
-    yield from each(_words, "version", 0, 3, 5)
-    for word in ("width", "height", "pixels", "stride", "count_max", "places", "length"):
+    yield from each(_words, "version", 0, 4, 6)
+    for word in ("width", "height", "pixels", "stride", "places", "length"):
         yield from each(_words, word, 0, 0x1_0000, 0xFFFF_FFFF)
     yield from each(_words, "width", 8, (1 << 15) + 1)
     yield _words(height=2)
     yield from each(_words, "pixels", 5, 7, 16)
     yield _words(stride=8)
     yield "stride_32", base().header(stride=32).grow(Word.PLACES_TABLE, 6 * 32).pack()
-    yield _words(count_max=8)
     yield from each(_words, "places", 1, 7)
     yield _words(length=7)
     yield _words(exclusion=0x1_0000)
@@ -376,9 +357,7 @@ def _refused_words() -> Named:
     # windows by count do not use the width of the clock
     yield _words(timestamp_bits=1, window_kind=1)
     yield _words(timestamp_bits=33, window_kind=1)
-    yield from each(_words, "code_max", 0, 2, 256)
-    yield from each(_words, "codes", 0, 1, 5)
-    yield "codes_17", base().header(codes=17).grow(Word.CODE_TABLE, 17 * 4).pack()
+    yield from each(_words, "code_bits", 0, 1, 9, 32, 34)
     yield from each(_words, "lookup_depth", 0, 1, 3, 8, 15, 0x8000_0000)
     yield "lookup_depth_12_of_one_pixel", deep_draft(12).pack()
     # twelve entries hold all pixels, but are not a power of two
@@ -397,13 +376,9 @@ def _accepted_tables() -> Named:
     yield "seventeen_slots", one_pixel_draft(pixels=17, lookup_depth=32).pack()
     yield "shallowest_lookup", deep_draft(1).pack()
     yield "deepest_lookup", deep_draft(1 << 16).pack()
-    sixteen = base().header(codes=16).grow(Word.CODE_TABLE, 16 * 4)
-    yield "sixteen_code_tables", sixteen.poke(Word.WHICH_CODE_TABLE, "B", 0, 15).pack()
-    yield "largest_counts", base().header(count_max=0xFFFF).grow(Word.CODE_TABLE, 1 << 17).pack()
-    two = base().header(code_max=1, codes=1, count_max=1)
-    for table in (Word.CODE_TABLE, Word.WHICH_CODE_TABLE, Word.PLACES_TABLE):
-        two.tables[table][:] = bytes(len(two.tables[table]))
-    yield "one_bit", two.poke(Word.CODE_TABLE, "B", 1, 1).pack()
+    two = base().header(code_bits=1)
+    two.tables[Word.PLACES_TABLE][:] = bytes(len(two.tables[Word.PLACES_TABLE]))
+    yield "one_bit", two.pack()
 
 
 def _nobody(draft: Draft) -> Draft:
@@ -416,18 +391,9 @@ def _nobody(draft: Draft) -> Draft:
 
 def _beyond_64_kib() -> Named:
     """Yield images that are wrong only where an index has more than 16 bits."""
-    two = base().header(count_max=40_000, codes=2).grow(Word.CODE_TABLE, 80_002)
-    yield "code_beyond_64_kib", two.poke(Word.CODE_TABLE, "B", 70_000, 4).pack()
     cut = deep_draft(1 << 14)
     del cut.tables[Word.LOOKUP_TABLE][64:]
     yield "lookup_of_128_kib_cut", cut.pack()
-    # codes that would be valid, in the first entry of a look-up that ends at 64 KiB and 160 bytes
-    over = deep_draft(1 << 13)
-    body = over.pack()[HEADER_WORDS * 4 :]
-    yield (
-        "codes_in_a_lookup_of_64_kib",
-        over.header(code_table=over.words[Word.LOOKUP_TABLE]).raw(body),
-    )
 
 
 def _refused_tables() -> Named:
@@ -458,14 +424,9 @@ def _refused_tables() -> Named:
     extra = base().poke(displacement, "H", 4, empty)
     struct.pack_into("<II", extra.tables[lookup], 8 * empty, 4 << 16, 3)
     yield "one_pixel_too_many", extra.pack()
-    nothing = base().header(code_max=0)
-    for zeroed in (Word.CODE_TABLE, Word.PLACES_TABLE):
-        nothing.tables[zeroed][:] = bytes(len(nothing.tables[zeroed]))
+    nothing = base().header(code_bits=0)
+    nothing.tables[Word.PLACES_TABLE][:] = bytes(len(nothing.tables[Word.PLACES_TABLE]))
     yield "no_code_but_zero", nothing.pack()
-    yield "code_beyond_the_largest", base().poke(Word.CODE_TABLE, "B", 0, 4).pack()
-    yield "last_code_beyond_the_largest", base().poke(Word.CODE_TABLE, "B", 7, 4).pack()
-    yield "code_table_beyond", base().poke(Word.WHICH_CODE_TABLE, "B", 0, 2).pack()
-    yield "last_code_table_beyond", base().poke(Word.WHICH_CODE_TABLE, "B", 5, 2).pack()
     for name, at in {"first": 0, "last": 5 * 16 + 5}.items():
         yield f"{name}_place_beyond", base().poke(Word.PLACES_TABLE, "B", at, 4).pack()
     for name, at in {"first": 6, "last": 6 * 16 - 1}.items():
@@ -473,13 +434,13 @@ def _refused_tables() -> Named:
 
 
 def _at_products() -> Named:
-    yield "largest_distance", _product(pixels=257, code_max=255, length=1)
-    yield "largest_history", _product(1, 3, 23_170)
+    yield "largest_distance", _product(pixels=257, code_bits=8, length=1)
+    yield "largest_history", _product(1, 2, 23_170)
 
 
 def _beyond_products() -> Named:
-    yield "distance_beyond", _product(pixels=258, code_max=255, length=1)
-    yield "history_beyond", _product(1, 3, 23_171)
+    yield "distance_beyond", _product(pixels=258, code_bits=8, length=1)
+    yield "history_beyond", _product(1, 2, 23_171)
     yield "lookup_too_deep", deep_draft(1 << 17).pack()
     yield (
         "height_beyond",
@@ -488,16 +449,14 @@ def _beyond_products() -> Named:
         .header(height=(1 << 15) + 1)
         .pack(),
     )
-    counts = base().grow(Word.CODE_TABLE, 2 * 0x1_0001).header(count_max=0x1_0000)
-    yield "counts_beyond", counts.pack()
     places = one_pixel_draft().grow(Word.PLACES_TABLE, 16 * 0x1_0000).header(places=0x1_0000)
     yield "places_beyond", places.pack()
 
 
-def _product(pixels: int, code_max: int, length: int) -> bytes:
+def _product(pixels: int, code_bits: int, length: int) -> bytes:
     """Make an image of as many places as the sequence is long, all codes zero."""
     draft = one_pixel_draft(512, pixels=pixels, height=1, lookup_depth=512)
-    draft.header(code_max=code_max, length=length, places=length)
+    draft.header(code_bits=code_bits, length=length, places=length)
     return draft.grow(Word.PLACES_TABLE, length * draft.words[Word.STRIDE]).pack()
 
 

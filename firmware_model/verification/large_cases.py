@@ -22,10 +22,10 @@ def large_cases(design: Design) -> list[Case]:
     design : Design
         With the place filter.
     """
-    by_count = long_window(replace(design, code="log", full_scales=(0,), window="count"))
-    many_pixels = replace(design, code="log", full_scales=(0,), pixels=80, lookup_depth=0)
+    by_count = long_window(replace(design, code="counts", window="count"))
+    many_pixels = replace(design, code="counts", pixels=80, lookup_depth=0)
     evidence = [c for c in evidence_cases(many_pixels) if c.name == "evidence_above_16_bits"]
-    one = Design(width=4, height=4, pixels=1, places=1, length=1, code="linear", code_bits=8)
+    one = Design(width=4, height=4, pixels=1, places=1, length=1, code="counts", code_bits=8)
     # more than 65,536 distances are held, and the RAM is above 64 KiB
     held = replace(one, length=40, places=1_700, exclusion=1)
     # a second best place is searched for behind place 65,536
@@ -33,7 +33,7 @@ def large_cases(design: Design) -> list[Case]:
     # rows of 32,768 bytes
     wide = Design(
         width=1 << 15, height=2, pixels=1 << 15, places=2, length=1,
-        code="linear", code_bits=1, exclusion=0,
+        code="counts", code_bits=1, exclusion=0,
     )  # fmt: skip
     return [
         by_count,
@@ -51,7 +51,7 @@ def _wide_residual(design: Design) -> Case:
     The evidence against the first is 0x10000, before its limit.
     """
     design = replace(
-        design, code="linear", code_bits=8, full_scales=(0,), restart=254, exclusion=1,
+        design, code="counts", code_bits=8, restart=254, exclusion=1,
     )  # fmt: skip
     near = [0] * 65
     far, between = [255] * 64 + [64], [127] * 32 + [128] * 32 + [32]
@@ -86,7 +86,7 @@ def _logarithms(design: Design) -> list[LongWindow]:
     than 23 bits can count. The metric of the only place is the cost of staying there.
     """
     design = replace(
-        design, code="linear", code_bits=1, full_scales=(1,), places=1, exclusion=0,
+        design, code="counts", code_bits=1, places=1, exclusion=0,
     )  # fmt: skip
     # from an empty window on, whose costs are those of the first one
     stream = Stream(design)

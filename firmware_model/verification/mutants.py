@@ -260,7 +260,7 @@ FILES = ("vpr.c", "sad.h", "filter.h", "quotient.h")
 #: of the suite `corners`
 DESIGN = Design(width=64, height=48, pixels=25, places=40, length=4, code_bits=3)
 #: of the suite `filter`
-FILTER = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scales=(0,))
+FILTER = replace(DESIGN, matching="filter", length=1, code="contrast")
 #: seconds of the processor after which a mutant is taken to loop for ever; the firmware takes 0.1
 PATIENCE_S = 3
 

@@ -56,8 +56,8 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def cases() -> dict[str, list[Case]]:
-    """The suites that any design has, and that of the filter and own-mean codes."""
-    adaptive = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scales=(0,))
+    """The suites that any design has, and that of the filter and contrast codes."""
+    adaptive = replace(DESIGN, matching="filter", length=1, code="contrast")
     return standard_suites(DESIGN, seed=0) | {"filter": standard_suites(adaptive, 0)["filter"]}
 
 
@@ -134,8 +134,8 @@ def test_random_designs_on_every_emulated_processor(emulator):
         assert emulated(emulator, case) == told(case), seed
 
 
-def test_random_filters_and_own_means_on_every_emulated_processor(emulator):
-    """60 designs with the place filter, own-mean codes, or both; windows that pause among them."""
+def test_random_filters_and_contrast_codes_on_every_emulated_processor(emulator):
+    """60 designs with the place filter, contrast codes, or both; windows that pause among them."""
     paused = 0
     for seed in range(60):
         rng = np.random.default_rng(seed)
@@ -150,7 +150,7 @@ def test_random_filters_and_own_means_on_every_emulated_processor(emulator):
 
 ODD_DESIGNS = [
     *(random_design(np.random.default_rng(seed)) for seed in range(8)),
-    Design(width=1, height=1, pixels=1, places=1, length=1, code="linear", code_bits=1),
+    Design(width=1, height=1, pixels=1, places=1, length=1, code="counts", code_bits=1),
     Design(width=3, height=1, pixels=3, places=1, length=1, exclusion=0, lanes=1, tau_us=1),
 ]
 
@@ -213,7 +213,7 @@ def test_the_replay_ends_when_its_results_are_full(emulator, cases):
     """A window of a microsecond, and an event half an hour later: 2^31 windows otherwise."""
     memories = cases["corners"][0].memories
     design = replace(memories.design, tau_us=1)
-    short = Memories(design, memories.pixels, memories.places, memories.tables)
+    short = Memories(design, memories.pixels, memories.places)
     case = Case("long", short, (Event((1 << 31) - 1, 0, 0, True),))
     flash, events, size = image(short), case.event_bytes(), ram_bytes(design)
     emulator.release()
@@ -226,7 +226,7 @@ def test_the_replay_ends_when_its_results_are_full(emulator, cases):
 def test_designs_beyond_the_firmware_are_refused():
     """Wide codes and clocks, and sums that would not fit, each named."""
     for changes, message in (
-        ({"code": "linear", "code_bits": 9, "full_scales": (0,)}, "codes up to 511"),
+        ({"code_bits": 9}, "codes up to 511"),
         ({"timestamp_bits": 40}, "timestamps"),
         ({"pixels": 3000, "code_bits": 5}, "a distance up to"),
     ):

@@ -27,7 +27,7 @@ pytestmark = [
     pytest.mark.slow,
 ]
 DESIGN = Design(width=24, height=16, pixels=9, places=20, length=3, code_bits=3, tau_us=1000)
-FILTER = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scales=(0,))
+FILTER = replace(DESIGN, matching="filter", length=1, code="contrast")
 BY_COUNT = replace(DESIGN, window="count")
 CASES = {
     "by_count": window_cases(BY_COUNT, np.random.default_rng(0), 1)[0],
@@ -81,7 +81,7 @@ def replayed(case: Case, folder: Path) -> list[tuple[str, tuple[int, ...]]]:
         "corners/events_by_time", "corners/narrow_clock", "by_count",
         "corners/tie_across_zone", "filter/jumps", "filter/by_activity",
         "filter/half_places", "filter/weights", "filter/contrasts",
-        "filter/own_means", "filter/spread_of_one",
+        "filter/contrasts", "filter/spread_of_one",
     ],
 )  # fmt: skip
 def test_windows_and_matches_are_those_of_the_vectors(name, tmp_path):

@@ -40,7 +40,7 @@ from firmware_model.vectors.random_cases import (
     random_memories,
 )
 from fixedpoint import activity
-from fixedpoint.codes import CounterCode, PixelCodes
+from fixedpoint.codes import CounterCode
 from fixedpoint.own_mean import OwnMeanCode
 
 ROOM = Path(__file__).parents[2] / "firmware_model"
@@ -56,15 +56,11 @@ def pipeline(memories: Memories, events: list[Event], start: int):
     )
     t, x, y, on = zip(*events, strict=True)
     counted = stream.update(make_events(np.array(t) - start, x, y, on))
-    if design.own_mean:
-        code = OwnMeanCode(design.code_bits, design.full_scales[0], design.contrast)
+    if design.contrast:
+        code = OwnMeanCode(design.code_bits, contrast=True)
         codes = encode_running(counted, code, np.array(memories.mean), memories.activity).counts
     else:
-        kind, bits = design.code, design.code_bits
-        codes = PixelCodes(
-            tuple(CounterCode(kind, bits, scale) for scale in design.full_scales),
-            np.array(memories.tables),
-        ).encode(counted.counts)
+        codes = CounterCode("linear", design.code_bits).encode(counted.counts)
     if design.filters:
         return codes, by_filter(memories, codes, counted.selected_events)
     if len(codes) < design.length:
@@ -97,8 +93,8 @@ def by_filter(memories: Memories, codes, events):
     return matches
 
 
-def test_the_filter_and_own_mean_codes_equal_the_pipeline():
-    """Every window and match over 160 designs with the filter, own-mean codes, or both."""
+def test_the_filter_and_contrast_codes_equal_the_pipeline():
+    """Every window and match over 160 designs with the filter, contrast codes, or both."""
     seen = Counter()
     for seed in range(160):
         rng = np.random.default_rng(seed)
@@ -115,7 +111,6 @@ def test_the_filter_and_own_mean_codes_equal_the_pipeline():
         assert all(
             0 <= match.trust <= form["trust"].highest for match in done.matches if design.filters
         )
-        seen["own mean"] += design.own_mean
         seen["filter"] += design.filters
         seen["pauses"] += sum(window.paused for window in done.windows)
         seen["contrast"] += design.contrast
@@ -185,7 +180,7 @@ def test_the_model_does_not_know_the_pipeline():
 
 def small(**changes) -> Design:
     values = {"width": 4, "height": 3, "pixels": 2, "places": 3, "length": 1, "tau_us": 10}
-    values |= {"code": "linear", "code_bits": 8}
+    values |= {"code_bits": 8}
     return Design(**(values | changes))
 
 
@@ -196,13 +191,13 @@ def tables(design: Design) -> Memories:
 
 def test_state_can_be_read_after_every_event():
     """Counts and the end of the window show what the event did, and nothing else."""
-    machine = Machine(tables(small(code_bits=1, full_scales=(2,))))
+    machine = Machine(tables(small(code_bits=1)))
     assert list(machine.take(Event(3, 1, 0, True))) == [EventResult(0, 1, 1)]
     assert machine.counts == [0, 1]
     assert list(machine.take(Event(4, 2, 2, True))) == [EventResult(1, None, 0)]
     list(machine.take(Event(4, 1, 0, False)))
     list(machine.take(Event(4, 1, 0, True)))
-    assert machine.counts == [0, 2]
+    assert machine.counts == [0, 1]  # full
     results = list(machine.take(Event(10, 0, 0, True)))
     assert results[0][:3] == (0, 4, (0, 1))
     assert isinstance(results[1], MatchResult) and results[2] == EventResult(4, 0, 1)
@@ -239,7 +234,7 @@ def test_widths_hold_the_largest_values_and_no_more():
             pixels=150,
             places=860,
             length=10,
-            code="linear",
+            code="counts",
             code_bits=bits,
         )
         formats = formats_of(design)
@@ -256,13 +251,13 @@ def test_memory_sizes_of_a_known_design():
         places=860,
         length=5,
         lanes=8,
-        code="linear",
+        code="counts",
         code_bits=4,
     )
     sizes = cost.memories(design)
     assert sizes["displacement"] == (260, 9) and sizes["lookup"] == (512, 9 + 8)
     assert sizes["pixel_delay"] == (2, 9 + 1)
-    assert sizes["counts"] == (150, 4) and sizes["code"] == (16, 4)
+    assert sizes["counts"] == (150, 4) and "level" not in sizes
     assert sizes["places"] == (860 * 19, 32) and sizes["places"].bits == 522_880
     assert sizes["history"] == (5 * 860, 12) and sizes["delay"] == (4, 14)
     assert sizes["places"].tiles(256, 16) == 64 * 2  # 16,340 words of 32 bits
@@ -295,9 +290,8 @@ def test_a_design_survives_its_file(tmp_path):
     [
         ({"pixels": 0}, "pixels = 0"),
         ({"pixels": 13}, "take fewer"),
-        ({"code": "cube"}, "choose from linear"),
+        ({"code": "cube"}, "choose from counts"),
         ({"code_bits": 17}, "expected 1 to 16"),
-        ({"full_scales": ()}, "0 full scales"),
         ({"length": 4}, "longer map"),
         ({"largest_sum": 9, "matching": "filter"}, "accepts by trust"),
         ({"lookup_depth": 5}, "power of two"),
@@ -309,9 +303,7 @@ def test_a_design_survives_its_file(tmp_path):
         ({"places_per_window": 3, "matching": "filter"}, "expected 1 to 2"),
         ({"restart": 255}, "restart = 255"),
         ({"trust": 1}, "only the place filter"),
-        ({"code": "own-mean", "full_scales": (7, 3)}, "expected 1"),
-        ({"code": "contrast", "full_scales": (7, 3)}, "of contrast codes: expected 1"),
-        ({"code": "own-mean", "code_bits": 9}, "1 to 8"),
+        ({"code": "contrast", "code_bits": 9}, "of contrast codes: expected 1 to 8"),
     ],
 )
 def test_a_design_that_cannot_be_is_refused(changes, message):
@@ -342,11 +334,11 @@ def test_tables_that_do_not_fit_the_design_are_refused():
     ):
         with pytest.raises(DesignError, match=message):
             Memories(design, pixels, places)
-    adaptive = small(matching="filter", code="own-mean", code_bits=3)
+    adaptive = small(matching="filter", code="contrast", code_bits=3)
     for changed, given, message in (
         (adaptive, {"mean": [0]}, "means of 1 counters"),
         (adaptive, {"mean": [0, 2561]}, "from 0 to 2560"),
-        (design, {"mean": [0, 0]}, "and others none"),
+        (design, {"mean": [0, 0]}, "and counts none"),
         (design, {"activity": 1}, "expected 0 to 0"),
         (adaptive, {"activity": 1 << 31}, "activity = 2147483648"),
     ):

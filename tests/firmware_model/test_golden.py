@@ -47,7 +47,7 @@ from firmware_model.vectors.formats import case_header
 from firmware_model.vectors.manifest import FieldPlace
 
 DESIGN = Design(width=24, height=16, pixels=9, places=20, length=3, code_bits=3, lanes=4)
-FILTER = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scales=(0,))
+FILTER = replace(DESIGN, matching="filter", length=1, code="contrast")
 
 
 @pytest.fixture(scope="module")
@@ -106,25 +106,17 @@ def test_a_place_filter_of_fewer_places_than_a_sequence_has_corners(places):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("window", ["time", "count"])
-@pytest.mark.parametrize("code", ["log", "own-mean", "contrast"])
+@pytest.mark.parametrize("code", ["counts", "contrast"])
 def test_the_filter_suite_reaches_every_corner(window, code):
-    """Of a design with the filter, own-mean codes, or both; the other suites stay as they are."""
-    changes = {"code": code, "full_scales": (0,), "window": window, "window_events": 30}
+    """Of a design with the filter, contrast codes, or both; the other suites stay as they are."""
+    changes = {"code": code, "window": window, "window_events": 30}
     design = replace(DESIGN, matching="filter", length=1, **changes)
     suites = standard_suites(design, 0)
     reached = {c for case in suites["filter"] for c, n in coverage(case).items() if n}
     assert reached >= set(FILTER_CORNERS)
     sequences = replace(design, matching="sequence", length=3)
-    assert ("filter" in standard_suites(sequences, 0)) == (code != "log")
+    assert ("filter" in standard_suites(sequences, 0)) == (code == "contrast")
     assert {c for case in suites["corners"] for c, n in coverage(case).items() if n} == set(CORNERS)
-
-
-@pytest.mark.parametrize("full_scale", [1, 3, 15])
-def test_own_mean_designs_of_any_full_scale_have_their_cases(full_scale):
-    design = replace(
-        DESIGN, matching="filter", length=1, code="own-mean", full_scales=(full_scale,)
-    )
-    assert len(filter_cases(design)) > 10
 
 
 def test_the_manifest_names_every_file_and_its_hash(vectors):
@@ -187,7 +179,7 @@ def test_all_forms_of_a_memory_hold_the_same(vectors):
             stem: [int(line, 16) for line in (place / f"{stem}.mem").read_text().split()]
             for stem in case.words
         }
-        for stem in ("displacement", "lookup", "codes", "code_tables", "places"):
+        for stem in ("displacement", "lookup", "places"):
             coe = (place / f"{stem}.coe").read_text().split("vector=")[1]
             assert [int(w.strip(" ;\n"), 16) for w in coe.split(",")] == words[stem]
             mif = (place / f"{stem}.mif").read_text().split("CONTENT BEGIN")[1].split("\n")[1:-2]
@@ -217,7 +209,7 @@ def test_all_forms_of_a_memory_hold_the_same(vectors):
 
 def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path):
     """Margin, trust and least metric as in the matches, the rest by the rules of the page."""
-    design = replace(DESIGN, matching="filter", length=1, code="own-mean", full_scales=(0,))
+    design = replace(DESIGN, matching="filter", length=1, code="contrast")
     names = ("jumps", "weights", "means_and_pauses", "contrasts_and_pauses", "pauses_by_activity")
     chosen = [case for case in filter_cases(design) if case.name in names]
     write_suites(tmp_path / "v", design, {"filter": chosen}, 0)
@@ -232,7 +224,7 @@ def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path):
         assert len(rows["states"]) == len(rows["matches"]) > 5
         reciprocal = place = -1
         for state, match in zip(rows["states"], rows["matches"], strict=True):
-            usual, counted = state["usual"], state["counted"]
+            usual, counted = state["mean_activity"], state["counted"]
             assert state["paused"] == (counted == 0 or 4096 * counted < usual)
             # floor(16 log2(n)) of numbers up to some thousands, which are no powers of 2^(1/16)
             logs = [math.floor(16 * math.log2(1 + n) + 1e-9) for n in (counted, usual >> 8)]
@@ -260,7 +252,7 @@ def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path):
     assert {weight for weight, _, _ in kinds} == set(range(9))
     assert {kind[1:] for kind in kinds} == set(product((0, 1), (False, True)))
     manifest = json.loads((tmp_path / "v" / "manifest.json").read_text(encoding="utf-8"))
-    assert "1/256 event" in manifest["units"]["activity of a case, usual"]
+    assert "1/256 event" in manifest["units"]["activity of a case, mean_activity"]
 
 
 def test_intel_hex_gives_the_image_back(vectors):
@@ -486,7 +478,7 @@ def test_a_suite_that_a_design_has_not_is_refused(tmp_path, capsys):
     DESIGN.save(tmp_path / "design.toml")
     golden = ["golden", "--design", str(tmp_path / "design.toml"), "-o", str(tmp_path / "vectors")]
     for suite, message in (
-        ("filter", "--suite filter: this design has no place filter and no own means"),
+        ("filter", "--suite filter: this design has neither place filter nor contrast codes"),
         ("recording", "--suite recording needs a drive: name one with --recording"),
     ):
         assert main([*golden, "--suite", suite]) == 2
@@ -536,7 +528,7 @@ def test_a_real_drive_makes_vectors_that_are_the_pipelines_matches(tmp_path, sha
     """Events of a camera in a car, at 30 of 1280 x 720 pixels."""
     drive = shared_data / "recordings" / "evt3_gen41_1280x720_driving.raw"
     made = tmp_path / "map.npz"
-    flags = ["--pixels", "30", "--tau", "200us", "-L", "5", "--counter-code", "log"]
+    flags = ["--pixels", "30", "--tau", "200us"]
     assert main(["map", str(drive), "-o", str(made), *flags]) == 0
     golden = ["golden", "--map", str(made), "--recording", str(drive), "--max-windows", "40"]
     golden += ["--suite", "random", "--suite", "recording"]

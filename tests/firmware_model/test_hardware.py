@@ -72,12 +72,11 @@ DESIGN = Design(
     places=20,
     length=3,
     code_bits=3,
-    full_scales=(15,),
     window_events=12,
     lanes=4,
 )
 FILTER = replace(DESIGN, matching="filter", length=1)
-ADAPTIVE = replace(FILTER, code="own-mean")
+ADAPTIVE = replace(FILTER, code="contrast")
 #: what a map has by default
 BY_ACTIVITY = replace(FILTER, code="contrast")
 
@@ -152,7 +151,7 @@ def test_registers_behind_slow_memories_change_no_record(tmp_path, length, lanes
 FILTER_CASES = (
     *("walk", "backwards", "by_one_too_many", "dear_restart", "distrusted"),
     *("one_place_of_a_filter", "pauses", "places_alike"),
-    *("means_and_pauses", "means_from_the_top", "own_means_of_sequences", "usually_more_events"),
+    *("means_and_pauses", "contrasts_from_the_top", "usually_more_events"),
     *("spread_of_one", "means_of_halves", "by_three_places"),
     *("first_busy", "first_pauses", "spread_of_none"),
     *("by_activity", "backwards_by_activity", "pauses_by_activity", "weights"),
@@ -165,7 +164,7 @@ FILTER_CASES = (
 @pytest.mark.slow
 @needs_iverilog
 def test_the_core_returns_the_place_filters_corners_under_stalls_and_a_reset(tmp_path):
-    """Fixed codes and own means, pauses, places at half windows; the command has all cases."""
+    """Counts and contrast codes, pauses, places at half windows; the command has all cases."""
     cases = [
         case for case in standard_suites(FILTER, 3, "filter")["filter"] if case.name in FILTER_CASES
     ]
@@ -184,13 +183,13 @@ def test_the_core_returns_the_place_filters_corners_under_stalls_and_a_reset(tmp
     [
         ("corners", ("tie_of_three", "events_by_time", "all_places_equal")),
         ("filter", ("walk", "backwards", "spread_of_one")),
-        ("filter", ("means_and_pauses", "own_means_of_sequences")),
+        ("filter", ("means_and_pauses", "contrasts_of_sequences")),
         ("filter", ("contrasts", "by_activity")),
         ("random", ("random_0",)),
     ],
 )
 def test_registers_behind_slow_memories_change_no_corner(tmp_path, suite, names):
-    """Sequences, the place filter and own means, under stalls and resets."""
+    """Sequences, the place filter and contrast codes, under stalls and resets."""
     design = random_adaptive_design(np.random.default_rng(36)) if suite == "random" else ADAPTIVE
     cases = [case for case in standard_suites(design, 3, suite)[suite] if case.name in names]
     assert len(cases) == len(names)
@@ -203,7 +202,7 @@ def test_registers_behind_slow_memories_change_no_corner(tmp_path, suite, names)
 @needs_iverilog
 @pytest.mark.parametrize("seed", [31, 32, 33])
 def test_the_core_returns_random_cases_of_random_adaptive_designs(tmp_path, seed):
-    """The place filter, own-mean codes, or both."""
+    """The place filter, contrast codes, or both."""
     design = random_adaptive_design(np.random.default_rng(seed))
     folder = write_vectors(tmp_path / "v", design, seed, "random", slice(1))
     outcome = replay.hold(folder, Conditions(seed=seed, stall=30, resets=2))
@@ -217,7 +216,7 @@ SETTLING = 10 * 32 + 3
 
 def steps_to_a_code(design):
     """Clocks of encoding beyond those of the model."""
-    return 2 * design.own_mean + 3 * design.contrast
+    return 5 * design.contrast
 
 
 def core_cycles(design, slow_blocks=False):
@@ -274,7 +273,6 @@ def test_an_event_is_taken_in_each_clock(tmp_path, slow_blocks):
         replace(DESIGN, lanes=1, places=6),
         replace(DESIGN, lanes=9, length=1, places=9),
         replace(DESIGN, lanes=16, length=4),
-        replace(DESIGN, code="own-mean"),
         replace(DESIGN, code="contrast"),
         replace(FILTER, window="count"),
         replace(ADAPTIVE, window="count", lanes=9, places=9),
@@ -306,11 +304,11 @@ def test_a_match_takes_the_clocks_that_the_documentation_says(tmp_path, design):
 
 def test_a_match_takes_at_most_eight_clocks_more_than_the_model_says():
     """Of maps of usual size: the first place is compared while the descriptor is encoded."""
-    for design in (report.DOCUMENTED, replace(report.DOCUMENTED, matching="filter", length=1)):
-        for code in ("log", "own-mean"):
-            for lanes in (1, 2, 4, 8, 16):
-                coded = replace(design, code=code, full_scales=(0,), lanes=lanes)
-                assert core_cycles(coded) - cost.cycles(coded).match <= 8
+    robot = replace(report.DOCUMENTED, matching="filter", length=1, code="contrast")
+    for design in (report.DOCUMENTED, robot):
+        for lanes in (1, 2, 4, 8, 16):
+            laned = replace(design, lanes=lanes)
+            assert core_cycles(laned) - cost.cycles(laned).match <= 8
 
 
 def returned(folder, case, program, results, **options):
@@ -349,17 +347,17 @@ def test_the_packages_widths_are_those_of_the_model(tmp_path):
         assert found["RESIDUAL_TOP"] == RESIDUAL_TOP == MARGIN_TOP
         assert found["EVENT_TIME_BITS"] == (32 if design.timestamp_bits <= 32 else 64)
         for name, form in formats_of(design).items():
-            if name not in INNER and (name != "entry" or design.own_mean):
+            if name not in INNER:
                 assert found[f"{SAME.get(name, name).upper()}_BITS"] == form.width, name
 
 
 def test_the_package_has_no_constant_that_a_design_leaves_out():
-    """But the logarithm of own means; a name that it does not have is refused."""
+    """A name that it does not have is refused."""
     text = (sources.FOLDER / f"{PACKAGE}.sv").read_text(encoding="ascii")
     first = re.search(r"// The design(.*)// What follows", text, re.S)[1]
     declared = re.findall(r"localparam (?:int|bit|logic \[\d+:0\])\s+(\w+)", first)
     assert declared == list(constants(ADAPTIVE))
-    assert set(declared) - set(constants(DESIGN)) == {"LEVEL_MAX"}
+    assert declared == list(constants(DESIGN))
     with pytest.raises(ToolError, match="no constant WIDHT"):
         package_with({"WIDHT": 3})
 
@@ -462,11 +460,11 @@ def test_vectors_without_sources_are_refused_in_one_line(tmp_path):
 
 KINDS = [
     DESIGN,
-    replace(DESIGN, window="count", full_scales=(7, 3), lanes=5),
+    replace(DESIGN, window="count", lanes=5),
     replace(DESIGN, timestamp_bits=40, length=1, lanes=1),
     replace(ADAPTIVE, trust=100),
     replace(FILTER, window="count", places=1, lanes=9),
-    replace(DESIGN, code="own-mean", code_bits=8),
+    replace(DESIGN, code="contrast", code_bits=8),
     replace(BY_ACTIVITY, restart=16),
     replace(BY_ACTIVITY, places_per_window=2),
     replace(DESIGN, code="contrast"),
@@ -537,7 +535,7 @@ def test_the_sources_are_free_of_lint(tmp_path, design):
 @needs_iverilog
 @pytest.mark.parametrize(
     ("suite", "name"),
-    [("corners", "tie_of_three"), ("filter", "own_means"), ("filter", "contrasts")],
+    [("corners", "tie_of_three"), ("filter", "contrasts")],
 )
 def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
     """Start time, usual events, places and events as bytes in, status and matches out."""
@@ -567,8 +565,8 @@ def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
 @pytest.mark.parametrize(
     ("suite", "name", "design"),
     [
-        ("corners", "tie_of_three", replace(DESIGN, lanes=13, full_scales=(7, 3))),
-        ("filter", "own_means", ADAPTIVE),
+        ("corners", "tie_of_three", replace(DESIGN, lanes=13)),
+        ("filter", "contrasts", ADAPTIVE),
         ("filter", "by_activity", BY_ACTIVITY),
         ("filter", "half_places", BY_ACTIVITY),
         ("random", "random_0", replace(FILTER, timestamp_bits=40, places=5)),
@@ -642,7 +640,7 @@ def test_the_mutants_of_a_source_are_in_one_text_but_for_those_of_its_elaboratio
                 rf"^{number}: |{re.escape('mutation::chosen')} == {number} \?", text, re.M
             )
     assert len(left_out) < 15
-    assert all("begin : g_" in text or "CONTRAST ? 1 <<" in text for text in left_out)
+    assert all("begin : g_" in text or "(1 << (LEVEL_BITS" in text for text in left_out)
 
 
 CHOICES = """\
@@ -729,7 +727,7 @@ def changed(file, old, new):
 @needs_iverilog
 def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
     """By cases of the vectors that the command replays; the case that finds one comes first."""
-    only = ("walk", "spread_of_one", "own_means")
+    only = ("walk", "spread_of_one", "contrasts")
     bench = mutants.Bench(tmp_path, 1, only=only)
     assert bench.found_by(None) is None
     dearer = changed("vpr_prediction.sv", "right < left", "1'b1")
@@ -740,8 +738,8 @@ def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
     ):
         assert bench.found_by(changed(file, old, new)) == "filter/spread_of_one"
     assert bench.cases[0].name == "filter/spread_of_one"
-    lowest = changed("vpr_own_mean.sv", "{CODE_BITS{!below}}", "'1")
-    assert bench.found_by(lowest) == "filter/own_means"
+    lowest = changed("vpr_contrast.sv", "{CODE_BITS{!below}}", "'1")
+    assert bench.found_by(lowest) == "filter/contrasts"
     assert bench.found_by(None) is None
 
 

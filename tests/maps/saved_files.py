@@ -137,7 +137,7 @@ def _write_plain_values(new: Callable[[str, str], Path]) -> None:
         'bytes = 2\nendian = "little"\nx = {shift = 0, bits = 5}\ny = {shift = 5, bits = 5}\n'
     )
     Design(width=40, height=30, pixels=20, places=50).save(new("design", ".toml"))
-    Design(width=40, height=30, pixels=20, places=50, matching="filter", code="own-mean").save(
+    Design(width=40, height=30, pixels=20, places=50, matching="filter", code="contrast").save(
         new("design", ".toml")
     )
     for name in targets.names():

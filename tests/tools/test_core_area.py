@@ -49,14 +49,14 @@ def test_cells_follow_the_table(tmp_path, monkeypatch):
         core_area._fitted.cache_clear()
 
 
-def test_lanes_bits_the_filter_and_own_means_take_cells():
+def test_lanes_bits_the_filter_and_contrast_codes_take_cells():
     """Each of them more than nothing."""
     single = replace(DOCUMENTED, length=1)
     for more in (
         replace(single, lanes=16),
         replace(single, code_bits=6),
         replace(single, matching="filter"),
-        replace(single, code="own-mean", full_scales=(0,)),
+        replace(single, code="contrast"),
         DOCUMENTED,
     ):
         assert core_area.cells(more) > core_area.cells(single)

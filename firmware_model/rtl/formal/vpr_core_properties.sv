@@ -30,7 +30,7 @@ module vpr_core_properties #(
     (* anyseq *) logic [WORD_BITS-1:0] s_place_tdata;
 
     vpr_core #(.SLOW_BLOCKS(SLOW_BLOCKS)) core (
-        .clk_i(clk), .rst_i(rst), .load_i(6'd0), .load_address_i(20'd0), .load_word_i(32'd0),
+        .clk_i(clk), .rst_i(rst), .load_i(5'd0), .load_address_i(20'd0), .load_word_i(32'd0),
         .start_time_i(start_time), .start_activity_i(10'd0),
         .s_place_tvalid(s_place_tvalid), .s_place_tready(s_place_tready),
         .s_place_tdata(s_place_tdata),

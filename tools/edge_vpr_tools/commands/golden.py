@@ -152,6 +152,8 @@ def _suites(
     for name in args.suite:
         made = {name: recorded} if name == "recording" else standard_suites(design, args.seed, name)
         if not made:
-            raise UsageError(f"--suite {name}: this design has no place filter and no own means")
+            raise UsageError(
+                f"--suite {name}: this design has neither place filter nor contrast codes"
+            )
         suites |= made
     return suites

@@ -89,5 +89,4 @@ def _test_memories(design: Design) -> Memories:
     from firmware_model.vectors.case import choose_pixels
 
     places = [[0] * design.slots] * design.places
-    tables = [slot % len(design.full_scales) for slot in range(design.slots)]
-    return Memories(design, choose_pixels(design), places, tables)
+    return Memories(design, choose_pixels(design), places)

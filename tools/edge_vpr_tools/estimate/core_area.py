@@ -23,14 +23,11 @@ from firmware_model.hardware.report import packed_cells
 
 TABLE = Path(__file__).parent / "core_area.csv"
 
-_SEQUENCES = Design(
-    width=346, height=260, pixels=150, places=860, length=5, lanes=8, code="log", code_bits=4
-)
+_SEQUENCES = Design(width=346, height=260, pixels=150, places=860, length=5, lanes=8, code_bits=4)
 _SINGLE = replace(_SEQUENCES, length=1)
 _FILTER = replace(_SINGLE, matching="filter")
-_OWN_MEANS = replace(_SINGLE, code="own-mean", full_scales=(0,))
-_BOTH = replace(_OWN_MEANS, matching="filter")
-_DEFAULT = replace(_BOTH, code="contrast")
+_CONTRAST = replace(_SINGLE, code="contrast")
+_DEFAULT = replace(_CONTRAST, matching="filter")
 #: sizes that vary independently
 FITTED_ON = {
     "sequences, 2 lanes": replace(_SEQUENCES, lanes=2),
@@ -40,8 +37,7 @@ FITTED_ON = {
     "single windows, 8 lanes": _SINGLE,
     "place filter, 4 lanes": replace(_FILTER, lanes=4),
     "place filter, 16 lanes": replace(_FILTER, lanes=16),
-    "single windows, own means, 4 lanes": replace(_OWN_MEANS, lanes=4),
-    "place filter, own means, 8 lanes": _BOTH,
+    "single windows, contrast codes, 4 lanes": replace(_CONTRAST, lanes=4),
     "place filter, contrast codes, 8 lanes": _DEFAULT,
     "place filter at half windows, contrast codes, 8 lanes": replace(_DEFAULT, places_per_window=2),
 }
@@ -50,9 +46,6 @@ CHECKED_ON = {
     "place filter, 8 lanes": _FILTER,
     "sequences, 100 pixels, 400 places, 5 lanes": replace(
         _SEQUENCES, pixels=100, places=400, lanes=5
-    ),
-    "place filter, own means, 60 pixels, 1,500 places, 12 lanes": replace(
-        _BOTH, pixels=60, places=1500, lanes=12
     ),
     "place filter, contrast codes, 60 pixels, 1,500 places, 4 lanes": replace(
         _DEFAULT, pixels=60, places=1500, lanes=4
@@ -104,13 +97,13 @@ def _fitted() -> tuple[float, ...]:
 def _terms(design: Design) -> tuple[int, ...]:
     """Return what each term of the fit counts, in this order.
 
-    The core, bits of a word, the place filter, places at half windows, own means, contrast codes,
-    and sums of several windows.
+    The core, bits of a word, the place filter, places at half windows, contrast codes, and
+    sums of several windows.
     """
     several = not design.filters and design.length > 1
-    word, contrast = design.lanes * design.code_bits, design.code == "contrast"
+    word = design.lanes * design.code_bits
     half = design.places_per_window == 2
-    return 1, word, design.filters, half, design.own_mean, contrast, several
+    return 1, word, design.filters, half, design.contrast, several
 
 
 def measure(designs: Mapping[str, Design]) -> list[Netlist]:

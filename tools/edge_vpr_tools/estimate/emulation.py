@@ -32,7 +32,6 @@ from firmware_model.image import check_limits, stride
 SCALING = Path(__file__).parent / "scaling.csv"
 
 _WINDOW = ("window_call", "window_per_slot")
-_OWN_WINDOW = ("own_mean_call", "own_mean_per_slot")
 _CONTRAST_WINDOW = ("contrast_call", "contrast_per_slot")
 _MATCH = (
     "match_call",
@@ -50,7 +49,7 @@ _FILTER = (
     "filter_per_16_bytes_left_over",
     "filter_per_half_place",
 )
-_WINDOWS = (_WINDOW, _OWN_WINDOW, _CONTRAST_WINDOW)
+_WINDOWS = (_WINDOW, _CONTRAST_WINDOW)
 _GROUPS = (*_WINDOWS, _MATCH, _FILTER)
 
 #: sizes that vary independently, so that each coefficient can be determined
@@ -82,9 +81,8 @@ FITTED_ON = tuple(
 _FILTERS = tuple(
     Design(
         width=64, height=64, pixels=pixels, places=places, code_bits=4, matching="filter",
-        code=code, places_per_window=per_window,
+        code="contrast", places_per_window=per_window,
     )
-    for code in ("own-mean", "contrast")
     for pixels, places, per_window in (
         (16, 20, 1), (150, 20, 1), (40, 60, 1), (64, 90, 1), (100, 30, 1), (208, 24, 1),
         (250, 40, 1), (16, 24, 2), (25, 60, 2), (150, 40, 2), (64, 30, 2), (208, 30, 2),
@@ -154,7 +152,7 @@ def predict(design: Design, core: str) -> Counted:
 
 def _groups(design: Design) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Name the coefficients of the design's windows and matches."""
-    window = _WINDOWS[design.own_mean + design.contrast]
+    window = _WINDOWS[design.contrast]
     if design.filters:
         return window, _FILTER
     return window, _MATCH
@@ -205,7 +203,7 @@ def random_designs(number: int, seed: int) -> list[Design]:
     rng, found = np.random.default_rng(seed), list[Design]()
     while len(found) < number:
         by_filter = rng.random() < 0.7
-        matching: dict[str, Any] = {"code": "linear", "length": int(rng.integers(1, 20))}
+        matching: dict[str, Any] = {"length": int(rng.integers(1, 20))}
         if by_filter:
             matching = {
                 "code": "contrast", "matching": "filter",

@@ -105,21 +105,20 @@ def event_work(design: Design, selected: bool) -> Work:
 def window_work(design: Design) -> Work:
     """Count what the end of a window does: code, and clear, every counter.
 
-    Of own-mean codes the difference to the mean and the mean's own step, and both limits; of
-    contrast codes also the sum of the differences, and each less their mean.
+    Of contrast codes the difference to the mean and the mean's own step, both limits, the sum
+    of the differences, and each less their mean.
     """
-    own = design.slots if design.own_mean else 0
+    contrast = design.slots if design.contrast else 0
     return Work(
-        additions=3 * own + (2 * own if design.contrast else 0),
-        comparisons=2 * own,
+        additions=5 * contrast,
+        comparisons=2 * contrast,
         traffic=_traffic(
             design,
             counts=(design.slots, design.slots),
-            table=(design.slots if len(design.full_scales) > 1 else 0, 0),
-            code=(design.slots, 0),
+            level=(contrast, 0),
             query=(0, design.words),
-            mean=(own, own),
-            deviation=(own, own) if design.contrast else (0, 0),
+            mean=(contrast, contrast),
+            deviation=(contrast, contrast),
         ),
     )
 
@@ -185,10 +184,9 @@ def flash_bytes(design: Design) -> int:
     tables = (
         2 * design.height,
         8 * design.lookup_depth,
-        len(design.full_scales) * (design.count_max + 1) * (2 if design.own_mean else 1),
-        design.slots,
         design.places * stride(design),
-        2 * design.slots if design.own_mean else 0,
+        2 * (design.count_max + 1) if design.contrast else 0,
+        2 * design.slots if design.contrast else 0,
         design.places if design.filters else 0,
     )
     return HEADER_WORDS * 4 + sum(-(-size // ALIGNMENT) * ALIGNMENT for size in tables)

@@ -6,13 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from edge_vpr.descriptors.windows import narrow, place_activity
+from edge_vpr.descriptors.windows import place_activity
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from firmware_model.design import Design, DeviceCode
 from firmware_model.errors import DesignError
 from firmware_model.memories import Memories
-from fixedpoint.codes import CounterCode, PixelCodes
 
 
 def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
@@ -40,7 +39,7 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
             f"the map has {len(reference.jumps)} jumps, which the device has not: make the map "
             "without --jumps"
         )
-    code, bits, full_scales = _code_of(reference)
+    code, bits = _code_of(reference)
     return design_by(
         settings,
         width=reference.pixel_map.sensor.width,
@@ -48,7 +47,6 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         pixels=len(reference.pixel_map),
         code=code,
         code_bits=bits,
-        full_scales=full_scales,
         window_events=1 if settings.events_per_pixel is None else settings.events_per_window,
         places=len(reference),
         length=0 if settings.matching == "filter" else settings.sequence_length,
@@ -80,44 +78,26 @@ def design_by(settings: Settings, **others: Any) -> Design:
 
 def memories_of(reference: ReferenceMap, design: Design) -> Memories:
     """Take the contents of the device's tables from a map."""
-    places, events, tables = reference.places.counts, reference.places.selected_events, None
-    if not design.own_mean:
-        codes = device_codes(reference)
-        tables = codes.row.tolist()
-        if reference.codes is None:
-            places = narrow(codes.encode(places))
-    adaptive = design.own_mean or design.filters
+    places, events = reference.places.counts, reference.places.selected_events
     of_places = place_activity(events, reference.settings.window_parts)
     return Memories(
         design,
         np.stack([reference.pixel_map.x, reference.pixel_map.y], axis=1).tolist(),
-        places.tolist(),
-        tables,
+        np.minimum(places, design.code_max).tolist(),
         mean=None if reference.mean is None else reference.mean.tolist(),
-        activity=reference.mean_activity if adaptive else 0,
+        activity=reference.mean_activity if design.pauses else 0,
         place_activity=of_places.tolist() if design.filters else None,
     )
 
 
-def _code_of(reference: ReferenceMap) -> tuple[DeviceCode, int, tuple[int, ...]]:
-    """Return kind, bits and full scales of the codes."""
-    own = reference.own_mean_code
-    if own is not None:
-        return "contrast" if own.contrast else "own-mean", own.bits, (own.full_scale,)
-    codes = device_codes(reference).codes
-    return codes[0].kind, codes[0].bits, tuple(code.full_scale for code in codes)
-
-
-def device_codes(reference: ReferenceMap) -> PixelCodes:
-    """Return the code tables of a device for a map that has no own-mean codes.
-
-    Where the map holds counts as they are, they saturate at what 8 or 16 bits hold.
-    """
-    if reference.codes is not None:
-        return reference.codes
-    counts = reference.places.counts
-    bits = 8 if counts.max(initial=0) < 1 << 8 else 16
-    return PixelCodes.shared(CounterCode("linear", bits), counts.shape[1])
+def _code_of(reference: ReferenceMap) -> tuple[DeviceCode, int]:
+    """Return kind and bits of the codes; counts as they are saturate at what 8 or 16 bits hold."""
+    settings = reference.settings
+    if settings.matching == "filter":
+        return "contrast", settings.counter_bits
+    if settings.counter_code == "linear":
+        return "counts", settings.counter_bits
+    return "counts", 8 if reference.places.counts.max(initial=0) < 1 << 8 else 16
 
 
 def event_rates(reference: ReferenceMap) -> tuple[float, float] | None:

@@ -1,21 +1,19 @@
-// Code of a count against the running mean of its counter: the count's logarithm (a table, in units
-// of 1/256 octave) less the mean, rounded to octaves, saturated, plus half the range.
+// Running mean of each counter of contrast codes, and the deviation of a count from it: the count's
+// logarithm (a table, in units of 1/256 octave) less the mean.
 //
-// A slot a clock with `step_i`: `count_i` and `slot_i` belong together, `code_o` follows three steps
-// later. So does `deviation_o`, for codes of contrast (CONTRAST): that difference, half an octave
-// for rounding, and 2^ENTRY_BITS, which makes it positive; with `deviates_o`, `deviating_last_o` and
-// `deviating_slot_o`. It stays for one clock alone: no step is missing then. The mean then moves by
+// A slot a clock with `step_i`: `count_i` and `slot_i` belong together, `deviation_o` follows three
+// steps later: that difference, half an octave for rounding, and 2^LEVEL_BITS, which makes it
+// positive; with `deviates_o`, `deviating_last_o` and `deviating_slot_o`. It stays for one clock alone:
+// no step is missing then. The mean then moves by
 // 1/16 of the difference, in the end by 1/256, unless the window pauses (`hold_i`). While
 // `clearing_i`, after reset, the means become those of the file.
-module vpr_own_mean #(
+module vpr_running_mean #(
     localparam int SLOTS      = vpr_pkg::SLOTS,
     localparam int COUNT_MAX  = vpr_pkg::COUNT_MAX,
     localparam int SLOT_BITS  = vpr_pkg::SLOT_BITS,
     localparam int COUNT_BITS = vpr_pkg::COUNT_BITS,
-    localparam int ENTRY_BITS = vpr_pkg::ENTRY_BITS,
+    localparam int LEVEL_BITS = vpr_pkg::LEVEL_BITS,
     localparam int MEAN_BITS  = vpr_pkg::MEAN_BITS,
-    localparam int CODE_BITS  = vpr_pkg::CODE_BITS,
-    localparam bit CONTRAST   = vpr_pkg::CONTRAST,
     parameter  bit LOADABLE   = 0
 ) (
     input  logic                  clk_i,
@@ -30,25 +28,20 @@ module vpr_own_mean #(
     input  logic                  last_i,
     input  logic [SLOT_BITS-1:0]  slot_i,
     input  logic [COUNT_BITS-1:0] count_i,
-    output logic [CODE_BITS-1:0]  code_o,
     output logic                  deviates_o,
     output logic                  deviating_last_o,
     output logic [SLOT_BITS-1:0]  deviating_slot_o,
-    output logic [ENTRY_BITS+1:0] deviation_o
+    output logic [LEVEL_BITS+1:0] deviation_o
 );
-    localparam int LEVEL_BITS  = 8;                       // fraction bits of a logarithm
-    localparam int FRACTION    = MEAN_BITS - ENTRY_BITS;  // further ones of a mean
+    localparam int LEVEL_FRACTION  = 8;                       // fraction bits of a logarithm
+    localparam int FRACTION    = MEAN_BITS - LEVEL_BITS;  // further ones of a mean
     localparam int FIRST_SHIFT = 4;
     localparam int LAST_SHIFT  = 8;
     // Half an octave for the code, and as much as makes the mean, which is taken away, round up
-    localparam int ROUNDING    = (1 << (FRACTION + LEVEL_BITS - 1)) + (1 << (FRACTION - 1)) - 1
-                                 + (CONTRAST ? 1 << (ENTRY_BITS + FRACTION) : 0);
-    localparam int WHOLE_BITS  = MEAN_BITS + 2 - FRACTION - LEVEL_BITS;
-    localparam int OCTAVE_BITS = WHOLE_BITS > CODE_BITS + 1 ? WHOLE_BITS : CODE_BITS + 1;
+    localparam int ROUNDING    = (1 << (FRACTION + LEVEL_FRACTION - 1)) + (1 << (FRACTION - 1)) - 1
+                                 + (1 << (LEVEL_BITS + FRACTION));
 
-    localparam logic [CODE_BITS-1:0] HALF = CODE_BITS'(1 << (CODE_BITS - 1));
-
-    logic [ENTRY_BITS-1:0]       level, first_mean;
+    logic [LEVEL_BITS-1:0]       level, first_mean;
     // as they are subtracted, in memory
     logic [MEAN_BITS-1:0]        total_inverse, moved_inverse_q;
     wire  [MEAN_BITS-1:0]        total = ~total_inverse;
@@ -74,16 +67,11 @@ module vpr_own_mean #(
 
     wire signed [MEAN_BITS+1:0] rounded =
         (MEAN_BITS + 2)'(difference_q) + $signed((MEAN_BITS + 2)'(ROUNDING));
-    logic signed [OCTAVE_BITS-1:0] octaves_q;
-    // in range if the bits from the code's highest on are all as the sign
-    wire   below  = octaves_q[OCTAVE_BITS-1];
-    wire   beyond = octaves_q[OCTAVE_BITS-1:CODE_BITS-1] != {(OCTAVE_BITS - CODE_BITS + 1){below}};
-    assign code_o   = beyond ? {CODE_BITS{!below}} : octaves_q[CODE_BITS-1:0] ^ HALF;
 
     assign deviating_slot_o = moved_slot_q;
 
     vpr_rom #(
-        .DEPTH(COUNT_MAX + 1), .BITS(ENTRY_BITS), .ADDRESS_BITS(COUNT_BITS), .FILE("codes.mem"),
+        .DEPTH(COUNT_MAX + 1), .BITS(LEVEL_BITS), .ADDRESS_BITS(COUNT_BITS), .FILE("levels.mem"),
         .LOADABLE(LOADABLE)
     ) levels (
         .clk_i(clk_i), .enable_i(step_i), .address_i(count_i), .word_o(level),
@@ -91,7 +79,7 @@ module vpr_own_mean #(
     );
 
     vpr_rom #(
-        .DEPTH(SLOTS), .BITS(ENTRY_BITS), .ADDRESS_BITS(SLOT_BITS), .FILE("means.mem"),
+        .DEPTH(SLOTS), .BITS(LEVEL_BITS), .ADDRESS_BITS(SLOT_BITS), .FILE("means.mem"),
         .LOADABLE(LOADABLE)
     ) first_means (
         .clk_i(clk_i), .enable_i(step_i), .address_i(slot_i), .word_o(first_mean),
@@ -118,8 +106,7 @@ module vpr_own_mean #(
             held_slot_q     <= read_slot_q;
             held_total_q    <= read_clearing_q ? {first_mean, {FRACTION{1'b0}}} : total;
             difference_q    <= read_clearing_q ? '0 : (MEAN_BITS + 1)'(above >> 1);
-            octaves_q       <= OCTAVE_BITS'($signed(rounded[MEAN_BITS+1-:WHOLE_BITS]));
-            deviation_o     <= rounded[MEAN_BITS+1-:ENTRY_BITS+2];
+            deviation_o     <= rounded[MEAN_BITS+1-:LEVEL_BITS+2];
             if (held_last_q && !held_clearing_q && !hold_i && !seen_q[LAST_SHIFT]) seen_q <= seen_q + 1'b1;
         end
         moved_valid_q <= held_valid_q && (held_clearing_q || !hold_i);
