@@ -405,8 +405,9 @@ static void contrast_codes(const vpr_design_t *d, vpr_state_t *s)
     const uint32_t half = (((code_max + 1U) / 2U) << LEVEL_BITS) + LEVEL_HALF + LEVEL_MAX;
     const uint32_t of_window = window_mean(d, s);
     const uint32_t shift = s->mean_shift;
+    const uint16_t *const levels = d->level;
     for (uint32_t i = 0U; i < d->slots; i++) {
-        const uint32_t level = d->level[s->counts[i]];
+        const uint32_t level = levels[s->counts[i]];
         const uint32_t mean = rounded_mean(s, i) + of_window;
         const uint32_t above = level + half;
         const uint32_t octaves = ((above > mean) ? (above - mean) : 0U) >> LEVEL_BITS;

@@ -326,7 +326,7 @@ def test_a_route_has_as_many_places_as_its_map_would(drive, tmp_path):  # noqa: 
         reference.settings,
         matching="filter",
         places_per_window=2,
-        counter_code="counts",
+        counter_code="log",
         counter_scaling="contrast",
         pixel_map=reference.pixel_map,
     )
