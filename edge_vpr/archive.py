@@ -12,8 +12,8 @@ import math
 import os
 import warnings
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -81,6 +81,7 @@ def write_archive(
     meta: Mapping[str, Any],
     *,
     overwrite: bool = True,
+    others: Iterable[str | Path] = (),
 ) -> None:
     """Write arrays and plain values as one compressed ``.npz``, atomically.
 
@@ -96,6 +97,10 @@ def write_archive(
         Values that JSON can hold.
     overwrite : bool
         Replace a file that exists.
+    others : iterable of path
+        Files that were read: of the first with the same contents, a hard link is made instead, as
+        compressing takes long. Archives are only ever replaced whole, so that no change of one
+        reaches the other.
 
     Raises
     ------
@@ -104,9 +109,24 @@ def write_archive(
     """
     path = as_path(path, f"a {kind}")
     meta = {"kind": kind, "version": SCHEMA_VERSION, **meta}
-    header = json.dumps({**meta, "checksum": _checksum(meta, arrays)})
-    with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **{_HEADER: np.array(header)}, **arrays)
+    checksum = _checksum(meta, arrays)
+    header = json.dumps({**meta, "checksum": checksum})
+    with replacing(path, overwrite) as temporary:
+        for other in others:
+            if _header_of(other).get("checksum") == checksum and _link(other, temporary):
+                return
+        with temporary.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **{_HEADER: np.array(header)}, **arrays)
+
+
+def _link(other: str | Path, path: Path) -> bool:
+    """Replace a file by a hard link to another; return False where the file system has none."""
+    path.unlink()
+    with suppress(OSError):
+        os.link(other, path)
+        return True
+    path.touch()
+    return False
 
 
 def _checksum(meta: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> str:
@@ -121,17 +141,23 @@ def _checksum(meta: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -
 
 def archive_kind(path: str | Path) -> str | None:
     """Return the kind of a file that `write_archive` wrote, or None for any other file."""
+    kind = _header_of(path).get("kind")
+    return None if kind is None else printable(kind, 40)
+
+
+def _header_of(path: str | Path) -> dict[str, Any]:
+    """Return the header of an archive without its arrays; of any other file an empty one."""
     try:
         with open_input(path) as file, zipfile.ZipFile(file) as archive:
             member = archive.getinfo(f"{_HEADER}.npy")
             if member.file_size > _LONGEST_HEADER:
-                return None
+                return {}
             with archive.open(member) as stream:
                 header = _read_array(stream, _HEADER, member.file_size)
-        return printable(dict(json.loads(str(header)))["kind"], 40)
+        return dict(json.loads(str(header)))
     # as in `archive_errors`: a file that is not ours may raise any kind of error
     except Exception:
-        return None
+        return {}
 
 
 def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import filecmp
 import json
 import math
 import os
@@ -120,20 +119,6 @@ def replacing_folder(path: str | Path, overwrite: bool = True) -> Iterator[Path]
         else:
             _name_new_folder(new, target)
         _sync(target.parent)
-
-
-def link_if_same(path: Path, others: Iterable[str | Path]) -> None:
-    """Replace a file by a hard link to the first other file with the same bytes, if there is one.
-
-    Files are only ever replaced whole (`replacing`), so that no change of one reaches the other. A
-    file system that does not link keeps the copy.
-    """
-    for other in others:
-        if Path(other).is_file() and filecmp.cmp(other, path, shallow=False):
-            with suppress(OSError), work_folder(path) as work:
-                os.link(other, work / path.name)
-                (work / path.name).replace(path)
-            return
 
 
 def check_output(output: str | Path, inputs: Iterable[str | Path | None]) -> None:

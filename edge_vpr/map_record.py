@@ -7,6 +7,7 @@ record; `ReferenceMap` adds matching to it.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from pathlib import Path
@@ -368,7 +369,9 @@ class MapRecord(EqualByValue):
         """Packed size of all places that begin in a window, in bytes."""
         return self.packed_bytes_per_place * self.settings.window_parts
 
-    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+    def save(
+        self, path: str | Path, *, overwrite: bool = False, others: Iterable[str | Path] = ()
+    ) -> None:
         """Write as ``.npz``, atomically; `load` gives an equal map back.
 
         Parameters
@@ -377,6 +380,8 @@ class MapRecord(EqualByValue):
             The file to write.
         overwrite : bool
             Replace a file that exists.
+        others : iterable of path
+            Files that were read: one that holds this map is linked instead.
 
         Raises
         ------
@@ -405,7 +410,7 @@ class MapRecord(EqualByValue):
             meta["frame_period"] = str(self.frame_period)
         if self.start_us:
             meta["start_us"] = self.start_us
-        write_archive(path, KIND, arrays, meta, overwrite=overwrite)
+        write_archive(path, KIND, arrays, meta, overwrite=overwrite, others=others)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:

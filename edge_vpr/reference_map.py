@@ -33,7 +33,6 @@ from edge_vpr.evaluation.tables import load_jumps, load_odometry
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track, with_positions
 from edge_vpr.events import TIME_LIMIT_US
-from edge_vpr.files import link_if_same
 from edge_vpr.learning import MapUpdate, learn_drive
 from edge_vpr.map_record import KIND, MapRecord, check_matchable, describe_query, map_traverse
 from edge_vpr.matching.drive import match_query
@@ -662,10 +661,9 @@ class MatchResult:
         inputs : sequence of path
             Files that were read, for `run.json`.
         """
-        write_matched(folder, self.reference, self.matches, self.queries)
+        write_matched(folder, self.reference, self.matches, self.queries, inputs)
         if self.windows is not None:
             write_queries(folder / WINDOWS, self.windows)
-        link_if_same(folder / MAP, inputs)
         left_out = removed_record(self.removed, int(self.reference.hot.sum()))
         settings = self.matches.settings.to_dict()
         write_json(folder / RUN, run_record(settings, inputs, left_out, self.start_us))
@@ -696,10 +694,14 @@ class MatchResult:
 
 
 def write_matched(
-    folder: Path, reference: MapRecord, matches: Matches, queries: Descriptors | None = None
+    folder: Path,
+    reference: MapRecord,
+    matches: Matches,
+    queries: Descriptors | None = None,
+    inputs: Sequence[str | Path] = (),
 ) -> None:
-    """Write map, matches and queries into a folder of results."""
-    reference.save(folder / MAP)
+    """Write map, matches and queries into a folder of results; link a map that was read."""
+    reference.save(folder / MAP, others=inputs)
     matches.save(folder / MATCHES)
     write_csv(folder / MATCHES_CSV, matches, reference.route)
     if queries is not None:
