@@ -323,14 +323,12 @@ def from_tracks(
     reference_us = _window_coordinates(reference_times_us, "reference")
     query_us = _window_coordinates(query_times_us, "query")
     notes = list(doubts.notes(reference, query, reference_us, query_us, tolerance_m))
-    if reference_events is not None:
-        reference, frozen = doubts.without_frozen(reference, reference_us, reference_events)
-        notes += [f"the reference log {note}" for note in frozen]
-    if query_events is not None:
-        query, frozen = doubts.without_frozen(query, query_us, query_events)
-        notes += [f"the query log {note}" for note in frozen]
-    places = _positions(reference, reference_us, "reference", remedy)
-    queries = _positions(query, query_us, "query", remedy)
+    reference, places, frozen = _placed(
+        reference, reference_us, reference_events, "reference", remedy
+    )
+    notes += frozen
+    query, queries, frozen = _placed(query, query_us, query_events, "query", remedy)
+    notes += frozen
     correct = within(places, queries, partial(distances, reference.kind), tolerance_m)
     known, placed = (~np.isnan(positions[:, 0]) for positions in (queries, places))
     alone = np.flatnonzero(known & ~correct.any(axis=0))
@@ -368,16 +366,28 @@ def from_tracks(
     return truth
 
 
-def _positions(track: Track, times_us: Floats, which: str, remedy: str) -> Floats:
+def _placed(
+    track: Track,
+    times_us: Floats,
+    events: npt.NDArray[np.integer] | None,
+    which: str,
+    remedy: str,
+) -> tuple[Track, Floats, list[str]]:
+    """Return a track without frozen positions, the positions of windows, and notes."""
+    frozen: tuple[str, ...] = ()
+    if events is not None:
+        track, frozen = doubts.without_frozen(track, times_us, events)
+    notes = [f"the {which} log {note}" for note in frozen]
     positions = track.at(times_us)
     if np.isnan(positions[:, 0]).all():
+        remedy = remedy or "check its clock, and give --longest-gap if its points are few"
         raise GroundTruthError(
-            f"the {which} track covers {track.time_us[0] / 1e6:g} to {track.time_us[-1] / 1e6:g} s "
-            f"in {track.time_us.size} points and no window of {times_us.min() / 1e6:g} to "
-            f"{times_us.max() / 1e6:g} s: "
-            + (remedy or "check its clock, and give --longest-gap if its points are few")
+            "; ".join(notes)
+            or f"the {which} track covers {track.time_us[0] / 1e6:g} to "
+            f"{track.time_us[-1] / 1e6:g} s in {track.time_us.size} points and no window of "
+            f"{times_us.min() / 1e6:g} to {times_us.max() / 1e6:g} s: {remedy}"
         )
-    return positions
+    return track, positions, notes
 
 
 def _form(track: Track) -> str:

@@ -465,7 +465,7 @@ def test_a_meters_trace_is_aligned_by_its_steps(tmp_path):
     assert align(windows, when, read) == pytest.approx(123.4, abs=0.15)
     for text, says in (
         ("a,b\n1,2\n2,3\n", "expected time_s"),
-        ("time,power\n2,1\n1,1\n", "does not increase"),
+        ("time,power\n2,1\n1,1\n", "sample 2: its time is before"),
         ("time,power\n1,x\n2,1\n", "cannot read"),
         ("time,power\n1,1\n", "two samples"),
         ("Date;Watts\nyesterday;2.5\ntoday;2.5\n", "sample 1, 'yesterday,2.5'"),
@@ -624,6 +624,21 @@ def test_a_clock_is_the_time_beside_a_number_of_samples(header, tmp_path):
     assert when == pytest.approx([0, 0.1, 0.2], abs=1e-6) and watts == pytest.approx([1.0] * 3)
 
 
+@pytest.mark.parametrize("cell", ["1e308", "-1e308", "1e200", "nan", "inf"])
+@pytest.mark.parametrize("column", [0, 1, 2])
+def test_a_number_that_no_meter_writes_is_refused_by_its_row(column, cell, tmp_path):
+    """Without a warning of NumPy about an overflow, in whichever unit."""
+    path = tmp_path / "meter.csv"
+    rows = [["0", "5000", "200"], ["1000", "5000", "200"]]
+    rows[1][column] = cell
+    path.write_text("time_h,power_kw\n0,1\n1e308,1e308\n")
+    with pytest.raises(UsageError, match="sample 2: a cell is no number, or too large"):
+        read_csv(path)
+    path.write_text("time_ms,voltage_mv,current_ma\n" + "".join(",".join(r) + "\n" for r in rows))
+    with pytest.raises(UsageError, match="sample 2: "):
+        read_csv(path)
+
+
 def test_reversed_leads_are_asked_about(tmp_path):
     """However small the power is, and of the voltage too."""
     path = tmp_path / "meter.csv"
@@ -690,7 +705,7 @@ def test_a_trace_of_any_length_takes_the_same_memory(tmp_path, monkeypatch):
     assert np.mean(np.abs(watts - exact) > 0.01) < 0.01  # but at the steps
     assert watts.mean() == pytest.approx(ua.mean() * 5e-6, rel=1e-3)
     path.write_text(path.read_text() + "0.00,1,0\n")
-    with pytest.raises(UsageError, match="time does not increase"):
+    with pytest.raises(UsageError, match="its time is before"):
         read_csv(path, 5.0)
     path.write_text("time,power\n" + "1" * 200_000)
     with pytest.raises(UsageError, match="a line has no end"):
@@ -1035,6 +1050,13 @@ def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
     assert energy["resolved"]
     assert energy["marginal_j_per_match"] == pytest.approx(JOULES, rel=0.1)
     assert (tmp_path / "report.html").stat().st_size > 10_000
+    assert "negative" not in energy["sensor"]["detail"]
+    # one negative reading, as of a disturbed meter
+    (other := tmp_path / "other.csv").write_text(f"time_s,current_ma\n{rows}{time_s[-1] + 1},-5\n")
+    assert main(["profile", "trace", str(path), str(other), "--voltage", "5"]) == 0
+    assert f"1 of {time_s.size + 1:,} readings are negative" in " ".join(
+        capsys.readouterr().out.split()
+    )
     # the same turns at another voltage, without measuring again
     assert main(["profile", "trace", str(path), str(meter), "--voltage", "4"]) == 0
     assert "'time_s', 'current_ma' and 4 V as given" in " ".join(capsys.readouterr().out.split())

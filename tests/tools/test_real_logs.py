@@ -216,6 +216,16 @@ def test_a_receiver_that_froze_proves_nothing(drives, judge, suffix):
     assert "100% of all pairs of place and query count as the same place" in said
 
 
+@pytest.mark.parametrize(("which", "name"), [(0, "reference"), (1, "query")])
+def test_a_frozen_log_that_ends_before_its_drive_is_refused_by_its_cause(
+    drives, judge, which, name
+):
+    logs = [list(rows) for rows in drives[1]]
+    logs[which] = [(t, 5.0) for t, _ in logs[which][:-5]]
+    with pytest.raises(EdgeVprError, match=f"the {name} log repeats one position from 0 to .*froz"):
+        judge([nmea(rows) for rows in logs], "nmea")
+
+
 def test_a_tolerance_beyond_the_route_proves_nothing(drives, judge):
     _, _, said = judge([table(rows) for rows in drives[1]], "csv", tolerance=500.0)
     assert "less than the tolerance of 500 m" in said

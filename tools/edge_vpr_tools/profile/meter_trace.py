@@ -42,6 +42,8 @@ _MOST_PREFACE = 50
 _UNIX = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
 #: characters that are read at a time, and samples of a trace that are kept
 _BLOCK_CHARS, MOST_SAMPLES = 1 << 22, 1 << 20
+#: seconds or watts that no meter writes, far below what sums of them may reach
+_TOO_LARGE = 1e100
 _DAY = re.compile(r"\d[-/]\d|\d\.\d+\.\d")
 _GERMAN_DAY = re.compile(r"^(\d{1,2})\.(\d{1,2})\.(\d{4})")
 
@@ -393,15 +395,16 @@ class MeterFile:
         if "date" in cells:
             clock = [f"{day} {time}" for day, time in zip(cells.pop("date"), clock, strict=True)]
         when = self._times(rows, clock)
-        found = {
-            name: self._numbers(rows, texts) * (self._columns[name].factor or 1.0)
-            for name, texts in cells.items()
-        }
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite ones are refused
+            found = {
+                name: self._numbers(rows, texts) * (self._columns[name].factor or 1.0)
+                for name, texts in cells.items()
+            }
+            watts = found.get("power")
+            if watts is None:
+                volts = found["voltage"] if self._voltage is None else self._voltage
+                watts = found["current"] * volts
         self._before += len(rows)
-        watts = found.get("power")
-        if watts is None:
-            volts = found["voltage"] if self._voltage is None else self._voltage
-            watts = found["current"] * volts
         return when, watts
 
     def _bad_row(self, number: int, row: Sequence[str]) -> UsageError:
@@ -432,7 +435,8 @@ class MeterFile:
                 if not column.unit:
                     self._factor = next((by for least, by in _UNIX if first > least), 1.0)
         if self._factor is not None:
-            return self._numbers(rows, cells) * self._factor
+            with np.errstate(over="ignore"):
+                return self._numbers(rows, cells) * self._factor
         values = np.empty(len(cells))
         for number, cell in enumerate(cells):
             try:
@@ -494,13 +498,16 @@ class _Samples:
         Raises
         ------
         UsageError
-            If time decreases, or a value is not finite.
+            If time decreases, or a value is not finite or too large.
         """
         rows = np.stack([when, watts])
-        if not np.isfinite(rows).all() or (np.diff(when, prepend=self._last_s) < 0).any():
-            raise UsageError(
-                f"{self._path}: time does not increase from row to row, or a cell is no number"
-            )
+        for is_bad, what in (
+            (~(np.abs(rows) < _TOO_LARGE).all(axis=0), "a cell is no number, or too large"),
+            (np.diff(when, prepend=self._last_s) < 0, "its time is before that of the row above"),
+        ):
+            if is_bad.any():
+                number = self.read + int(is_bad.argmax()) + 1
+                raise UsageError(f"{self._path}, sample {number}: {what}: leave out such rows")
         self.read += when.size
         self._last_s = when[-1] if when.size else self._last_s
         self._mean_of(np.concatenate([self._rest, rows], axis=1))

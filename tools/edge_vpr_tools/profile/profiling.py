@@ -254,13 +254,15 @@ def with_meter(
     table = MeterFile(meter, voltage, columns)
     time_s, watts = table.read()
     ahead = align(windows, time_s, watts)
+    negative = int(np.count_nonzero(watts < 0))
+    doubt = f"; {negative:,} of {watts.size:,} readings are negative" if negative else ""
     about = About(
         name=meter.name,
         kind="power",
         scope="what the external meter feeds",
         period_s=float(np.median(np.diff(time_s))),
         detail=f"from {table}; its clock is {ahead:.3f} s ahead, by its steps; its gain error is "
-        "not known",
+        f"not known{doubt}",
     )
     energy = analyse(Trace.of_power(time_s - ahead, watts), windows, about)
     energy = replace(energy, quick=found.quick)
