@@ -109,9 +109,23 @@ def test_it_says_when_the_place_the_camera_or_the_run_is_lost(browser, server):
 
 
 def test_it_says_when_the_connection_is_lost(browser):
+    """What it showed of the run is then not shown as if it were of now."""
     with MatchServer("0") as server:
         show(browser, server)
+        browser.wait_for("document.getElementById('where').textContent == 'no rows yet'")
+        send(server, ROUTE, HEALTH, match(10))
+        browser.wait_for("document.getElementById('rate').textContent == '81,235'")
     browser.wait_for("document.getElementById('where').textContent == 'not connected'")
+    assert (text(browser, "chance"), text(browser, "rate")) == ("–", "–")
+    assert browser.value("document.querySelector('.robot').classList.contains('old')")
+
+
+def test_a_single_lost_match_is_seen_in_the_chart(browser, server):
+    show(browser, server)
+    send(server, ROUTE, match(10), match(11, lost=True))
+    browser.wait_for("document.querySelector('#chances .lost')")
+    ends = "getComputedStyle(document.querySelector('#chances .lost')).strokeLinecap"
+    assert browser.value(ends) == "round"  # a line without length has no other
 
 
 @pytest.mark.parametrize(
