@@ -116,7 +116,7 @@ def test_it_says_when_the_connection_is_lost(browser):
         send(server, ROUTE, HEALTH, match(10))
         browser.wait_for("document.getElementById('rate').textContent == '81,235'")
     browser.wait_for("document.getElementById('where').textContent == 'not connected'")
-    assert (text(browser, "chance"), text(browser, "rate")) == ("–", "–")
+    assert (text(browser, "chance"), text(browser, "rate")) == ("\u2013", "\u2013")
     assert browser.value("document.querySelector('.robot').classList.contains('old')")
 
 
