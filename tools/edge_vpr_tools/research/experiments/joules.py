@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from edge_vpr_tools.estimate.model import Mission
 from edge_vpr_tools.estimate.search import Limits, on_target
 from edge_vpr_tools.estimate.targets import find, names
-from edge_vpr_tools.report.style import CYCLE, panels
+from edge_vpr_tools.report.style import BLACK, CYCLE, GREY, figure
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
 from firmware_model.design import Design
@@ -82,29 +82,34 @@ def measure(draw: Draw) -> Iterator[Row]:
 
 
 def draw(rows: Rows) -> Figure:
-    """Draw modelled designs by the rate of events, and measured figures as levels."""
-    with panels(1, 1, 8.0, 4.5) as (drawing, ((axes,),)):
-        curves: dict[str, list[Row]] = {}
-        for row in rows:
-            curves.setdefault(f"{row['system']}, {row['device']}, {row['includes']}", []).append(
-                row
+    """Draw the default design on each target by the rate of events, and LENS on the Speck.
+
+    Its authors did not publish its rate of events: it is a level.
+    """
+    shown = [row for row in rows if row["system"] == f"place filter, {PIXELS[0]} pixels"]
+    with figure(7.5, 4.2) as (drawing, axes):
+        for color, device in zip(
+            CYCLE, dict.fromkeys(row["device"] for row in shown), strict=False
+        ):
+            of = [row for row in shown if row["device"] == device]
+            at, low, central, high = (
+                [float(row[name]) for row in of]
+                for name in ("events/s", "low", "matches per joule", "high")
             )
-        for number, (name, of) in enumerate(curves.items()):
-            color, values = CYCLE[number % len(CYCLE)], [float(r["matches per joule"]) for r in of]
-            if of[0]["basis"] == "modelled":
-                at = [float(row["events/s"]) for row in of]
-                axes.plot(at, values, "o-", color=color, label=f"{name}, modelled")
-                axes.fill_between(
-                    at, *([float(row[end]) for row in of] for end in ("low", "high")),
-                    color=color, alpha=0.15, lw=0,
+            axes.plot(at, central, "o-", color=color, label=f"{device}, modelled")
+            axes.fill_between(at, low, high, color=color, alpha=0.15, lw=0)
+        for row in rows:
+            if (row["system"], row["device"]) == ("LENS", "Speck"):
+                axes.axhspan(float(row["low"]), float(row["high"]), color=GREY, alpha=0.3, lw=0)
+                axes.axhline(
+                    float(row["matches per joule"]), color=BLACK, ls="--",
+                    label="LENS on the Speck, measured with\nthe sensor, at its own rate",
                 )  # fmt: skip
-            else:
-                axes.axhline(values[0], color=color, ls="--", label=f"{name}, measured")
         axes.set(
             xscale="log", yscale="log", xlabel="events per second of the whole sensor",
             ylabel="matches per joule",
         )  # fmt: skip
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=7)
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=9)
     return drawing
 
 
