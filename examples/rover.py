@@ -4,6 +4,7 @@ The map has positions (edge-vpr map --track or --odometry). `drive` is where the
 """
 
 import sys
+import time
 from collections.abc import Callable
 
 from edge_vpr import LiveSession
@@ -11,25 +12,37 @@ from edge_vpr import LiveSession
 FAST, SLOW, STOP = 1.0, 0.2, 0.0  # m/s
 SURE, MOST_MISSING = 0.9, 0.25  # probability, and share of the events lost, of a match to rely on
 REACH_M = 10.0  # from there on
+MOST_AGE_S = 1.0  # of a match to drive on
+BLIND_M = 30.0  # driven at most between two matches to rely on
 
 
 def follow(port: str, protocol: str, map_path: str, goal_m: float, drive: Callable) -> float | None:
-    """Return the metre at which the goal was reached, or None if the line ends before."""
+    """Return the metre at which the goal was reached, or None if the line ends before.
+
+    The program ends if the robot drives too far without knowing where it is.
+    """
     route = {"protocol": protocol, "reference": map_path, "heartbeat": "500ms"}
     path, until_m = None, 0.0  # of the last match to rely on: its path, and how far to trust it
+    speed, since_s, blind_m = STOP, time.monotonic(), 0.0  # blind_m: driven since that match
     try:
         with LiveSession(port, **route, reconnect=False) as session:
             if session.reference.along_mm is None:
                 sys.exit(f"{map_path} has no positions: make it with edge-vpr map --track")
             for match in session:
-                if match.place < 0:  # a heartbeat: the camera is silent, and nothing is seen
-                    drive(STOP)
-                    continue
+                now_s = time.monotonic()
+                blind_m, since_s = blind_m + speed * (now_s - since_s), now_s
                 confident = match.probability >= SURE and match.missing <= MOST_MISSING
-                confident = confident and not match.lost  # which a match that comes late is
+                # a heartbeat has no place: the camera is silent, and nothing is seen
+                late = match.age_s > MOST_AGE_S  # an age that is not known is NaN
+                seen = match.place >= 0 and not late
+                confident = confident and seen and not match.lost
                 if confident:
                     path, until_m = match.jumps, (match.along_m or 0.0) + REACH_M
-                drive(FAST if confident else SLOW)
+                    blind_m = 0.0
+                if blind_m > BLIND_M:
+                    sys.exit(f"no match to rely on for {blind_m:.0f} m: this may not be the route")
+                speed = FAST if confident else SLOW if seen else STOP
+                drive(speed)
                 # from a match to rely on, the position moves with the path until it jumps
                 on_path = match.jumps == path and match.along_m is not None
                 if on_path and goal_m <= match.along_m <= until_m:

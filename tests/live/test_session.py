@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pty
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -52,6 +54,7 @@ def street(tmp_path_factory):
 
 #: The rover's program, which says each new speed and when it has stopped.
 ROVER = """
+import json
 import sys
 sys.path.insert(0, sys.argv[1])
 import rover
@@ -60,6 +63,7 @@ def drive(speed):
     if speeds[-1:] != [speed]:
         print(speed, flush=True)
     speeds.append(speed)
+vars(rover).update(json.loads(sys.argv[5]))
 print("reached", rover.follow(sys.argv[2], "evpr", sys.argv[3], float(sys.argv[4]), drive))
 """
 
@@ -67,13 +71,14 @@ print("reached", rover.follow(sys.argv[2], "evpr", sys.argv[3], float(sys.argv[4
 class Rover:
     """`examples/rover.py` on a pseudo-terminal, and a camera that plays events to it."""
 
-    def __init__(self, map_path, events, goal_m, speed, faults="", **environment):
+    def __init__(self, map_path, events, goal_m, speed, faults="", limits=None, **environment):
         self.events, self.link = events, open_device_link("virtual")
         self.bridge = Bridge(
             self.link, open_encoder("evpr", Sensor(128, 128)), speed=speed,
             faults=LineFaults.parse(faults) if faults else None,
         )  # fmt: skip
         words = [str(ROOT / "examples"), self.link.address, str(map_path), str(goal_m)]
+        words.append(json.dumps(limits or {}))
         environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}", **environment}
         self.run = subprocess.Popen(
             [sys.executable, "-c", ROVER, *words], env=environment, stdout=subprocess.PIPE,
@@ -142,6 +147,35 @@ def test_a_rover_whose_camera_falls_silent_stops_at_once(street):
     silent_s = time.monotonic()
     rover.wait_for("0.0")
     assert time.monotonic() - silent_s < 2.0
+    rover.close()
+
+
+@pytest.mark.slow
+@pytest.mark.alone
+def test_a_rover_that_knows_no_place_does_not_drive_on(street):
+    """As on a street that is not the map's; it has not heard all of it when it ends."""
+    folder, _, _ = street
+    other, _ = simulate_pair(seed=5, length_m=200.0)
+    events = np.concatenate(list(other))
+    rover = Rover(folder / "map.npz", events, 1_000, 2.0, limits={"SURE": 1.1, "BLIND_M": 0.5})
+    said = rover.run.stdout.read().split()
+    assert rover.bridge.sent_events < events.size
+    assert said[-2:] == ["0.2", "0.0"]
+    rover.close()
+
+
+@pytest.mark.slow
+@pytest.mark.alone
+def test_a_rover_stands_while_matches_come_late(street):
+    """Here since its host stood for 3 s; it drives on with the matches of now."""
+    folder, events, _ = street
+    rover = Rover(folder / "map.npz", events, 1_000, 2.0)
+    rover.wait_for("1.0")
+    rover.run.send_signal(signal.SIGSTOP)
+    time.sleep(3)
+    rover.run.send_signal(signal.SIGCONT)
+    rover.wait_for("0.0")
+    rover.wait_for("1.0")
     rover.close()
 
 
