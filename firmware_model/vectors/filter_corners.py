@@ -399,6 +399,8 @@ def _contrasts(design: Design) -> list[Case]:
     """Make the cases of contrast codes: all shifts, both ends, and the window's rounded mean."""
     four = replace(design, places=4, exclusion=1)
     sequences = replace(four, matching="sequence", length=2, trust=0)
+    # of so few bits that deviations of half the largest level are beyond both ends
+    few = replace(four, code_bits=min(four.code_bits, 3))
     top = LEVEL_TOP
     high = [4 * 256 * (slot % 2) for slot in range(design.slots)]
     cases = [
@@ -406,7 +408,7 @@ def _contrasts(design: Design) -> list[Case]:
         drive("contrasts_of_sequences", sequences, [0, 1, 2, 3] * 3, high),
         drive("contrasts_from_the_top", four, [0, 1, 2, 3], [top] * design.slots),
         drive(
-            "contrasts_of_half", four, [0, 1, 2, 3], [top * (s % 2) for s in range(design.slots)]
+            "contrasts_of_half", few, [0, 1, 2, 3], [top * (s % 2) for s in range(design.slots)]
         ),
         drive("all_shifts", four, [0, 1, 2, 3] * 130, high),
         *_rounded_means(four),
