@@ -407,9 +407,7 @@ def _contrasts(design: Design) -> list[Case]:
         drive("contrasts", design, [*range(12)] * 2, high),
         drive("contrasts_of_sequences", sequences, [0, 1, 2, 3] * 3, high),
         drive("contrasts_from_the_top", four, [0, 1, 2, 3], [top] * design.slots),
-        drive(
-            "contrasts_of_half", few, [0, 1, 2, 3], [top * (s % 2) for s in range(design.slots)]
-        ),
+        drive("contrasts_of_half", few, [0, 1, 2, 3], [top * (s % 2) for s in range(design.slots)]),
         drive("all_shifts", four, [0, 1, 2, 3] * 130, high),
         *_rounded_means(four),
         *_halves(four),
