@@ -193,7 +193,7 @@ def _damaged(path: Path, place: str, error: BaseException) -> RecordingError:
 # Handling of faulty events: checks, counts and messages.
 
 
-_REMEDY = "read with --on-fault drop (on_fault='drop') to leave {them} out and count {them}"
+_REMEDY = "read with --on-fault drop (on_fault='drop'): {them} left out and counted"
 #: Share of faulty entries from which on dropping them is no remedy.
 _NEARLY_ALL = 0.9
 _CHECKS = (
@@ -331,7 +331,7 @@ class FaultLog:
         if not self.drop:
             raise RecordingError(
                 f"{self.path} is cut off: {n_bytes:,} bytes too many or too few at {where}: "
-                + _REMEDY.format(them="the rest")
+                + _REMEDY.format(them="the rest is")
             )
         self.faults.truncated += n_bytes
 
@@ -346,7 +346,7 @@ class FaultLog:
         """Return what to do about `bad` of the next `total` entries."""
         if total is not None and bad > _NEARLY_ALL * (self._good + total):
             return f"and so are {bad:,} of {total:,} entries there: {_CHECKS}"
-        return _REMEDY.format(them=them)
+        return _REMEDY.format(them=f"{them} are")
 
     def undated(self, n: int) -> None:
         """Report `n` events before the first time word; never an error."""
