@@ -78,7 +78,7 @@ RUNS = [
     (f"match {{f}}/filter_map.npz {{f}}/query.npz -o {{f}}/filtered {FILTER} --smooth "
      "--odometry {f}/odometry.csv --export {f}/matched.tum", 0),
     ("replay {f}/results -o {f}/match.gif --frames 3 --fps 5 --start 0.5 --end 1.5", 0),
-    ("replay {f}/filtered -o {f}/match.gif --frames 2 --all-events", 0),
+    ("replay {f}/filtered -o {f}/all_events.gif --frames 2 --all-events", 0),
     ("replay {f}/filtered -o {f}/match.gif --frames 2 --overwrite", 0),
     ("map {f}/reference.npz -o {f}/wide_map.npz --pixels 60 --sigma 0 --tau 100ms", 0),
     ("map {f}/reference.npz {f}/reference.npz -o {f}/same_pixels.npz --tau 100ms "
