@@ -10,12 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import (
-    EqualByValue,
-    archive_errors,
-    read_archive,
-    write_archive,
-)
+from edge_vpr.archive import EqualByValue, archive_errors, read_archive, write_archive
 from edge_vpr.confidence import net_trust
 from edge_vpr.errors import MissingExtraError, expect
 from edge_vpr.files import replacing

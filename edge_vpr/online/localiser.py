@@ -17,13 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import (
-    Arrays,
-    archive_errors,
-    present,
-    read_archive,
-    write_archive,
-)
+from edge_vpr.archive import Arrays, archive_errors, present, read_archive, write_archive
 from edge_vpr.compiling import BoxedState, KernelState, kernel, plain, specialise
 from edge_vpr.confidence import Confidence, accept_match
 from edge_vpr.descriptors.cleaning import CausalBurstFilter, keep
@@ -581,7 +575,7 @@ def _means_per_s(reference: MapRecord) -> tuple[int, int]:
     """Return the speed of a map's drive in mm/s, and its selected events per second; 0: unknown."""
     along_mm, windows = reference.along_mm, reference.windows
     passed_us = int(windows.centre_us[-1] - windows.centre_us[0])
-    if along_mm is None or windows.selected_events is None or passed_us <= 0:
+    if along_mm is None or passed_us <= 0:
         return 0, 0
     events = round(float(windows.selected_events.mean()) * (len(windows) - 1))
     way_mm = int(along_mm[-1] - along_mm[0])

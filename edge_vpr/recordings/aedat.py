@@ -24,13 +24,7 @@ from edge_vpr.recordings.decoding import (
     read_records,
     zstd,
 )
-from edge_vpr.recordings.reading import (
-    Columns,
-    FaultLog,
-    ReadOptions,
-    Source,
-    in_chunks,
-)
+from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, in_chunks
 
 # AEDAT 2.0, written by jAER: pairs of a 32-bit address and a 32-bit time, big endian.
 #

@@ -18,16 +18,8 @@ import numpy as np
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.decoding import (
-    import_extra,
-)
-from edge_vpr.recordings.reading import (
-    Columns,
-    FaultLog,
-    ReadOptions,
-    Source,
-    in_chunks,
-)
+from edge_vpr.recordings.decoding import import_extra
+from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, in_chunks
 
 #: bytes between events, by their type: a pause, or a reset of the decoder
 _PAUSES = {"dvs": b"\xfe\xff", "atis": b"\xfc\xfd\xfe\xff"}

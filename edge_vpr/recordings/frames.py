@@ -18,17 +18,9 @@ import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError, UsageError, printable
 from edge_vpr.events import LONGEST_SIDE, TIME_LIMIT_US, Sensor
-from edge_vpr.recordings.decoding import (
-    ArrayStream,
-)
+from edge_vpr.recordings.decoding import ArrayStream
 from edge_vpr.recordings.numpy_files import Archive
-from edge_vpr.recordings.reading import (
-    Columns,
-    FaultLog,
-    ReadOptions,
-    Source,
-    foreign_errors,
-)
+from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, foreign_errors
 
 # Grey PNG images as count frames.
 

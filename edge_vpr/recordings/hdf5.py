@@ -17,15 +17,8 @@ import numpy as np
 
 from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
 from edge_vpr.events import TIME_LIMIT_US, Events, Sensor
-from edge_vpr.recordings.decoding import (
-    import_extra,
-)
-from edge_vpr.recordings.reading import (
-    Columns,
-    FaultLog,
-    ReadOptions,
-    Source,
-)
+from edge_vpr.recordings.decoding import import_extra
+from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import UNITS, match_columns, tidy
 
 # Open HDF5 files, and the filters that their data sets are stored through.

@@ -17,15 +17,8 @@ import numpy as np
 from edge_vpr.archive import archive_kind
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
-from edge_vpr.recordings.decoding import (
-    ArrayStream,
-)
-from edge_vpr.recordings.reading import (
-    Columns,
-    FaultLog,
-    ReadOptions,
-    Source,
-)
+from edge_vpr.recordings.decoding import ArrayStream
+from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import Named, check_order, match_columns, tidy
 
 # ``.npy``: a structured array, or four columns; read and written as a stream.

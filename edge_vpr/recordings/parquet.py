@@ -8,12 +8,7 @@ from typing import Any
 
 from edge_vpr.errors import MissingExtraError, RecordingError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.reading import (
-    Columns,
-    FaultLog,
-    ReadOptions,
-    Source,
-)
+from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
 _SENSOR, _START = b"edge_vpr.sensor", b"edge_vpr.start_us"

@@ -13,18 +13,8 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.decoding import (
-    Unwrapper,
-    is_text,
-    read_records,
-)
-from edge_vpr.recordings.reading import (
-    Columns,
-    FaultLog,
-    ReadOptions,
-    Source,
-    empty_columns,
-)
+from edge_vpr.recordings.decoding import Unwrapper, is_text, read_records
+from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, empty_columns
 
 # The text header of Prophesee's RAW and DAT files.
 

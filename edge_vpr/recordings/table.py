@@ -14,11 +14,7 @@ import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
-from edge_vpr.recordings.reading import (
-    Columns,
-    FaultLog,
-    unit_remedy,
-)
+from edge_vpr.recordings.reading import Columns, FaultLog, unit_remedy
 
 #: Other names of the columns in published files.
 ALIASES = {

@@ -21,14 +21,7 @@ from firmware_model.design import MARGIN_TOP, RESIDUAL_TOP, formats_of
 from firmware_model.hardware import (
     parameters as boards,
 )
-from firmware_model.hardware import (
-    registers,
-    replay,
-    report,
-    simulation,
-    sources,
-    waves,
-)
+from firmware_model.hardware import registers, replay, report, simulation, sources, waves
 from firmware_model.hardware.parameters import (
     PACKAGE,
     constants,

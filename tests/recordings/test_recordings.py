@@ -18,13 +18,8 @@ from streams import random_events
 from edge_vpr.errors import EdgeVprError, EventError, RecordingError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
 from edge_vpr.recordings import FORMATS, WRITTEN, open_recording, write_recording
-from edge_vpr.recordings.decoding import (
-    Unwrapper,
-)
-from edge_vpr.recordings.reading import (
-    Columns,
-    FaultLog,
-)
+from edge_vpr.recordings.decoding import Unwrapper
+from edge_vpr.recordings.reading import Columns, FaultLog
 
 SENSOR = Sensor(40, 30)
 

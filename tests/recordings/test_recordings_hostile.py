@@ -22,14 +22,8 @@ import recording_files as files
 from edge_vpr.errors import EdgeVprError, RecordingError
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
 from edge_vpr.recordings import frames, open_recording, write_recording
-from edge_vpr.recordings.decoding import (
-    DecompressionError,
-    bzip2,
-    expand,
-)
-from edge_vpr.recordings.reading import (
-    foreign_errors,
-)
+from edge_vpr.recordings.decoding import DecompressionError, bzip2, expand
+from edge_vpr.recordings.reading import foreign_errors
 
 SENSOR = Sensor(40, 30)
 FUZZER = Path(__file__).with_name("fuzz_recordings.py")

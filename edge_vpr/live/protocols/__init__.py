@@ -19,9 +19,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor, join_events
 from edge_vpr.online.localiser import Follower, Step
 from edge_vpr.plugins import Registry
-from edge_vpr.recordings.reading import (
-    Columns,
-)
+from edge_vpr.recordings.reading import Columns
 from edge_vpr.warm_up import synthetic_events
 
 __all__ = [

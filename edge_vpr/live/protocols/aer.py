@@ -32,10 +32,7 @@ from edge_vpr.events import Events, Sensor
 from edge_vpr.files import read_toml
 from edge_vpr.live.protocols import STEP_US, Clock, Decoder, Encoder, OptionReader, damaged_sample
 from edge_vpr.live.protocols.words import Raw, Reading, WordDecoder, word_at
-from edge_vpr.recordings.reading import (
-    Columns,
-    empty_columns,
-)
+from edge_vpr.recordings.reading import Columns, empty_columns
 
 # Address-event words, with the fields that a layout describes.
 

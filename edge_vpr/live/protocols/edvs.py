@@ -19,10 +19,7 @@ from edge_vpr.live.protocols.aer import (
     read_words,
 )
 from edge_vpr.live.protocols.words import SEARCH_WORDS, Raw
-from edge_vpr.recordings.reading import (
-    Columns,
-    empty_columns,
-)
+from edge_vpr.recordings.reading import Columns, empty_columns
 
 # Recognition of the eDVS format of a device from its bytes.
 

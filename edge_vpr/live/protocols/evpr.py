@@ -27,10 +27,7 @@ from edge_vpr.live.protocols import (
 )
 from edge_vpr.online.kernels import CHUNK_EVENTS
 from edge_vpr.online.localiser import Follower, Step, follow_kept
-from edge_vpr.recordings.reading import (
-    Columns,
-    empty_columns,
-)
+from edge_vpr.recordings.reading import Columns, empty_columns
 from edge_vpr.warm_up import synthetic_events
 
 #: Longest frame before stuffing, and after stuffing (without the zero at its end).

@@ -21,9 +21,7 @@ from edge_vpr.recordings.prophesee import (
     evt2_event_words,
     evt2_time_words,
 )
-from edge_vpr.recordings.reading import (
-    Columns,
-)
+from edge_vpr.recordings.reading import Columns
 
 Words = npt.NDArray[Any]
 Sent = npt.NDArray[np.bool_]

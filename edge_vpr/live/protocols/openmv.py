@@ -33,10 +33,7 @@ from edge_vpr.live.protocols.openmv_packets import (
     pack,
 )
 from edge_vpr.recordings.prophesee import EvtWordDecoder
-from edge_vpr.recordings.reading import (
-    Columns,
-    empty_columns,
-)
+from edge_vpr.recordings.reading import Columns, empty_columns
 
 # The host's side of the dialogue with a camera: which command comes next.
 #

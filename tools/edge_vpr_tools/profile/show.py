@@ -22,13 +22,7 @@ from edge_vpr_tools.profile.profiling import (
     numbers,
 )
 from edge_vpr_tools.report.page import Page, add_run, plain, quantity
-from edge_vpr_tools.report.style import (
-    BLUE,
-    ORANGE,
-    SKY,
-    figure,
-    save,
-)
+from edge_vpr_tools.report.style import BLUE, ORANGE, SKY, figure, save
 from edge_vpr_tools.report.tables import write_spreadsheet
 
 # Text of a profile, with units: rows of its tables, and notes.

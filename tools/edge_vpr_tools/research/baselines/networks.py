@@ -11,9 +11,7 @@ import numpy.typing as npt
 
 from edge_vpr.errors import EdgeVprError, UsageError, WeightsError, printable
 from edge_vpr.files import check_is_file, open_input
-from edge_vpr.recordings.decoding import (
-    import_extra,
-)
+from edge_vpr.recordings.decoding import import_extra
 from edge_vpr_tools.research.baselines.baseline import Described, Images
 from edge_vpr_tools.research.baselines.dense import CosineBaseline, mean_cells
 

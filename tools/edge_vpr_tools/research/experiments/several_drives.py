@@ -26,11 +26,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulation import simulate_pair
 from edge_vpr_tools.report.tables import TableView
-from edge_vpr_tools.research.experiments.drives import (
-    BRISBANE,
-    BRISBANE_M,
-    second_drive,
-)
+from edge_vpr_tools.research.experiments.drives import BRISBANE, BRISBANE_M, second_drive
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.pairs import TOLERANCE_M, MappedPair, truth_of_tracks
 from edge_vpr_tools.research.experiments.plots import dots

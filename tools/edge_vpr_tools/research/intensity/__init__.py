@@ -8,9 +8,7 @@ from pathlib import Path
 
 from edge_vpr.errors import RecordingError
 from edge_vpr.recordings import check_file_or_folder, sniff
-from edge_vpr.recordings.reading import (
-    foreign_errors,
-)
+from edge_vpr.recordings.reading import foreign_errors
 from edge_vpr_tools.research.intensity import aedat, images
 from edge_vpr_tools.research.intensity.frames import IntensityFrame, IntensityFrames, frames_at
 

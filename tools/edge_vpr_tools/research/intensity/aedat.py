@@ -11,9 +11,7 @@ import numpy as np
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import LONGEST_SIDE, Sensor
 from edge_vpr.recordings.aedat import Aedat4File, field_at, root_table
-from edge_vpr.recordings.reading import (
-    FaultLog,
-)
+from edge_vpr.recordings.reading import FaultLog
 from edge_vpr_tools.research.intensity.frames import IntensityFrame, start_of, to_grey
 
 #: number of channels of each pixel format (8-bit formats of OpenCV): grey, BGR, BGRA

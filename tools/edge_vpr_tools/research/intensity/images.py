@@ -17,9 +17,7 @@ from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.files import open_input
 from edge_vpr.recordings.frames import MOST_PIXELS, number_key, read_metadata, read_png
-from edge_vpr.recordings.reading import (
-    foreign_errors,
-)
+from edge_vpr.recordings.reading import foreign_errors
 from edge_vpr.recordings.rosbag import Bag, Cursor, read_preamble
 from edge_vpr_tools.research.intensity.frames import Image, IntensityFrame, start_of, to_grey
 
