@@ -260,13 +260,13 @@ def area(design: str) -> list[str]:
     ]
 
 
+def clock(design: str, fpga: str) -> list[str]:
+    found = cell("core-area.csv", "MHz (worst to best)", FPGA=fpga, design=design)
+    return found.partition(",")[0].split(" to ")
+
+
 def latency(column: str, events: str = "1") -> str:
     return cell("latency-chunks.csv", column, matched_by="place filter*", events_per_chunk=events)
-
-
-def logic(design: str) -> int:
-    found = cell("core-area.csv", "logic cells", FPGA="iCE40UP5K", design=design)
-    return int(found.split()[0].replace(",", ""))
 
 
 #: page, words of it with a field for each number, and what computes these
@@ -328,9 +328,13 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
     ("README", "at {:,.0f}, {:.0f} and {:.0f} matches per joule at 10,000, 100,000 and 1,000,000",
      lambda: joules("place filter, 150 pixels", "Cortex-M4")),
     ("results_cost", "the default filter takes {} logic cells and {} block memories",
-     lambda: area("*by activity, contrast codes")),
+     lambda: area("place filter, contrast codes")),
     ("results_cost", "half windows {} and {}; sequences of 5 take {} and {} (core-area.csv)",
      lambda: area("*half windows*") + area("sequences of 5")),
+    ("results_cost", "the default filter reaches {} to {} MHz",
+     lambda: clock("place filter, contrast codes", "iCE40UP5K")),
+    ("results_cost", "on an ECP5 {} to {} MHz",
+     lambda: clock("place filter, contrast codes", "ECP5-25F")),
     ("results_methods", "in more than {:.2f} of the windows live, or {:.2f} smoothed",
      lambda: (nulls("", "*, live"), nulls(", smoothed", "*, recorded"))),
     ("results_methods", "our places take {:.0f} bytes, theirs {:,.0f} and {:,.0f}",
