@@ -1,4 +1,4 @@
-"""The firmware by abstract interpretation: no alarm, and one for each firmware that is broken."""
+"""The firmware by abstract interpretation: no alarm, and one for each of some mutants."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import pytest
 
 from firmware_model.emulation.build import SOURCES
 from firmware_model.verification.eva import SIZES, alarms
+from firmware_model.verification.mutants import all_mutants
 
 pytestmark = [
     pytest.mark.skipif(
@@ -17,29 +18,14 @@ pytestmark = [
     pytest.mark.slow,
 ]
 
-#: file, code, what it becomes, and the alarm
-BROKEN = {
-    "a counter behind the last": (
-        "vpr.c", "counts[slot] = (uint16_t)", "counts[slot + 4096U] = (uint16_t)", "out of bounds",
-    ),
+#: systematic mutants: the function, what its line becomes, and the alarm
+MUTANTS = {
     "counts beyond their tables": (
-        "vpr.c", "(count < count_max) ? (count + 1U)", "(count <= count_max) ? (count + 1U)",
-        "assertion 'held'",
+        "vpr_events", "counts[slot] = (uint16_t)((count + 1U));", "assertion 'held'",
     ),
-    "tables that are not checked": (
-        "vpr.c", "at_most(d->code_table, d->slots, image[AT_CODES] - 1U) &&", "",
-        "assertion 'code_table'",
-    ),
-    "a clock that is not checked": (
-        "vpr.c", "{AT_TIMESTAMP_BITS, 2U, 32U}", "{AT_TIMESTAMP_BITS, 2U, 33U}", "shift",
-    ),
+    "tables that are not checked": ("words_at_most", "if (false) {", "assertion 'level'"),
     "means that move ever more slowly": (
-        "vpr.c", "if (!s->paused && (shift < LAST_SHIFT)) {", "if (!s->paused) {",
-        "assertion 'held'",
-    ),
-    "a search without an end": (
-        "filter.h", "for (uint32_t place = 1U; place < d->place_count; place++) {",
-        "for (uint32_t place = 1U; metric[place] > 0U; place++) {", "out of bounds",
+        "contrast_codes", "if (!s->paused && true) {", "assertion 'held'",
     ),
 }  # fmt: skip
 
@@ -50,13 +36,13 @@ def test_no_state_table_or_event_leads_out_of_the_image_and_the_ram(name):
     assert alarms(SIZES[name]) == []
 
 
-@pytest.mark.parametrize("fault", BROKEN)
-def test_a_broken_firmware_has_an_alarm(fault, tmp_path):
-    file, old, new, told = BROKEN[fault]
+@pytest.mark.parametrize("fault", MUTANTS)
+def test_a_mutant_has_an_alarm(fault, tmp_path):
+    """What is analysed is the firmware."""
+    function, becomes, told = MUTANTS[fault]
+    wrong = next(m for m in all_mutants() if (m.function, m.becomes) == (function, becomes))
     sources = tmp_path / "c"
     shutil.copytree(SOURCES, sources)
-    text = (sources / file).read_text(encoding="ascii")
-    assert text.count(old) == 1
-    (sources / file).write_text(text.replace(old, new), encoding="ascii")
+    (sources / wrong.file).write_text(wrong.text, encoding="ascii")
     found = alarms(SIZES["default"], sources=sources)
     assert any(told in one for one in found), found
