@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,10 @@ _PLAIN = np.dtype(f"V{EVENT_DTYPE.itemsize}")
 LONGEST_SIDE = 1 << 16
 #: Times lie between minus and plus this, in microseconds: differences of two cannot overflow.
 TIME_LIMIT_US = 1 << 60
+
+
+#: How a caller can write the size of a sensor: see `Sensor.of`.
+SensorSize: TypeAlias = "Sensor | tuple[int, int] | tuple[int, int, int] | str"
 
 
 class Sensor(NamedTuple):
@@ -48,10 +52,15 @@ class Sensor(NamedTuple):
         return 0 < self.width <= LONGEST_SIDE and 0 < self.height <= LONGEST_SIDE
 
     @classmethod
-    def of(cls, given: Sensor | tuple[int, int] | str) -> Sensor:
-        """Return a sensor from its width and height, or from a text such as ``"346x260"``."""
+    def of(cls, given: SensorSize) -> Sensor:
+        """Return a sensor from its width and height, or from a text such as ``"346x260"``.
+
+        A third number, of polarities, may follow as in ``sensor_size`` of tonic.
+        """
         if isinstance(given, str):
             return cls.parse(given)
+        if isinstance(given, tuple | list) and len(given) == 3:
+            given = given[0], given[1]
         if not isinstance(given, tuple | list) or len(given) != 2:
             raise UsageError(
                 f"sensor {given!r} is no width and height: give for example Sensor(346, 260) or "

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from edge_vpr.archive import archive_kind, read_archive, write_archive
 from edge_vpr.descriptors.cleaning import load_hot_pixels
 from edge_vpr.descriptors.counting import (
+    AnyRecording,
     DescriptorStream,
     EventSource,
     Removed,
@@ -32,13 +33,15 @@ from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
 from edge_vpr.evaluation.tables import load_jumps, load_odometry
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track, with_positions
-from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.events import TIME_LIMIT_US, SensorSize
 from edge_vpr.learning import MapUpdate, learn_drive
 from edge_vpr.map_record import KIND, MapRecord, check_matchable, describe_query, map_traverse
 from edge_vpr.matching.drive import match_query
 from edge_vpr.matching.matches import Matches, write_csv
 from edge_vpr.online.localiser import Localiser, MatchSchedule, OdometryFeed
 from edge_vpr.recordings import Faults, Recording
+from edge_vpr.recordings.memory import FORMAT as MEMORY
+from edge_vpr.recordings.memory import is_event_data
 from edge_vpr.registration import Registration, register
 from edge_vpr.results import (
     LEFT_OUT,
@@ -119,9 +122,10 @@ class ReferenceMap(MapRecord):
     @classmethod
     def build(
         cls,
-        recording: EventSource | WindowSource | PathName,
+        recording: AnyRecording,
         settings: Settings | PathName | None = "default",
         *,
+        sensor: SensorSize | None = None,
         pixel_map: PixelMap | PathName | None = None,
         hot: npt.NDArray[np.bool_] | PathName | None = None,
         track: Track | PathName | None = None,
@@ -134,10 +138,13 @@ class ReferenceMap(MapRecord):
 
         Parameters
         ----------
-        recording : EventSource or WindowSource or path
-            For example from `open_recording`; a path is opened by it.
+        recording : EventSource or WindowSource or path or EventData
+            For example from `open_recording`, which also opens a path, or events in memory: an
+            array, four columns, a DataFrame, an item of a tonic data set.
         settings : Settings or str or path or None
             Settings, the name of a preset, or a TOML file with settings; None is "default".
+        sensor : Sensor or (int, int) or str, optional
+            Width and height, where the recording does not state them, as events in memory do not.
         pixel_map : PixelMap or path, optional
             Pixels to use, or a file with a line ``x, y`` for each, or a map that has them; by
             default they are selected as the settings say.
@@ -168,7 +175,7 @@ class ReferenceMap(MapRecord):
         >>> ReferenceMap.build("monday.raw", track="monday.nmea", tau="500ms")  # doctest: +SKIP
         """
         chosen = _settings_of(settings, changes)
-        drive = opened(recording)
+        drive = opened(recording, sensor=sensor)
         if isinstance(hot, str | Path):
             hot = load_hot_pixels(hot, drive.sensor)
         if isinstance(pixel_map, str | Path):
@@ -202,7 +209,7 @@ class ReferenceMap(MapRecord):
 
     def update(
         self,
-        recording: EventSource | WindowSource | PathName,
+        recording: AnyRecording,
         *,
         track: Track | PathName | None = None,
         odometry: Odometry | PathName | None = None,
@@ -218,8 +225,8 @@ class ReferenceMap(MapRecord):
 
         Parameters
         ----------
-        recording : EventSource or WindowSource or path
-            Of the drive, from the camera of the map; a path is opened by `open_recording`.
+        recording : EventSource or WindowSource or path or EventData
+            Of the drive, from the camera of the map; see `build`.
         track : Track or path, optional
             Of this drive.
         odometry : Odometry or path, optional
@@ -247,7 +254,7 @@ class ReferenceMap(MapRecord):
         >>> monday, tuesday = simulate_pair(0, "tiny", length_m=40)
         >>> update = ReferenceMap.build(monday, pixels=50).update(tuesday, track=tuesday.track)
         """
-        drive = opened(recording, self.frame_period)
+        drive = self._opened(recording)
         check_sensor(drive.sensor, self.pixel_map.sensor)
         if track is not None and not isinstance(track, Track):
             track = load_track(track)
@@ -259,7 +266,7 @@ class ReferenceMap(MapRecord):
 
     def match(
         self,
-        recording: EventSource | WindowSource | PathName,
+        recording: AnyRecording,
         *,
         settings: Settings | None = None,
         every: str | MatchSchedule | None = None,
@@ -271,8 +278,8 @@ class ReferenceMap(MapRecord):
 
         Parameters
         ----------
-        recording : EventSource or WindowSource or path
-            Of the query, from the camera of the map; a path is opened by `open_recording`.
+        recording : EventSource or WindowSource or path or EventData
+            Of the query, from the camera of the map; see `build`.
         settings : Settings, optional
             Settings of matching to use instead of the map's.
         every : str or MatchSchedule, optional
@@ -298,9 +305,9 @@ class ReferenceMap(MapRecord):
         """
         asked = self._asked(settings, changes, "match")
         given = (recording, odometry)
-        drive = opened(recording, self.frame_period)
+        drive = self._opened(recording)
         inputs = tuple(str(each) for each in given if isinstance(each, str | Path))
-        if isinstance(drive, Recording) and not isinstance(recording, str | Path):
+        if isinstance(drive, Recording) and drive is recording and drive.format != MEMORY:
             inputs = (str(drive.path), *inputs)
         if odometry is not None and not isinstance(odometry, Odometry):
             odometry = load_odometry(odometry)
@@ -366,6 +373,11 @@ class ReferenceMap(MapRecord):
         """Return the map with settings that need no windows after the one to match."""
         settings = replace(self.settings, query_mean="running", smooth=False)
         return self.matched_with(settings)
+
+    def _opened(self, recording: AnyRecording) -> EventSource | WindowSource:
+        """Open a recording of the camera of the map; events in memory are from its sensor."""
+        sensor = self.pixel_map.sensor if is_event_data(recording) else None
+        return opened(recording, sensor=sensor, frame_period=self.frame_period)
 
     def _asked(self, settings: Settings | None, changes: dict[str, Any], by: str) -> dict[str, Any]:
         """Return the settings of matching to use, by name, where they are not the map's own.

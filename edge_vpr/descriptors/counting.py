@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -25,8 +25,16 @@ from edge_vpr.descriptors.windows import (
     overlapping,
 )
 from edge_vpr.errors import EventError, MapError, UsageError, expect, kind_of
-from edge_vpr.events import EVENT_DTYPE, Events, Sensor, check_event_array, check_events
-from edge_vpr.recordings import open_recording
+from edge_vpr.events import (
+    EVENT_DTYPE,
+    Events,
+    Sensor,
+    SensorSize,
+    check_event_array,
+    check_events,
+)
+from edge_vpr.recordings import EventData, open_recording
+from edge_vpr.recordings.memory import is_event_data
 from edge_vpr.settings import Settings
 
 # Kernels that count events at selected pixels.
@@ -534,13 +542,22 @@ class WindowSource(Protocol):
         ...
 
 
+#: A recording as callers hold it.
+AnyRecording: TypeAlias = EventSource | WindowSource | EventData | str | Path
+
+
 def opened(
-    recording: EventSource | WindowSource | str | Path, frame_period: Fraction | None = None
+    recording: AnyRecording,
+    *,
+    sensor: SensorSize | None = None,
+    frame_period: Fraction | None = None,
 ) -> EventSource | WindowSource:
-    """Return a recording, or open it if it is a path.
+    """Return a recording, or open it if it is a path or events in memory.
 
     Parameters
     ----------
+    sensor : Sensor or (int, int) or str, optional
+        Where the file or the events do not state it.
     frame_period : Fraction, optional
         Seconds a frame of counts, where the file does not say.
 
@@ -549,16 +566,23 @@ def opened(
     RecordingError
         If the file cannot be read.
     """
-    if isinstance(recording, str | Path):
-        return open_recording(recording, default_frame_period=frame_period)
-    if isinstance(recording, WindowSource):
-        return recording
-    if not hasattr(recording, "sensor") or not hasattr(recording, "__iter__"):
+    drive: Any = recording  # the tests below are not those of its type
+    if isinstance(drive, str | Path) or is_event_data(drive):
+        return open_recording(drive, sensor=sensor, default_frame_period=frame_period)
+    if not isinstance(drive, WindowSource) and not (
+        hasattr(drive, "sensor") and hasattr(drive, "__iter__")
+    ):
         raise UsageError(
-            f"the recording is {kind_of(recording)}: give a path, what open_recording returns, or "
-            "an object with a sensor that yields arrays of events"
+            f"the recording is {kind_of(recording)}: give a path, events, what open_recording "
+            "returns, or an object with a sensor that yields arrays of events"
         )
-    return recording
+    if sensor is not None and Sensor.of(sensor) != drive.sensor:
+        raise UsageError(
+            f"the recording is of a {drive.sensor} sensor, and sensor {Sensor.of(sensor)} was "
+            "given: leave it out"
+        )
+    found: EventSource | WindowSource = drive
+    return found
 
 
 def check_sensor(recording: Sensor, mapped: Sensor) -> None:

@@ -15,7 +15,7 @@ import io
 import os
 import stat
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib import import_module
 from pathlib import Path
@@ -24,11 +24,13 @@ from typing import Any, Protocol
 import numpy as np
 
 from edge_vpr.errors import EdgeVprError, RecordingError, UsageError, as_path, expect
-from edge_vpr.events import Events, Sensor, check_events
+from edge_vpr.events import Events, Sensor, SensorSize, check_events
 from edge_vpr.files import check_absent, open_input, replacing
 from edge_vpr.plugins import Registry
 from edge_vpr.recordings.decoding import ArrayStream
 from edge_vpr.recordings.frames import CountFrames, parse_period, read_count_frames
+from edge_vpr.recordings.memory import FORMAT as MEMORY
+from edge_vpr.recordings.memory import EventData, MemorySource, is_event_data
 from edge_vpr.recordings.numpy_files import Archive
 from edge_vpr.recordings.prophesee import encoding_of
 from edge_vpr.recordings.reading import (
@@ -48,6 +50,7 @@ __all__ = [
     "FORMATS",
     "Columns",
     "CountFrames",
+    "EventData",
     "Faults",
     "Format",
     "Recording",
@@ -164,10 +167,10 @@ def _plugin_of(suffix: str) -> Format | None:
 
 
 def open_recording(
-    path: str | Path,
+    path: str | Path | EventData,
     *,
     format: str | None = None,
-    sensor: Sensor | tuple[int, int] | str | None = None,
+    sensor: SensorSize | None = None,
     start: float | str | None = None,
     end: float | str | None = None,
     on_fault: str = "error",
@@ -178,12 +181,15 @@ def open_recording(
     time_unit: str | None = None,
     columns: str | None = None,
 ) -> Recording:
-    r"""Open a recording of any known format.
+    r"""Open a recording of any known format, or events in memory.
 
     Parameters
     ----------
-    path : str or Path
-        A file; a folder for a ROS 2 bag or for count frames.
+    path : str or Path or EventData
+        A file; a folder for a ROS 2 bag or for count frames. Or events that a program holds, which
+        are read by the rules of tables: a structured array, an array of columns, a sequence of the
+        four columns, a table (DataFrame, Arrow table, mapping), an item of a tonic data set, or a
+        data set with one item.
     format : str, optional
         A name from :data:`FORMATS`, or of another package; found from content and suffix if absent.
     sensor : Sensor or (int, int) or str, optional
@@ -226,7 +232,6 @@ def open_recording(
     >>> [chunk["t"].tolist() for chunk in later], later.start_us
     ([[10, 10]], 140)
     """
-    path = as_path(path, "a recording")
     check_policy(on_fault)
     if type(chunk_events) is not int or chunk_events < 1:
         raise UsageError(f"chunk_events {chunk_events!r} is not positive: give a number from 1")
@@ -241,19 +246,24 @@ def open_recording(
     chosen = None if format is None else format_of(format)
     crop = crop_of(start, end)
     size = None if sensor is None else Sensor.of(sensor)
-    check_file_or_folder(path)
-    with foreign_errors(path):
-        if chosen is None:
-            try:
-                chosen = FORMATS[sniff(path)]
-            except RecordingError:
-                chosen = _plugin_of(path.suffix.lower())
-                if chosen is None:
-                    raise
-        options = ReadOptions(
-            chosen.name, size, period, default_frame_period, chunk_events, topic, time_unit, columns
-        )
-        recording = Recording(chosen.open_source(path, options), on_fault)
+    options = ReadOptions(
+        "", size, period, default_frame_period, chunk_events, topic, time_unit, columns
+    )
+    if is_event_data(path):
+        recording = Recording(MemorySource(path, replace(options, format=MEMORY)), on_fault)
+    else:
+        path = as_path(path, "a recording")
+        check_file_or_folder(path)
+        with foreign_errors(path):
+            if chosen is None:
+                try:
+                    chosen = FORMATS[sniff(path)]
+                except RecordingError:
+                    chosen = _plugin_of(path.suffix.lower())
+                    if chosen is None:
+                        raise
+            options = replace(options, format=chosen.name)
+            recording = Recording(chosen.open_source(path, options), on_fault)
     return recording if crop is None else recording.cropped(crop)
 
 

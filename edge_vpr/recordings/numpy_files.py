@@ -19,7 +19,7 @@ from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.recordings.decoding import ArrayStream
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
-from edge_vpr.recordings.table import Named, check_order, match_columns, tidy
+from edge_vpr.recordings.table import Named, array_columns, check_order, match_columns, tidy
 
 # ``.npy``: a structured array, or four columns; read and written as a stream.
 
@@ -53,42 +53,18 @@ def _check_array(stream: ArrayStream, path: Path, options: ReadOptions) -> None:
     """Refuse an array that holds no events, or whose columns seem to be in another order."""
     if options.columns is None and len(stream.shape) == 2 and stream.dtype.kind in "iuf":
         check_order(path, stream.read(1_000)[0])
-    _named(stream, options.columns)
+    array_columns(stream.name, stream.dtype, stream.shape, options.columns)
 
 
 def _array_chunks(
     source: Source, stream: ArrayStream, log: FaultLog, unit: str | None
 ) -> Iterator[Columns]:
     """Yield the events of one array of events, and set the position of `source`."""
-    names, stated = _named(stream, source.options.columns)
-    unit = source.options.time_unit or stated or unit
+    named = array_columns(stream.name, stream.dtype, stream.shape, source.options.columns)
+    unit = source.options.time_unit or named.unit or unit
     for rows in stream.blocks(source.options.chunk_events, log, "event {:,} of {:,}"):
         source.position = stream.rows_read / stream.shape[0]
-        columns = {
-            name: rows[field] if isinstance(field, str) else rows[:, field]
-            for name, field in names.items()
-        }
-        yield tidy(columns, unit, log, stream.rows_read - len(rows))
-
-
-def _named(stream: ArrayStream, order: str | None) -> tuple[dict[str, str | int], str | None]:
-    """Map t, x, y, p to fields or column numbers of an array of events; return the unit, too."""
-    if stream.dtype.names is not None and len(stream.shape) == 1:
-        found = match_columns(stream.dtype.names, order)
-        if found is None:
-            raise RecordingError(
-                f"{stream.name} has the fields {', '.join(stream.dtype.names)}, and not "
-                "t, x, y, p: name all of them in their order with --columns"
-            )
-        return dict(found.fields), found.unit
-    if len(stream.shape) == 2 and stream.dtype.kind in "iuf":
-        wanted = order or ("txy" if stream.shape[1] == 3 else "txyp")
-        if stream.shape[1] == len(wanted):
-            return {name: i for i, name in enumerate(wanted) if name != "-"}, None
-    raise RecordingError(
-        f"{stream.name} has shape {stream.shape} and dtype {stream.dtype}, which are no events: "
-        "save a structured array with fields t, x, y, p, or columns in that order (or --columns)"
-    )
+        yield tidy(named.of(rows), unit, log, stream.rows_read - len(rows))
 
 
 def _read_trailer(file: IO[bytes], stream: ArrayStream) -> tuple[Sensor | None, int | None]:

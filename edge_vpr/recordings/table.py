@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -68,6 +68,63 @@ class Named(NamedTuple):
 
     fields: dict[str, str]
     unit: str | None
+
+
+class ArrayColumns(NamedTuple):
+    """Where an array of events has its columns: fields of a structured one, or numbers.
+
+    Attributes
+    ----------
+    fields : dict of str to (str or int)
+        Of t, x, y and perhaps p.
+    unit : {"s", "ms", "us", "ns"} or None
+        Unit of the times, if the name of their field states it.
+    """
+
+    fields: Mapping[str, str | int]
+    unit: str | None
+
+    def of(self, rows: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:
+        """Return the columns of rows of the array, as views."""
+        return {
+            name: rows[field] if isinstance(field, str) else rows[:, field]
+            for name, field in self.fields.items()
+        }
+
+
+def array_columns(
+    name: str, dtype: np.dtype[Any], shape: tuple[int, ...], order: str | None
+) -> ArrayColumns:
+    """Find the columns of an array of events by its dtype and shape.
+
+    Parameters
+    ----------
+    name : str
+        Of the array, for messages.
+    order : str, optional
+        Order of the columns, as ``"xytp"``; "-" leaves one out.
+
+    Raises
+    ------
+    RecordingError
+        If the array holds no events.
+    """
+    if dtype.names is not None and len(shape) == 1:
+        found = match_columns(dtype.names, order)
+        if found is None:
+            raise RecordingError(
+                f"{name} has the fields {', '.join(dtype.names)}, and not "
+                "t, x, y, p: name all of them in their order with --columns"
+            )
+        return ArrayColumns({**found.fields}, found.unit)
+    if len(shape) == 2 and dtype.kind in "iuf":
+        wanted = order or ("txy" if shape[1] == 3 else "txyp")
+        if shape[1] == len(wanted):
+            return ArrayColumns({each: i for i, each in enumerate(wanted) if each != "-"}, None)
+    raise RecordingError(
+        f"{name} has shape {shape} and dtype {dtype}, which are no events: "
+        "save a structured array with fields t, x, y, p, or columns in that order (or --columns)"
+    )
 
 
 def match_columns(names: Iterable[str], order: str | None = None) -> Named | None:

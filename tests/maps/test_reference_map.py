@@ -379,7 +379,7 @@ def wrong_uses():
         "setting pixels = 'many'": lambda drive, route: build(drive, pixels="many"),
         "tau_us = 0.5 .*or a time such as 1s": lambda drive, route: build(drive, tau=0.5),
         "the recording is None: give a path": lambda drive, route: build(None),
-        "the recording is an array": lambda drive, route: build(events_of(0)),
+        "event data does not say how large its sensor": lambda drive, route: build(events_of(0)),
         "pixel_map is a list: give a PixelMap": lambda drive, route: build(
             drive, pixel_map=[(1, 2)]
         ),

@@ -1,0 +1,146 @@
+"""Events that a program holds: an array, four columns, a table such as a DataFrame, a data set."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.errors import RecordingError, UsageError, kind_of
+from edge_vpr.events import EVENT_DTYPE, Sensor
+from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
+from edge_vpr.recordings.table import array_columns, check_order, match_columns, tidy
+
+
+class EventTable(Protocol):
+    """Table with named columns, as those of pandas, polars and Arrow."""
+
+    @property
+    def columns(self) -> Any:
+        """Names of the columns (of Arrow, the columns)."""
+
+    def __getitem__(self, name: Any, /) -> Any:
+        """Return a column."""
+
+
+#: Events in memory: a structured array, an array with a column for each of t, x, y and p, these
+#: four as a sequence, or a table of them by name (a DataFrame, a mapping).
+EventData: TypeAlias = (
+    npt.NDArray[Any] | Sequence[npt.ArrayLike] | Mapping[str, npt.ArrayLike] | EventTable
+)
+#: What messages name in place of a path.
+_PLACE = Path("the event data")
+FORMAT = "memory"
+
+
+def is_event_data(given: object) -> bool:
+    """Return whether an object is events in memory, or a data set of them, and no recording."""
+    return (
+        isinstance(given, np.ndarray | tuple | list)
+        or _column_names(given) is not None
+        or hasattr(given, "__array__")
+        or _is_data_set(given)
+    )
+
+
+def _column_names(table: object) -> list[str] | None:
+    """Return the names of the columns of an Arrow table, a DataFrame or a mapping."""
+    for attribute in ("column_names", "columns"):
+        names = getattr(table, attribute, None)
+        if isinstance(names, Iterable) and hasattr(table, "__getitem__"):
+            return [str(name) for name in names]
+    return [str(name) for name in table] if isinstance(table, Mapping) else None
+
+
+def _is_data_set(given: object) -> bool:
+    """Return whether an object is a data set of tonic, whose classes are not imported here."""
+    return all(hasattr(given, name) for name in ("sensor_size", "__len__", "__getitem__"))
+
+
+def _is_sample(given: object) -> bool:
+    """Return whether an object is a pair of events and their target."""
+    if not isinstance(given, tuple | list) or len(given) != 2:
+        return False
+    events = given[0]
+    return _column_names(events) is not None or (
+        isinstance(events, np.ndarray) and (events.dtype.names is not None or events.ndim == 2)
+    )
+
+
+class MemorySource(Source):
+    """Source of events in memory, which are read by the rules for tables in files.
+
+    Parameters
+    ----------
+    given : EventData, or a sample or a data set of tonic
+        Of a sample, a pair of events and target, the events are taken, of a data set its only item.
+    options : ReadOptions
+    """
+
+    def __init__(self, given: Any, options: ReadOptions) -> None:
+        if options.topic is not None:
+            raise UsageError("topic= is for files: leave it out for events in memory")
+        if _is_data_set(given):
+            if len(given) != 1:
+                raise UsageError(
+                    f"the data set holds {len(given):,} recordings: give one, such as dataset[0], "
+                    "with sensor=dataset.sensor_size"
+                )
+            options = replace(options, sensor=options.sensor or Sensor.of(given.sensor_size))
+            given = given[0]
+        if _is_sample(given):
+            given = given[0]
+        self._columns, self._unit = _columns_of(given, options)
+        sizes = {name: column.shape for name, column in self._columns.items()}
+        if len(set(sizes.values())) > 1:
+            listed = ", ".join(f"{name} {shape}" for name, shape in sizes.items())
+            raise RecordingError(f"the event data has columns of shapes {listed}: give equal ones")
+        # times of this package's own arrays count from the start of their recording
+        own = isinstance(given, np.ndarray) and given.dtype == EVENT_DTYPE
+        super().__init__(_PLACE, options, start_us=0 if own else None)
+
+    def chunks(self, log: FaultLog) -> Iterator[Columns]:
+        """Yield the events; see :class:`Source`."""
+        total, step = self._columns["t"].shape[0], self.options.chunk_events
+        for first in range(0, total, step):
+            self.position = min(1.0, (first + step) / total)
+            part = {name: column[first : first + step] for name, column in self._columns.items()}
+            yield tidy(part, self._unit, log, first)
+
+
+def _columns_of(given: Any, options: ReadOptions) -> tuple[dict[str, npt.NDArray[Any]], str | None]:
+    """Return the columns t, x, y and perhaps p as arrays, and the unit of t if it is stated."""
+    order = options.columns
+    if (names := _column_names(given)) is not None:
+        named = match_columns(names, order)
+        if named is None:
+            raise RecordingError(
+                f"the event data has the columns {', '.join(names)}, and not t, x, y, p: "
+                "name all of them in their order with columns='xytp', for example"
+            )
+        found = {name: np.asarray(given[field]) for name, field in named.fields.items()}
+        return found, options.time_unit or named.unit
+    if isinstance(given, tuple | list):
+        wanted = order or "txyp"[: len(given)]
+        if len(given) < 3 or len(given) != len(wanted):
+            raise UsageError(
+                f"the event data is a sequence of {len(given)}: give t, x, y and p as four "
+                "arrays, or name their order with columns='xytp', for example"
+            )
+        arrays = [np.asarray(column) for column in given]
+        if order is None and all(a.ndim == 1 and a.dtype.kind in "iufb" for a in arrays):
+            rows = min(1_000, *(len(a) for a in arrays))
+            check_order(_PLACE, np.column_stack([a[:rows] for a in arrays]))
+        found = {name: a for name, a in zip(wanted, arrays, strict=True) if name != "-"}
+        return found, options.time_unit
+    array = np.asarray(given)
+    if array.dtype.names is None and array.ndim == 2 and order is None:
+        check_order(_PLACE, array[:1_000])
+    if array.ndim == 0:
+        raise UsageError(f"the event data is {kind_of(given)}: give an array of events")
+    layout = array_columns(str(_PLACE), array.dtype, array.shape, order)
+    return layout.of(array), options.time_unit or layout.unit

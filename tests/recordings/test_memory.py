@@ -1,0 +1,149 @@
+"""Events in memory are recordings: each form of them gives the map that their file gives."""
+
+import numpy as np
+import pytest
+
+from edge_vpr import ReferenceMap, open_recording, write_recording
+from edge_vpr.errors import EdgeVprError, RecordingError, UsageError
+from edge_vpr.events import EVENT_DTYPE
+from edge_vpr.simulation import simulate_pair
+
+
+@pytest.fixture(scope="module")
+def drives():
+    return simulate_pair(0, "tiny", length_m=40)
+
+
+@pytest.fixture(scope="module")
+def events(drives):
+    events = np.concatenate(list(drives[0]))
+    events["t"] -= events["t"][0]  # time 0 of foreign events is the first of them
+    return events
+
+
+def structured(events):
+    """In the order and the types of another program, on a clock of its own."""
+    foreign = np.empty(len(events), [("x", "i2"), ("y", "i2"), ("polarity", "i1"), ("ts", "i8")])
+    foreign["x"], foreign["y"] = events["x"], events["y"]
+    foreign["polarity"], foreign["ts"] = events["p"] * 2 - 1, events["t"] + 10**15
+    return foreign
+
+
+def four(events):
+    return [events[name] for name in "txyp"]
+
+
+def frame(events):
+    return pytest.importorskip("pandas").DataFrame({name: events[name] for name in "xytp"})
+
+
+def arrow(events):
+    columns = {name: events[name].copy() for name in "xytp"}
+    return pytest.importorskip("pyarrow").table(columns)
+
+
+class Sample:
+    """A data set as tonic makes them, of one recording."""
+
+    sensor_size = (32, 32, 2)
+
+    def __init__(self, events, number=1):
+        self._events, self._number = events, number
+
+    def __len__(self):
+        return self._number
+
+    def __getitem__(self, index):
+        return self._events, "a target"
+
+
+FORMS = {
+    "events": lambda events: events,
+    "structured": structured,
+    "four arrays": lambda events: tuple(four(events)),
+    "four lists": lambda events: [column.tolist() for column in four(events)],
+    "one array of four columns": lambda events: np.column_stack(four(events)),
+    "mapping": lambda events: {name: events[name] for name in "pyxt"},
+    "seconds": lambda events: {"t": events["t"] / 1e6, "x": events["x"], "y": events["y"]},
+    "DataFrame": frame,
+    "DataFrame of dates": lambda events: frame(events).assign(
+        t=lambda table: table["t"].astype("datetime64[us]")
+    ),
+    "Arrow": arrow,
+    "sample": lambda events: (events, 3),
+    "data set": Sample,
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_each_form_of_events_in_memory_gives_the_map_and_the_match_of_its_file(
+    form, drives, events, tmp_path
+):
+    write_recording(tmp_path / "drive.npz", events, sensor=drives[0].sensor)
+    expected = ReferenceMap.build(tmp_path / "drive.npz", pixels=20)
+    held = FORMS[form](events)
+    made = ReferenceMap.build(held, sensor=(32, 32), pixels=20)
+    assert made == expected
+    # the map knows the sensor of its camera
+    np.testing.assert_array_equal(
+        made.match(held).matches.place, expected.match(tmp_path / "drive.npz").matches.place
+    )
+
+
+def test_time_0_of_what_a_recording_yielded_stays_that_of_the_recording(drives):
+    events = np.concatenate(list(drives[0]))
+    assert events["t"][0] > 0
+    built = ReferenceMap.build(events, sensor=drives[0].sensor, track=drives[0].track, pixels=20)
+    assert built == ReferenceMap.build(drives[0], track=drives[0].track, pixels=20)
+
+
+def test_events_in_memory_are_checked_counted_and_cut_as_those_of_a_file(events):
+    late = events.copy()
+    late["t"][100] = 0
+    with pytest.raises(RecordingError, match="event 100: time runs backwards"):
+        list(open_recording(late, sensor="32x32"))
+    dropping = open_recording(late, sensor="32x32", on_fault="drop", chunk_events=64)
+    assert sum(len(part) for part in dropping) == len(events) - 1
+    assert dropping.faults.backwards == 1
+    part = np.concatenate(list(open_recording(events, sensor="32x32", start=1, end=2)))
+    wanted = events[(events["t"] >= 1_000_000) & (events["t"] < 2_000_000)]
+    np.testing.assert_array_equal(part["t"], wanted["t"] - 1_000_000)
+    nanoseconds = four(events)
+    nanoseconds[0] = nanoseconds[0] * 1000
+    read = np.concatenate(list(open_recording(nanoseconds, sensor="32x32", time_unit="ns")))
+    np.testing.assert_array_equal(read, events.astype(EVENT_DTYPE))
+
+
+@pytest.mark.parametrize(
+    "given, complaint",
+    [
+        (lambda events: events, "does not say how large its sensor is"),
+        (lambda events: Sample(events, 6), "holds 6 recordings: give one, such as"),
+        (lambda events: four(events)[:2], "is a sequence of 2"),
+        (lambda events: [events["x"], events["y"], events["t"], events["p"]], "x, y, t, p"),
+        (lambda events: {"a": events["x"], "b": events["y"]}, "has the columns a, b, and not"),
+        (lambda events: {"t": events["t"], "x": events["x"][1:], "y": events["y"]}, "of shapes"),
+        (lambda events: np.empty(0, EVENT_DTYPE), "does not say how large"),
+        (lambda events: events["t"], "which are no events"),
+        (lambda events: 5, "give a path, events"),
+        (lambda events: None, "give a path, events"),
+    ],
+)
+def test_what_is_no_recording_is_refused_in_one_line_that_says_what_to_give(
+    given, complaint, events
+):
+    with pytest.raises(EdgeVprError, match=complaint):
+        ReferenceMap.build(given(events))
+
+
+def test_a_sensor_that_contradicts_the_recording_is_refused(drives):
+    with pytest.raises(UsageError, match="leave it out"):
+        ReferenceMap.build(drives[0], sensor=(346, 260))
+
+
+def test_a_result_of_events_in_memory_is_saved_without_naming_a_file(drives, events, tmp_path):
+    made = ReferenceMap.build(events, sensor=(32, 32), pixels=20)
+    for held in (events, open_recording(events, sensor=(32, 32))):
+        result = made.match(held)
+        assert result.inputs == ()
+        result.save(tmp_path / "out", overwrite=True)
