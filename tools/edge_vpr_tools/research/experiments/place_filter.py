@@ -77,6 +77,7 @@ AT_WHOLE = ", places at whole windows"
 LONGEST = 10
 FIRST_SEED = 10
 PIXELS = (25, 150)
+PRECISION = 0.99
 _HALF = {"matching": "filter", "places_per_window": 2}
 _WHEELS = 9  # random stream of the odometers
 
@@ -142,6 +143,8 @@ def measure(draw: Draw) -> Iterator[Row]:
         for method, pair, changes, along in tried:
             matches = pair.coded(changes).match(along)
             found = evaluate(matches, pair.truth)
+            accepted = matches.probability[found.evaluated] >= PRECISION
+            correct = found.correct[found.evaluated]
             yield {
                 DRIVES: name,
                 "method": method,
@@ -149,6 +152,8 @@ def measure(draw: Draw) -> Iterator[Row]:
                 "P@100R": found.precision_at_100_recall,
                 INNER: inner_share(matches, pair.truth, LONGEST),
                 "R@99P": found.recall_at_99_precision,
+                "accepted at 0.99": float(accepted.mean()),
+                "correct of accepted": float(correct[accepted].mean()) if accepted.any() else None,
             }
         for variant, ending in ((ROBOT, ""), (BEST, ", smoothed")):
             rng = np.random.default_rng(draw.seed)
