@@ -329,3 +329,17 @@ def count_drive(
         images.append(np.minimum(one.counts, 65_535).astype(np.uint16).reshape(size))
         centres.append(one.start_us + (one.end_us - one.start_us) // 2)
     return CountedDrive(np.array(images), np.array(centres, dtype=np.int64))
+
+
+def rates(matches: Matches, truth: GroundTruth) -> dict[str, Any]:
+    """Return how often matches are correct, and how many of them are accepted."""
+    found = evaluate(matches, truth)
+    rejection = found.rejection
+    row: dict[str, Any] = {
+        "P@100R": found.precision_at_100_recall,
+        "R@99P": found.recall_at_99_precision,
+    }
+    if rejection.accepted is not None:
+        row["accepted at 0.99"] = rejection.accepted / found.queries
+        row["correct of accepted"] = rejection.precision
+    return row

@@ -21,7 +21,6 @@ from matplotlib.figure import Figure
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MissingExtraError, UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.matching.drive import anchor_offset
 from edge_vpr.matching.matches import Matches
 from edge_vpr.settings import PRESETS, Settings
@@ -40,7 +39,7 @@ from edge_vpr_tools.research.experiments.nulls import (
     constant_speed,
     null_queries,
 )
-from edge_vpr_tools.research.experiments.pairs import INNER, CountedPair, inner_share
+from edge_vpr_tools.research.experiments.pairs import INNER, CountedPair, inner_share, rates
 from edge_vpr_tools.research.experiments.plots import costs
 
 # How a matrix of distances becomes matches.
@@ -246,20 +245,6 @@ def _chosen_on(system: System, decoder: Decoder) -> str:
     if system.chosen_on == BY_US or decoder.settings.matching == "sequence":
         return system.chosen_on
     return f"{system.chosen_on}; filter: {BY_US}"
-
-
-def rates(matches: Matches, truth: GroundTruth) -> dict[str, Any]:
-    """Return how often matches are correct, and how many of them are accepted."""
-    found = evaluate(matches, truth)
-    rejection = found.rejection
-    row: dict[str, Any] = {
-        "P@100R": found.precision_at_100_recall,
-        "R@99P": found.recall_at_99_precision,
-    }
-    if rejection.accepted is not None:
-        row["accepted at 0.99"] = rejection.accepted / found.queries
-        row["correct of accepted"] = rejection.precision
-    return row
 
 
 class _Start(NamedTuple):
