@@ -1,67 +1,154 @@
-"""The image that the reference firmware reads from flash: a header and the tables."""
+"""The image that the reference firmware reads from flash: a header and the tables.
+
+`Word` and `Table` are its layout. ``c/tables.h`` is written from them by
+`firmware_model.emulation.tables`, and the tables of docs/firmware.md by ``python -m
+firmware_model.image``.
+"""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
-from enum import IntEnum
+import zlib
+from collections.abc import Mapping
+from enum import Enum, IntEnum
+from itertools import chain
+from math import prod
+from typing import Self
 
-from firmware_model.design import FRACTION_BITS, LEVELS, Design, formats_of
+from firmware_model.design import (
+    ACTIVITY_BITS,
+    FRACTION_BITS,
+    LARGEST_SUM,
+    LEVEL_TOP,
+    LEVELS,
+    MAX_COST,
+    MAX_SIDE,
+    TRUST_TOP,
+    Design,
+    formats_of,
+)
 from firmware_model.errors import DesignError
 from firmware_model.memories import Memories
+from fixedpoint.activity import EVENTS_TOP
 
-MAGIC, VERSION = 0x49525056, 5
+MAGIC, VERSION = 0x49525056, 6
 HEADER_WORDS = 32
+#: rows of codes, and tables, begin at multiples of this number of bytes
+ALIGNMENT = 16
+_SHORT, _LONG = (1 << 16) - 1, (1 << 32) - 1
 
 
 class Word(IntEnum):
-    """Words of the header, as in the enumeration at the beginning of ``c/vpr.c``."""
+    """Words of the header in their order, 32 bits each; those that follow are 0.
 
-    MAGIC = 0
-    VERSION = 1
-    BYTES = 2
-    WIDTH = 3
-    HEIGHT = 4
-    PIXELS = 5
-    STRIDE = 6
-    CODE_BITS = 7
-    CONTRAST = 8
-    PLACES = 9
-    LENGTH = 10
-    EXCLUSION = 11
-    WINDOW_KIND = 12
-    WINDOW = 13
-    TIMESTAMP_BITS = 14
-    LARGEST_SUM = 15
-    LOOKUP_DEPTH = 16
-    PLACES_PER_WINDOW = 17
-    RESTART = 18
-    TRUST = 19
-    ACTIVITY = 20
-    DISPLACEMENT_TABLE = 21
-    LOOKUP_TABLE = 22
-    PLACES_TABLE = 23
-    LEVEL_TABLE = 24
-    MEAN_TABLE = 25
-    PLACE_ACTIVITY_TABLE = 26
+    Attributes
+    ----------
+    least, most : int
+        Its range; that of some words is narrower in some designs, as `text` says.
+    text : str
+        What it is, for the page.
+    """
+
+    least: int
+    most: int
+    text: str
+
+    def __new__(cls, least: int, most: int, text: str) -> Self:
+        """Make a word, numbered by its place."""
+        word = int.__new__(cls, len(cls.__members__))
+        word._value_ = len(cls.__members__)
+        word.least, word.most, word.text = least, most, text
+        return word
+
+    MAGIC = MAGIC, MAGIC, "0x49525056: the bytes `VPRI`"
+    VERSION = VERSION, VERSION, "of this layout"
+    BYTES = HEADER_WORDS * 4, _LONG, "of the image, header and padding included"
+    CRC = 0, _LONG, "CRC-32, as of zlib and Ethernet, of all bytes behind this word"
+    WIDTH = 1, MAX_SIDE, "columns of the sensor"
+    HEIGHT = 1, MAX_SIDE, "rows of the sensor"
+    PIXELS = 1, _SHORT, "selected pixels, J; `PIXELS * (2^CODE_BITS - 1)` has 16 bits"
+    STRIDE = ALIGNMENT, _SHORT + 1, "bytes of a place: `PIXELS` rounded up to a multiple of 16"
+    CODE_BITS = 1, 8, "bits of a code"
+    CONTRAST = 0, 1, "1: contrast codes, 0: counts"
+    PLACES = 1, _SHORT, "K; `8 * PLACES * LENGTH` has 32 bits"
+    LENGTH = 1, _SHORT, "windows of a sequence, at most `PLACES`; of the place filter 1"
+    EXCLUSION = 0, _SHORT, "places on each side of the best in which no second best is looked for"
+    WINDOW_KIND = 0, 1, "0: windows of a fixed time, 1: of a number of events at selected pixels"
+    WINDOW = 1, _LONG, "that time in microseconds, below half the clock's period, or that number"
+    TIMESTAMP_BITS = 2, 32, "bits of the clock"
+    LARGEST_SUM = 0, LARGEST_SUM, "largest accepted sum of a sequence"
+    LOOKUP_DEPTH = 1, _SHORT + 1, "entries of the look-up: a power of two"
+    PLACES_PER_WINDOW = 0, 2, "of the place filter; 0: sequences"
+    RESTART = 0, MAX_COST << FRACTION_BITS, "of the filter, cost of a restart in 1/4; else 0"
+    TRUST = 0, TRUST_TOP, "of the filter, least accepted trust; else 0"
+    ACTIVITY = (
+        0,
+        EVENTS_TOP << ACTIVITY_BITS,
+        "of the filter and of contrast codes, initial mean number of selected events of a window, "
+        "in 1/256; else 0",
+    )
 
 
-#: offsets of the tables, in the order in which they lie in the image
-TABLES = (
-    Word.DISPLACEMENT_TABLE,
-    Word.LOOKUP_TABLE,
-    Word.PLACES_TABLE,
-    Word.LEVEL_TABLE,
-    Word.MEAN_TABLE,
-    Word.PLACE_ACTIVITY_TABLE,
-)
-#: rows of codes, and tables, begin at multiples of this number of bytes
-ALIGNMENT = 16
+class Table(Enum):
+    """Tables in their order; each begins at a multiple of 16 bytes, behind zeros.
+
+    Attributes
+    ----------
+    entry : str
+        Type of an entry, as of `struct`.
+    factors : tuple of Word or int
+        Their product is the number of entries.
+    where : Word or None
+        Without this word, which is 0 then, the design has no such table.
+    text : str
+        What it is, for the page.
+    """
+
+    entry: str
+    factors: tuple[Word | int, ...]
+    where: Word | None
+    text: str
+
+    def __init__(
+        self, entry: str, factors: tuple[Word | int, ...], where: Word | None, text: str
+    ) -> None:
+        self.entry, self.factors, self.where, self.text = entry, factors, where, text
+
+    DISPLACEMENT = (
+        "H", (Word.HEIGHT,), None,
+        "where the row begins in the look-up, 0 to `LOOKUP_DEPTH` - 1",
+    )  # fmt: skip
+    LOOKUP = (
+        "II", (Word.LOOKUP_DEPTH,), None,
+        "pixel of the entry (bits 16 to 30 row, 0 to 15 column; 0xFFFFFFFF: none), and its slot. "
+        "The entry of pixel (x, y) is at `(x + displacement[y]) mod LOOKUP_DEPTH`",
+    )  # fmt: skip
+    PLACES = "B", (Word.PLACES, Word.STRIDE), None, "codes of each place, and zeros behind them"
+    LEVEL = (
+        "H", (len(LEVELS),), Word.CONTRAST, f"T of the specification, 0 to {LEVEL_TOP}",
+    )  # fmt: skip
+    MEAN = "H", (Word.PIXELS,), Word.CONTRAST, f"initial means, 0 to {LEVEL_TOP}"
+    PLACE_ACTIVITY = (
+        "b", (Word.PLACES,), Word.PLACES_PER_WINDOW, "A of the specification, -128 to 127",
+    )  # fmt: skip
+
+    def size(self, header: Mapping[int, int]) -> int:
+        """Return its bytes, without padding, in an image of this header."""
+        if self.where is not None and not header.get(self.where, 0):
+            return 0
+        entries = prod(header[f] if isinstance(f, Word) else f for f in self.factors)
+        return struct.calcsize(f"<{self.entry}") * entries
 
 
 def stride(design: Design) -> int:
     """Return the bytes of a row of codes with its padding; a code takes one byte."""
     return _aligned(design.slots)
+
+
+def image_bytes(design: Design) -> int:
+    """Return the bytes of the image of a design."""
+    header = _header(design)
+    return HEADER_WORDS * 4 + sum(_aligned(table.size(header)) for table in Table)
 
 
 def image(memories: Memories) -> bytes:
@@ -70,7 +157,7 @@ def image(memories: Memories) -> bytes:
     Returns
     -------
     bytes
-        Little-endian; the header is described by the enumeration at the head of ``c/vpr.c``.
+        Little-endian: the words of `Word`, and the tables of `Table`.
 
     Raises
     ------
@@ -80,31 +167,49 @@ def image(memories: Memories) -> bytes:
     design = memories.design
     check_limits(design)
     lookup, row = memories.lookup(), stride(design)
-    entries = [struct.pack("<II", 0xFFFF_FFFF, 0)] * design.lookup_depth
+    entries = [(0xFFFF_FFFF, 0)] * design.lookup_depth
     for slot, (x, y) in enumerate(memories.pixels):
-        at = (x + lookup.displacement[y]) % design.lookup_depth
-        entries[at] = struct.pack("<II", y << 16 | x, slot)
-    tables = [
-        struct.pack(f"<{design.height}H", *lookup.displacement),
-        b"".join(entries),
-        b"".join(bytes(place).ljust(row, b"\0") for place in memories.places),
-        _words(LEVELS if design.contrast else ()),
-        _words(memories.mean),
-        struct.pack(f"{len(memories.place_activity)}b", *memories.place_activity),
-    ]
-    offsets, body = [], b""
-    for table in tables:
-        offsets.append(HEADER_WORDS * 4 + len(body))
-        body += table.ljust(_aligned(len(table)), b"\0")
+        entries[(x + lookup.displacement[y]) % design.lookup_depth] = y << 16 | x, slot
+    values = {
+        Table.DISPLACEMENT: lookup.displacement,
+        Table.LOOKUP: tuple(chain.from_iterable(entries)),
+        Table.PLACES: b"".join(bytes(place).ljust(row, b"\0") for place in memories.places),
+        Table.LEVEL: LEVELS if design.contrast else (),
+        Table.MEAN: memories.mean,
+        Table.PLACE_ACTIVITY: memories.place_activity,
+    }
+    tables = {
+        table: struct.pack(f"<{len(values[table])}{table.entry[0]}", *values[table])
+        for table in Table
+    }
+    return pack(_header(design) | {Word.ACTIVITY: memories.activity}, tables)
+
+
+def pack(header: Mapping[int, int], tables: Mapping[Table, bytes | bytearray]) -> bytes:
+    """Lay tables out behind a header, of which `Word.BYTES` and `Word.CRC` are filled in."""
+    parts = (tables[table].ljust(_aligned(len(tables[table])), b"\0") for table in Table)
+    body = b"".join(parts)
+    words = [header.get(word, 0) for word in range(HEADER_WORDS)]
+    words[Word.BYTES] = HEADER_WORDS * 4 + len(body)
+    return sealed(struct.pack(f"<{HEADER_WORDS}I", *words) + body)
+
+
+def sealed(data: bytes) -> bytes:
+    """Return an image with the checksum of its contents."""
+    behind = Word.CRC * 4 + 4
+    return data[: Word.CRC * 4] + struct.pack("<I", zlib.crc32(data[behind:])) + data[behind:]
+
+
+def _header(design: Design) -> dict[int, int]:
+    """Return the words of a design, without those that depend on the tables' contents."""
     by_time = design.window == "time"
     header: dict[int, int] = {
         Word.MAGIC: MAGIC,
         Word.VERSION: VERSION,
-        Word.BYTES: HEADER_WORDS * 4 + len(body),
         Word.WIDTH: design.width,
         Word.HEIGHT: design.height,
         Word.PIXELS: design.pixels,
-        Word.STRIDE: row,
+        Word.STRIDE: stride(design),
         Word.CODE_BITS: design.code_bits,
         Word.CONTRAST: int(design.contrast),
         Word.PLACES: design.places,
@@ -115,8 +220,6 @@ def image(memories: Memories) -> bytes:
         Word.TIMESTAMP_BITS: design.timestamp_bits,
         Word.LARGEST_SUM: 0 if design.filters else design.largest_sum,
         Word.LOOKUP_DEPTH: design.lookup_depth,
-        Word.ACTIVITY: memories.activity,
-        **dict(zip(TABLES, offsets, strict=True)),
     }
     if design.filters:
         header |= {
@@ -124,12 +227,24 @@ def image(memories: Memories) -> bytes:
             Word.RESTART: design.restart << FRACTION_BITS,
             Word.TRUST: design.trust,
         }
-    words = [header.get(word, 0) for word in range(HEADER_WORDS)]
-    return struct.pack(f"<{HEADER_WORDS}I", *words) + body
+    return header
 
 
-def _words(values: Sequence[int]) -> bytes:
-    return struct.pack(f"<{len(values)}H", *values)
+def page() -> str:
+    """Return the words and the tables in Markdown."""
+    names = {"b": "int8", "B": "uint8", "H": "uint16", "II": "2 uint32"}
+    lines = ["| word | name | range | |", "| --- | --- | --- | --- |"]
+    for word in Word:
+        span = f"{word.least:,}" + (f" to {word.most:,}" if word.most > word.least else "")
+        lines.append(f"| {word:d} | `{word.name}` | {span} | {word.text} |")
+    lines += ["", "| table | entries | of | |", "| --- | --- | --- | --- |"]
+    for table in Table:
+        factors = (f"`{f.name}`" if isinstance(f, Word) else f"{f:,}" for f in table.factors)
+        number = " * ".join(factors)
+        if table.where is not None:
+            number += f"; none if `{table.where.name}` is 0"
+        lines.append(f"| {table.name.lower()} | {number} | {names[table.entry]} | {table.text} |")
+    return "\n".join(lines)
 
 
 def ram_arrays(design: Design) -> dict[str, int]:
@@ -176,3 +291,7 @@ def check_limits(design: Design) -> None:
 
 def _aligned(size: int) -> int:
     return -(-size // ALIGNMENT) * ALIGNMENT
+
+
+if __name__ == "__main__":
+    print(page())

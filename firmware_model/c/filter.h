@@ -10,7 +10,7 @@
 
 #include "quotient.h"
 #include "sad.h"
-#include "step_costs.h"
+#include "tables.h"
 #include "vpr.h"
 
 #define METRIC_TOP 1023U

@@ -10,6 +10,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "crc.h"
+#include "tables.h"
 #include "vpr.h"
 
 #define WORDS (1U << 20)
@@ -81,7 +83,7 @@ static uint32_t telling(uint32_t now, const uint32_t *words)
     case 4U:
         return (1U << below(32U)) - 1U;
     case 5U:
-        return words[below(VPR_HEADER_WORDS)];
+        return words[below(HEADER_WORDS)];
     case 6U:
         return now * 2U;
     case 7U:
@@ -94,19 +96,19 @@ static uint32_t telling(uint32_t now, const uint32_t *words)
 /* Damage an image in one place; the number of its bytes from then on. */
 static uint32_t damage(uint8_t *image, uint32_t bytes)
 {
-    uint32_t words[VPR_HEADER_WORDS] = {0U};
+    uint32_t words[HEADER_WORDS] = {0U};
     memcpy(words, image, (bytes < sizeof words) ? bytes : sizeof words);
     const uint32_t at = below(bytes);
     switch (below(8U)) {
     case 0U:
     case 1U: { /* a word of the header, without those that no image has otherwise */
-        const uint32_t word = 3U + below(VPR_HEADER_WORDS - 3U);
+        const uint32_t word = AT_WIDTH + below(HEADER_WORDS - AT_WIDTH);
         words[word] = telling(words[word], words);
         memcpy(image, words, (bytes < sizeof words) ? bytes : sizeof words);
         break;
     }
     case 2U: { /* a header that says less or more */
-        words[below(VPR_HEADER_WORDS)] = random_word();
+        words[below(HEADER_WORDS)] = random_word();
         memcpy(image, words, (bytes < sizeof words) ? bytes : sizeof words);
         break;
     }
@@ -143,6 +145,22 @@ static uint32_t damage(uint8_t *image, uint32_t bytes)
         break;
     }
     return bytes;
+}
+
+/* Write the size and the checksum of what the image has become, so that the rest is looked at. */
+static void seal(uint8_t *image, uint32_t bytes)
+{
+    if (bytes < (HEADER_WORDS * 4U)) {
+        return;
+    }
+    const uint32_t from = (AT_CRC + 1U) * 4U;
+    uint32_t crc = ~(uint32_t)0;
+    for (uint32_t i = from; i < bytes; i++) {
+        crc = crc_after(crc, image[i], 1U);
+    }
+    crc = ~crc;
+    memcpy(&image[AT_BYTES * 4U], &bytes, 4U);
+    memcpy(&image[AT_CRC * 4U], &crc, 4U);
 }
 
 /* An event near the open window's end, or anywhere in time; at a selected pixel, or elsewhere. */
@@ -280,7 +298,7 @@ static void one(void)
     memcpy(room, &from[1], bytes);
     do {
         bytes = damage((uint8_t *)room, bytes);
-    } while ((below(3U) == 0U) && (bytes > VPR_HEADER_WORDS));
+    } while ((below(3U) == 0U) && (bytes > HEADER_WORDS));
     /* as long as it is and no longer, so that reads behind it are found */
     uint32_t *const image = malloc((bytes == 0U) ? 1U : bytes);
     if (image == NULL) {
@@ -288,6 +306,9 @@ static void one(void)
     }
     memcpy(image, room, bytes);
     free(room);
+    if (below(16U) != 0U) {
+        seal((uint8_t *)image, bytes);
+    }
     vpr_design_t design;
     memset(&design, 0xA5, sizeof design);
     done.images++;

@@ -2,48 +2,15 @@
 
 #include <stddef.h>
 
+#include "crc.h"
 #include "filter.h"
 #include "sad.h"
-
-/* Words of the image's header. Offsets are in bytes from its beginning, multiples of 16; the tables
- * lie in the order of their words, and do not overlap. */
-enum {
-    AT_MAGIC = 0,
-    AT_VERSION,
-    AT_BYTES,
-    AT_WIDTH,
-    AT_HEIGHT,
-    AT_PIXELS,
-    AT_STRIDE,
-    AT_CODE_BITS,
-    AT_CONTRAST, /* 1: contrast codes, 0: counts */
-    AT_PLACES,
-    AT_LENGTH,
-    AT_EXCLUSION,
-    AT_WINDOW_KIND, /* 0: by time, 1: by count */
-    AT_WINDOW,      /* microseconds, or events at selected pixels */
-    AT_TIMESTAMP_BITS,
-    AT_LARGEST_SUM, /* of sequences that are accepted */
-    AT_LOOKUP_DEPTH,
-    AT_PLACES_PER_WINDOW, /* of the place filter; 0: sequences */
-    AT_RESTART,
-    AT_TRUST,
-    AT_ACTIVITY,
-    AT_DISPLACEMENT_TABLE,
-    AT_LOOKUP_TABLE,
-    AT_PLACES_TABLE,
-    AT_LEVEL_TABLE,
-    AT_MEAN_TABLE,
-    AT_PLACE_ACTIVITY_TABLE
-};
+#include "tables.h"
 
 #define LIMIT 0xFFFFU     /* of what is multiplied */
-#define SIDE_MAX 0x8000U /* rows of an event have 15 bits */
 #define COLUMN_MASK 0xFFFFU
 #define ROW_SHIFT 16U
 #define PIXEL_MASK 0x7FFFFFFFU
-#define COST_MAX 1016U
-#define TRUST_MAX 368U
 #define CONTRAST_COUNT_MAX 1023U /* at which counters of contrast codes saturate */
 #define LEVEL_MAX 2560U           /* its logarithm in units of 1/256 octave */
 #define LEVEL_BITS 8U
@@ -97,20 +64,9 @@ static bool adaptive_within_limits(const uint32_t *image)
  * together. */
 static bool within_limits(const uint32_t *image)
 {
-    static const struct {
-        uint8_t word;
-        uint8_t least;
-        uint16_t most;
-    } range[] = {{AT_WIDTH, 1U, SIDE_MAX},  {AT_HEIGHT, 1U, SIDE_MAX},
-                 {AT_PIXELS, 1U, LIMIT},    {AT_CODE_BITS, 1U, 8U},
-                 {AT_CONTRAST, 0U, 1U},     {AT_PLACES, 1U, LIMIT},
-                 {AT_LENGTH, 1U, LIMIT},    {AT_EXCLUSION, 0U, LIMIT},
-                 {AT_WINDOW_KIND, 0U, 1U},  {AT_TIMESTAMP_BITS, 2U, 32U},
-                 {AT_PLACES_PER_WINDOW, 0U, 2U},
-                 {AT_RESTART, 0U, COST_MAX}, {AT_TRUST, 0U, TRUST_MAX}};
-    for (uint32_t i = 0U; i < (sizeof range / sizeof *range); i++) {
-        const uint32_t value = image[range[i].word];
-        if ((value < range[i].least) || (value > range[i].most)) {
+    for (uint32_t i = 0U; i < (sizeof image_range / sizeof *image_range); i++) {
+        const uint32_t value = image[image_range[i].word];
+        if ((value < image_range[i].least) || (value > image_range[i].most)) {
             return false;
         }
     }
@@ -128,26 +84,35 @@ static bool within_limits(const uint32_t *image)
            fits(image[AT_PLACES] * image[AT_LENGTH], 8U) && adaptive_within_limits(image);
 }
 
-/* Whether the tables lie behind the header and one another, aligned, and within the image. */
-static bool laid_out(const uint32_t *image)
+/* Whether the tables fill the image behind its header; `at` is where each begins, in bytes. */
+static bool laid_out(const uint32_t *image, uint32_t at[TABLES])
 {
-    const bool contrast = image[AT_CONTRAST] != 0U;
-    const uint32_t size[] = {image[AT_HEIGHT] * 2U,
-                             image[AT_LOOKUP_DEPTH] * 8U,
-                             image[AT_PLACES] * image[AT_STRIDE],
-                             contrast ? ((CONTRAST_COUNT_MAX + 1U) * 2U) : 0U,
-                             contrast ? (image[AT_PIXELS] * 2U) : 0U,
-                             (image[AT_PLACES_PER_WINDOW] != 0U) ? image[AT_PLACES] : 0U};
-    uint32_t end = VPR_HEADER_WORDS * 4U;
-    for (uint32_t i = 0U; i < (sizeof size / sizeof *size); i++) {
-        const uint32_t at = image[AT_DISPLACEMENT_TABLE + i];
-        if ((at < end) || (at != rounded_up(at)) || (at > image[AT_BYTES]) ||
-            (size[i] > (image[AT_BYTES] - at))) {
+    uint32_t bytes[TABLES];
+    uint32_t end = HEADER_WORDS * 4U;
+    table_bytes(image, bytes);
+    for (uint32_t i = 0U; i < (uint32_t)TABLES; i++) {
+        const uint32_t padded = rounded_up(bytes[i]);
+        if (padded > (image[AT_BYTES] - end)) {
             return false;
         }
-        end = at + size[i];
+        at[i] = end;
+        end += padded;
     }
-    return true;
+    return end == image[AT_BYTES];
+}
+
+/* Whether the image is as it was made: its beginning, its end and its checksum. */
+static bool undamaged(const uint32_t *image, uint32_t image_bytes)
+{
+    if ((image_bytes < (HEADER_WORDS * 4U)) || (image[AT_MAGIC] != IMAGE_MAGIC) ||
+        (image[AT_BYTES] < (HEADER_WORDS * 4U)) || (image[AT_BYTES] > image_bytes)) {
+        return false;
+    }
+    uint32_t crc = VPR_NONE;
+    for (uint32_t i = (uint32_t)AT_CRC + 1U; i < (image[AT_BYTES] / 4U); i++) {
+        crc = crc_after(crc, image[i], 4U);
+    }
+    return image[AT_CRC] == ~crc;
 }
 
 static bool at_most(const uint8_t *bytes, uint32_t count, uint32_t most)
@@ -220,21 +185,20 @@ static bool places_sound(const vpr_design_t *d)
 
 bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
 {
-    if ((image_bytes < (VPR_HEADER_WORDS * 4U)) || (image[AT_MAGIC] != VPR_MAGIC) ||
-        (image[AT_VERSION] != VPR_VERSION) || (image[AT_BYTES] != image_bytes) ||
-        !within_limits(image) || !laid_out(image)) {
+    uint32_t at[TABLES];
+    if (!undamaged(image, image_bytes) || !within_limits(image) || !laid_out(image, at)) {
         return false;
     }
     const uint8_t *const bytes = (const uint8_t *)image;
     const bool by_time = image[AT_WINDOW_KIND] == 0U;
 
     /* MISRA deviation 11.3: the tables lie aligned in the image */
-    d->displacement = (const uint16_t *)(const void *)&bytes[image[AT_DISPLACEMENT_TABLE]];
-    d->lookup = (const vpr_entry_t *)(const void *)&bytes[image[AT_LOOKUP_TABLE]];
-    d->level = (const uint16_t *)(const void *)&bytes[image[AT_LEVEL_TABLE]];
-    d->place_activity = (const int8_t *)(const void *)&bytes[image[AT_PLACE_ACTIVITY_TABLE]];
-    d->mean = (const uint16_t *)(const void *)&bytes[image[AT_MEAN_TABLE]];
-    d->places = &bytes[image[AT_PLACES_TABLE]];
+    d->displacement = (const uint16_t *)(const void *)&bytes[at[TABLE_DISPLACEMENT]];
+    d->lookup = (const vpr_entry_t *)(const void *)&bytes[at[TABLE_LOOKUP]];
+    d->level = (const uint16_t *)(const void *)&bytes[at[TABLE_LEVEL]];
+    d->place_activity = (const int8_t *)(const void *)&bytes[at[TABLE_PLACE_ACTIVITY]];
+    d->mean = (const uint16_t *)(const void *)&bytes[at[TABLE_MEAN]];
+    d->places = &bytes[at[TABLE_PLACES]];
     d->height = image[AT_HEIGHT];
     d->lookup_mask = image[AT_LOOKUP_DEPTH] - 1U;
     d->slots = image[AT_PIXELS];

@@ -19,9 +19,6 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define VPR_MAGIC 0x49525056U /* "VPRI" */
-#define VPR_VERSION 5U
-#define VPR_HEADER_WORDS 32U
 #define VPR_NONE 0xFFFFFFFFU
 
 /* An event as it arrives: 8 bytes. */
@@ -123,14 +120,14 @@ typedef struct {
 
 /* Check an image and read its design. False: it is none, of another version, damaged, or beyond the
  * limits of this firmware (codes of at most 8 bits, a distance of at most 16, and comparisons of at
- * most 32); on failure `*d` is undefined. `image` is aligned to 16 bytes, and `image_bytes` of it can be
- * read; both are all that is trusted.
+ * most 32); on failure `*d` is undefined. `image` is aligned to 16 bytes, and `image_bytes` of it can
+ * be read, at least as many as the image has; both are all that is trusted.
  *
  * True: every word of the header and every entry of the tables is within its range. As long as the
  * image stays as it is, no events, whatever their pixels and times, make the functions below read
  * outside the image and the RAM, write outside the RAM, or run for ever; a single event ends at
- * most (half the clock's period) / tau + 1 windows. Every sum is exact. There is no checksum: an
- * image that was damaged into another valid one (another code of a place) is accepted. */
+ * most (half the clock's period) / tau + 1 windows. Every sum is exact. The checksum finds an image that
+ * was damaged into another valid one; it does not guard against one that was made so. */
 bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes);
 
 /* Bytes of RAM that the state needs beside vpr_state_t. */

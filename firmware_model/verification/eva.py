@@ -33,7 +33,7 @@ from pathlib import Path
 from firmware_model.design import LEVEL_TOP, LEVELS, Design
 from firmware_model.emulation.build import SOURCES
 from firmware_model.errors import ToolError
-from firmware_model.image import HEADER_WORDS, TABLES, Word, image, ram_arrays
+from firmware_model.image import ALIGNMENT, HEADER_WORDS, Table, Word, image, ram_arrays
 from firmware_model.memories import Memories
 from firmware_model.vectors.case import choose_pixels
 
@@ -62,12 +62,12 @@ _LARGE = Design(
 LARGE_SIZES = {"large_default": _LARGE}
 #: words of the header that may be any; the others are sizes
 FREE = (
-    Word.MAGIC, Word.VERSION, Word.BYTES, Word.WIDTH, Word.WINDOW, Word.TIMESTAMP_BITS,
+    Word.MAGIC, Word.VERSION, Word.BYTES, Word.CRC, Word.WIDTH, Word.WINDOW, Word.TIMESTAMP_BITS,
     Word.LARGEST_SUM, Word.RESTART, Word.TRUST, Word.ACTIVITY,
 )  # fmt: skip
 #: functions after which Eva goes on apart with what they let through, and what they refuse
 _APART = (
-    "vpr_open", "within_limits", "adaptive_within_limits", "laid_out", "lookup_sound",
+    "vpr_open", "undamaged", "within_limits", "adaptive_within_limits", "laid_out", "lookup_sound",
     "levels_sound", "places_sound", "at_most", "words_at_most",
 )  # fmt: skip
 _OPTIONS = (
@@ -86,11 +86,6 @@ _SMALL_OPTIONS = (
 _LARGE_OPTIONS = (
     _STATES, f"{_OF_ALL},advance_by_evidence:800",
     "-eva-slevel", "2", _UNROLL, "24", _DOMAINS, "cvalue,symbolic-locations,equality,gauges",
-)  # fmt: skip
-#: names and types of the tables, in their order in the image
-_TABLES = (
-    ("displacement", "H"), ("lookup", "II"), ("places", "B"), ("level", "H"), ("mean", "H"),
-    ("place_activity", "b"),
 )  # fmt: skip
 _C_TYPES = {"B": "uint8_t", "b": "int8_t", "H": "uint16_t", "I": "uint32_t", "II": "vpr_entry_t"}
 _DRIVER = """
@@ -211,12 +206,12 @@ def driver(design: Design, *, large: bool = False) -> str:
     places = [[0] * design.slots] * design.places
     flash = image(Memories(design, pixels, places))
     words = list(struct.unpack_from(f"<{HEADER_WORDS}I", flash))
-    offsets = [words[word] for word in TABLES]
     fields = [f"    uint32_t header[{HEADER_WORDS}];"]
-    for (name, kind), at, end in zip(_TABLES, offsets, [*offsets[1:], len(flash)], strict=True):
-        entries = (end - at) // struct.calcsize(f"<{kind}")
-        if entries:
-            fields.append(f"    {_C_TYPES[kind]} {name}[{entries}];")
+    for table in Table:
+        padded = -(-table.size(dict(enumerate(words))) // ALIGNMENT) * ALIGNMENT
+        if padded:
+            entries = padded // struct.calcsize(f"<{table.entry}")
+            fields.append(f"    {_C_TYPES[table.entry]} {table.name.lower()}[{entries}];")
     header = [
         f"    flash.header[{at}] = {word}U;" for at, word in enumerate(words)
         if large or at not in list(FREE)

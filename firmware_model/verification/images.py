@@ -9,7 +9,17 @@ from typing import NamedTuple, Self
 
 from firmware_model.design import LEVEL_TOP, LEVELS, Design
 from firmware_model.errors import DesignError, VectorError
-from firmware_model.image import ALIGNMENT, HEADER_WORDS, TABLES, Word, image, ram_bytes
+from firmware_model.image import (
+    ALIGNMENT,
+    HEADER_WORDS,
+    VERSION,
+    Table,
+    Word,
+    image,
+    pack,
+    ram_bytes,
+    sealed,
+)
 from firmware_model.memories import Memories
 from firmware_model.specification import Machine, MatchResult, WindowResult
 from firmware_model.vectors.case import Case, in_order, records, to_binary
@@ -28,13 +38,13 @@ class Draft:
     """Image under construction: header words and tables, which are laid out when it is packed."""
 
     def __init__(self, data: bytes) -> None:
-        self.words = list(struct.unpack_from(f"<{HEADER_WORDS}I", data))
-        offsets = [self.words[word] for word in TABLES]
-        ends = [*offsets[1:], len(data)]
-        self.tables = {
-            word: bytearray(data[at:end])
-            for word, at, end in zip(TABLES, offsets, ends, strict=True)
-        }
+        self.words = dict(enumerate(struct.unpack_from(f"<{HEADER_WORDS}I", data)))
+        self.tables: dict[Table, bytearray] = {}
+        at = HEADER_WORDS * 4
+        for table in Table:
+            size = table.size(self.words)
+            self.tables[table] = bytearray(data[at : at + size])
+            at += -(-size // ALIGNMENT) * ALIGNMENT
 
     def header(self, **changes: int) -> Self:
         """Change words of the header; the tables stay as they are."""
@@ -42,32 +52,21 @@ class Draft:
             self.words[Word[name.upper()]] = value
         return self
 
-    def poke(self, table: Word, form: str, index: int, value: int) -> Self:
-        """Change an entry of a table; a negative index counts from its end."""
+    def poke(self, table: Table, form: str, index: int, value: int) -> Self:
+        """Change an entry of a table, or what lies behind its end."""
         size = struct.calcsize(form)
-        at = index * size if index >= 0 else len(self.tables[table]) + index * size
-        struct.pack_into(f"<{form}", self.tables[table], at, value)
+        self.grow(table, (index + 1) * size)
+        struct.pack_into(f"<{form}", self.tables[table], index * size, value)
         return self
 
-    def grow(self, table: Word, size: int) -> Self:
+    def grow(self, table: Table, size: int) -> Self:
         """Extend a table with zeros to a number of bytes."""
         self.tables[table] = self.tables[table].ljust(size, b"\0")
         return self
 
-    def pack(self, gap: int = 0) -> bytes:
-        """Lay the tables out with `gap` unneeded bytes before each, and return the image."""
-        body = b""
-        for word in TABLES:
-            body += bytes(gap)
-            self.words[word] = HEADER_WORDS * 4 + len(body)
-            table = bytes(self.tables[word])
-            body += table.ljust(-(-len(table) // ALIGNMENT) * ALIGNMENT, b"\0")
-        self.words[Word.BYTES] = HEADER_WORDS * 4 + len(body)
-        return self.raw(body)
-
-    def raw(self, body: bytes) -> bytes:
-        """Return the header as it is, followed by a body."""
-        return struct.pack(f"<{HEADER_WORDS}I", *self.words) + body
+    def pack(self) -> bytes:
+        """Lay the tables out behind the header, and return the image with its checksum."""
+        return pack(self.words, self.tables)
 
 
 #: six pixels, counts up to 3, and six places
@@ -102,9 +101,9 @@ def one_pixel_draft(width: int = 9, **changes: object) -> Draft:
 def deep_draft(depth: int) -> Draft:
     """Draft an image whose look-up has `depth` entries, with its pixel at the first one."""
     draft = one_pixel_draft(1, height=1).header(lookup_depth=depth)
-    draft.tables[Word.LOOKUP_TABLE][:] = struct.pack("<II", NOBODY, 0) * depth
-    draft.poke(Word.LOOKUP_TABLE, "Q", 0, 0)
-    return draft.poke(Word.DISPLACEMENT_TABLE, "H", 0, 0)
+    draft.tables[Table.LOOKUP][:] = struct.pack("<II", NOBODY, 0) * depth
+    draft.poke(Table.LOOKUP, "Q", 0, 0)
+    return draft.poke(Table.DISPLACEMENT, "H", 0, 0)
 
 
 # Images with the place filter and contrast codes: each field at its limits and beyond.
@@ -148,34 +147,14 @@ def accepted_adaptive() -> Named:
     yield from each(_adaptive_words, "restart", 0, _COST)
     yield from each(_adaptive_words, "trust", 0, 0x170)
     yield from each(_adaptive_words, "activity", 0, _ACTIVITY)
-    yield "level_at_its_limit", adaptive().poke(Word.LEVEL_TABLE, "H", 3, _LEVEL).pack()
-    padded = adaptive().grow(Word.LEVEL_TABLE, 2 * _LEVELS + 16)
-    yield "padding_behind_the_levels", padded.poke(Word.LEVEL_TABLE, "H", _LEVELS, 0xFFFF).pack()
-    yield "mean_at_its_limit", adaptive().poke(Word.MEAN_TABLE, "H", 5, _LEVEL).pack()
+    yield "level_at_its_limit", adaptive().poke(Table.LEVEL, "H", 3, _LEVEL).pack()
+    yield "padding_behind_the_means", adaptive().poke(Table.MEAN, "H", 6, 0xFFFF).pack()
+    yield "mean_at_its_limit", adaptive().poke(Table.MEAN, "H", 5, _LEVEL).pack()
     wide = adaptive(code_bits=8)
     yield "eight_bits_of_contrast", wide.pack()
     one = adaptive().header(code_bits=1)
-    one.tables[Word.PLACES_TABLE][:] = bytes(len(one.tables[Word.PLACES_TABLE]))
+    one.tables[Table.PLACES][:] = bytes(len(one.tables[Table.PLACES]))
     yield "one_bit_of_contrast", one.pack()
-
-
-def _cut_means() -> bytes:
-    """Cut the image off after the first 32 bytes of its means, where no activities begin."""
-    draft = adaptive(pixels=11, code_bits=2, lookup_depth=32)
-    whole = draft.pack()
-    cut = draft.words[Word.MEAN_TABLE] + 32
-    draft.header(bytes=cut, place_activity_table=cut)
-    return draft.raw(whole[HEADER_WORDS * 4 : cut])
-
-
-def _cut_activities() -> bytes:
-    """Cut the image off after the first 16 of the activities of 17 places."""
-    draft = adaptive().header(places=17)
-    draft.grow(Word.PLACES_TABLE, 17 * 16).grow(Word.PLACE_ACTIVITY_TABLE, 17)
-    whole = draft.pack()
-    cut = draft.words[Word.PLACE_ACTIVITY_TABLE] + 16
-    draft.header(bytes=cut)
-    return draft.raw(whole[HEADER_WORDS * 4 : cut])
 
 
 def refused_adaptive() -> Named:
@@ -188,99 +167,54 @@ def refused_adaptive() -> Named:
     plain = adaptive(code="counts")
     yield "contrast_of_counts", plain.header(contrast=1).pack()
     yield "contrast_of_sequences_of_counts", base().header(contrast=1).pack()
-    yield "without_activities", adaptive().header(place_activity_table=0).raw(b"")
     yield from each(_adaptive_words, "code_bits", 0, 1, 9, 33)
     yield from each(_adaptive_words, "activity", _ACTIVITY + 1, 0xFFFF_FFFF)
     # header words of parts that the design does not have must be zero
     for word in ("restart", "trust", "activity"):
         yield f"sequences_with_{word}", base().header(**{word: 1}).pack()
     for name, table, count, most in (
-        ("level", Word.LEVEL_TABLE, _LEVELS, _LEVEL),
-        ("mean", Word.MEAN_TABLE, 6, _LEVEL),
+        ("level", Table.LEVEL, _LEVELS, _LEVEL),
+        ("mean", Table.MEAN, 6, _LEVEL),
     ):
         for which, at in (("first", 0), ("last", count - 1)):
             yield f"{which}_{name}_beyond", adaptive().poke(table, "H", at, most + 1).pack()
-    yield "place_of_a_filter_beyond", adaptive().poke(Word.PLACES_TABLE, "B", 0, 4).pack()
-    # tables that begin at the end of the image, so that their entries lie behind it
-    for name, table in (
-        ("levels", Word.LEVEL_TABLE),
-        ("means", Word.MEAN_TABLE),
-        ("activities", Word.PLACE_ACTIVITY_TABLE),
-    ):
-        draft = adaptive()
-        whole = draft.pack()
-        behind = TABLES[TABLES.index(table) :]
-        draft.header(**{word.name.lower(): len(whole) for word in behind})
-        yield f"{name}_behind_the_image", draft.raw(whole[HEADER_WORDS * 4 :])
-    yield "activities_end_behind_the_image", _cut_activities()
-    yield "means_end_behind_the_image", _cut_means()
-    levels = adaptive()
-    del levels.tables[Word.LEVEL_TABLE][-ALIGNMENT:]
-    yield "levels_reach_the_next_table", levels.pack()
+    yield "place_of_a_filter_beyond", adaptive().poke(Table.PLACES, "B", 0, 4).pack()
 
 
-# Images that are cut off, or whose tables are unaligned, overlap, or lie outside.
+# Images that are cut off, whose tables are too short or too long, and damaged ones.
 
 
 def refused_layouts() -> Named:
-    """Yield names and images whose tables lie at forbidden places."""
-    whole = base().pack()
-    header, end = HEADER_WORDS * 4, len(whole)
-    for size in (0, 4, 64, 112, header - 32, header - 4, header, end - 16, end - 4):
-        yield f"cut_to_{size}", whole[:size]
-        cut = bytearray(whole[:size])
-        if size >= 12:
-            struct.pack_into("<I", cut, Word.BYTES * 4, size)
-            yield f"cut_to_{size}_and_says_so", bytes(cut)
-    yield "longer_than_it_says", whole + bytes(16)
+    """Yield names and images whose tables do not fill them, or that are not as they were made."""
     whole = adaptive().pack()  # an image with all tables
-    for i, word in enumerate(TABLES):
-        at, end = struct.unpack_from("<I", whole, word * 4)[0], len(whole)
-        before = HEADER_WORDS * 4 if i == 0 else struct.unpack_from("<I", whole, word * 4 - 4)[0]
-        for wrong in sorted({0, at - 16, at + 1, at + 8, before - 16, end, end + 16, 0xFFFF_FFF0}):
-            moved = bytearray(whole)
-            struct.pack_into("<I", moved, word * 4, wrong)
-            yield f"{word.name.lower()}_at_{wrong}", bytes(moved)
-    yield "unaligned", _unaligned()
-    yield "overlap", _overlapping()
-    yield "table_on_an_offset", _in_the_header()
-    # the last words of the header are zero: a valid displacement
-    draft = deep_draft(16)
-    body = draft.pack()[header:]
-    yield "table_in_the_header", draft.header(displacement_table=header - 16).raw(body)
+    header, end = HEADER_WORDS * 4, len(whole)
+    for size in (0, 4, 12, 16, 64, 112, header - 32, header - 4, header, end - 16, end - 4):
+        yield f"cut_to_{size}", whole[:size]
+        if size >= 16:
+            yield f"cut_to_{size}_and_says_so", _of_bytes(whole[:size], size)
+    yield "longer_than_its_tables", _of_bytes(whole + bytes(16), end + 16)
+    for size in (0, 1, end - 1, end + 1, 0xFFFF_FFF0, 0xFFFF_FFFF):
+        yield f"of_{size}_bytes", _of_bytes(whole, size)
+    for table in Table:
+        draft = adaptive()
+        del draft.tables[table][-ALIGNMENT:]
+        yield f"{table.name.lower()}_too_short", draft.pack()
+        draft = adaptive()
+        longer = -(-len(draft.tables[table]) // ALIGNMENT) * ALIGNMENT + ALIGNMENT
+        yield f"{table.name.lower()}_too_long", draft.grow(table, longer).pack()
     yield "displacement_reaches_the_lookup", deep_draft(16).header(height=9).pack()
+    # a bit of each word of the header, and some of the tables', without the checksum for it
+    for at in (*range(0, header, 4), header - 1, header, end // 2, end - 17, end - 1):
+        damaged = bytearray(whole)
+        damaged[at] ^= 1
+        yield f"bit_of_byte_{at}", bytes(damaged)
 
 
-def _unaligned() -> bytes:
-    """Move the places by eight bytes, and make the image longer by sixteen."""
-    draft = base()
-    whole = draft.pack()
-    at = draft.words[Word.PLACES_TABLE]
-    end = len(whole) + 16
-    draft.header(places_table=at + 8, level_table=end, mean_table=end, bytes=end)
-    draft.header(place_activity_table=end)
-    return draft.raw(whole[HEADER_WORDS * 4 : at] + bytes(8) + whole[at:] + bytes(8))
-
-
-def _in_the_header() -> bytes:
-    """Put the displacements on the header's offset of the levels, so that its low half is read."""
-    draft = deep_draft(1 << 16)
-    draft.pack()
-    address = draft.words[Word.LEVEL_TABLE] & 0xFFFF
-    draft.poke(Word.LOOKUP_TABLE, "Q", 0, NOBODY).poke(Word.LOOKUP_TABLE, "Q", address, 0)
-    whole = draft.pack()
-    draft.header(displacement_table=Word.LEVEL_TABLE * 4)
-    return draft.raw(whole[HEADER_WORDS * 4 :])
-
-
-def _overlapping() -> bytes:
-    """Put the means on the levels; all bytes are zero, which is valid for both."""
-    draft = adaptive()
-    for table in (Word.LEVEL_TABLE, Word.MEAN_TABLE):
-        draft.tables[table][:] = bytes(len(draft.tables[table]))
-    whole = draft.pack()
-    draft.header(mean_table=draft.words[Word.LEVEL_TABLE])
-    return draft.raw(whole[HEADER_WORDS * 4 :])
+def _of_bytes(data: bytes, size: int) -> bytes:
+    """Write a number of bytes into the header, and the checksum for it."""
+    changed = bytearray(data)
+    struct.pack_into("<I", changed, Word.BYTES * 4, size)
+    return sealed(bytes(changed))
 
 
 # All images, and those of sequences: words of the header, tables and products at their limits.
@@ -322,7 +256,9 @@ def _accepted_words() -> Named:
     yield _words(width=1 << 15)
     yield _words(height=3)
     yield _words(code_bits=8)
-    yield _words(places=2)
+    fewer = base().header(places=2)
+    del fewer.tables[Table.PLACES][2 * ALIGNMENT :]
+    yield "fewer_places", fewer.pack()
     yield from each(_words, "length", 1, 6)
     yield from each(_words, "exclusion", 0, 0xFFFF)
     yield from each(_words, "window", 1, 0x7FFF)
@@ -335,15 +271,15 @@ def _accepted_words() -> Named:
 
 def _refused_words() -> Named:
     yield _words(magic=0x4952_5057)
-    yield from each(_words, "version", 0, 4, 6)
+    yield from each(_words, "version", 0, VERSION - 1, VERSION + 1)
     for word in ("width", "height", "pixels", "stride", "places", "length"):
         yield from each(_words, word, 0, 0x1_0000, 0xFFFF_FFFF)
     yield from each(_words, "width", 8, (1 << 15) + 1)
     yield _words(height=2)
     yield from each(_words, "pixels", 5, 7, 16)
     yield _words(stride=8)
-    yield "stride_32", base().header(stride=32).grow(Word.PLACES_TABLE, 6 * 32).pack()
-    yield from each(_words, "places", 1, 7)
+    yield "stride_32", base().header(stride=32).grow(Table.PLACES, 6 * 32).pack()
+    yield from each(_words, "places", 1, 2, 7)
     yield _words(length=7)
     yield _words(exclusion=0x1_0000)
     yield _words(window_kind=2)
@@ -366,8 +302,8 @@ def _refused_words() -> Named:
 
 
 def _accepted_tables() -> Named:
-    yield "gaps_between_tables", base().pack(gap=16)
-    yield "displacement_at_its_limit", base().poke(Word.DISPLACEMENT_TABLE, "H", 4, 15).pack()
+    yield "in_more_memory", base().pack() + bytes(16)
+    yield "displacement_at_its_limit", base().poke(Table.DISPLACEMENT, "H", 4, 15).pack()
     yield "nobody_has_any_slots", _nobody(base()).pack()
     yield "largest_height", one_pixel_draft(height=1 << 15).pack()
     yield "largest_width", one_pixel_draft(1 << 15, height=1, lookup_depth=0).pack()
@@ -377,12 +313,12 @@ def _accepted_tables() -> Named:
     yield "shallowest_lookup", deep_draft(1).pack()
     yield "deepest_lookup", deep_draft(1 << 16).pack()
     two = base().header(code_bits=1)
-    two.tables[Word.PLACES_TABLE][:] = bytes(len(two.tables[Word.PLACES_TABLE]))
+    two.tables[Table.PLACES][:] = bytes(len(two.tables[Table.PLACES]))
     yield "one_bit", two.pack()
 
 
 def _nobody(draft: Draft) -> Draft:
-    table = draft.tables[Word.LOOKUP_TABLE]
+    table = draft.tables[Table.LOOKUP]
     for at in range(0, len(table), 8):
         if struct.unpack_from("<I", table, at)[0] == NOBODY:
             struct.pack_into("<I", table, at + 4, 0xFFFF_FFFF)
@@ -392,12 +328,12 @@ def _nobody(draft: Draft) -> Draft:
 def _beyond_64_kib() -> Named:
     """Yield images that are wrong only where an index has more than 16 bits."""
     cut = deep_draft(1 << 14)
-    del cut.tables[Word.LOOKUP_TABLE][64:]
+    del cut.tables[Table.LOOKUP][64:]
     yield "lookup_of_128_kib_cut", cut.pack()
 
 
 def _refused_tables() -> Named:
-    displacement, lookup = Word.DISPLACEMENT_TABLE, Word.LOOKUP_TABLE
+    displacement, lookup = Table.DISPLACEMENT, Table.LOOKUP
     yield "displacement_beyond", base().poke(displacement, "H", 4, 16).pack()
     same = struct.unpack_from("<H", base().tables[displacement])[0] + 16
     yield "displacement_beyond_by_the_depth", base().poke(displacement, "H", 0, same).pack()
@@ -425,12 +361,12 @@ def _refused_tables() -> Named:
     struct.pack_into("<II", extra.tables[lookup], 8 * empty, 4 << 16, 3)
     yield "one_pixel_too_many", extra.pack()
     nothing = base().header(code_bits=0)
-    nothing.tables[Word.PLACES_TABLE][:] = bytes(len(nothing.tables[Word.PLACES_TABLE]))
+    nothing.tables[Table.PLACES][:] = bytes(len(nothing.tables[Table.PLACES]))
     yield "no_code_but_zero", nothing.pack()
     for name, at in {"first": 0, "last": 5 * 16 + 5}.items():
-        yield f"{name}_place_beyond", base().poke(Word.PLACES_TABLE, "B", at, 4).pack()
+        yield f"{name}_place_beyond", base().poke(Table.PLACES, "B", at, 4).pack()
     for name, at in {"first": 6, "last": 6 * 16 - 1}.items():
-        yield f"{name}_padding_not_zero", base().poke(Word.PLACES_TABLE, "B", at, 1).pack()
+        yield f"{name}_padding_not_zero", base().poke(Table.PLACES, "B", at, 1).pack()
 
 
 def _at_products() -> Named:
@@ -445,11 +381,11 @@ def _beyond_products() -> Named:
     yield (
         "height_beyond",
         one_pixel_draft(height=1 << 15)
-        .grow(Word.DISPLACEMENT_TABLE, (1 << 16) + 2)
+        .grow(Table.DISPLACEMENT, (1 << 16) + 2)
         .header(height=(1 << 15) + 1)
         .pack(),
     )
-    places = one_pixel_draft().grow(Word.PLACES_TABLE, 16 * 0x1_0000).header(places=0x1_0000)
+    places = one_pixel_draft().grow(Table.PLACES, 16 * 0x1_0000).header(places=0x1_0000)
     yield "places_beyond", places.pack()
 
 
@@ -457,7 +393,7 @@ def _product(pixels: int, code_bits: int, length: int) -> bytes:
     """Make an image of as many places as the sequence is long, all codes zero."""
     draft = one_pixel_draft(512, pixels=pixels, height=1, lookup_depth=512)
     draft.header(code_bits=code_bits, length=length, places=length)
-    return draft.grow(Word.PLACES_TABLE, length * draft.words[Word.STRIDE]).pack()
+    return draft.grow(Table.PLACES, length * draft.words[Word.STRIDE]).pack()
 
 
 # One file of all cases, which ``c/vectors_main.c`` runs in one process.

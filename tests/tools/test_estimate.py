@@ -38,7 +38,7 @@ from firmware_model import Design
 from firmware_model.emulation.build import EMULATED, build
 from firmware_model.emulation.emulator import Emulator
 from firmware_model.emulation.instructions import DESIGN, FILTER, TABLE
-from firmware_model.image import image
+from firmware_model.image import image, image_bytes
 from firmware_model.specification import accepts, distance, sequence_sums
 from firmware_model.specification import search as search_sums
 from firmware_model.vectors.random_cases import (
@@ -105,7 +105,7 @@ def test_bytes_are_those_of_the_firmware_image(seed):
     """Without laying it out: flash to the byte, RAM as the C code asks for it."""
     rng = np.random.default_rng(seed)
     design = (random_design, random_adaptive_design)[seed % 2](rng)
-    assert counts.flash_bytes(design) == len(image(random_memories(rng, design)))
+    assert image_bytes(design) == len(image(random_memories(rng, design)))
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,10 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Events
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_parent
-from edge_vpr_tools.estimate.model import flash_bytes
 from edge_vpr_tools.estimate.of_map import memories_of
 from edge_vpr_tools.estimate.search import Budget
 from firmware_model import Design, Event
+from firmware_model.image import image_bytes
 from firmware_model.vectors import FILTER_CORNERS, Case, load_manifest
 from firmware_model.vectors.manifest import SuiteEntry
 
@@ -72,7 +72,7 @@ def recorded_case(
         )
     memories = memories_of(reference, design)
     events, selected = _first_windows(reference, design, recording, most_windows)
-    room = most_bytes - _PROGRAM_BYTES - flash_bytes(design)
+    room = most_bytes - _PROGRAM_BYTES - image_bytes(design)
     windows = most_windows
     while True:
         end = _end_of(windows, design, events, selected)

@@ -19,7 +19,7 @@ from edge_vpr_tools.estimate.targets import Constant, Spread, Target, constants
 from firmware_model.cost import Memory, cycles, memories, operations
 from firmware_model.design import Design
 from firmware_model.emulation.instructions import TABLE
-from firmware_model.image import ALIGNMENT, HEADER_WORDS, ram_bytes, stride
+from firmware_model.image import image_bytes, ram_bytes
 from fixedpoint.codes import packed_bytes
 
 # Exact counts of a design: operations, memory traffic and sizes, from its parameters alone.
@@ -174,22 +174,9 @@ def sizes(design: Design) -> Sizes:
     return Sizes(
         place_bytes=packed_bytes(design.slots, design.code_bits) + design.filters,
         packed_bytes=-(-bits // 8),
-        flash_bytes=flash_bytes(design),
+        flash_bytes=image_bytes(design),
         ram_bytes=ram_bytes(design),
     )
-
-
-def flash_bytes(design: Design) -> int:
-    """Size the image that `firmware_model.image.image` would lay out, without laying it out."""
-    tables = (
-        2 * design.height,
-        8 * design.lookup_depth,
-        design.places * stride(design),
-        2 * (design.count_max + 1) if design.contrast else 0,
-        2 * design.slots if design.contrast else 0,
-        design.places if design.filters else 0,
-    )
-    return HEADER_WORDS * 4 + sum(-(-size // ALIGNMENT) * ALIGNMENT for size in tables)
 
 
 def block_memories(design: Design, shapes: Shapes) -> int:
