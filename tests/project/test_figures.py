@@ -230,6 +230,12 @@ def within(metres: str, column: str) -> float:
                       tolerance=f"{metres} m", system=OURS, matching=LIVE))  # fmt: skip
 
 
+def on_brisbane(system: str, matching: str, pixels: str) -> float:
+    """Return the share of correct matches of the first drive on a map of the second."""
+    return float(cell("rivals.csv", "P@100R", drives=f"Brisbane, {pixels}, sunset1 on sunset2",
+                      tolerance="70 m", system=system, matching=matching))  # fmt: skip
+
+
 def accepted_near() -> list[float]:
     """Return the precision of our accepted live matches within 10 m, on each street."""
     chosen = {"drives": "simulated streets, windows of 1 s", "system": OURS, "matching": LIVE}
@@ -272,10 +278,13 @@ def latency(column: str, events: str = "1") -> str:
 #: page, words of it with a field for each number, and what computes these
 SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
     ("README", "Each second of the route takes {} bytes packed", lambda: 2 * int(place_bytes())),
-    ("README", "with 49 or 150 pixels, {:.2f} to {:.2f} of all matches",
-     lambda: ends(correct("Speck*150 px|*, 49 px", "*mean (robot)"))),
-    ("README", "accepts, {:.2f} or more are.",
-     lambda: min(trust("precision", "*150 px|*, 49 px"))),
+    ("README", "released reaches {:.2f} with sequences of 5 windows and {:.2f} with 20",
+     lambda: [on_brisbane("released code*", f"sequences of {n}", "49 pixels") for n in (5, 20)]),
+    ("README", "authors' weights, {:.2f} with 20 at its own pixels, where ours reaches {:.2f} live",
+     lambda: [on_brisbane("LENS, sunset2", "sequences of 20", "LENS's 49 pixels"),
+              on_brisbane(OURS, LIVE, "LENS's 49 pixels")]),
+    ("README", "by this {:.3f} or more of the accepted matches are right",
+     lambda: min(trust("precision"))),
     ("README", "on the walks, of {} windows,", lambda: windows_of("Speck walks*")),
     ("README", "one wrong match costs {:.2f} or more", a_wrong_match),
     ("README", "the camera is carried off ({:.3f} or more)",

@@ -1,9 +1,9 @@
-"""Make the pictures of the README and of the pages from the simulated street, by the commands.
+"""Make the pictures of the README and of the pages, by the commands.
 
-python tools/site/pictures.py [FOLDER], with edge-vpr on the path; Chromium draws the report.
-It simulates, maps and matches in FOLDER (default: a temporary one), and writes to `docs/images`:
+python tools/site/pictures.py [DATA], with edge-vpr on the path; Chromium draws the report. It
+simulates, maps and matches in a temporary folder, and writes to `docs/images`:
 
-- `strip.png`: what the camera sees, the place that was matched live, and all live matches;
+- `brisbane.svg`, if DATA has `brisbane_sparse49`: live matches on a recorded route, from above;
 - `pipeline.svg`: one window, from events to a match, with its numbers;
 - `match.gif`: the film of `edge-vpr replay`;
 - `report.png`: the beginning of the report of the live matches;
@@ -28,11 +28,9 @@ from pathlib import Path
 
 import numpy as np
 from edge_vpr_tools.commands.replay import RecordedInputs
-from edge_vpr_tools.report.figures import draw_outcomes, total_counts
-from edge_vpr_tools.report.replay import Replay, event_images, replay_of
+from edge_vpr_tools.report.figures import total_counts
+from edge_vpr_tools.report.replay import Replay, replay_of
 from edge_vpr_tools.report.style import BLUE, GREY, ORANGE, panels, save
-from edge_vpr_tools.report.verdict import Outcome, outcome_of
-from edge_vpr_tools.truth_files import TruthFiles
 from matplotlib.axes import Axes
 from matplotlib.colors import PowerNorm
 from matplotlib.patches import ConnectionPatch
@@ -41,11 +39,8 @@ from rich.style import Style
 from rich.terminal_theme import SVG_EXPORT_THEME
 from rich.text import Text
 
-from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.matching.distances import ReferenceIndex
-from edge_vpr.matching.matches import Matches
-from edge_vpr.recordings import open_recording
-from edge_vpr.reference_map import MatchResult, ReferenceMap
+from edge_vpr.reference_map import MatchResult
 from edge_vpr.results import read_run
 
 ROOT = Path(__file__).parents[2]
@@ -55,6 +50,8 @@ from terminals import Terminal  # noqa: E402
 IMAGES = ROOT / "docs" / "images"
 TRACKS = ("street/reference_track.csv", "street/query_track.csv")
 TOLERANCE_M = 10
+#: the paper's drives, here the first one on a map of the second
+BRISBANE = ("sunset2", "sunset1")
 #: share of the drive after which its window is shown
 _SHOWN = 0.8
 #: columns and rows, and how long the view is watched before it is drawn
@@ -73,57 +70,32 @@ COMMANDS = (
 )
 
 
-def main(folder: Path) -> None:
+def main(folder: Path, data: Path | None) -> None:
     """Run the commands and write the pictures."""
+    if data is not None:
+        brisbane(data, folder, IMAGES / "brisbane.svg")
     for line in COMMANDS:
         subprocess.run(line.split(), cwd=folder, check=True)
     shutil.copy(folder / "match.gif", IMAGES / "match.gif")
-    strip(folder, IMAGES / "strip.png")
     pipeline(folder, IMAGES / "pipeline.svg")
     screenshot(folder / "live" / "report.html", IMAGES / "report.png")
     live_view(folder, IMAGES / "live.svg")
 
 
-def strip(folder: Path, path: Path) -> None:
-    """Draw the README's strip: the query, the matched place, and all live matches."""
-    reference = ReferenceMap.load(folder / "map.npz")
-    outcome = live_outcome(folder, reference)
-    matches = outcome.matches
-    i = int(np.flatnonzero(outcome.correct & outcome.accepted)[-1] * _SHOWN)
-    place, time_us = int(matches.place[i]), int(matches.time_us[i])
-    half_us = reference.settings.tau_us // 2
-    spans = {
-        "query": (time_us - half_us, time_us + half_us),
-        "reference": (int(reference.places.start_us[place]), int(reference.places.end_us[place])),
-    }
-    with panels(1, 3, 10.5, 3.6, width_ratios=[1, 1, 1.5]) as (drawing, (row,)):
-        titles = {"query": f"query, {time_us / 1e6:.0f} s", "reference": f"matched place {place}"}
-        for axes, (name, (start, end)) in zip(row, spans.items(), strict=False):
-            recording = open_recording(folder / f"street/{name}.npz")
-            (image,) = event_images(recording, np.array([start]), np.array([end]))
-            show_events(axes, image)
-            axes.scatter(reference.pixel_map.x, reference.pixel_map.y, s=5, color=BLUE)
-            axes.set_title(titles[name])
-        assert outcome.truth is not None
-        assert outcome.truth.positions is not None
-        assert reference.route is not None
-        true = outcome.truth.positions.query[matches.query, 0]
-        draw_outcomes(row[2], true, reference.route.along_m[matches.place], outcome)
-        right = int(np.count_nonzero(outcome.correct))
-        row[2].set(
-            title=f"live matches: {right} of {outcome.found.queries} correct",  # type: ignore[union-attr]
-            xlabel="true place along the route (m)", ylabel="matched place (m)",
-        )  # fmt: skip
-        row[2].legend(fontsize=9, loc="upper left", handletextpad=0.2)
-    save(drawing, path)
-
-
-def live_outcome(folder: Path, reference: ReferenceMap) -> Outcome:
-    """Compare the live matches with the tracks."""
-    matches = Matches.load(folder / "live" / "matches.npz")
-    files = TruthFiles([str(folder / name) for name in TRACKS], TOLERANCE_M)
-    truth = files(reference.places.centre_us, matches.time_us)
-    return outcome_of(reference, matches, truth, evaluate(matches, truth))
+def brisbane(data: Path, folder: Path, path: Path) -> None:
+    """Draw the route of two recorded drives from above, with the live matches of the second."""
+    drives = data / "brisbane_sparse49"
+    logs = [str(drives / f"{name}.nmea") for name in BRISBANE]
+    reference, query = (str(drives / f"{name}.npz") for name in BRISBANE)
+    for command in (
+        ["map", reference, "--frames-as-windows", "--track", logs[0], "-o", "brisbane.npz",
+         "--pixels", "49"],
+        ["match", "brisbane.npz", query, "--frames-as-windows", "--no-smooth",
+         "--precision", "0.99", "-o", "brisbane"],
+        ["evaluate", "brisbane", "--ground-truth", *logs, "--tolerance", "70"],
+    ):  # fmt: skip
+        subprocess.run(["edge-vpr", *command], cwd=folder, check=True)
+    shutil.copy(folder / "brisbane" / "route.svg", path)
 
 
 def pipeline(folder: Path, path: Path) -> None:
@@ -255,8 +227,5 @@ def live_view(folder: Path, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        main(Path(sys.argv[1]))
-    else:
-        with tempfile.TemporaryDirectory() as name:
-            main(Path(name))
+    with tempfile.TemporaryDirectory() as name:
+        main(Path(name), Path(sys.argv[1]).absolute() if len(sys.argv) > 1 else None)
