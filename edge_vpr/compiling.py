@@ -1,4 +1,4 @@
-"""Compiled kernels: without the interpreter's lock, kept from run to run, with boxed state."""
+"""Kernels compiled by Numba, which release the GIL and are cached on disk; and their state."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from numba.core.dispatcher import Dispatcher
 
 from edge_vpr.compile_report import DAMAGED, listen
 
-# How kernels are compiled: without the interpreter's lock, and kept from run to run.
+# Compilation of kernels, and the cache of compiled code.
 #
-# Numba keeps compiled code beside the sources until the kernel's own module changes. The code
-# however also contains the kernels that it calls and the constants that it uses, from other
-# modules. `kernel` therefore makes them a part of what Numba compares before it loads the code.
+# Numba discards cached code only if the kernel's own module changes. The code also contains the
+# kernels that it calls and the constants that it uses, from other modules. `kernel` adds them to
+# the stamp that Numba compares before it loads code.
 #
-# Each file of compiled code ends with a checksum. A file that is cut or damaged, for example by a
-# power cut, is deleted before anything in it is used. Its kernel is compiled again, and the event
-# `DAMAGED` tells Numba's listeners.
+# Each file of compiled code ends with a checksum. A truncated or damaged file, for example after a
+# power cut, is deleted before anything in it is used. Its kernel is compiled again, and Numba's
+# listeners receive the event `DAMAGED`.
 
 
 _DIGEST_BYTES = 32
@@ -42,22 +42,22 @@ def kernel(
     inline: Literal["never", "always"] = "never",
     inner: bool = False,
 ) -> Any:
-    """Compile a function when it is first called, and keep the code for later runs.
+    """Compile a function at its first call, and cache the code for later runs.
 
     Parameters
     ----------
     function : callable
-        Given where the decorator is used without options.
+        Passed where the decorator is used without options.
     inline : {"never", "always"}
         "always": its code is copied into the kernels that call it.
     inner : bool
-        Whether only kernels call it: no wrapper for calls from Python is compiled, which takes long
-        for many arguments. A call from Python would end the process.
+        Whether only kernels call it. No wrapper for calls from Python is compiled, since that takes
+        long for many arguments; a call from Python would crash the process.
 
     Returns
     -------
     callable
-        The compiled function; the function itself where the compiler is off (NUMBA_DISABLE_JIT).
+        The compiled function; the function itself if the compiler is off (NUMBA_DISABLE_JIT).
     """
     if function is None:
         return lambda given: kernel(given, inline=inline, inner=inner)
@@ -65,7 +65,7 @@ def kernel(
     options["no_cfunc_wrapper"] = True  # no C code calls kernels
     try:
         compiled = njit(cache=True, **options)(function)
-    except RuntimeError:  # there is no folder where code may be kept: it is compiled in each run
+    except RuntimeError:  # no folder for the cache is writable: compile in each run
         return njit(**options)(function)
     cache = getattr(compiled, "_cache", None)
     if isinstance(cache, _CACHING.FunctionCache):
@@ -78,17 +78,17 @@ def kernel(
 
 
 def plain(kernel: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the Python function of a kernel, which for a few numbers needs no compiler."""
+    """Return the Python function of a kernel; for a few numbers it needs no compilation."""
     function: Callable[..., Any] = getattr(kernel, "py_func", kernel)
     return function
 
 
 def specialise(kernel: Callable[..., Any], *given: object) -> Callable[..., Any]:
-    """Return the compiled code of a kernel for arguments of the types of these.
+    """Return the compiled code of a kernel for arguments of the same types as the given ones.
 
-    A kernel finds the types of its arguments at each call, which takes 1 us for a box, and longer
-    than the rest of a call when other work has used the caches. The code must never be called with
-    arguments of other types.
+    A kernel resolves the types of its arguments at each call. This takes 1 us for a `KernelState`,
+    and longer than the rest of the call if other work has evicted the caches. The code must never
+    be called with arguments of other types.
     """
     if not isinstance(kernel, Dispatcher):
         return kernel
@@ -97,7 +97,7 @@ def specialise(kernel: Callable[..., Any], *given: object) -> Callable[..., Any]
 
 
 def checked_code(file: Path) -> io.BytesIO | None:
-    """Open a file of compiled code without its checksum; None if it is damaged.
+    """Return the content of a file of compiled code without its checksum; None if it is damaged.
 
     Returns
     -------
@@ -127,7 +127,7 @@ class _CheckedCacheFile(_CACHING.IndexDataCacheFile):  # type: ignore[misc]
     """
 
     def save(self, key: object, data: object) -> None:
-        # a full disk ends no run: what cannot be kept is compiled again in the next one
+        # a full disk must not end a run: code that cannot be cached is compiled again next time
         with suppress(OSError):
             super().save(key, (key, data))
 
@@ -152,7 +152,7 @@ class _CheckedCacheFile(_CACHING.IndexDataCacheFile):  # type: ignore[misc]
             content = checked_code(path)
         except FileNotFoundError:
             return None
-        except OSError:  # such as a disk that cannot read it
+        except OSError:  # for example a disk error
             content = None
         if content is None:
             with suppress(OSError):
@@ -168,9 +168,9 @@ class _CheckedCacheFile(_CACHING.IndexDataCacheFile):  # type: ignore[misc]
 
 
 def _imported(function: Callable[..., Any]) -> str:
-    """Return a digest of the kernels and constants that the function's module has so far.
+    """Return a digest of the kernels and constants that the function's module has defined so far.
 
-    A kernel counts with the stamp of its source, which holds those that it calls in turn.
+    A kernel enters with the stamp of its source, which covers the kernels that it calls in turn.
     """
     found: list[tuple[Any, ...]] = []
     for name, value in sorted(function.__globals__.items()):
@@ -191,78 +191,76 @@ def _cache_file(value: object) -> Any:
     return getattr(getattr(value, "_cache", None), "_cache_file", None)
 
 
-# A tuple of arrays as one argument of a kernel, which Numba unpacks only once.
+# A tuple of arrays as one argument of a kernel, unpacked only once.
 #
 # Numba unpacks a tuple of arrays at every call, in 0.2 to 0.3 us per array, which is longer than
-# the processing of an event. A tuple in a box is unpacked once, so that the time of a call does
-# not depend on its size.
+# the processing of an event. The tuple of a `KernelState` is unpacked when it is made, so that the
+# time of a call does not depend on its size.
 
 
 if config.DISABLE_JIT:
 
-    class BoxedState:
-        """Box without the compiler; the classes below are the same for compiled code."""
+    class KernelState:
+        """State of a kernel where the compiler is off; the classes below are for compiled code."""
 
         def __init__(self, value: Any) -> None:
             self.value = value
 
-    boxed = BoxedState
+    to_kernel_state = KernelState
 
 else:
     from numba.experimental import structref
 
     @structref.register
-    class BoxedType(types.StructRef):
-        """Numba type of a box, which holds the type of its tuple."""
+    class KernelStateType(types.StructRef):
+        """Numba type of a `KernelState`, by the type of its tuple."""
 
-    class BoxedState(structref.StructRefProxy):  # type: ignore[no-redef]
-        """Box that compiled code holds by its address; only kernels may read `value`."""
+    class KernelState(structref.StructRefProxy):  # type: ignore[no-redef]
+        """Tuple that a kernel receives by its address; only kernels may read `value`."""
 
-        # the same without a call of Python, which Numba makes twice for each argument
+        # an attribute instead of a property, which Numba would call twice for each argument
         _numba_type_ = structref.StructRefProxy._type
 
-    structref.define_proxy(BoxedState, BoxedType, ["value"])
+    structref.define_proxy(KernelState, KernelStateType, ["value"])
 
     @kernel  # type: ignore[no-redef]
-    def boxed(value):
-        """Put a tuple into a box, which keeps its arrays alive."""
-        return BoxedState(value)
+    def to_kernel_state(value):
+        """Return a tuple as a `KernelState`, which keeps its arrays alive."""
+        return KernelState(value)
 
 
 Tuple = TypeVar("Tuple", bound=tuple[Any, ...])
 
 
-class KernelState(Generic[Tuple]):
-    """A tuple of arrays in two forms: for Python and for kernels.
-
-    Both forms share the same arrays.
+class SharedState(Generic[Tuple]):
+    """A tuple of arrays in two forms that share the arrays: for Python and for kernels.
 
     Parameters
     ----------
     value : tuple
-        Of arrays, numbers, and such tuples.
+        Of arrays, numbers, and tuples of these.
 
     Attributes
     ----------
-    boxed : BoxedState
-        What kernels take as an argument. Its `value` is of plain tuples, also where names were: a
-        kernel gives them back, ``OnlineState(*box.value)``. A cache that refers to the class by
-        name could neither be read nor discarded by a later version without that name.
+    kernel_state : KernelState
+        Argument for kernels. Its `value` consists of plain tuples, also for named tuples: a kernel
+        restores the names by ``OnlineState(*kernel_state.value)``. Cached code that refers to the
+        class by name could neither be read nor discarded by a later version without that name.
     """
 
-    __slots__ = ("boxed", "value")
+    __slots__ = ("kernel_state", "value")
 
     def __init__(self, value: Tuple) -> None:
         self.value = value
-        self.boxed = boxed(_plain(value))
+        self.kernel_state = to_kernel_state(_plain(value))
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> KernelState[Tuple]:
-        """Copy the arrays, and box the copies."""
-        return KernelState(copy.deepcopy(self.value, memo))
+    def __deepcopy__(self, memo: dict[int, Any]) -> SharedState[Tuple]:
+        """Return a state of copies of the arrays."""
+        return SharedState(copy.deepcopy(self.value, memo))
 
 
 def _plain(value: Any) -> Any:
     return tuple(map(_plain, value)) if isinstance(value, tuple) else value
 
 
-listen()  # reports that wait for Numba
+listen()  # pending reports, which need Numba

@@ -21,35 +21,35 @@ from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.settings import Settings
 
-#: tables learnt on simulated streets by `experiment calibration --table`, see docs/trust.md: of
-#: matches that come so many windows late, and of smoothed drives
+#: Tables learnt on simulated streets by `experiment calibration --table`, see docs/trust.md: for
+#: matches that come a number of windows late, and for smoothed drives.
 DEFAULT_TABLES = "default_confidence.json"
 LEARNT_DELAYS = (0, 2, 4, 8)
 SMOOTHED = "smoothed"
-#: keys of that file: tables for robots that may leave the map, and one for live matches of those
-#: that never do
+#: Keys of that file: tables for robots that may leave the map, and one for live matches of robots
+#: that never do.
 TABLES, LIVE_ON_MAP = "tables", "live_on_map"
 MOST_STEPS = 4_096
-#: number of the rule for the trust of the place filter: tables learnt with another one do not hold
+#: Version of the rule for the trust of the place filter; tables of other versions are invalid.
 TRUST_RULE = 5
-#: largest trust of the place filter (9 bits); a unit of misfit counts as 4 units of trust
+#: Largest trust of the place filter (9 bits); a unit of misfit counts as 4 units of trust.
 TRUST_TOP, MISFIT_SHIFT = 368, 2
-#: misfit of matches by sequences, which is not known
+#: misfit of matches by sequences, for which it is unknown
 NO_MISFIT = -1
-#: A misfit of this or more means a place or a light that the map does not show. On streets of the
-#: calibration, 0.1 % of the correct matches have it, and about half of those of drives through
-#: other streets.
-STRANGE = 64
-STRANGE_TEXT = "this place or light is not the map's"
+#: A misfit of this or more indicates a place or a light that is not in the map. On the streets of
+#: the calibration, 0.1 % of the correct matches reach it, and about half of the matches of drives
+#: through other streets.
+OFF_MAP_MISFIT = 64
+OFF_MAP_TEXT = "this place or light is not the map's"
 
 
 def net_trust(trust: npt.NDArray[np.int64], misfit: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Return the trust of matches less their misfit, which their probability depends on.
+    """Return the trust of matches less their misfit, which determines their probability.
 
     Parameters
     ----------
     trust, misfit : ndarray of int64, shape (n,)
-        Of each match; the misfit is `NO_MISFIT` where it is not known.
+        Trust and misfit of each match; the misfit is `NO_MISFIT` if unknown.
 
     Examples
     --------
@@ -62,16 +62,14 @@ def net_trust(trust: npt.NDArray[np.int64], misfit: npt.NDArray[np.int64]) -> np
 
 @kernel(inner=True)
 def accept_match(row, trust, probability, least_trust):  # type: ignore[no-untyped-def]
-    """Write the probability of one match, and whether it is lost; `Acceptance.accept` for a kernel.
+    """Write the probability of one match, and whether it is lost, as `Acceptance.accept` does.
 
     Parameters
     ----------
     row : record of MATCH_DTYPE
-        With its trust and misfit.
-    trust : ndarray of int64, shape (m,)
-        Of `Confidence`; m is 0 where nothing is known.
-    probability : ndarray of float64, shape (m,)
-        Of `Confidence`.
+        Trust and misfit are read; `probability` and `lost` are written.
+    trust, probability : ndarray of int64 and float64, shape (m,)
+        See `Confidence`; m is 0 if the probability is unknown.
     least_trust : int
         Least `net_trust` of a match that is not lost.
     """
@@ -79,7 +77,7 @@ def accept_match(row, trust, probability, least_trust):  # type: ignore[no-untyp
     if row["misfit"] >= 0:  # as `net_trust`
         net = min(net, TRUST_TOP) - (row["misfit"] << MISFIT_SHIFT)
     row["probability"], row["lost"] = np.nan, net < least_trust
-    first, last = 0, trust.size - 1  # binary search: the step lies between these two
+    first, last = 0, trust.size - 1  # binary search of the step
     if last >= 0:
         while first < last:
             middle = (first + last + 1) // 2
@@ -92,14 +90,13 @@ def accept_match(row, trust, probability, least_trust):  # type: ignore[no-untyp
 
 @dataclass(frozen=True, eq=False)
 class Confidence(EqualByValue):
-    """A step function from the trust in a match to the probability that it is correct."""
+    """Step function from the net trust of a match to the probability that it is correct."""
 
-    #: Shape (m,): least `net_trust` of each step, increasing. What is below the first step belongs
-    #: to it too.
+    #: Shape (m,): least `net_trust` of each step, increasing; the first step includes lower trust.
     trust: npt.NDArray[np.int64]
-    #: Shape (m,): of each step, never 0 nor 1, not decreasing.
+    #: Shape (m,): probability of each step, above 0 and below 1, never decreasing.
     probability: npt.NDArray[np.float64]
-    #: Shape (m,): how many matches each step was learnt from, at least 1.
+    #: Shape (m,): number of matches from which each step was learnt, at least 1.
     matches: npt.NDArray[np.int64]
 
     def __post_init__(self) -> None:
@@ -110,7 +107,7 @@ class Confidence(EqualByValue):
         check_array(self.probability, "confidence_probability", (np.float64,), (steps,))
         check_array(self.matches, "confidence_matches", (np.int64,), (steps,))
         check_range(self.trust, "confidence_trust", -TIME_LIMIT_US, TIME_LIMIT_US)
-        # whose sum fits 64 bits
+        # the sum fits into 64 bits
         check_range(self.matches, "confidence_matches", 1, TIME_LIMIT_US // MOST_STEPS)
         p = self.probability
         if not ((p > 0) & (p < 1)).all() or (np.diff(p) < 0).any():
@@ -124,7 +121,7 @@ class Confidence(EqualByValue):
 
     @property
     def precision(self) -> npt.NDArray[np.float64]:
-        """Share of correct matches among those of a step and all steps above it, shape (m,)."""
+        """Share of correct matches at each step and above, shape (m,)."""
         n_correct = np.cumsum((self.probability * self.matches)[::-1])[::-1]
         return np.asarray(n_correct / np.cumsum(self.matches[::-1])[::-1])
 
@@ -150,17 +147,17 @@ class Confidence(EqualByValue):
         return np.asarray(self.probability[np.maximum(step, 0)])
 
     def least_trust(self, precision: float) -> int:
-        """Return the lowest net trust at which the matches of that trust or more reach a precision.
+        """Return the least net trust at and above which matches reach a precision.
 
         Parameters
         ----------
         precision : float
-            Share of correct ones among the accepted matches, above 0 and below 1.
+            Share of correct matches among the accepted ones, above 0 and below 1.
 
         Raises
         ------
         UsageError
-            If the table was learnt from too few matches, or too many wrong ones, to promise it.
+            If the table was learnt from too few matches, or too many wrong ones, to reach it.
         """
         enough = np.flatnonzero(self.precision >= precision)
         if enough.size == 0:
@@ -172,25 +169,25 @@ class Confidence(EqualByValue):
         return int(self.trust[enough[0]]) if enough[0] else -TIME_LIMIT_US
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays by name, for an archive; the inverse of `from_arrays`."""
+        """Return named arrays for an archive; the inverse of `from_arrays`."""
         return {f"confidence_{name}": getattr(self, name) for name in _NAMES}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Confidence | None:
-        """Build from named arrays, for example of a file; None if all are missing."""
+        """Build from the arrays of `to_arrays`; None if all are missing."""
         found = {name: arrays.get(f"confidence_{name}") for name in _NAMES}
         if all(array is None for array in found.values()):
             return None
-        return cls(**found)  # type: ignore[arg-type]  # what is missing fails its check
+        return cls(**found)  # type: ignore[arg-type]  # a missing array fails its check
 
 
 @dataclass(frozen=True, eq=False)
 class Acceptance:
     """Assign probabilities to matches, and mark those below the required precision as lost."""
 
-    #: None where nothing is known of the probability, as of sequences without a calibration.
+    #: None if the probability is unknown, as for sequences without a calibration.
     confidence: Confidence | None
-    #: Wanted share of correct ones among the accepted matches; None accepts all.
+    #: Required share of correct matches among the accepted ones; None accepts all.
     precision: float | None = None
 
     def __post_init__(self) -> None:
@@ -209,7 +206,7 @@ class Acceptance:
         Parameters
         ----------
         own : Confidence, optional
-            Table of the map; by default a shipped one for the place filter, and none for sequences.
+            Table of the map; by default a shipped table for the place filter, none for sequences.
         """
         if own is None and settings.matching == "filter":
             own = default_confidence(settings.smooth, settings.match_delay, settings.stays_on_map)
@@ -218,7 +215,7 @@ class Acceptance:
     def accept(
         self, trust: npt.NDArray[np.int64], misfit: npt.NDArray[np.int64]
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
-        """Return the probability of each match (NaN if not known), and whether it is lost.
+        """Return the probability of each match (NaN if unknown), and whether it is lost.
 
         Parameters
         ----------
@@ -229,7 +226,7 @@ class Acceptance:
         -------
         probability : ndarray of float64, shape (n,)
         lost : ndarray of bool, shape (n,)
-            All False where no precision is wanted.
+            All False if no precision is required.
         """
         if self.confidence is None:
             return np.full(trust.shape, np.nan), np.zeros(trust.shape, dtype=np.bool_)
@@ -247,18 +244,18 @@ _NAMES = ("trust", "probability", "matches")
 def default_confidence(
     smoothed: bool = False, delay: int = 0, stays_on_map: bool = False
 ) -> Confidence:
-    """Return a shipped table of the place filter, which was learnt on simulated streets.
+    """Return a shipped table of the place filter, learnt on simulated streets.
 
     Parameters
     ----------
     smoothed : bool
-        Of drives that were smoothed whole.
+        For drives that were smoothed as a whole.
     delay : int
-        If not, the number of windows by which matches come late. The table is that of the largest
-        learnt number that is not larger.
+        Otherwise, the number of windows by which matches come late. The table is that of the
+        largest learnt delay that does not exceed it.
     stays_on_map : bool
-        Learnt only from whole drives along the map. Late and smoothed matches have one table for
-        all robots, because a table learnt on streets alone would be overconfident on other drives.
+        For robots that never leave the map. Late and smoothed matches have one table for all
+        robots, because a table learnt on the map alone would be overconfident on other drives.
 
     Raises
     ------

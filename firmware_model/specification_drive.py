@@ -258,12 +258,12 @@ class Drive:
 
     def whole(self, w: int, last: int) -> list[int]:
         """Return the cost of the whole path through each place in window w."""
-        onward = [0] * len(self.metrics[0])
+        cost_to_go = [0] * len(self.metrics[0])
         for v in range(last, w, -1):
-            total = [e + g for e, g in zip(self.evidence[v], onward, strict=True)]
+            total = [e + g for e, g in zip(self.evidence[v], cost_to_go, strict=True)]
             mirrored = [(k, j, cost) for j, k, cost in self.transitions[v]]
-            onward = predict(total, mirrored, self.costs.restart)
-        return [m + g for m, g in zip(self.metrics[w], onward, strict=True)]
+            cost_to_go = predict(total, mirrored, self.costs.restart)
+        return [m + g for m, g in zip(self.metrics[w], cost_to_go, strict=True)]
 
     def follows(self, w: int, before: int | None, place: int) -> bool:
         """Return whether a match of window w follows the one before."""

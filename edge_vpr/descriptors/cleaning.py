@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.compiling import KernelState, kernel
+from edge_vpr.compiling import SharedState, kernel
 from edge_vpr.errors import RecordingError, UsageError, as_path, expect
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor, check_event_array, join_events
 from edge_vpr.files import open_input
@@ -243,8 +243,8 @@ class CausalBurstFilter:
 
     Attributes
     ----------
-    box : KernelState
-        State for `keep`; call `make_room` before it.
+    shared : SharedState
+        State for `keep`; call `make_room` before `keep`.
     """
 
     #: Time before which all events have left the filter: the largest one, as no event is held.
@@ -255,7 +255,7 @@ class CausalBurstFilter:
         state["slot"] = -2
         fired = np.full(sensor.pixels, -2, dtype=np.int64)
         self._fired = _Fired(fired, sensor.width, state, np.empty(_ROOM, dtype=EVENT_DTYPE))
-        self.box = KernelState(self._fired)
+        self.shared = SharedState(self._fired)
 
     @property
     def removed(self) -> int:
@@ -266,14 +266,14 @@ class CausalBurstFilter:
         """Make room for `n` events."""
         if n > self._fired.room.size:
             self._fired = self._fired._replace(room=np.empty(n, dtype=EVENT_DTYPE))
-            self.box = KernelState(self._fired)
+            self.shared = SharedState(self._fired)
 
     def update(self, events: Events) -> Events:
         """Feed the next events; see `BurstFilter.update`."""
         if not events.size:
             return events
         self.make_room(events.size)
-        return self.kept(events, keep(self.box.boxed, events))
+        return self.kept(events, keep(self.shared.kernel_state, events))
 
     def kept(self, events: Events, n: int) -> Events:
         """Return the `n` of these events that `keep` has kept."""
@@ -294,9 +294,9 @@ class CausalBurstFilter:
 
 
 @kernel
-def keep(box, events):  # type: ignore[no-untyped-def]
+def keep(kernel_state, events):  # type: ignore[no-untyped-def]
     """Copy the events outside of bursts known so far to `_Fired.room`; return their number."""
-    fired, width, states, room = box.value
+    fired, width, states, room = kernel_state.value
     if fired.size == 0:
         room[: events.size] = events
         return events.size

@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from edge_vpr.archive import archive_kind
 from edge_vpr.compile_report import COMPILE_ALL, compiling_reported
-from edge_vpr.confidence import STRANGE, STRANGE_TEXT
+from edge_vpr.confidence import OFF_MAP_MISFIT, OFF_MAP_TEXT
 from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
 from edge_vpr.descriptors.counting import Removed
 from edge_vpr.errors import MapError, RecordingError, UsageError, as_path, expect, printable
@@ -436,8 +436,8 @@ class LiveMatch(NamedTuple):
     trust : int
         Higher means more confident.
     misfit : int
-        0 where views are like the map's, `confidence.STRANGE` or more in another place or light; -1
-        of sequences.
+        0 where views resemble the map's, `confidence.OFF_MAP_MISFIT` or more in another place or
+        light; -1 for sequences.
     probability : float
         Probability that the match is correct; NaN if the map has no table of probabilities.
     lost : bool
@@ -1049,17 +1049,17 @@ class LiveSession:
                 self._readings[time_us] = distance_mm
 
     def _count_misfits(self, result: LiveResult) -> None:
-        self.health.misfits += int(np.count_nonzero(result.matches["misfit"] >= STRANGE))
+        self.health.misfits += int(np.count_nonzero(result.matches["misfit"] >= OFF_MAP_MISFIT))
 
     def _look_at_misfit(self, misfit: int) -> None:
         """Report when views become unlike those of the map, and when they are like them again."""
-        if not self._strange and misfit >= STRANGE:
+        if not self._strange and misfit >= OFF_MAP_MISFIT:
             self._strange = True
             self._say(
                 "misfit",
-                f"{STRANGE_TEXT}: what is seen has not fitted the matched places for some windows",
+                f"{OFF_MAP_TEXT}: what is seen has not fitted the matched places for some windows",
             )
-        elif self._strange and misfit < STRANGE // 2:
+        elif self._strange and misfit < OFF_MAP_MISFIT // 2:
             self._strange = False
             self._say("misfit", "what is seen fits the map again", over=True)
 

@@ -1,4 +1,4 @@
-"""Distances: sums of absolute differences (SAD) from one descriptor to every place."""
+"""Sums of absolute differences (SAD) from a descriptor to each place, and the nearest places."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from edge_vpr.matching.matches import CANDIDATES
 
 # The SAD kernel: sums of absolute differences between the rows of two packed matrices.
 #
-# The loop vectoriser widens a plain Numba loop over 8-bit counts to 32 bits, which is four times
+# LLVM's loop vectoriser widens a plain Numba loop over 8-bit counts to 32 bits, which is four times
 # slower than the hardware allows. The innermost step is therefore written as LLVM IR, once for all
-# processors: load two vectors, zero-extend, subtract, absolute value, add up. LLVM recognises this
-# pattern as a sum of absolute differences and uses the instructions of the processor for it:
+# processors: load two vectors, zero-extend, subtract, take the absolute value, add. LLVM recognises
+# this pattern as a sum of absolute differences and selects the processor's instructions for it:
 # ``vpsadbw`` on x86-64, ``uabd`` and ``udot`` on a Cortex-A76, ``uabd`` and ``uaddl`` on a
 # Cortex-A53.
 
@@ -43,11 +43,11 @@ _INT1, _INT8, _INT32, _INT64 = (ir.IntType(bits) for bits in (1, 8, 32, 64))
 def _type_add_piece(
     context: Any, a: Any, i: Any, b: Any, first: Any, last: Any, start: Any, width: Any, out: Any
 ) -> Any:
-    """Make ``_add_piece(a, i, b, first, last, start, width, out)`` for arrays of these types.
+    """Type ``_add_piece(a, i, b, first, last, start, width, out)`` for these arrays.
 
-    It adds to ``out[i, first:last]`` the absolute differences of `width` bytes from byte `start` of
-    row i of a and of rows first to last of b. There is one loop for each multiple of PAD up to
-    _PIECE, so that the loop has vectors of fixed length and no branches.
+    It adds to ``out[i, first:last]`` the absolute differences between row i of a and rows first to
+    last of b, over `width` bytes from byte `start`. There is one loop for each multiple of PAD up
+    to _PIECE, so that each loop has vectors of fixed length and no branches.
     """
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -140,9 +140,9 @@ def _add_sad_in_python(a: Any, b: Any, out: Any) -> None:
         sums += np.abs(b.astype(np.int64) - row).sum(axis=1)
 
 
-# a, b : uint8 or uint16, (M, width) and (N, width), contiguous, whole vectors of PAD bytes in a row
-# out : int32 or int64, (M, N), contiguous; the sum of row i of a and row j of b is added to [i, j]
-# Unchecked, as all kernels: ReferenceIndex checks. LLVM IR cannot run as plain Python.
+# a, b : uint8 or uint16, (M, width) and (N, width), contiguous, rows of whole vectors of PAD bytes
+# out : int32 or int64, (M, N), contiguous; the SAD of row i of a and row j of b is added to [i, j]
+# Like all kernels, it checks nothing: ReferenceIndex does. LLVM IR cannot run as plain Python.
 add_sad: Any = (
     _add_sad_in_python
     if config.DISABLE_JIT  # type: ignore[attr-defined]
@@ -217,7 +217,7 @@ class ReferenceIndex:
         Returns
         -------
         ndarray of int32, shape (K,)
-            Of int64 where J times the largest difference reaches 2**31.
+            int64 if J times the largest difference reaches 2**31.
         """
         counts = _integers(descriptor, "descriptor", 1)[None]
         if self._wide is not None:
@@ -238,8 +238,8 @@ class ReferenceIndex:
         Returns
         -------
         ndarray of int32, shape (K, Q)
-            Row = reference place, column = query; of int64 where J times the largest difference
-            reaches 2**31.
+            Row = reference place, column = query; int64 if J times the largest difference reaches
+            2**31.
         """
         counts = _integers(queries, "queries", 2)
         self._check_pixels(counts)
@@ -251,12 +251,12 @@ class ReferenceIndex:
         return self._add_excess(out, excess)
 
     def rows(self, queries: npt.ArrayLike) -> Distances:
-        """Distance of every query to every place, as `matrix` gives it, with a query in each row.
+        """Return the transpose of `matrix`: a row for each query.
 
         Parameters
         ----------
         queries : ndarray of int, shape (Q, J)
-            Descriptors, one a row.
+            See `matrix`.
 
         Returns
         -------
@@ -302,15 +302,15 @@ class ReferenceIndex:
         return out
 
 
-#: number of levels of counts, and of counts, that are looked at together
+#: largest numbers of levels, and of counts, that are processed together
 _LEVELS, _COUNTS = 1 << 16, 1 << 22
 
 
 def typical_distances(places: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.int64]:
     """Return the mean distance of each place to all places, less the mean of these means.
 
-    Means are rounded down. What is typical of a place without contrast is negative: it is nearer
-    to any view than other places are.
+    Means are rounded down. The result is negative for a place without contrast, which is nearer to
+    any view than other places are.
 
     Parameters
     ----------
@@ -336,7 +336,7 @@ def typical_distances(places: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.in
         of += len(levels) * np.arange(some.shape[1])
         places_at = np.bincount(of.ravel(), minlength=levels.size * some.shape[1])
         places_at = places_at.reshape(-1, levels.size)
-        # from level to level, the sum of distances grows by the places below, and falls by the rest
+        # from one level to the next, each place at or below adds to the sum, each above subtracts
         below = np.cumsum(places_at, axis=1)[:, :-1]
         change = (2 * below - len(places)) * np.diff(levels)
         start = (places_at * (levels - levels[0])).sum(axis=1, keepdims=True)
@@ -357,13 +357,13 @@ def distance_matrix(reference: npt.ArrayLike, query: npt.ArrayLike) -> Distances
     Returns
     -------
     ndarray of int32 or int64, shape (K, Q)
-        As :meth:`ReferenceIndex.matrix` gives it.
+        See :meth:`ReferenceIndex.matrix`.
     """
     return ReferenceIndex(reference).matrix(query)
 
 
 def _integers(values: npt.ArrayLike, name: str, ndim: int) -> Integers:
-    """Check counts, and convert them to a dtype and layout that the kernel is compiled for."""
+    """Check counts, and convert them to a dtype and layout for which the kernel is compiled."""
     counts = np.asarray(values)
     if counts.dtype.kind not in "iu" or counts.ndim != ndim:
         raise UsageError(
@@ -383,7 +383,7 @@ def _sum_dtype(largest: int) -> type[np.signedinteger[Any]]:
 
 
 def aligned_zeros(size: int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
-    """Return zeros that begin at a cache line, since a vector across two lines takes two loads."""
+    """Return zeros aligned to a cache line, since a vector across two lines takes two loads."""
     itemsize = np.dtype(dtype).itemsize
     spacious = np.zeros(size + _LINE // itemsize, dtype=dtype)
     first = -spacious.ctypes.data % _LINE // itemsize
@@ -409,7 +409,7 @@ def _pack(counts: Any, low: int, high: int, packed: Any, excess: Any) -> None:
 
 @kernel
 def _match(counts: Any, low: int, high: int, places: Any, out: Any) -> int:
-    """Pack a query and compare it in one call; with few places, calls take most of the time."""
+    """Pack a query and compare it in one call: with few places, calls take most of the time."""
     query = np.zeros((1, places.shape[1]), dtype=places.dtype)
     excess = np.zeros(1, dtype=np.int64)
     _pack(counts, low, high, query, excess)
@@ -435,8 +435,8 @@ def best_matches(
     Returns
     -------
     best, second, ties : ndarray of int64, shape (Q,)
-        Of equal places the lowest; `second` is -1 if every place is in the neighbourhood; `ties` is
-        the number of other places at the same smallest distance.
+        The lowest place in a tie; `second` is -1 if every place is in the neighbourhood; `ties` is
+        the number of other places at the smallest distance.
     """
     if matrix.ndim != 2 or len(matrix) == 0:
         raise UsageError(
@@ -484,7 +484,7 @@ def nearest_places(sums: npt.NDArray[np.integer]) -> npt.NDArray[np.int64]:
     # distance and place in one integer, which sorts by distance, then by place
     rows = sums.T
     narrow = rows.size > 0 and (int(rows.max()) + 1) * places <= np.iinfo(np.int32).max
-    dtype = np.int32 if narrow else np.int64  # NumPy partitions rows of 32-bit integers fastest
+    dtype = np.int32 if narrow else np.int64  # partitioning is faster with 32 bits
     keys = np.multiply(rows, places, dtype=dtype, order="C")
     keys += np.arange(places, dtype=dtype)
     if places > CANDIDATES:

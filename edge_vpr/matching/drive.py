@@ -1,7 +1,7 @@
 """Matching of all windows of a recorded drive, by sequences or by the place filter.
 
-The filter matches each window at once, some windows late, or by the whole drive. What matching
-event by event shares is in `place_filter`.
+The filter matches each window immediately, some windows late, or by the whole drive. The code that
+matching event by event shares is in `place_filter`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.distances import ReferenceIndex, best_matches, nearest_places
 from edge_vpr.matching.matches import CANDIDATES, Matches, margin_to_second
 from edge_vpr.matching.place_filter import (
-    LASTING_NEIGHBOURS,
+    MISFIT_NEIGHBOURS,
     MISFIT_ZERO,
     STANDING_SHIFT,
     TRUST_BITS,
@@ -38,12 +38,12 @@ from edge_vpr.matching.place_filter import (
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Anchor, Settings
 
-# The place filter over a recorded drive: at once, some windows late, or by the whole drive.
+# The place filter over a recorded drive: immediately, some windows late, or by the whole drive.
 
 
 #: number of distances in memory at a time, so that memory does not grow with the drive
 _BLOCK_DISTANCES = 4_000_000
-#: number of metrics and of pieces of evidence in memory at a time while a drive is smoothed
+#: number of metrics, and of evidence values, in memory at a time while a drive is smoothed
 _SEGMENT_VALUES = 40_000_000
 #: largest matrix of distances in memory
 MOST_BYTES = 2 << 30
@@ -57,7 +57,7 @@ class FilteredDrive(NamedTuple):
     Attributes
     ----------
     columns : ndarray of int64, shape (n, 7)
-        Of `FilterMatch`.
+        Fields of `FilterMatch`.
     candidates : ndarray of int64, shape (n, 25)
         Places of the least metrics, see `nearest_places`.
     """
@@ -81,29 +81,30 @@ def filter_drive(
     Parameters
     ----------
     place_filter : PlaceFilter
-        Before its first window.
+        Filter before its first window.
     index : ReferenceIndex
-        Of the K places.
+        Index of the K places.
     queries : Descriptors
         n windows in the map's codes.
     odometry : Odometry, optional
-        Of this drive.
+        Odometry of this drive.
     smooth : bool
-        Let all windows after each one decide with.
+        Whether all later windows contribute to each match.
     delay : int
-        If not, the number of windows after each one that decide with.
+        Without `smooth`, the number of later windows that contribute.
     metrics : ndarray of float64, shape (K, n), optional
-        Filled with the metric of each place after each window, the least of which is the match.
+        Output: the metric of each place after each window, the least of which is the match.
 
     Returns
     -------
     FilteredDrive
-        If smoothed, the trust is the mean margin of the summed metrics over the window and the
-        four before and after it, in units of 1/16 of a metric, less the largest evidence against a
-        match of these nine windows, and at least 0. A margin counts as 0 where a match between
-        does not follow from the one before, and is reduced by 1/16 for each other window in a row
-        that is matched with the same place. The misfit is the mean of `window_misfit` over the
-        window and sixteen before and after it. Else trust and misfit are those of `match_window`.
+        Without smoothing, trust and misfit are those of `match_window`. With smoothing, the trust
+        is the mean margin of the summed metrics over the window and the four before and after it,
+        in units of 1/16 of a metric, less the largest evidence against a match in these nine
+        windows, and at least 0. A margin counts as 0 if a match between it and the window is not
+        reachable from the one before, and is reduced by 1/16 for each other consecutive window with
+        the same place. The misfit is the mean of `window_misfit` over the window and the sixteen
+        before and after it.
     """
     n = len(queries)
     travelled: list[Travelled] = [None] * n
@@ -133,12 +134,12 @@ def filter_drive(
 
 
 class _Drive(NamedTuple):
-    """A filter and the windows of a drive that it advances by.
+    """A filter and the windows of a drive.
 
     Attributes
     ----------
     travelled, driven : list of int or None, list of int
-        What counts of the distance driven in each window, and all of it; see `Odometer`.
+        Distance in each window that `Odometer` counts, and the whole driven distance.
     """
 
     place_filter: PlaceFilter
@@ -164,7 +165,7 @@ class _Drive(NamedTuple):
             yield first, last, self.place_filter.update_windows(distances, events[first:last])
 
     def rows(self, begin: int, end: int) -> WindowRows:
-        """Advance, and return the results of all these windows."""
+        """Advance from window `begin` to before `end`, and return all results."""
         rows = WindowRows.empty(end - begin, self.reference.places)
         for first, last, some in self.advance(begin, end):
             rows.part(first - begin, last - begin).take(some)
@@ -172,7 +173,7 @@ class _Drive(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """Matches of n windows, filled in parts; `metrics` are those of `filter_drive`."""
+    """Matches of n windows, filled in parts; `metrics` as in `filter_drive`."""
 
     columns: npt.NDArray[np.int64]
     candidates: npt.NDArray[np.int64]
@@ -184,7 +185,7 @@ class _Found(NamedTuple):
         return cls(columns, np.empty((windows, CANDIDATES), dtype=np.int64), metrics)
 
     def put(self, first: int, columns: npt.NDArray[np.int64], metrics: Metrics) -> None:
-        """Put the matches of some windows, with the metrics of all places, shape (n, K)."""
+        """Store the matches of some windows, with the metrics of all places, shape (n, K)."""
         last = first + len(columns)
         self.columns[first:last] = columns
         self.candidates[first:last] = nearest_places(metrics.T)
@@ -192,7 +193,7 @@ class _Found(NamedTuple):
             self.metrics[:, first:last] = metrics.T
 
     def put_late(self, last: int, columns: npt.NDArray[np.int64], metrics: Metrics) -> None:
-        """Put the matches of some windows, the last of which is before `last`."""
+        """Store the matches of some windows, the last of which is before `last`."""
         if len(columns):
             self.put(last - len(columns), columns, metrics)
 
@@ -200,8 +201,8 @@ class _Found(NamedTuple):
 def _smooth(drive: _Drive, found: _Found) -> None:
     """Smooth the whole drive, segment by segment from the last one.
 
-    The forward pass keeps the filter's state at the start of each segment, from which the backward
-    pass repeats it. What lies in memory at a time is one segment, and a state for each.
+    The forward pass saves the filter's state at the start of each segment; the backward pass
+    repeats the segment from there. Memory holds one segment at a time, and one state per segment.
     """
     place_filter, n = drive.place_filter, len(drive.travelled)
     length = max(_SEGMENT_VALUES // drive.reference.places, math.isqrt(n), 1)
@@ -211,7 +212,7 @@ def _smooth(drive: _Drive, found: _Found) -> None:
         states.append((place_filter.state.metric.astype(np.uint16), place_filter.numbers))
         for _ in drive.advance(begin, begin + length):
             pass
-    onward = BackwardPass(place_filter.transitions)
+    cost_to_go = BackwardPass(place_filter.transitions)
     residual, informative = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.bool_)
     for begin in reversed(begins):
         if begin != begins[-1]:
@@ -219,13 +220,13 @@ def _smooth(drive: _Drive, found: _Found) -> None:
             place_filter.resume(metric.astype(np.int32), numbers)
         end = min(begin + length, n)
         rows = drive.rows(begin, end)
-        onward.add_to(rows, drive.travelled[begin:end])
+        cost_to_go.add_to(rows, drive.travelled[begin:end])
         residual[begin:end] = rows.evidence[np.arange(end - begin), rows.columns[:, 0]]
         informative[begin:end] = rows.factor > 0
         for first in range(0, end - begin, drive.block):
             some = rows.part(first, min(first + drive.block, end - begin))
             found.put(begin + first, some.columns, some.metrics)
-        del rows, some  # else two segments are in memory while the next one is computed
+        del rows, some  # or two segments would be in memory while the next one is computed
     found.columns[:, 5] = smoothed_trust(
         found.columns[:, 0],
         found.columns[:, 5],
@@ -250,14 +251,14 @@ def smoothed_trust(
     place, margin, residual : ndarray of int64, shape (n,)
         Match of each window, its margin in units of 1/16 of a metric, and the evidence against it.
     travelled : sequence of int or None
-        Of each window.
+        Driven distance of each window.
     """
     mean = _mean_around(place, _standing(place, margin), travelled, transitions)
     return np.maximum(mean - (_largest_around(residual) << TRUST_BITS), 0)
 
 
 def _largest_around(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Return the largest value of each window and its neighbours."""
+    """Return the largest value among each window and its neighbours."""
     around = np.pad(values, NEIGHBOURS)
     return np.asarray(
         np.lib.stride_tricks.sliding_window_view(around, 2 * NEIGHBOURS + 1).max(axis=1)
@@ -265,10 +266,10 @@ def _largest_around(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
 
 
 def _standing(place: npt.NDArray[np.int64], margin: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Return the margins, reduced by 1/16 for each other window in a row with the same place.
+    """Return the margins, reduced by 1/16 for each other consecutive window with the same place.
 
-    The same view again says nothing new: a path that leaves the map may wait at one place, which is
-    then better than all others for as long.
+    Repeated views add no information. A path that leaves the map may also stay at one place, which
+    is then better than all others.
     """
     begin = np.flatnonzero(np.diff(place, prepend=-1))
     windows = np.diff(begin, append=len(place))
@@ -287,12 +288,12 @@ def _mean_around(
     travelled: Sequence[Travelled],
     transitions: Transitions,
 ) -> npt.NDArray[np.int64]:
-    """Return the mean margin of each window and its neighbours, with 0 for those beyond a jump."""
+    """Return the mean margin of each window and its neighbours; 0 for those beyond a restart."""
     places = place.tolist()
     total = np.concatenate([[0], np.cumsum(margin)])
-    chain = np.zeros(len(places), dtype=np.int64)  # runs without a jump
+    chain = np.zeros(len(places), dtype=np.int64)  # number of each run without a restart
     for j in range(1, len(places)):
-        chain[j] = chain[j - 1] + (not transitions.lead_to(places[j - 1], places[j], travelled[j]))
+        chain[j] = chain[j - 1] + (not transitions.reaches(places[j - 1], places[j], travelled[j]))
     at = np.arange(len(places))
     first = np.maximum(at - NEIGHBOURS, np.searchsorted(chain, chain, side="left"))
     last = np.minimum(at + NEIGHBOURS, np.searchsorted(chain, chain, side="right") - 1)
@@ -302,13 +303,13 @@ def _mean_around(
 def _mean_misfit(
     misfit: npt.NDArray[np.int64], informative: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.int64]:
-    """Return the misfit of smoothed matches, from that of each window that is not a pause."""
+    """Return the misfit of smoothed matches, averaged over windows that are not pauses."""
     n = len(misfit)
     totals = [
         np.concatenate([[0], np.cumsum(column)]) for column in (misfit * informative, informative)
     ]
-    first = np.maximum(np.arange(n) - LASTING_NEIGHBOURS, 0)
-    last = np.minimum(np.arange(n) + LASTING_NEIGHBOURS + 1, n)
+    first = np.maximum(np.arange(n) - MISFIT_NEIGHBOURS, 0)
+    last = np.minimum(np.arange(n) + MISFIT_NEIGHBOURS + 1, n)
     summed, number = (total[last] - total[first] for total in totals)
     mean = (summed << TRUST_BITS) // np.maximum(number, 1)
     return np.where(number > 0, np.maximum(mean - MISFIT_ZERO, 0), 0)
@@ -320,8 +321,8 @@ def _mean_misfit(
 def sequence_sums(distances: npt.NDArray[np.integer], length: int) -> npt.NDArray[np.integer]:
     """Add distances along diagonals: ``S[k, j] = sum_{i<L} D[k + i, j + i]``.
 
-    This is L times D_seq of method.md section 5, in integers. The division by L would not change
-    the order of places.
+    This is L times D_seq of method.md section 5, in integers. Dividing by L would not change the
+    order of places.
 
     Parameters
     ----------
@@ -344,7 +345,7 @@ def sequence_sums(distances: npt.NDArray[np.integer], length: int) -> npt.NDArra
 
 
 def check_length(length: int, places: int, queries: int) -> None:
-    """Check that a sequence of this length fits into both traverses."""
+    """Check that sequences of this length fit into both traverses."""
     if length < 1:
         raise UsageError(f"sequence length {length}: expected 1 or more")
     if length > min(places, queries):
@@ -376,7 +377,7 @@ def anchor_offset(length: int, anchor: Anchor) -> int:
     raise UsageError(f"sequence anchor {anchor!r}: expected middle or end")
 
 
-# Matches by sequences, from the sums of distances along them.
+# Matches by sequences, from sums of distances.
 
 
 class BestSequences(NamedTuple):
@@ -417,7 +418,7 @@ def sequence_matches(
     query_us : ndarray of int64, shape (Q,)
         Centre of each query window.
     acceptance : Acceptance
-        Gives the probability of the margin to the second.
+        Probability and acceptance, by the margin to the second.
     """
     best, best_sum, second, second_sum, ties, candidates = (
         np.concatenate(column) for column in zip(*parts, strict=True)
@@ -456,7 +457,7 @@ def match_query(
     Parameters
     ----------
     odometry : Odometry, optional
-        Of the query drive.
+        Odometry of the query drive.
     """
     return match_descriptors(
         reference.places,
@@ -484,26 +485,26 @@ def match_descriptors(
     Parameters
     ----------
     places : Descriptors
-        Reference, K of them.
+        The K places of the reference.
     queries : Descriptors
-        Q of them, counted at the same pixels.
+        Q query windows, counted at the same pixels.
     settings : Settings
-        `matching` and its settings, `exclusion` and `precision` are used.
+        Only `matching` and its settings, `exclusion` and `precision` are used.
     confidence : Confidence, optional
         Table of probabilities; by default the shipped one for the place filter, and none for
         sequences.
     jumps : ndarray of int32, shape (n, 2), optional
-        Of the map, see `MapRecord`; only the place filter takes them.
+        Jumps of the map, see `MapRecord`; for the place filter only.
     along_mm : ndarray of int64, shape (K,), optional
         `MapRecord.along_mm`.
     odometry : Odometry, optional
-        Of the query drive; takes `along_mm`, and the place filter.
+        Odometry of the query drive; needs `along_mm` and the place filter.
 
     Returns
     -------
     Matches
-        Of all Q windows by the filter. By sequences, of Q - L + 1: those that a whole sequence is
-        centred on (or ends with).
+        Of all Q windows by the filter; by sequences, of the Q - L + 1 windows in the middle (or at
+        the end) of a whole sequence.
     """
     expect(settings, Settings, "settings", "Settings, as of a map or of resolve_settings")
     check_counts(places, queries)
@@ -544,7 +545,7 @@ def match_by_filter(
     acceptance: Acceptance,
     odometry: Odometry | None = None,
 ) -> Matches:
-    """Match every query window by a filter before its first window; see `filter_drive`."""
+    """Match every query window by a place filter in its initial state; see `filter_drive`."""
     found = filter_drive(
         place_filter, index, queries, odometry, smooth=settings.smooth, delay=settings.match_delay
     )
@@ -568,13 +569,13 @@ def match_by_filter(
     )
 
 
-# Matrix of the distances of all query windows of a drive to all places.
+# Matrix of the distances from all query windows of a drive to all places.
 
 
 def query_distances(
     reference: MapRecord, queries: Descriptors, odometry: Odometry | None = None
 ) -> npt.NDArray[np.float64]:
-    """Return the distance of every place of a map to every query window of `match_query`.
+    """Return the distance of each query window to each place, as `match_query` compares them.
 
     Returns
     -------
@@ -600,14 +601,14 @@ def drive_distances(
     along_mm: npt.NDArray[np.int64] | None = None,
     odometry: Odometry | None = None,
 ) -> npt.NDArray[np.float64]:
-    """Return the distance of every place to every query window, as matching compares them.
+    """Return the distance of each query window to each place, as `match_descriptors` compares them.
 
     Parameters
     ----------
     places, queries : Descriptors
-        K and Q of them.
+        K places and Q query windows.
     jumps, along_mm, odometry
-        As `match_descriptors` takes them.
+        See `match_descriptors`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The matches of a query traverse: best and second-best place of each window; their files."""
+"""The matches of a query traverse, with best and second-best places, and their files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Sums = npt.NDArray[np.int64]
 
 
 def ratio_to_second(best: Sums, second: Sums) -> npt.NDArray[np.float64]:
-    """Return the best divided by the second-best distance, from 0 (sure) to 1 (unsure).
+    """Return the best divided by the second-best distance; lower means more confident.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def ratio_to_second(best: Sums, second: Sums) -> npt.NDArray[np.float64]:
     Returns
     -------
     ndarray of float64, shape (n,)
-        1 where both are zero, NaN where there is no second.
+        0 to 1; 1 where both are zero, NaN where there is no second.
     """
     ratio = np.full(best.shape, np.nan)
     np.divide(best, second, out=ratio, where=second > 0)
@@ -82,25 +82,25 @@ class Matches(EqualByValue):
     time_us : ndarray of int64, shape (n,)
         Centre of the query window.
     place, second : ndarray of int64, shape (n,)
-        Best place (ties: the lowest), and the best one outside the exclusion zone (-1: there is
-        none).
+        Best place (the lowest in a tie), and the best one outside the exclusion zone (-1 if there
+        is none).
     distance_sum, second_sum : ndarray of int64, shape (n,)
-        Sum of the L distances along the sequence, L times D_seq (method.md section 5); -1 for no
-        second.
+        Sum of the L distances along the sequence, L times D_seq (method.md section 5); -1 if there
+        is no second.
     ties : ndarray of int64, shape (n,)
-        Other places at the same smallest distance.
+        Number of other places at the smallest distance.
     candidates : ndarray of int64, shape (n, 25)
-        Nearest places, nearest first (ties: lowest first); -1 where the map has fewer. Of matches
-        that were given event by event only the best one, shape (n, 1).
+        Nearest places, nearest first (ties: lowest first); -1 where the map has fewer. For matches
+        event by event only the best place, shape (n, 1).
     trust : ndarray of int64, shape (n,)
-        Higher is surer: of the place filter, see `place_filter.FilterMatch`; of sequences, the
-        margin.
+        Higher means more confident: for the place filter see `place_filter.FilterMatch`, for
+        sequences the margin.
     misfit : ndarray of int64, shape (n,)
-        0 where views are like the map's, see `place_filter.FilterMatch`; -1 of sequences.
+        0 where views resemble the map's, see `place_filter.FilterMatch`; -1 for sequences.
     probability : ndarray of float64, shape (n,)
-        That the match is right, see `confidence.Confidence`; NaN where it is not known.
+        Probability that the match is correct, see `confidence.Confidence`; NaN if unknown.
     lost : ndarray of bool, shape (n,)
-        Not to be relied on at the precision that the settings want.
+        Whether the match is rejected at the required precision of the settings.
     """
 
     settings: Settings
@@ -147,17 +147,17 @@ class Matches(EqualByValue):
 
     @property
     def net_trust(self) -> npt.NDArray[np.int64]:
-        """What the probability depends on, see `confidence.net_trust`."""
+        """Trust less misfit, see `confidence.net_trust`."""
         return net_trust(self.trust, self.misfit)
 
     @property
     def margin(self) -> npt.NDArray[np.float64]:
-        """Second-best less best distance, the higher the surer; NaN if there is no second."""
+        """Second-best less best distance, NaN without a second; higher means more confident."""
         return self.second_distance - self.distance
 
     @property
     def ratio(self) -> npt.NDArray[np.float64]:
-        """Best divided by second-best distance, from 0 (sure) to 1 (unsure).
+        """Best divided by second-best distance, 0 to 1; lower means more confident.
 
         1 if both are zero, NaN if there is no second.
         """
@@ -170,7 +170,7 @@ class Matches(EqualByValue):
         Parameters
         ----------
         rows : ndarray of MATCH_DTYPE, shape (n,)
-            Each is a query, of the window that was newest at its time. Ties are not counted.
+            Each is a query: the window that was newest at its time. Ties are not counted.
         """
         n, length = len(rows), settings.windows_per_match
         known = rows["second"] >= 0
@@ -193,7 +193,7 @@ class Matches(EqualByValue):
         )
 
     def take(self, rows: npt.NDArray[np.integer] | slice) -> Matches:
-        """Return some matches, by a slice or by their indices."""
+        """Return a selection of the matches, by a slice or by indices."""
         return replace(self, **{name: getattr(self, name)[rows] for name in _COLUMNS})
 
     def every(self, stride: int) -> Matches:
@@ -203,19 +203,14 @@ class Matches(EqualByValue):
         return replace(found, query=np.arange(len(found), dtype=np.int64))
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write as ``.npz``, atomically.
+        """Write to an ``.npz`` file, atomically.
 
         Parameters
         ----------
         path : path
             The file to write.
         overwrite : bool
-            Replace a file that exists.
-
-        Raises
-        ------
-        UsageError
-            If it exists and may not be replaced, or cannot be written.
+            Replace an existing file.
         """
         arrays = {name: getattr(self, name) for name in _COLUMNS}
         # for readers that open the file with NumPy only
@@ -246,13 +241,13 @@ class Matches(EqualByValue):
         Parameters
         ----------
         route : Route, optional
-            Of the map; adds the coordinates of the matched place, and metres along the route.
+            Route of the map: adds the coordinates of the matched place, and metres along the route.
 
         Returns
         -------
         pandas.DataFrame
-            The columns of ``matches.csv`` (see docs/outputs.md), then ``margin`` and ``ties``; NaN
-            where there is no second, no probability or no position.
+            The columns of ``matches.csv`` (see docs/outputs.md), ``margin`` and ``ties``; NaN
+            where there is no second place, probability or position.
 
         Raises
         ------
@@ -270,28 +265,28 @@ class Matches(EqualByValue):
 
 
 _COLUMNS = tuple(field.name for field in fields(Matches))[2:]  # all arrays
-#: columns of ``matches.csv``; rows of `MATCH_DTYPE` and of JSON use the same names, but that times
-#: are `time_us` in arrays
+#: Columns of ``matches.csv``; `MATCH_DTYPE` and JSON rows use the same names, except that times in
+#: arrays are `time_us`.
 TABLE = (
     "query", "time_s", "place", "distance", "second", "second_distance", "ratio", "trust",
     "misfit", "probability", "lost",
 )  # fmt: skip
 
 
-# The table of matches as CSV, for people and spreadsheets.
+# The table of matches as CSV.
 
 
 def write_csv(path: str | Path, matches: Matches, route: Route | None = None) -> None:
-    """Write matches as CSV, one line for each, atomically.
+    """Write matches as CSV, one line per match, atomically.
 
     Parameters
     ----------
     matches : Matches
-        Fields are empty where there is no second, where misfit or probability are not known, and of
-        ``lost`` where no precision is wanted.
+        A field is empty if there is no second place, if the misfit or probability is unknown, and
+        in ``lost`` if no precision is required.
     route : Route, optional
         Adds the coordinates of the matched place, metres along the route, and the interval of the
-        exclusion zone around it; empty where the position is not known.
+        exclusion zone around it; empty where the position is unknown.
     """
     rejects = matches.settings.precision is not None
     where = {} if route is None else route.columns(matches.place, matches.settings.exclusion_places)

@@ -1,11 +1,10 @@
-"""The place filter: predicts from the places of the window before, updates with the distances.
+"""The place filter: Viterbi's algorithm over the places of a route, in fixed-width integers.
 
-This is Viterbi's algorithm over the places of a route (the min-plus form of a discrete Bayes
-filter), in integers of fixed widths. Each place has one metric: the cost of the cheapest path that
-ends there now. A window predicts, which adds the cost of a step from the place before, and
-updates, which adds evidence. Steps have costs by the activity of the window, by the settings, by
-odometry, or over jumps between places that the map names. A backward pass from later windows
-smooths.
+It is the min-plus form of a discrete Bayes filter. Each place has one metric: the cost of the
+cheapest path that ends there in the current window. In each window, the prediction adds the cost of
+the step from place to place, and the update adds the evidence of the distances. The cost of a step
+depends on the activity of the window, or is fixed, or follows from odometry; jumps of the map
+connect places like steps. Smoothing adds the costs of a backward pass from later windows.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ from fixedpoint.activity import (
 )
 
 Metrics = npt.NDArray[np.int32]
-#: metrics and costs where they are added up: 16 bits hold the sums, and twice as many fit a vector
+#: Metrics and costs in sums: these fit into 16 bits, of which a vector holds twice as many.
 Narrow = npt.NDArray[np.int16]
 
 #: fraction bits of metrics, evidence and costs
@@ -66,8 +65,8 @@ class TransitionCosts:
     places_per_window : {1, 2}
         Number of places that start in one window of the reference.
     by_activity : bool
-        Take the costs from `COSTS_BY_ACTIVITY`, by the activity of the window against that of the
-        place that is reached; or take `COUNT_COSTS`.
+        Whether the costs are those of `COSTS_BY_ACTIVITY`, by the activity of the window relative
+        to that of the place reached, or `COUNT_COSTS`.
     """
 
     restart: int = 16
@@ -83,7 +82,7 @@ class TransitionCosts:
     def of(cls, settings: Settings) -> TransitionCosts:
         """Return the costs of the settings.
 
-        Windows of a number of events always have the same activity.
+        Windows with a fixed number of events all have the same activity.
         """
         return cls(settings.filter_restart, settings.window_parts, settings.window == "time")
 
@@ -91,7 +90,7 @@ class TransitionCosts:
     def rows(self) -> npt.NDArray[np.int32]:
         """Costs of a step of 0, 1, 2 ... places, with fraction bits.
 
-        A row for each row of `COSTS_BY_ACTIVITY`, or one for all.
+        One row for each row of `COSTS_BY_ACTIVITY`, or a single row for any activity.
         """
         if self.by_activity:
             return np.array(COSTS_BY_ACTIVITY[self.places_per_window], dtype=np.int32)
@@ -104,26 +103,25 @@ class TransitionCosts:
 
 #: fraction bits of the cost of a millimetre
 RATE_BITS = 16
-#: with odometry, a jump may be taken from this many places before it to as many after it
+#: with odometry, a step over a jump may start and end up to this many places from it
 JUMP_REACH = 8
 
 
 class FilterTable(NamedTuple):
-    """What the kernels of the filter read of a map and its settings.
+    """Constants of the filter, from a map and its settings.
 
     Attributes
     ----------
     costs : ndarray of int32, shape (rows, steps)
-        Of a step of 0, 1, 2 ... places, with fraction bits. Several rows are those of
-        `COSTS_BY_ACTIVITY`; one row is for any activity.
+        See `TransitionCosts.rows`.
     restart : int
-        With fraction bits.
+        Cost of a restart, with fraction bits.
     jumps : ndarray of int32, shape (n, 2)
         Pairs of places, from and to, that follow each other without a step.
     activity : ndarray of int32, shape (K,)
-        Of each place, see `place_activity`.
+        Activity of each place, see `place_activity`.
     typical : ndarray of int64, shape (K,)
-        Of each place, see `distances.typical_distances`.
+        See `distances.typical_distances`.
     exclusion : int
         The second-best place is more than this many places from the best.
     """
@@ -137,8 +135,8 @@ class FilterTable(NamedTuple):
 
 
 @kernel(inner=True)
-def leads_to(place: int, next_place: int, last: int, jumps: npt.NDArray[np.int32]) -> bool:
-    """Return whether a step of 0 to ``last`` places, or one over a jump, leads there."""
+def is_reachable(place: int, next_place: int, last: int, jumps: npt.NDArray[np.int32]) -> bool:
+    """Return whether a step of at most `last` places, possibly over a jump, reaches a place."""
     if 0 <= next_place - place <= last:
         return True
     for n in range(len(jumps)):
@@ -149,51 +147,49 @@ def leads_to(place: int, next_place: int, last: int, jumps: npt.NDArray[np.int32
 
 
 @kernel(inner=True)
-def write_costs(table: FilterTable, activity: int, costs: Narrow) -> None:
-    """Write the cost of each step to each place, in a window of this activity.
+def write_costs(table: FilterTable, activity: int, out: Narrow) -> None:
+    """Compute the cost of each step to each place in a window.
 
     Parameters
     ----------
     activity : int
-        Of the window, see `activity_of`.
-    costs : ndarray of int16, shape (steps, K)
-        Written to.
+        Activity of the window, see `activity_of`.
+    out : ndarray of int16, shape (steps, K)
+        Costs, by the length of the step and the place reached.
     """
-    places, last_row = costs.shape[1], len(table.costs) - 1
+    places, last_row = out.shape[1], len(table.costs) - 1
     rows = np.empty(places if last_row > 0 else 0, dtype=np.int16)
     for k in range(rows.size):
         row = (activity - table.activity[k] + (1 << (ROW_BITS - 1))) >> ROW_BITS
         rows[k] = min(max(row + SAME_ROW, 0), last_row)
-    for i in range(costs.shape[0]):
-        of_row, written = table.costs[:, i], costs[i]
+    for i in range(out.shape[0]):
+        of_row, of_step = table.costs[:, i], out[i]
         if last_row > 0:
             for k in range(places):
-                written[k] = of_row[rows[k]]
+                of_step[k] = of_row[rows[k]]
         else:
             cost = np.int16(of_row[0])
             for k in range(places):
-                written[k] = cost
+                of_step[k] = cost
 
 
 @kernel(inner=True)
-def move(metric: Narrow, table: FilterTable, costs: Narrow, back: bool, prediction: Narrow) -> None:
-    """Write the cheapest cost of each place one window later, or earlier.
+def move(metric: Narrow, table: FilterTable, costs: Narrow, back: bool, out: Narrow) -> None:
+    """Compute the cheapest cost of each place one window later or earlier.
 
-    All sums fit into 16 bits: a metric with its evidence, and a cost, are below 2,500.
+    All sums fit into 16 bits: a metric, its evidence and a cost add up to less than 2,500.
 
     Parameters
     ----------
     metric : ndarray of int16, shape (K,)
         Cost of each place.
     costs : ndarray of int16, shape (steps, K)
-        Of `write_costs`, for the later of the two windows.
+        Result of `write_costs` for the later of the two windows.
     back : bool
-        Whether `metric` is of the later window, and the cost of each place in the one before is
-        asked.
-    prediction : ndarray of int16, shape (K,)
-        Written to: ``min(min_i (M[k - i] + cost[i]), min M + restart) - min M``; over a jump from
-        a to b, k = b + o is i places from a - (i - 1 - o). The costs are those of the place
-        reached.
+        Whether `metric` belongs to the later window, and the costs in the earlier one are computed.
+    out : ndarray of int16, shape (K,)
+        ``min(min_i (M[k - i] + cost[i]), min M + restart) - min M``. Over a jump from a to b, place
+        k = b + o is i places from a - (i - 1 - o). The costs are those of the place reached.
     """
     places = metric.size
     least = metric[0]
@@ -201,36 +197,38 @@ def move(metric: Narrow, table: FilterTable, costs: Narrow, back: bool, predicti
         least = min(least, metric[k])
     restarted = np.int16(least + table.restart)
     for k in range(places):
-        prediction[k] = restarted
+        out[k] = restarted
     for i in range(costs.shape[0]):
         number, reached = max(places - i, 0), min(i, places)
         found, source = (0, reached) if back else (reached, 0)
-        # loops over slices, all from 0 on, compile to vector instructions
+        # loops from 0 over slices compile to vector instructions
         cost = costs[i, reached : reached + number]
-        moved, stayed = prediction[found : found + number], metric[source : source + number]
+        reached_by, start = out[found : found + number], metric[source : source + number]
         for k in range(number):
-            moved[k] = min(moved[k], np.int16(stayed[k] + cost[k]))
+            reached_by[k] = min(reached_by[k], np.int16(start[k] + cost[k]))
         for j in range(len(table.jumps)):
             for over in range(i):
                 begin, end = table.jumps[j, 0] - (i - 1 - over), table.jumps[j, 1] + over
                 if begin >= 0 and end < places:
                     to, other = (begin, end) if back else (end, begin)
                     jumped = np.int16(metric[other] + costs[i, end])
-                    prediction[to] = min(prediction[to], jumped)
+                    out[to] = min(out[to], jumped)
     for k in range(places):
-        prediction[k] -= least
+        out[k] -= least
 
 
 @kernel(inline="always")
-def predict(metric: Metrics, table: FilterTable, activity: int, prediction: Narrow) -> None:
-    """Write the cheapest cost of each place after a window of this activity; see `move`.
+def predict(metric: Metrics, table: FilterTable, activity: int, out: Narrow) -> None:
+    """Compute the cheapest cost of each place one window later; see `move`.
 
     Parameters
     ----------
     metric : ndarray of int32, shape (K,)
         Cost of each place.
-    prediction : ndarray of int16, shape (K,)
-        Written to.
+    activity : int
+        Activity of the later window, see `activity_of`.
+    out : ndarray of int16, shape (K,)
+        Predicted costs.
     """
     before = np.empty(metric.size, dtype=np.int16)
     for k in range(metric.size):
@@ -238,7 +236,7 @@ def predict(metric: Metrics, table: FilterTable, activity: int, prediction: Narr
     costs = np.empty((table.costs.shape[1], metric.size), dtype=np.int16)
     write_costs(table, activity, costs)
     # not a constant, for which Numba would compile another version
-    move(before, table, costs, np.bool_(False), prediction)
+    move(before, table, costs, np.bool_(False), out)
 
 
 @kernel
@@ -250,7 +248,7 @@ def predict_by_distance(
     restart: int,
     jumps: npt.NDArray[np.int32],
 ) -> Metrics:
-    """Return the cheapest cost of each place after a known distance driven.
+    """Return the cheapest cost of each place after a known driven distance.
 
     Parameters
     ----------
@@ -259,9 +257,9 @@ def predict_by_distance(
     along : ndarray of int64, shape (K,)
         Millimetres that the reference had driven at each place, never decreasing.
     travelled : int
-        Millimetres since the window before; below 0 backwards.
+        Millimetres since the window before; negative when driving backwards.
     rate_and_spacing : tuple of int
-        Cost of a millimetre off in units of ``2**-16``, and millimetres between two places.
+        Cost per millimetre of deviation in units of ``2**-16``, and millimetres between two places.
     jumps : ndarray of int32, shape (n, 2)
         Pairs of places, from and to, that follow each other without a step.
 
@@ -269,21 +267,21 @@ def predict_by_distance(
     -------
     ndarray of int32, shape (K,)
         ``min(min_j (M[j] + |along[k] - along[j] - travelled| * rate), min M + restart) - min M``,
-        rounded down. A jump is one mean spacing long.
+        rounded down. A jump has the length of one mean spacing.
     """
     rate, spacing = rate_and_spacing
     least, places = np.int64(metric.min()), metric.size
     prediction = np.full(places, np.int64(restart) << RATE_BITS, dtype=np.int64)
     # rounding down is monotone: the lowest exact cost, rounded, is the lowest rounded cost
     best, j = np.int64(1) << 62, 0
-    for k in range(places):  # sources from which the distance ends at k or before it
+    for k in range(places):  # sources from which the distance reaches k or a place before it
         while j < places and along[j] + travelled <= along[k]:
             cost = ((metric[j] - least) << RATE_BITS) - (along[j] + travelled) * rate
             best, j = min(best, cost), j + 1
         if j > 0:
             prediction[k] = min(prediction[k], best + along[k] * rate)
     best, j = np.int64(1) << 62, places - 1
-    for k in range(places - 1, -1, -1):  # sources from which it ends beyond k
+    for k in range(places - 1, -1, -1):  # sources from which it reaches a place beyond k
         while j >= 0 and along[j] + travelled >= along[k]:
             cost = ((metric[j] - least) << RATE_BITS) + (along[j] + travelled) * rate
             best, j = min(best, cost), j - 1
@@ -299,13 +297,13 @@ def predict_by_distance(
     return (prediction >> RATE_BITS).astype(np.int32)
 
 
-#: with odometry, the cost of being one window's mean distance off from where the distance leads
+#: with odometry, the cost of a deviation by the mean distance of one window
 OFF_BY_A_WINDOW = 2
 _NO_JUMPS = np.zeros((0, 2), dtype=np.int32)
 
 
 class Transitions:
-    """Places that can be reached from each place of a map in one window.
+    """Costs of the transitions between the places of a map in one window.
 
     Parameters
     ----------
@@ -314,11 +312,11 @@ class Transitions:
     place_activity : ndarray of int32, shape (K,), optional
         See `place_activity`; 0 by default.
     jumps : ndarray of int32, shape (n, 2), optional
-        Pairs of places: from the first, one step leads to the second too, as where a loop closes
-        or two routes meet. Steps of more places may pass the pair.
+        Pairs of places: one step also leads from the first to the second, for example where a loop
+        closes or two routes meet. Longer steps may cross the pair.
     along_mm : ndarray of int64, shape (K,), optional
-        Millimetres that the reference had driven at each place, never decreasing: what odometry of
-        a query is compared with.
+        Millimetres that the reference had driven at each place, never decreasing. Odometry of a
+        query is compared with it.
     typical : ndarray of int64, shape (K,), optional
         See `distances.typical_distances`; 0 by default.
     exclusion : int
@@ -329,7 +327,7 @@ class Transitions:
     >>> costs = TransitionCosts(restart=5, by_activity=False)
     >>> jumps = np.array([[3, 0]], dtype=np.int32)
     >>> transitions, prediction = Transitions(4, costs, jumps=jumps), np.empty(4, dtype=np.int16)
-    >>> metric = np.array([9, 9, 9, 0], dtype=np.int32)  # at the end, which leads to the start
+    >>> metric = np.array([9, 9, 9, 0], dtype=np.int32)  # at the end, with a jump to the start
     >>> predict(metric, transitions.table, 0, prediction)
     >>> prediction.tolist()
     [0, 0, 4, 4]
@@ -360,7 +358,7 @@ class Transitions:
             exclusion,
         )  # fmt: skip
         self._along = along_mm
-        #: mean distance between two places; 0 if the map holds none
+        #: mean distance between two places; 0 if the map has no distances
         self.spacing_mm = self._rate = 0
         if along_mm is not None:
             check_along(along_mm, places)
@@ -369,18 +367,18 @@ class Transitions:
             self._rate = (OFF_BY_A_WINDOW << FRACTION_BITS << RATE_BITS) // per_window
 
     def check_odometry(self) -> None:
-        """Raise UsageError if the map does not hold the distances between its places."""
+        """Raise UsageError if the map has no distances between its places."""
         self._checked_along()
 
     def by_distance(self, metric: Metrics, travelled_mm: int, *, back: bool = False) -> Metrics:
-        """Return the cost of each place after a distance of `travelled_mm`, shape (K,).
+        """Return the cost of each place after a driven distance, shape (K,).
 
         Parameters
         ----------
         metric : ndarray of int32, shape (K,)
-            Of the window before.
+            Cost of each place before it; with `back`, after it.
         back : bool
-            Return the cost of each place before it, from that of the places after it.
+            Return the cost of each place before the distance instead.
         """
         along, jumps = self._checked_along(), self.jumps
         if back:  # the same distance on the route in the opposite direction
@@ -393,17 +391,18 @@ class Transitions:
         return np.ascontiguousarray(found[::-1]) if back else found
 
     def weight_by_distance(self, driven_mm: int) -> int:
-        """Return the largest weight of the evidence of a window, see `weight_of`.
+        """Return the largest weight that the evidence of a window may have, see `weight_of`.
 
-        It is the share of the distance that the reference drove in a window, rounded up to units of
-        1/8: over a shorter one, a robot sees again what it saw in the window before.
+        The weight is the driven distance as a share of the reference's mean distance per window,
+        rounded up to units of 1/8. Over a short distance, the view repeats that of the window
+        before.
         """
         per_window = self.spacing_mm * self.costs.places_per_window
         eighths = -(-abs(_limited(driven_mm) << WEIGHT_BITS) // per_window)
         return min(eighths, 1 << WEIGHT_BITS)
 
     def following(self, place: int, travelled_mm: int) -> npt.NDArray[np.bool_]:
-        """Return which places can be reached over a distance without a restart, shape (K,)."""
+        """Return which places are reachable over a distance without a restart, shape (K,)."""
         along, travelled = self._checked_along(), _limited(travelled_mm)
         off = np.abs(along - along[place] - travelled)
         follows = (off * self._rate) >> RATE_BITS < self.table.restart
@@ -415,12 +414,12 @@ class Transitions:
             follows[beyond] |= cost < self.table.restart
         return np.asarray(follows)
 
-    def lead_to(self, place: int, next_place: int, travelled_mm: int | None) -> bool:
-        """Return whether `next_place` can be reached from `place` without a restart."""
+    def reaches(self, place: int, next_place: int, travelled_mm: int | None) -> bool:
+        """Return whether `next_place` is reachable from `place` without a restart."""
         table = self.table
         if travelled_mm is None:
-            follows = plain(leads_to)(place, next_place, table.costs.shape[1] - 1, table.jumps)
-            return bool(follows)
+            last = table.costs.shape[1] - 1
+            return bool(plain(is_reachable)(place, next_place, last, table.jumps))
         return bool(self.following(place, travelled_mm)[next_place])
 
     def _checked_along(self) -> npt.NDArray[np.int64]:
@@ -438,7 +437,7 @@ class Transitions:
 
 
 def check_no_transitions(jumps: npt.NDArray[np.int32] | None, odometry: bool) -> None:
-    """Raise UsageError if sequences are asked to use jumps or odometry.
+    """Raise UsageError if jumps or odometry are given, which sequences do not use.
 
     Parameters
     ----------
@@ -491,36 +490,37 @@ def _limited(travelled_mm: int) -> int:
     return min(max(travelled_mm, -MOST_MM), MOST_MM)
 
 
-# Update: the evidence of a window, the best places, and how far to trust the match.
+# Update: the evidence of a window, the best places, and the trust in the match.
 
 
 #: largest evidence: 8 bits
 EVIDENCE_TOP = (1 << 8) - 1
 #: fraction bits of the reciprocal of the spread
 RECIPROCAL_BITS = 16
-#: fraction bits of the product of this reciprocal and a weight, without those of evidence
+#: shift of the product of this reciprocal and a weight that leaves the fraction bits of evidence
 FACTOR_SHIFT = RECIPROCAL_BITS - FRACTION_BITS + WEIGHT_BITS
 #: support, in units of 1/16 of a margin, moves by 1/4 of the difference in each window
 TRUST_SHIFT, TRUST_BITS = 2, 4
 #: while the place stays the same, support falls by 1/16 in each window
 STANDING_SHIFT = 4
-#: larger margins and residuals count as this, so that one window is not remembered for long: 23
+#: margins and residuals are capped at 23, which bounds the influence of one window
 MARGIN_TOP = RESIDUAL_TOP = TRUST_TOP >> TRUST_BITS
 
 
 @kernel(inline="always")
 def support_after(kept: int, stands: bool, margin: int) -> int:
-    """Return the support of a match after a window: a running mean of its margins.
+    """Return the support of a match after a window: a running mean of the margins.
 
-    While the robot stands, it sees the same view again and learns nothing new. The support then
-    falls by 1/16 in each window.
+    At a standstill, further windows of the same view add no information: the support decays by 1/16
+    in each window.
 
     Parameters
     ----------
     kept : int
-        Support of the window before; 0 where this match does not follow from that one.
+        Support of the window before; 0 if this place is not reachable from that of the window
+        before.
     stands : bool
-        Whether the place is that of the window before.
+        Whether the place is the same as in the window before.
     margin : int
         Second metric less the least.
 
@@ -540,8 +540,8 @@ def support_after(kept: int, stands: bool, margin: int) -> int:
 def trust_of(support: int, residual: int) -> int:
     """Return the trust in a match: its support less the residual of the matched place.
 
-    A path that has become wrong still has the support of earlier windows, but the places along it
-    no longer fit what is seen.
+    A path that has become wrong keeps the support of earlier windows for a while, but its places no
+    longer fit the view.
 
     Parameters
     ----------
@@ -565,12 +565,12 @@ def residual_of(evidence: int) -> int:
 
 
 #: the running misfit moves by 1/16 of the difference in each window, and has 4 more fraction bits
-LASTING_SHIFT, LASTING_BITS = 4, 4
-#: running misfit at the start, and where the misfit of a match is 0: windows of drives along the
-#: map in its own light are lower on average
+RUNNING_SHIFT, MISFIT_BITS = 4, 4
+#: Initial running misfit, which is reported as 0. Windows of drives along the map in the same light
+#: are lower on average.
 MISFIT_ZERO = -80
-#: a smoothed drive has the mean of so many windows before and after a match
-LASTING_NEIGHBOURS = 16
+#: number of windows before and after a match over which smoothing averages the misfit
+MISFIT_NEIGHBOURS = 16
 
 
 @kernel
@@ -581,26 +581,27 @@ def window_misfit(
     factor: int,
     share: int,
 ) -> int:
-    """Return how badly a window fits the matched place, compared with all places.
+    """Return how badly a window fits the matched place, relative to all places.
 
-    A view of another place, or in another light, has some place that it resembles most, too. But
-    the path cannot follow these, so that the matched place is as far from the view as any.
+    Some place of the map is nearest to any view, even off the map or in another light. The path
+    cannot follow these nearest places, and so the matched place is then as far from the view as
+    any other.
 
     Parameters
     ----------
     evidence : ndarray of uint8, shape (K,)
-        Of the window.
+        Evidence of the window.
     typical : ndarray of int64, shape (K,)
-        Places without contrast are nearer to any view; this is subtracted.
+        Subtracted, since places without contrast are nearer to any view.
     factor, share : int
-        Of the evidence, see `WindowRows`. A short distance makes evidence count less, but does not
-        make the view fit any worse or better.
+        See `WindowRows`. The result is divided by the share, because a short driven distance lowers
+        the weight of the evidence but not how well the view fits.
 
     Returns
     -------
     int
-        Evidence against the place, less the advantage of the place over the mean of all, each
-        divided by the share and then up to 23: -23 to 46.
+        Evidence against the place less its advantage over the mean of all places, each divided by
+        the share and limited to 23: -23 to 46.
     """
     total = np.int64(0)
     for k in range(evidence.size):
@@ -613,17 +614,17 @@ def window_misfit(
 
 
 @kernel(inline="always")
-def lasting_misfit_after(before: int, misfit: int, factor: int) -> int:
+def update_misfit(before: int, misfit: int, factor: int) -> int:
     """Return the running mean of `window_misfit` after a window, in units of 1/256 of a metric."""
     if factor == 0:
         return before
-    return before + (((misfit << (TRUST_BITS + LASTING_BITS)) - before) >> LASTING_SHIFT)
+    return before + (((misfit << (TRUST_BITS + MISFIT_BITS)) - before) >> RUNNING_SHIFT)
 
 
 @kernel(inline="always")
-def shown_misfit(lasting: int) -> int:
-    """Return the misfit that a match is given with, in units of 1/16 of a metric, as trust has."""
-    return max((lasting >> LASTING_BITS) - MISFIT_ZERO, 0)
+def reported_misfit(running: int) -> int:
+    """Return the misfit that is reported with a match, in units of 1/16 of a metric like trust."""
+    return max((running >> MISFIT_BITS) - MISFIT_ZERO, 0)
 
 
 @kernel
@@ -633,12 +634,12 @@ def reciprocal_of_spread(distances: npt.NDArray[np.integer]) -> int:
     Parameters
     ----------
     distances : ndarray of int, shape (K,)
-        Of a window to each place.
+        From a window to each place.
 
     Returns
     -------
     int
-        s is rounded down, as is the mean that it is taken from, and at least 1.
+        The mean of the distances is rounded down; s is rounded down and at least 1.
     """
     total = np.int64(0)
     for distance in distances:
@@ -654,7 +655,7 @@ def reciprocal_of_spread(distances: npt.NDArray[np.integer]) -> int:
 def weight_of(activity: int) -> int:
     """Return the weight of the evidence of a window, in units of 1/8.
 
-    A camera that hardly moves sees the same view again, by fewer events.
+    A camera that hardly moves repeats its view, with fewer events.
     """
     return min(max((activity - WEIGHT_FROM) >> 1, 0), 1 << WEIGHT_BITS)
 
@@ -664,37 +665,41 @@ def evidence_of(
     distances: npt.NDArray[np.integer],
     reciprocal: int,
     weight: int,
-    evidence: npt.NDArray[np.uint8],
+    out: npt.NDArray[np.uint8],
 ) -> None:
-    """Write ``E = min((D - min D) / s, 255) * weight``, in fraction bits.
+    """Compute the evidence ``min((D - min D) / s, 255) * weight``, with fraction bits.
 
     Parameters
     ----------
     distances : ndarray of int, shape (K,)
-        What all of them have in common does not matter.
+        D. Only differences matter: adding a constant changes nothing.
     reciprocal : int
-        Of s, see `reciprocal_of_spread`; 0 of a spread above 2**16: nothing is evidence then.
+        Reciprocal of s, see `reciprocal_of_spread`. It is 0 for a spread above 2**16, and so is all
+        evidence then.
     weight : int
         See `weight_of`.
-    evidence : ndarray of uint8, shape (K,)
-        Written to.
+    out : ndarray of uint8, shape (K,)
+        Evidence against each place.
     """
     shift = RECIPROCAL_BITS - FRACTION_BITS
-    # a larger difference gives the largest evidence anyway, and this product fits into 32 bits
+    # larger differences saturate the evidence, and products up to this one fit into 32 bits
     most = np.int64((EVIDENCE_TOP << shift) // max(reciprocal, 1) + 1)
     least = np.int64(distances[0])
     for distance in distances:
         least = min(least, np.int64(distance))
     factor = np.int32(reciprocal)
-    for k in range(evidence.size):
+    for k in range(out.size):
         difference = np.int32(min(np.int64(distances[k]) - least, most))
         unweighted = (difference * factor) >> shift
-        evidence[k] = (min(unweighted, np.int32(EVIDENCE_TOP)) * weight) >> WEIGHT_BITS
+        out[k] = (min(unweighted, np.int32(EVIDENCE_TOP)) * weight) >> WEIGHT_BITS
 
 
 @kernel
 def least_and_second(metric: Metrics, exclusion: int) -> tuple[int, int, int]:
-    """Return the place of the lowest metric, the best one outside its zone or -1, and ties."""
+    """Return the place of the least metric, the best one outside the exclusion zone, and ties.
+
+    The second is -1 if no place lies outside the zone.
+    """
     best, ties = _first_least(metric, np.int64(0), metric.size), -1
     for k in range(metric.size):
         ties += metric[k] == metric[best]
@@ -707,7 +712,7 @@ def least_and_second(metric: Metrics, exclusion: int) -> tuple[int, int, int]:
 
 @kernel(inline="always")
 def margin_of(metric: Metrics, place: int, second: int) -> int:
-    """Return the second-best less the best metric; the largest value if there is no second."""
+    """Return the second-best metric less the best; the largest metric if there is no second."""
     if second < 0:
         return METRIC_TOP
     return int(metric[second]) - int(metric[place])
@@ -715,10 +720,10 @@ def margin_of(metric: Metrics, place: int, second: int) -> int:
 
 @kernel(inner=True)
 def _first_least(metric: Metrics, begin: int, end: int) -> int:
-    """Return the first place of the lowest metric in a range; -1 if the range is empty."""
+    """Return the first place of the least metric in a range; -1 if the range is empty."""
     if begin >= end:
         return -1
-    # two loops: the first compiles to vector instructions, the second ends early
+    # two loops: the first compiles to vector instructions, the second stops early
     least = metric[begin]
     for k in range(begin, end):
         least = min(least, metric[k])
@@ -734,28 +739,28 @@ def _first_least(metric: Metrics, begin: int, end: int) -> int:
 #: State of a filter between two windows, in addition to its metrics; see `PlaceFilter`.
 NUMBER_NAMES = (
     "reciprocal", "mean_activity", "place", "support", "residual", "residual_before",
-    "lasting_misfit",
+    "running_misfit",
 )  # fmt: skip
-#: with the activity for which the prediction holds, or one of the two below
+#: `NUMBER_NAMES`, and the activity for which the prediction holds or one of the two values below
 NUMBERS = np.dtype([(name, np.int64) for name in (*NUMBER_NAMES, "predicted_for")])
-#: there is no prediction yet; it is by odometry, and holds for any activity: from `BY_DISTANCE` on,
-#: with the largest weight of the evidence added to it
+#: Values of `predicted_for`: no prediction yet; from `BY_DISTANCE` on, a prediction by odometry,
+#: which holds for any activity, plus the largest weight of the evidence.
 NOT_PREDICTED, BY_DISTANCE = -2 * LOG_TOP, 2 * LOG_TOP
 
 
 class FilterState(NamedTuple):
-    """Arrays of a `PlaceFilter`, which its kernels update in place.
+    """State of a `PlaceFilter`, which its kernels update in place.
 
     Attributes
     ----------
     numbers : ndarray of NUMBERS, shape (1,)
-        Of `NUMBER_NAMES`, and the activity that the prediction holds for.
+        See `PlaceFilter`, and `predicted_for`.
     metric : ndarray of int32, shape (K,)
-        After the window before.
+        Metrics after the window before.
     prediction : ndarray of int16, shape (K,)
-        Cost of being at each place in this window, without its evidence.
+        Cost of each place in this window, without its evidence.
     follows : ndarray of bool, shape (K,)
-        Which places follow from the latest match, if the prediction is by odometry.
+        Which places are reachable from the latest match, if the prediction is by odometry.
     """
 
     numbers: Any
@@ -770,18 +775,17 @@ class WindowRows(NamedTuple):
     Attributes
     ----------
     columns : ndarray of int64, shape (n, 7)
-        Of `FilterMatch`.
+        Fields of `FilterMatch`.
     metrics : ndarray of int32, shape (n, K)
-        After each window.
+        Metrics after each window.
     evidence : ndarray of uint8, shape (n, K)
-        Which each window added.
+        Evidence of each window.
     activity : ndarray of int32, shape (n,)
-        Of each window, see `activity_of`.
+        Activity of each window, see `activity_of`.
     factor : ndarray of int64, shape (n,)
-        Evidence for a difference of distances, in units of 2**-17; 0 of a pause.
+        Evidence per unit of distance, in units of 2**-17; 0 in a pause.
     share : ndarray of int32, shape (n,)
-        Of the evidence, how much counts by the distance driven, in units of 1/8: 8 where that is
-        not known.
+        Weight of the evidence that odometry leaves, in units of 1/8; 8 without odometry.
     """
 
     columns: npt.NDArray[np.int64]
@@ -823,24 +827,24 @@ def update_windows(
     table: FilterTable,
     distances: npt.NDArray[np.integer],
     events: npt.NDArray[np.int64],
-    rows: WindowRows,
+    out: WindowRows,
 ) -> None:
     """Advance the filter by n finished windows, one after the other.
 
     Parameters
     ----------
     state : FilterState
-        Before the first window; after the call, after the last.
+        State before the first window; updated in place.
     distances : ndarray of int, shape (n, K)
-        Of each window to each place.
+        From each window to each place.
     events : ndarray of int64, shape (n,)
-        At the selected pixels in each window.
-    rows : WindowRows
-        Written to.
+        Number of events at the selected pixels in each window.
+    out : WindowRows
+        Results of the n windows.
     """
     for i in range(len(distances)):
-        found = match_window(state, table, distances[i], events[i], rows, i)
-        end_window(state, distances[i], events[i], rows.metrics[i], found)
+        found = match_window(state, table, distances[i], events[i], out, i)
+        end_window(state, distances[i], events[i], out.metrics[i], found)
 
 
 @kernel(inline="always")
@@ -856,7 +860,7 @@ def end_window(
     Parameters
     ----------
     distances, events, metric
-        Of `match_window` for this window.
+        Arguments and metrics of `match_window` for this window.
     found : tuple of int
         Result of `match_window`.
     """
@@ -865,7 +869,7 @@ def end_window(
         now.reciprocal = reciprocal_of_spread(distances)
     now.mean_activity = mean_activity_after(now.mean_activity, events)
     now.residual_before = now.residual
-    now.place, now.support, now.residual, now.lasting_misfit = found
+    now.place, now.support, now.residual, now.running_misfit = found
     now.predicted_for = NOT_PREDICTED
     for k in range(metric.size):
         state.metric[k] = metric[k]
@@ -877,7 +881,7 @@ def match_window(
     table: FilterTable,
     distances: npt.NDArray[np.integer],
     events: int,
-    rows: WindowRows,
+    out: WindowRows,
     i: int,
 ) -> tuple[int, int, int, int]:
     """Match a window, finished or not, without advancing the filter.
@@ -885,21 +889,21 @@ def match_window(
     Parameters
     ----------
     state : FilterState
-        Only its prediction is changed, which the next call for this window may use again.
+        Only its prediction is updated, for the next call for the same window.
     distances : ndarray of int, shape (K,)
-        What all of them have in common does not matter.
+        Only differences matter: adding a constant changes nothing.
     events : int
-        At the selected pixels in the window.
-    rows : WindowRows
-        Row `i` of each is written to.
+        Number of events at the selected pixels in the window.
+    out : WindowRows
+        The result is written to row `i`.
 
     Returns
     -------
-    place, support, residual, lasting : int
+    place, support, residual, misfit : int
         See `write_trust`.
     """
-    now, row = state.numbers[0], rows.columns[i]
-    metric, evidence = rows.metrics[i], rows.evidence[i]
+    now, row = state.numbers[0], out.columns[i]
+    metric, evidence = out.metrics[i], out.evidence[i]
     activity = activity_of(events, now.mean_activity)
     if now.predicted_for != activity and now.predicted_for < BY_DISTANCE:
         if now.place >= 0:
@@ -924,7 +928,7 @@ def match_window(
     kept = write_trust(
         now, table, by_distance, state.follows, margin, evidence, factor_and_share, row
     )
-    rows.activity[i], (rows.factor[i], rows.share[i]) = activity, factor_and_share
+    out.activity[i], (out.factor[i], out.share[i]) = activity, factor_and_share
     return kept
 
 
@@ -937,49 +941,50 @@ def write_trust(
     margin: int,
     evidence: npt.NDArray[np.uint8],
     factor_and_share: tuple[int, int],
-    row: npt.NDArray[np.int64],
+    out: npt.NDArray[np.int64],
 ) -> tuple[int, int, int, int]:
-    """Write the trust in a match and its misfit.
+    """Compute the trust in a match and its misfit.
 
     Parameters
     ----------
     now : record of NUMBERS or HELD
-        Of the match before.
+        State after the match before.
     by_distance : bool
-        Whether `follows` says which places follow from that one; steps do otherwise.
+        Whether `follows` holds the places reachable from that match, by odometry; else places are
+        reached by steps.
     margin : int
-        Of `write_match`.
+        Result of `write_match`.
     evidence : ndarray of uint8, shape (K,)
-        Of the window.
+        Evidence of the window.
     factor_and_share : tuple of int
         Of the window, see `WindowRows`.
-    row : ndarray of int64, shape (7,)
-        Of `FilterMatch`; its place is read, its trust and misfit are written.
+    out : ndarray of int64, shape (7,)
+        Fields of `FilterMatch`: the place is read, trust and misfit are written.
 
     Returns
     -------
-    place, support, residual, lasting : int
-        What the next match needs, see `residual_of` and `lasting_misfit_after`.
+    place, support, residual, misfit : int
+        State for the next match, see `PlaceFilter`.
     """
-    place, before = row[0], now.place
+    place, before = out[0], now.place
     factor, share = factor_and_share
     if by_distance:
-        led_to = follows[place]
+        reachable = follows[place]
     else:
         last = table.costs.shape[1] - 1
-        led_to = before >= 0 and leads_to(before, place, last, table.jumps)
-    support = support_after(now.support if led_to else 0, place == before, margin)
+        reachable = before >= 0 and is_reachable(before, place, last, table.jumps)
+    support = support_after(now.support if reachable else 0, place == before, margin)
     residual = residual_of(evidence[place])
-    row[5] = trust_of(support, max(residual, now.residual, now.residual_before))
+    out[5] = trust_of(support, max(residual, now.residual, now.residual_before))
     of_window = window_misfit(evidence, place, table.typical, factor, share)
-    lasting = lasting_misfit_after(now.lasting_misfit, of_window, factor)
-    row[6] = shown_misfit(lasting)
-    return place, support, residual, lasting
+    misfit = update_misfit(now.running_misfit, of_window, factor)
+    out[6] = reported_misfit(misfit)
+    return place, support, residual, misfit
 
 
 @kernel(inline="always")
 def write_match(
-    metric: Metrics, place: int, second: int, ties: int, row: npt.NDArray[np.int64]
+    metric: Metrics, place: int, second: int, ties: int, out: npt.NDArray[np.int64]
 ) -> int:
     """Write a match without its trust and misfit, and return its margin.
 
@@ -988,118 +993,115 @@ def write_match(
     metric : ndarray of int32, shape (K,)
         Cost of each place.
     place, second, ties : int
-        Of `least_and_second`.
-    row : ndarray of int64, shape (7,)
-        Of `FilterMatch`; written to.
+        Result of `least_and_second`.
+    out : ndarray of int64, shape (7,)
+        Fields of `FilterMatch`.
     """
-    row[0], row[1], row[2], row[3], row[4] = place, metric[place], second, -1, ties
+    out[0], out[1], out[2], out[3], out[4] = place, metric[place], second, -1, ties
     if second >= 0:
-        row[3] = metric[second]
+        out[3] = metric[second]
     return margin_of(metric, place, second)
 
 
 @kernel
 def smooth_windows(
-    onward: Narrow,
-    ahead: Narrow,
+    cost_to_go: Narrow,
+    next_cost_to_go: Narrow,
     table: FilterTable,
     rows: WindowRows,
 ) -> None:
-    """Add the costs of the rest of the drive to the metrics of n windows, from the last window.
+    """Add the cost to go to the metrics of n windows, backwards from the last window.
 
     Parameters
     ----------
-    onward : ndarray of int16, shape (K,)
-        Cost of going on from each place after the last of these windows; after the call, before
-        the first.
-    ahead : ndarray of int16, shape (K,)
-        Written to: the cost of going on from the first window, with its own evidence.
+    cost_to_go : ndarray of int16, shape (K,)
+        Cost of the rest of the drive from each place after the last of these windows; updated in
+        place to that before the first.
+    next_cost_to_go : ndarray of int16, shape (K,)
+        Scratch; after the call, the cost to go after the first window plus the evidence of the
+        first window.
     rows : WindowRows
-        Of n windows. After the call, its metrics are the costs of the best path through each place,
-        and its columns the matches by these, with the margin as trust, in units of 1/16 of a
-        metric, and `window_misfit` as misfit.
+        Updated in place: the metrics become the costs of the best path through each place, and the
+        columns the matches by these, with the margin as trust, in units of 1/16 of a metric, and
+        `window_misfit` as misfit.
     """
-    costs = np.empty((table.costs.shape[1], onward.size), dtype=np.int16)
+    costs = np.empty((table.costs.shape[1], cost_to_go.size), dtype=np.int16)
     for i in range(len(rows.metrics) - 1, -1, -1):
         row, evidence = rows.columns[i], rows.evidence[i]
-        row[5] = match_summed(rows.metrics[i], onward, table.exclusion, row) << TRUST_BITS
+        row[5] = match_summed(rows.metrics[i], cost_to_go, table.exclusion, row) << TRUST_BITS
         row[6] = window_misfit(evidence, row[0], table.typical, rows.factor[i], rows.share[i])
         write_costs(table, np.int64(rows.activity[i]), costs)
-        go_back(onward, ahead, table, costs, evidence)
+        backward_step(cost_to_go, next_cost_to_go, table, costs, evidence)
 
 
 @kernel(inline="always")
 def match_summed(
-    metric: Metrics, onward: Narrow, exclusion: int, row: npt.NDArray[np.int64]
+    metric: Metrics, cost_to_go: Narrow, exclusion: int, out: npt.NDArray[np.int64]
 ) -> int:
-    """Add the cost of the rest of the drive to the metric of a window, and match it by the sum.
+    """Add the cost to go to the metric of a window, match by the sum, and return the margin.
 
     Parameters
     ----------
     metric : ndarray of int32, shape (K,)
-        After the call, the cost of the best path through each place.
-    onward : ndarray of int16, shape (K,)
-        Cost of going on from each place.
-    row : ndarray of int64, shape (7,)
-        Of `FilterMatch`, written to but for its trust and misfit.
-
-    Returns
-    -------
-    int
-        The margin.
+        Updated in place to the cost of the best path through each place.
+    cost_to_go : ndarray of int16, shape (K,)
+        Cost of the rest of the drive from each place.
+    out : ndarray of int64, shape (7,)
+        Fields of `FilterMatch`, all but trust and misfit.
     """
     for k in range(metric.size):
-        metric[k] += np.int32(onward[k])
+        metric[k] += np.int32(cost_to_go[k])
     place, second, ties = least_and_second(metric, exclusion)
-    return write_match(metric, place, second, ties, row)
+    return write_match(metric, place, second, ties, out)
 
 
 @kernel(inline="always")
-def go_back(
-    onward: Narrow,
-    ahead: Narrow,
+def backward_step(
+    cost_to_go: Narrow,
+    next_cost_to_go: Narrow,
     table: FilterTable,
     costs: Narrow,
     evidence: npt.NDArray[np.uint8],
 ) -> None:
-    """Change the cost of going on from each place, from after a window to before it.
+    """Advance the cost to go backwards by one window.
 
     Parameters
     ----------
-    onward : ndarray of int16, shape (K,)
-        Cost of going on from each place.
-    ahead : ndarray of int16, shape (K,)
-        Written to: the cost after the window before, with the evidence of this window.
+    cost_to_go : ndarray of int16, shape (K,)
+        Cost of the rest of the drive from each place after this window; updated in place to that
+        after the window before.
+    next_cost_to_go : ndarray of int16, shape (K,)
+        Scratch; after the call, the cost to go after this window plus its evidence.
     costs : ndarray of int16, shape (steps, K)
-        Of `write_costs` for this window.
+        Result of `write_costs` for this window.
     evidence : ndarray of uint8, shape (K,)
-        Of this window, see `WindowRows`.
+        Evidence of this window.
     """
-    for k in range(ahead.size):
-        ahead[k] = np.int16(onward[k] + np.int16(evidence[k]))
-    move(ahead, table, costs, np.bool_(True), onward)
+    for k in range(next_cost_to_go.size):
+        next_cost_to_go[k] = np.int16(cost_to_go[k] + np.int16(evidence[k]))
+    move(next_cost_to_go, table, costs, np.bool_(True), cost_to_go)
 
 
-#: State of `HeldWindows`: number of the first window, how many there are, and the
-#: `NUMBER_NAMES` of the match before them
+#: State of `HeldWindows`: the number of the first held window, how many are held, and the
+#: `NUMBER_NAMES` of the match before them.
 HELD = np.dtype([(name, np.int64) for name in ("first", "windows", *NUMBER_NAMES[2:])])
 
 
 class HeldWindows(NamedTuple):
-    """Windows that wait for later ones: rings with room for N + 1 of them.
+    """Windows to be matched after N later ones, in rings of N + 1 windows.
 
     Attributes
     ----------
     numbers : ndarray of HELD, shape (1,)
-        Window i is at ``i % (N + 1)`` of each ring.
+        Window i is element ``i % (N + 1)`` of each ring.
     metrics, evidence, factor, share : ndarray
-        N + 1 rows of each, see `WindowRows`.
+        See `WindowRows`; N + 1 rows each.
     costs : ndarray of int16, shape (N + 1, steps, K)
-        Of `write_costs`, which all backward passes over a window use.
-    onward, ahead : ndarray of int16, shape (K,)
-        Of `go_back`.
+        Result of `write_costs` for each window, which all backward passes over it use.
+    cost_to_go, next_cost_to_go : ndarray of int16, shape (K,)
+        See `backward_step`.
     follows : ndarray of bool, shape (K,)
-        Which places follow from the match before, if that is known by odometry.
+        Which places are reachable from the match before, if known by odometry.
     """
 
     numbers: Any
@@ -1108,15 +1110,15 @@ class HeldWindows(NamedTuple):
     factor: npt.NDArray[np.int64]
     share: npt.NDArray[np.int32]
     costs: Narrow
-    onward: Narrow
-    ahead: Narrow
+    cost_to_go: Narrow
+    next_cost_to_go: Narrow
     follows: npt.NDArray[np.bool_]
 
     @classmethod
     def empty(cls, delay: int, transitions: Transitions) -> HeldWindows:
-        """Return room for windows that wait for `delay` others."""
+        """Return empty rings for a delay of `delay` windows."""
         room, places = delay + 1, transitions.places
-        numbers = np.array([(0, 0, -1, 0, 0, 0, MISFIT_ZERO << LASTING_BITS)], dtype=HELD)
+        numbers = np.array([(0, 0, -1, 0, 0, 0, MISFIT_ZERO << MISFIT_BITS)], dtype=HELD)
         steps = transitions.table.costs.shape[1]
         return cls(
             numbers.view(np.recarray),
@@ -1142,29 +1144,35 @@ def match_late(
     columns: npt.NDArray[np.int64],
     metrics: Metrics,
 ) -> int:
-    """Add n windows to those that are held, and match all but the newest `delay` of them.
+    """Hold n more windows, and match all held windows but the newest `delay` ones.
 
     Parameters
     ----------
     rows : WindowRows
-        Of the n windows, by the place filter.
+        Results of the place filter for the n windows.
     delay : int
         N; 0 at the end of a drive.
     backward : bool
-        Whether `onward` has yet to be computed, by steps. If not, there is one window to match.
+        Whether to compute `cost_to_go` here, by steps. Otherwise there is one window to match, and
+        the caller has computed it.
     by_distance : bool
-        Whether `follows` is known.
+        Whether `held.follows` is valid.
     columns : ndarray of int64, shape (n + N, 7)
-        Of `FilterMatch`; written to.
+        Output: fields of `FilterMatch`.
     metrics : ndarray of int32, shape (n + N, K)
-        Cost of the best path through each place; written to.
+        Output: cost of the best path through each place.
 
     Returns
     -------
     int
         Number of matches.
     """
-    now, onward, room, places = held.numbers[0], held.onward, len(held.metrics), held.onward.size
+    now, cost_to_go, room, places = (
+        held.numbers[0],
+        held.cost_to_go,
+        len(held.metrics),
+        held.cost_to_go.size,
+    )
     added = matched = 0
     while added < len(rows.metrics) or now.windows > delay:
         if added < len(rows.metrics):
@@ -1180,21 +1188,23 @@ def match_late(
             continue
         if backward:
             for k in range(places):
-                onward[k] = 0
+                cost_to_go[k] = 0
             for later in range(now.first + now.windows - 1, now.first, -1):
                 at = later % room
-                go_back(onward, held.ahead, table, held.costs[at], held.evidence[at])
+                backward_step(
+                    cost_to_go, held.next_cost_to_go, table, held.costs[at], held.evidence[at]
+                )
         at = now.first % room
         row, metric = columns[matched], metrics[matched]
         for k in range(places):
             metric[k] = held.metrics[at, k]
-        margin = match_summed(metric, onward, table.exclusion, row)
+        margin = match_summed(metric, cost_to_go, table.exclusion, row)
         kept = write_trust(
             now, table, by_distance, held.follows, margin,
             held.evidence[at], (held.factor[at], held.share[at]), row,
         )  # fmt: skip
         now.residual_before = now.residual
-        now.place, now.support, now.residual, now.lasting_misfit = kept
+        now.place, now.support, now.residual, now.running_misfit = kept
         now.first += 1
         now.windows -= 1
         matched += 1
@@ -1202,24 +1212,26 @@ def match_late(
 
 
 class FilterMatch(NamedTuple):
-    """Match of the filter after a window.
+    """Match of the place filter in a window.
 
     Attributes
     ----------
     place : int
-        Place of the least metric; the lowest of equals.
+        Place of the least metric; the first one in a tie.
+    metric : int
+        Its metric.
     second, second_metric : int
-        Least metric outside the exclusion zone; -1 if nothing lies outside.
+        Place of the least metric outside the exclusion zone and its metric; -1 if there is none.
     ties : int
-        Other places of the same least metric.
+        Number of other places with the least metric.
     trust : int
-        How far to trust the match, 0 to 368: its support, which is a running mean of the margins
-        (second metric less the least) of this window and those before, less the largest residual
-        (evidence against the matched place) of this window and the two before. See
+        Confidence in the match, 0 to 368; higher means more confident. It is the support, a running
+        mean of the margins (second metric less the least) up to this window, less the largest
+        residual (evidence against the matched place) of this window and the two before. See
         `support_after` and `trust_of`.
     misfit : int
-        How much worse than usual the last sixteen windows or so fit the places that were matched,
-        from 0 (as in a drive along the map in its own light); see `window_misfit`.
+        How much worse than in a drive along the map in the same light, which is 0, about the last
+        sixteen windows fit the matched places. See `window_misfit`.
     """
 
     place: int
@@ -1232,30 +1244,30 @@ class FilterMatch(NamedTuple):
 
 
 class PlaceFilter:
-    """Metrics of all places, advanced window by window.
+    """Place filter of a map, advanced window by window.
 
     Parameters
     ----------
     transitions : Transitions
-        Of the map.
+        Transitions of the map.
     mean_activity : int
-        Events that a window of the reference has at the selected pixels on average, in units of
-        1/256 event; 0 if only windows without events are pauses.
+        Initial mean number of events per window at the selected pixels, in units of 1/256 event;
+        0 if only windows without events are pauses.
 
     Attributes
     ----------
     state : FilterState
-        Its numbers: `reciprocal` is ``floor(2**16 / spread)`` of the window before and scales the
-        evidence (0 before the first, and after a spread above 2**16: then the window's own does);
-        `mean_activity`, how many events a window usually has; `place` and `support` of the latest
-        match (the place is -1 before the first); `residual` of the latest match and
-        `residual_before` of the one before it, see `trust_of`; and `lasting_misfit`, see
-        `lasting_misfit_after`.
+        The numbers are: `reciprocal`, ``floor(2**16 / spread)`` of the window before, which scales
+        the evidence (0 before the first window and after a spread above 2**16: the reciprocal of
+        the window itself is then used); `mean_activity`, the running mean number of events per
+        window; `place` (-1 before the first match), `support` and `residual` of the latest match
+        and `residual_before` of the match before it, see `trust_of`; and `running_misfit`, see
+        `update_misfit`.
     """
 
     def __init__(self, transitions: Transitions, mean_activity: int = 0) -> None:
         self.transitions, places = transitions, transitions.places
-        begin = (0, mean_activity, -1, 0, 0, 0, MISFIT_ZERO << LASTING_BITS, NOT_PREDICTED)
+        begin = (0, mean_activity, -1, 0, 0, 0, MISFIT_ZERO << MISFIT_BITS, NOT_PREDICTED)
         numbers = np.array([begin], dtype=NUMBERS)
         metric, prediction = np.zeros(places, dtype=np.int32), np.zeros(places, dtype=np.int16)
         self.state = FilterState(
@@ -1275,7 +1287,7 @@ class PlaceFilter:
         Parameters
         ----------
         places : Descriptors
-            Of the map, in its codes.
+            Descriptors of the map, in its codes.
         jumps, along_mm : ndarray, optional
             See `Transitions`.
         """
@@ -1290,14 +1302,14 @@ class PlaceFilter:
         return len(self.state.metric)
 
     def match(self, distances: npt.NDArray[np.integer], events: int) -> FilterMatch:
-        """Return the match for an unfinished window, without advancing.
+        """Return the match of an unfinished window, without advancing.
 
         Parameters
         ----------
         distances : ndarray of int, shape (K,)
-            Of the window to every place.
+            From the window to each place.
         events : int
-            At the selected pixels in the window.
+            Number of events at the selected pixels in the window.
         """
         distances, state = self._checked(distances[np.newaxis]), self.state
         rows = WindowRows.empty(1, len(self))
@@ -1310,9 +1322,9 @@ class PlaceFilter:
         Parameters
         ----------
         distances : ndarray of int, shape (K,)
-            Of the window to each place.
+            From the window to each place.
         events : int
-            At the selected pixels in the window.
+            Number of events at the selected pixels in the window.
         """
         rows = self.update_windows(distances[np.newaxis], np.array([events], dtype=np.int64))
         return FilterMatch(*rows.columns[0].tolist())
@@ -1325,9 +1337,9 @@ class PlaceFilter:
         Parameters
         ----------
         distances : ndarray of int, shape (n, K)
-            Of each window to each place.
+            From each window to each place.
         events : ndarray of int64, shape (n,)
-            At the selected pixels in each window.
+            Number of events at the selected pixels in each window.
         """
         distances = self._checked(distances)
         rows = WindowRows.empty(*distances.shape)
@@ -1341,7 +1353,7 @@ class PlaceFilter:
 
     @property
     def numbers(self) -> tuple[int, ...]:
-        """Numbers of the state other than the metrics, in the order of `NUMBER_NAMES`."""
+        """State without the arrays, in the order of `NUMBER_NAMES`."""
         return tuple(self.state.numbers[0].tolist()[: len(NUMBER_NAMES)])
 
     def resume(self, metric: Metrics, numbers: Sequence[int]) -> None:
@@ -1350,9 +1362,9 @@ class PlaceFilter:
         Parameters
         ----------
         metric : ndarray of int32, shape (K,)
-            Cost of each place.
+            Metrics of that filter.
         numbers : sequence of int
-            Of that filter.
+            `numbers` of that filter.
         """
         self.state.metric[:] = metric
         self.state.prediction[:] = 0  # as before the first window
@@ -1364,10 +1376,10 @@ class PlaceFilter:
         Parameters
         ----------
         travelled_mm : int
-            What counts, by `Odometer`, of the millimetres from the end of the window before to now,
-            or to the end of this one; below 0 backwards.
+            Distance that `Odometer` counts from the end of the window before to now or to the end
+            of this window, in millimetres; negative when driving backwards.
         driven_mm : int
-            All of them.
+            The whole driven distance.
         """
         prediction = self.transitions.by_distance(self.state.metric, travelled_mm)
         if self.place >= 0:
@@ -1387,68 +1399,66 @@ class PlaceFilter:
                 f"distances are {distances.dtype}: give whole numbers, for example multiplied by "
                 "1,000 and rounded"
             )
-        # the kernel is compiled for the distances of recorded drives, of streams, and any other
+        # the kernel is compiled for the types of recorded drives and streams, and for int64
         known = distances.dtype in (np.int32, np.uint16, np.uint32)
         return np.ascontiguousarray(distances, dtype=distances.dtype if known else np.int64)
 
 
-# Smoothing of the place filter: the windows after a window decide with.
+# Smoothing of the place filter with later windows.
 #
-# The metric of a place is the cost of the cheapest path that leads there. With the filter run
-# backwards, it is the cost of the cheapest path from there to the end of the drive. The sum is the
-# cost of the best path of the whole drive through this place: the min-plus form of forward-backward
-# smoothing. Fixed-lag smoothing does this for the newest window and the N before it: each match
-# then comes N windows late.
+# The metric of a place is the cost of the cheapest path that ends there. The filter run backwards
+# gives the cost to go: that of the cheapest path from there to the end of the drive. Their sum is
+# the cost of the best path of the whole drive through this place, the min-plus form of
+# forward-backward smoothing. Fixed-lag smoothing does this for each window and the N after it: each
+# match then comes N windows late.
 
 
 #: Distance driven since the window before, in millimetres; None where it is not known.
 Travelled = int | None
-#: Columns of `FilterMatch`, shape (m, 7), and costs of the best path through each place, (m, K).
+#: Fields of `FilterMatch`, shape (m, 7), and costs of the best path through each place, (m, K).
 Late = tuple[npt.NDArray[np.int64], Metrics]
 
 
 class BackwardPass:
-    """Cost of going on from each place, from the last window of a drive back to the first."""
+    """Cost to go from each place, computed from the last window of a drive back to the first."""
 
     def __init__(self, transitions: Transitions) -> None:
         self._transitions = transitions
-        self._onward = np.zeros(transitions.places, dtype=np.int16)
-        self._ahead = np.empty(transitions.places, dtype=np.int16)
+        self._cost_to_go = np.zeros(transitions.places, dtype=np.int16)
+        self._next_cost_to_go = np.empty(transitions.places, dtype=np.int16)
 
     def add_to(self, rows: WindowRows, travelled: Sequence[Travelled]) -> None:
-        """Add the costs of the rest of the drive to the metrics of the n windows before it.
+        """Add the cost to go to the metrics of the n windows before those added so far.
 
         Parameters
         ----------
         rows : WindowRows
-            Of n windows; their metrics become the costs of the best path through each place, and
-            their columns the matches by these, with the margin as trust and `window_misfit` as
-            misfit.
+            Results of n windows, updated in place as by `smooth_windows`.
         travelled : sequence of int or None
-            Of each window.
+            Driven distance of each window.
         """
         for first, last in reversed(list(runs(travelled, len(travelled)))):
             smooth_windows(
-                self._onward, self._ahead, self._transitions.table,
+                self._cost_to_go, self._next_cost_to_go, self._transitions.table,
                 rows.part(first, last),
             )  # fmt: skip
             distance = travelled[first]
             if distance is not None:
-                _travel_back(self._transitions, self._ahead, distance, self._onward)
+                _travel_back(self._transitions, self._next_cost_to_go, distance, self._cost_to_go)
 
 
 def _travel_back(
     transitions: Transitions,
-    ahead: npt.NDArray[np.int16],
+    next_cost_to_go: npt.NDArray[np.int16],
     distance: int,
-    onward: npt.NDArray[np.int16],
+    cost_to_go: npt.NDArray[np.int16],
 ) -> None:
-    """Write the cost of going on by odometry instead of steps; see `go_back`."""
-    onward[:] = transitions.by_distance(ahead.astype(np.int32), distance, back=True)
+    """Compute the cost to go by odometry instead of steps; see `backward_step`."""
+    cost_to_go[:] = transitions.by_distance(next_cost_to_go.astype(np.int32), distance, back=True)
 
 
 class FixedLag:
-    """Matches each window by the windows before it and the N after it.
+    """Matching of each window by the windows before it and the N after it.
 
     Parameters
     ----------
@@ -1467,21 +1477,21 @@ class FixedLag:
         Parameters
         ----------
         rows : WindowRows
-            Of these windows, by the place filter.
+            Results of the place filter for these windows.
         travelled : sequence of int or None
-            Of each window.
+            Driven distance of each window.
 
         Returns
         -------
         columns : ndarray of int64, shape (m, 7)
-            Of `FilterMatch`.
+            Fields of `FilterMatch`.
         metrics : ndarray of int32, shape (m, K)
             Cost of the best path through each place.
         """
         return self._match(rows, travelled, self._delay)
 
     def finish(self) -> Late:
-        """Match the last windows, which have fewer than N after them; returns as `add`."""
+        """Match the last windows, which fewer than N windows follow; return the same as `add`."""
         return self._match(WindowRows.empty(0, self._transitions.places), [], 0)
 
     def _match(self, rows: WindowRows, travelled: Sequence[Travelled], delay: int) -> Late:
@@ -1511,15 +1521,21 @@ class FixedLag:
         return columns, metrics
 
     def _match_first(self, columns: npt.NDArray[np.int64], metrics: Metrics) -> None:
-        """Match the first window that is held, with the distances driven between the others."""
+        """Match the first held window, with the distances driven in those after it."""
         held, transitions = self._held, self._transitions
         first, windows, place = held.numbers[0].tolist()[:3]
-        held.onward[:] = 0
+        held.cost_to_go[:] = 0
         for i in range(windows - 1, 0, -1):
             at, distance = (first + i) % len(held.metrics), self._travelled[i]
-            go_back(held.onward, held.ahead, transitions.table, held.costs[at], held.evidence[at])
+            backward_step(
+                held.cost_to_go,
+                held.next_cost_to_go,
+                transitions.table,
+                held.costs[at],
+                held.evidence[at],
+            )
             if distance is not None:
-                _travel_back(transitions, held.ahead, distance, held.onward)
+                _travel_back(transitions, held.next_cost_to_go, distance, held.cost_to_go)
         distance = self._travelled.popleft()
         by_distance = distance is not None and place >= 0
         if distance is not None and place >= 0:
@@ -1531,7 +1547,7 @@ class FixedLag:
 
 
 def runs(travelled: Sequence[Travelled], most: int) -> Iterator[tuple[int, int]]:
-    """Yield the start and end of runs of windows in which only the first has a known distance.
+    """Yield the start and end of runs of windows of which only the first may have a known distance.
 
     Parameters
     ----------

@@ -984,12 +984,12 @@ Stop = tuple[int, int, int]
 
 
 @kernel
-def follow(box, events, until):
+def follow(kernel_state, events, until):
     """Process events, or go on with those of an earlier call; stop where Python is needed.
 
     Parameters
     ----------
-    box : BoxedState
+    kernel_state : KernelState
         Of `OnlineState`; its arrays are changed in place.
     events : ndarray of EVENT_DTYPE, shape (m,)
         As many as `OnlineState.slots` has room for.
@@ -1006,7 +1006,7 @@ def follow(box, events, until):
     until : int
         Time of the last event, selected or not.
     """
-    f = OnlineState(*box.value)
+    f = OnlineState(*kernel_state.value)
     s, c, out = SlidingWindows(*f.windows), f.control[0], f.out
     if events.size > 0:
         last = events[events.size - 1]["t"]

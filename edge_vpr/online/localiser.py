@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays, archive_errors, present, read_archive, write_archive
-from edge_vpr.compiling import BoxedState, KernelState, kernel, plain, specialise
+from edge_vpr.compiling import KernelState, SharedState, kernel, plain, specialise
 from edge_vpr.confidence import Confidence, accept_match
 from edge_vpr.descriptors.cleaning import CausalBurstFilter, keep
 from edge_vpr.descriptors.counting import check_columns, window_of
@@ -277,7 +277,7 @@ class MatchRun:
         Those of the map, and those that were appended.
     state : OnlineState
         In its place comes another one where an array has to grow.
-    boxed : BoxedState
+    kernel_state : KernelState
         The same for `follow`; call `go_on` after it.
     """
 
@@ -304,8 +304,8 @@ class MatchRun:
         self._hold(state)
 
     def _hold(self, state: OnlineState) -> None:
-        self.state, self.boxed = state, KernelState(state).boxed
-        self._follow: Callable[..., Stop] = specialise(follow, self.boxed, _NO_EVENTS, GO_ON)
+        self.state, self.kernel_state = state, SharedState(state).kernel_state
+        self._follow: Callable[..., Stop] = specialise(follow, self.kernel_state, _NO_EVENTS, GO_ON)
 
     @property
     def next_tick(self) -> int:
@@ -332,11 +332,11 @@ class MatchRun:
             # of this room, memory is taken only where selected events are written
             slots, times = np.empty(events.size, np.int32), np.empty(events.size, np.int64)
             self._hold(self.state._replace(slots=slots, times=times))
-        return self._follow(self.boxed, events, GO_ON)
+        return self._follow(self.kernel_state, events, GO_ON)
 
     def advance(self, until_us: int) -> Found:
         """Advance the time without events."""
-        return self.go_on(self._follow(self.boxed, _NO_EVENTS, until_us))
+        return self.go_on(self._follow(self.kernel_state, _NO_EVENTS, until_us))
 
     def go_on(self, stop: Stop) -> Found:
         """Call the kernel until all events are processed, and return all matches.
@@ -361,7 +361,7 @@ class MatchRun:
                 self._hold(self.state._replace(windows=grown(self.state.windows)))
             elif why == WINDOW_OVER:
                 self._window_over()
-            stop = self._follow(self.boxed, _NO_EVENTS, GO_ON)
+            stop = self._follow(self.kernel_state, _NO_EVENTS, GO_ON)
 
     def finish(self) -> Found:
         """Return the matches of windows that wait for later ones, at the end of a drive."""
@@ -1093,9 +1093,9 @@ class Follower:
         bursts.make_room(CHUNK_EVENTS)
         self._bursts, self._run = bursts, localiser.run
         # the last kernel, all state that it was bound to, and its code with this state
-        self._bound: tuple[Kernel | None, tuple[BoxedState, ...], Kernel] = None, (), follow_kept
+        self._bound: tuple[Kernel | None, tuple[KernelState, ...], Kernel] = None, (), follow_kept
 
-    def bound(self, kernel: Kernel, sample: object, *decoder: BoxedState) -> Kernel:
+    def bound(self, kernel: Kernel, sample: object, *decoder: KernelState) -> Kernel:
         """Return a kernel of one argument: `follow_kept`, or one that decodes and calls it.
 
         Parameters
@@ -1104,10 +1104,10 @@ class Follower:
             Its arguments are the boxes for `follow_kept`, those of the decoder, and one more.
         sample : object
             Of the type of this one.
-        decoder : BoxedState
+        decoder : KernelState
             State of the decoder.
         """
-        parts = self._bursts.box.boxed, self._run.boxed, *decoder
+        parts = self._bursts.shared.kernel_state, self._run.kernel_state, *decoder
         known, its_parts, code = self._bound
         if kernel is not known or parts != its_parts:
             code = partial(specialise(kernel, *parts, sample), *parts)
@@ -1135,7 +1135,7 @@ def follow_kept(bursts, followed, events):
 
     Parameters
     ----------
-    bursts, followed : BoxedState
+    bursts, followed : KernelState
         Of a `CausalBurstFilter` and of a `Localiser`.
     events : ndarray of EVENT_DTYPE, shape (n,)
         0 to `CHUNK_EVENTS`.

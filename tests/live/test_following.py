@@ -11,7 +11,7 @@ from streams import random_events
 from test_filter_run import map_of as filtered_map
 from test_localiser import PIXELS, SENSOR, map_of
 
-from edge_vpr.compiling import KernelState, kernel, specialise
+from edge_vpr.compiling import SharedState, kernel, specialise
 from edge_vpr.descriptors.cleaning import CausalBurstFilter
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.protocols import open_decoder, open_encoder
@@ -215,9 +215,9 @@ def test_frames_one_by_one_and_all_at_once_give_the_same(kind):
 
 def test_code_for_the_types_of_arguments_gives_what_the_kernel_gives():
     @kernel
-    def total(box, data):
-        return box.value[0].sum() + len(data)
+    def total(kernel_state, data):
+        return kernel_state.value[0].sum() + len(data)
 
-    box = KernelState((np.arange(5),)).boxed
-    code = specialise(total, box, b"")
-    assert code(box, b"abc") == total(box, b"abc") == 13
+    kernel_state = SharedState((np.arange(5),)).kernel_state
+    code = specialise(total, kernel_state, b"")
+    assert code(kernel_state, b"abc") == total(kernel_state, b"abc") == 13

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import descriptors
 
-from edge_vpr.confidence import STRANGE
+from edge_vpr.confidence import OFF_MAP_MISFIT
 from edge_vpr.descriptors.windows import (
     activity_of,
     activity_of_drive,
@@ -256,7 +256,7 @@ def test_a_drive_along_the_map_has_no_misfit_and_another_one_has():
         assert along.update(row, 1).misfit == 0
     jumping = drive_through(60, rng.permutation(50).tolist(), rng)
     found = [elsewhere.update(row, 1).misfit for row in jumping]
-    assert min(found[-20:]) >= STRANGE
+    assert min(found[-20:]) >= OFF_MAP_MISFIT
     paused = elsewhere.update(np.full(60, 20), 0)  # which says nothing
     assert paused.misfit == found[-1]
 

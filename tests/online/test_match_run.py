@@ -15,7 +15,7 @@ from test_filter_run import map_of as filtered_map
 from test_filter_run import with_ways
 from test_localiser import CODED, PIXEL_MAP, PIXELS, SENSOR, feed, map_of
 
-from edge_vpr.compiling import KernelState
+from edge_vpr.compiling import SharedState
 from edge_vpr.confidence import Acceptance, Confidence
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import EVENT_DTYPE, make_events
@@ -220,15 +220,15 @@ def test_the_cache_of_a_kernel_names_no_class_of_its_state():
         make_events([1], [0], [0])
     )
     (signature,) = follow.signatures[:1]
-    assert "BoxedType" in str(signature)
+    assert "KernelStateType" in str(signature)
     assert b"edge_vpr.online" not in pickle.dumps(signature)
 
 
 def test_a_copy_of_a_box_shares_nothing_with_it():
-    first = KernelState((np.zeros(3, dtype=np.int64), (np.ones(2), 5)))
+    first = SharedState((np.zeros(3, dtype=np.int64), (np.ones(2), 5)))
     second = copy.deepcopy(first)
     second.value[0][:] = 7
     second.value[1][0][:] = 7
     assert first.value[0].tolist() == [0, 0, 0]
     assert first.value[1][0].tolist() == [1, 1]
-    assert first.boxed is not second.boxed
+    assert first.kernel_state is not second.kernel_state

@@ -21,7 +21,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from edge_vpr.confidence import STRANGE, STRANGE_TEXT
+from edge_vpr.confidence import OFF_MAP_MISFIT, OFF_MAP_TEXT
 from edge_vpr.errors import printable
 from edge_vpr.live.position import Locator
 from edge_vpr.live.session import SILENT_S, LiveMatch, LiveStatus, LiveStep, ends_early
@@ -377,8 +377,8 @@ class View:
                 texts["certainty"] = f"correct with probability {probability:.2f}"
             if newest["lost"]:
                 texts["certainty"] += ", lost"
-            if newest["misfit"] >= STRANGE:
-                texts["certainty"] += f", {STRANGE_TEXT}"
+            if newest["misfit"] >= OFF_MAP_MISFIT:
+                texts["certainty"] += f", {OFF_MAP_TEXT}"
             if newest["missing"]:
                 texts["certainty"] += f", {100 * newest['missing']:.0f} % of its events lost"
         elif self._places:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.compiling import KernelState, kernel
+from edge_vpr.compiling import SharedState, kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor, join_events
 from edge_vpr.online.localiser import Follower, Step
@@ -262,7 +262,7 @@ class TimestampFilter:
 
     Attributes
     ----------
-    box : KernelState
+    shared : SharedState
         State for kernels, after which `report` is to be called.
     """
 
@@ -282,7 +282,7 @@ class TimestampFilter:
         self._state = np.zeros(1, dtype=_STATE)
         self._state["allowed"], self._state["heard_us"] = 1 << 62, -1
         self._held = np.empty(max(1, clock.confirm), dtype=EVENT_DTYPE)
-        self.box = KernelState(
+        self.shared = SharedState(
             _FilterState(
                 self._state, self._held, sensor.width, sensor.height, period, late,
                 sure, step_limit, max(1, silence // tick), tick, clock.confirm,
@@ -315,7 +315,7 @@ class TimestampFilter:
         """
         t, x, y, p = columns
         out = np.empty(t.size + self._held.size, dtype=EVENT_DTYPE)
-        n = admit_columns(self.box.boxed, t, x, y, p, out)
+        n = admit_columns(self.shared.kernel_state, t, x, y, p, out)
         self.report(t.size, n)
         return out[:n]
 
@@ -370,20 +370,20 @@ def _wrapped(earlier, later, period):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def start_clock(box, time):  # type: ignore[no-untyped-def]
+def start_clock(kernel_state, time):  # type: ignore[no-untyped-def]
     """Set time 0 to the device's `time`, unless there were events before."""
-    s = _FilterState(*box.value).state[0]
+    s = _FilterState(*kernel_state.value).state[0]
     if not s["dated"]:
         s["dated"], s["last"] = 1, time
 
 
 @kernel
-def reach(box, time):  # type: ignore[no-untyped-def]
+def reach(kernel_state, time):  # type: ignore[no-untyped-def]
     """Advance the clock to the device's `time`, unless that is -1, without an event.
 
     Returns the time from time 0 on, in microseconds.
     """
-    kept = _FilterState(*box.value)
+    kept = _FilterState(*kernel_state.value)
     s = kept.state[0]
     known = s["dated"] and not kept.period and time >= 0
     if known and 0 < time - s["last"] <= kept.silence:
@@ -393,22 +393,24 @@ def reach(box, time):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def empty_events(box, n):  # type: ignore[no-untyped-def]
+def empty_events(kernel_state, n):  # type: ignore[no-untyped-def]
     """Return an array for `n` events and those that are held."""
-    return np.empty(n + _FilterState(*box.value).held.size, EVENT_DTYPE)
+    return np.empty(n + _FilterState(*kernel_state.value).held.size, EVENT_DTYPE)
 
 
 @kernel
-def counts_of(box):  # type: ignore[no-untyped-def]
+def counts_of(kernel_state):  # type: ignore[no-untyped-def]
     """Return the counts that `TimestampFilter.report` adds to the health."""
-    s = _FilterState(*box.value).state[0]
+    s = _FilterState(*kernel_state.value).state[0]
     return s["held"], s["off_sensor"], s["late"], s["leaps"], s["wraps"], s["clock_resets"]
 
 
 @kernel
-def admit_columns(box, t, x, y, p, out):  # type: ignore[no-untyped-def]
+def admit_columns(kernel_state, t, x, y, p, out):  # type: ignore[no-untyped-def]
     """Do the work of `TimestampFilter.admit`; return how many events are in `out`."""
-    state, held, width, height, period, late, sure, step_limit, silence, tick, confirm = box.value
+    state, held, width, height, period, late, sure, step_limit, silence, tick, confirm = (
+        kernel_state.value
+    )
     s = state[0]
     dated, last, now, n_held = s["dated"], s["last"], s["now"], s["held"]
     allowed = s["allowed"]

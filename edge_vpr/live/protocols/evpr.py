@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.compiling import KernelState, kernel
+from edge_vpr.compiling import SharedState, kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.live.protocols import (
@@ -193,14 +193,14 @@ class FrameBuffers(NamedTuple):
 
 
 @kernel
-def _decode_frames(box, clock, data):  # type: ignore[no-untyped-def]
+def _decode_frames(kernel_state, clock, data):  # type: ignore[no-untyped-def]
     """Decode whole frames, and filter their events.
 
     Parameters
     ----------
-    box : BoxedState
+    kernel_state : KernelState
         Of `FrameBuffers`.
-    clock : BoxedState
+    clock : KernelState
         Of the state of a `TimestampFilter`.
     data : bytes
         Frames, each with the zero at its end.
@@ -215,7 +215,7 @@ def _decode_frames(box, clock, data):  # type: ignore[no-untyped-def]
     reached : int
         Time up to which the stream is known, see `TimestampFilter.reached_us`.
     """
-    buffers, raw = FrameBuffers(*box.value), np.frombuffer(data, dtype=np.uint8)
+    buffers, raw = FrameBuffers(*kernel_state.value), np.frombuffer(data, dtype=np.uint8)
     counts, before = buffers.counts, counts_of(clock)
     counts.view(np.int64)[:] = 0
     n, start, delivered, found = 0, 0, 0, counts[0]
@@ -462,7 +462,7 @@ class EvprDecoder(Decoder):
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor, Clock(confirm=1), EXACT)
         self._endless = False  # within a frame that is already too long
-        self._buffers = KernelState(
+        self._buffers = SharedState(
             FrameBuffers.of(np.array([(-1, 0, 0, 0, *_bits_of(sensor))], dtype=_STATE))
         )
 
@@ -499,7 +499,9 @@ class EvprDecoder(Decoder):
 
     def _take_frames(self, frames: bytes) -> Events:
         return self._account(
-            *_decode_frames(self._buffers.boxed, self._timestamps.box.boxed, frames)
+            *_decode_frames(
+                self._buffers.kernel_state, self._timestamps.shared.kernel_state, frames
+            )
         )
 
     def decode_and_follow(
@@ -515,7 +517,7 @@ class EvprDecoder(Decoder):
             events = self._take_frames(frames)
             step = follower.follow(events, self.reached_us)
         else:
-            buffers, clock = self._buffers.boxed, self._timestamps.box.boxed
+            buffers, clock = self._buffers.kernel_state, self._timestamps.shared.kernel_state
             decoded, result = follower.bound(_follow_frames, frames, buffers, clock)(frames)
             events = self._account(*decoded)
             step = follower.go_on(events, decoded[-1], *result)

@@ -239,7 +239,7 @@ def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> 
 
 
 #: share of matches that may be unlike the map without a warning
-_MUCH_STRANGE = 0.25
+_MUCH_OFF_MAP = 0.25
 
 
 def _report_shift(reference: ReferenceMap, found: MatchResult) -> None:
@@ -260,12 +260,12 @@ def _report_shift(reference: ReferenceMap, found: MatchResult) -> None:
 
 def _warn_if_strange(matches: Matches) -> None:
     """Warn if the views of more than a quarter of the matches are unlike those of the map."""
-    from edge_vpr.confidence import STRANGE, STRANGE_TEXT
+    from edge_vpr.confidence import OFF_MAP_MISFIT, OFF_MAP_TEXT
 
-    share = float((matches.misfit >= STRANGE).mean())
-    if share > _MUCH_STRANGE:
+    share = float((matches.misfit >= OFF_MAP_MISFIT).mean())
+    if share > _MUCH_OFF_MAP:
         warning(
-            f"{STRANGE_TEXT}, by {share:.0%} of the matches: check that the drive and the map are "
+            f"{OFF_MAP_TEXT}, by {share:.0%} of the matches: check that the drive and the map are "
             "of one route, or map the route in this light too"
         )
 

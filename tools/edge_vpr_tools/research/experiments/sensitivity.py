@@ -28,19 +28,19 @@ from edge_vpr.descriptors.windows import (
 from edge_vpr.matching.distances import ReferenceIndex, typical_distances
 from edge_vpr.matching.place_filter import (
     EVIDENCE_TOP,
-    LASTING_BITS,
     METRIC_TOP,
+    MISFIT_BITS,
     MISFIT_ZERO,
     FixedLag,
     TransitionCosts,
     Transitions,
     WindowRows,
     evidence_of,
-    lasting_misfit_after,
     least_and_second,
     predict,
     reciprocal_of_spread,
-    shown_misfit,
+    reported_misfit,
+    update_misfit,
     weight_of,
     window_misfit,
     write_match,
@@ -106,7 +106,7 @@ def match_with(
     distances = ReferenceIndex(coded.places.counts).rows(queries.counts)
     transitions = transitions_of(coded, constants)
     cap, doubted = (round(of * EVIDENCE_TOP) for of in (constants.cap, constants.doubted))
-    typical, misfit = typical_distances(coded.places.counts), MISFIT_ZERO << LASTING_BITS
+    typical, misfit = typical_distances(coded.places.counts), MISFIT_ZERO << MISFIT_BITS
     mean, scale = activity_of_drive(coded.places.selected_events), 0
     rows = WindowRows.empty(*distances.shape)
     rows.factor[:] = 0  # the misfit of late matches, which is not used
@@ -124,7 +124,7 @@ def match_with(
             scale = reciprocal_of_spread(distances[i])
         evidence_of(distances[i], scale, 1 << WEIGHT_BITS, unweighted)
         moves = activity >= DOUBT_ACTIVITY
-        doubts = moves and shown_misfit(misfit) >= DOUBT_FROM
+        doubts = moves and reported_misfit(misfit) >= DOUBT_FROM
         limited = np.minimum(unweighted, min(cap, doubted) if doubts else cap)
         evidence = (limited * weight).astype(np.int64) >> WEIGHT_BITS
         rows.evidence[i] = np.minimum(evidence, EVIDENCE_TOP)
@@ -135,7 +135,7 @@ def match_with(
             whole, place = weight_of(activity), int(rows.columns[i, 0])
             against = ((unweighted.astype(np.int64) * whole) >> WEIGHT_BITS).astype(np.uint8)
             of_window = window_misfit(against, place, typical, scale * whole, 1 << WEIGHT_BITS)
-            misfit = lasting_misfit_after(misfit, of_window, scale * whole)
+            misfit = update_misfit(misfit, of_window, scale * whole)
         if not pause:
             scale = reciprocal_of_spread(distances[i])
         mean = mean_activity_after(mean, events)
