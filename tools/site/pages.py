@@ -32,7 +32,7 @@ OF_ROOT = {
     "changelog.md": "CHANGELOG.md",
 }
 
-_LINK = re.compile(r"(\]\()([^)#\s]+)((?:#[^)\s]*)?\))")
+_LINK = re.compile(r"\[([^\[\]]*)\]\(([^)#\s]+)((?:#[^)\s]*)?)\)")
 _FENCE = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
 
 
@@ -170,13 +170,13 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Rewrite links of the repository to pages of the site, or else to the repository."""
+    """Rewrite links of the repository to pages of the site; of other files, show the path."""
     here = page.file.src_uri
     folder = posixpath.dirname(OF_ROOT.get(here, f"docs/{here}"))
     sites = {source: name for name, source in OF_ROOT.items()}
 
     def led(found: re.Match[str]) -> str:
-        before, target, after = found.groups()
+        text, target, after = found.groups()
         if "://" in target or target.startswith("mailto:"):
             return found[0]
         path = posixpath.normpath(posixpath.join(folder, target))
@@ -185,10 +185,10 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
         elif path.startswith("docs/"):
             inside = path.removeprefix("docs/")
         elif (ROOT / path).exists():
-            return f"{before}{config.extra['repository']}/blob/main/{path}{after}"
+            return f"{text} (`{path}`)"
         else:
             raise PluginError(f"{here} leads to {target}, which is not there")
-        return f"{before}{posixpath.relpath(inside, posixpath.dirname(here) or '.')}{after}"
+        return f"[{text}]({posixpath.relpath(inside, posixpath.dirname(here) or '.')}{after})"
 
     # what follows the language of a block is for the tests
     parts = _FENCE.split(re.sub(r"^(```\w+) [^\n]*$", r"\1", markdown, flags=re.MULTILINE))
