@@ -233,10 +233,10 @@ class Drive:
         self.transitions: list[Transitions] = []
         #: reciprocal times weight of each window, and how many eighths of it odometry leaves
         self.scales: list[tuple[int, int]] = []
-        state, usual = self.begin, mean_activity
+        state, mean = self.begin, mean_activity
         for row, count, of_anchor, mm in zip(distances, counted, self.driven, raw, strict=True):
-            paused, activity = is_pause(count, usual), activity_of(count, usual)
-            usual = mean_activity_after(usual, count)
+            paused, activity = is_pause(count, mean), activity_of(count, mean)
+            mean = mean_activity_after(mean, count)
             whole = weight = weight_of(activity)
             if of_anchor is None or mm is None:
                 ways = steps_and_jumps(costs, activity, place_activity, jumps)

@@ -59,9 +59,9 @@ def pauses(counted: Rows, mean_activity: int) -> list[bool]:
 
 def place_activities(reference: ReferenceMap) -> list[int]:
     """Activity of each place, of a byte."""
-    usual = begin_of(reference).mean_activity
+    mean_activity = begin_of(reference).mean_activity
     return [
-        min(max(ilog(min(events, EVENTS_TOP)) - ilog(usual // 256), -128), 127)
+        min(max(ilog(min(events, EVENTS_TOP)) - ilog(mean_activity // 256), -128), 127)
         for events in reference.places.selected_events.tolist()
     ]
 

@@ -1,7 +1,7 @@
-"""State and kernels of the localiser: from an event to changed distances, and to a match.
+"""State and kernels of the localiser, which update distances and match after every event.
 
-From the bottom up: sums that one event changes, in vectors; the state of sliding windows; what
-changes it; what matches; and `follow`, the one kernel that a `MatchRun` calls.
+From the bottom up: vector updates of the sums; the state of sliding windows; the kernels that
+update it; those that match; and `follow`, the one kernel that a `MatchRun` calls.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from edge_vpr.matching.place_filter import (
 from fixedpoint.codes import PixelCodes
 from fixedpoint.own_mean import LEVEL_BITS, OwnMeanCode
 
-# Vector kernels of online matching: change all sums by +-1, find the smallest.
+# Vector kernels of online matching: change all sums by +-1, and find the smallest one.
 #
 # When a counter of the window changes from v to v + 1, its distance to a place changes by +1 if
-# the count in the map is at most v, and by -1 if it is more. Several such changes (arrivals and
-# expiries at any pixels) are added up in 8-bit lanes and then added to the sums in one pass.
+# the count in the map is at most v, and by -1 otherwise. Several such changes (arrivals and
+# expiries at any pixels) are accumulated in 8-bit lanes and then added to the sums in one pass.
 #
-# The intrinsics emit generic vector IR, which LLVM compiles for any target. Plain loops would be
-# widened to 32 bits or more. With Numba's compiler off, the same changes run in NumPy.
+# The intrinsics emit generic vector IR, which LLVM compiles for any target; it would widen plain
+# loops to 32 bits or more. With Numba's compiler off, NumPy makes the same changes.
 
 
-#: places in one vector; arrays end with this many spare elements
+#: places in one vector; arrays end with this many padding elements
 LANES = 64
-#: changes of one pass; their sum must fit into 8 bits with sign
+#: changes in one pass; their sum must fit into a signed byte
 MAX_CHANGES = 120
 #: places whose sums stay in the first-level cache between update and search
 BLOCK = 4096
@@ -120,8 +120,7 @@ def _vector_change(typing_context, sums, columns, changes, arrivals, expiries, s
         count_type = ir.IntType(columns.dtype.bitwidth)
         sum_vector = ir.VectorType(ir.IntType(sums.dtype.bitwidth), LANES)
         byte_vector = ir.VectorType(_I8, LANES)
-        # every arrival adds 1 and every expiry subtracts 1, or the opposite if the map's count is
-        # above
+        # each arrival adds 1 and each expiry subtracts 1; the opposite if the map's count is larger
         change = builder.sub(arrivals, expiries)
         base = _splat(builder, builder.trunc(change, sum_vector.element))
 
@@ -222,20 +221,20 @@ else:
     def change_sums(sums, columns, changes, arrivals, expiries, start, stop):
         """Apply +-1 changes to ``sums[start:stop]``, and return the smallest sum.
 
-        Spare elements after `stop` change too; they must be larger than all sums.
+        Padding elements after `stop` change too; they must be larger than all sums.
 
         Parameters
         ----------
         sums : ndarray of uint16 or uint32, shape (places + LANES + blocks,)
-            Sums of the places, spare ones, and the smallest of each block.
+            Sums of the places, padding, and the smallest sum of each block.
         columns : ndarray of uint8 or uint16
-            Map, one pixel's places after another, ending with LANES spare elements.
+            Map, the places of one pixel after another, and LANES padding elements.
         changes : ndarray of int64, shape (2, MAX_CHANGES)
-            For each step, where in `columns` the count lies that belongs to ``sums[0]``, and the
-            smaller of the two counts that the step goes between.
+            For each step, the index in `columns` of the count that belongs to ``sums[0]``, and the
+            smaller of the two counts of the step.
         arrivals, expiries : int
-            The first `arrivals` changes go up, the last `expiries` go down; together at most
-            MAX_CHANGES.
+            The first `arrivals` changes increase a count, the last `expiries` decrease one;
+            together at most MAX_CHANGES.
         start, stop : int
             `start` is a multiple of LANES.
 
@@ -258,7 +257,7 @@ else:
     def _first_equal(sums, start, stop, value):
         i = start
         while True:
-            # elements after `stop` do not matter: the value occurs before them
+            # reading past `stop` is harmless: the value occurs before it
             lane = _vector_find(sums, i, value)
             if lane < LANES:
                 return i + lane
@@ -272,7 +271,7 @@ def least_in(sums, count, start, stop):
     Parameters
     ----------
     sums : ndarray of uint16 or uint32, shape (count + LANES + blocks,)
-        Last the smallest of each BLOCK of the first `count` sums, as `update_blocks` keeps them.
+        At the end, the smallest of each BLOCK of the first `count` sums, see `update_blocks`.
     count, start, stop : int
         ``start < stop <= count``.
 
@@ -305,10 +304,10 @@ def update_blocks(sums, columns, changes, arrivals, expiries, count):
         )
 
 
-# State of sliding windows: the newest time or events, and windows of the same length before.
+# State of sliding windows: the newest time or events, and earlier windows of the same length.
 #
-# A sequence consists of L such windows, one directly after the other. They are numbered by their
-# lag: lag 0 is the newest window, and lag i holds what lag 0 held i window lengths ago. An event
+# A sequence consists of L consecutive windows, which are numbered by their lag: lag 0 is the newest
+# window, and lag i has the content that lag 0 had i window lengths ago. An event
 # enters at lag 0, moves from lag to lag as it ages, and leaves after the last one. Each move
 # subtracts one from a counter and adds one to another. At time T, lag i of windows of tau
 # microseconds holds the events with ``T - (i+1) tau <= t < T - i tau``; after an event at time t,
@@ -321,31 +320,33 @@ def update_blocks(sums, columns, changes, arrivals, expiries, count):
 
 #: initial size of the ring buffer of events
 RING_EVENTS = 4096
-#: largest number of moves that are noted before the counters are updated
+#: largest number of pending moves before the counters are updated
 MAX_MOVES = 256
 
-#: A move of an event: its slot, and the lag that it left (-1: it is new).
+#: A move of an event: its slot, and the lag that it left (-1 for a new event).
 MOVE = np.dtype([("slot", "<i4"), ("left", "<i4")])
-#: For each counter: its table, and its smallest and largest count in the map.
+#: For each counter: its code table, and its smallest and largest count in the map.
 COUNTER = np.dtype([("table", "<i8"), ("low", "<i8"), ("high", "<i8")])
-#: Common part of all distances, number of noted moves that the counters do not include yet, stride
-#: of `SlidingWindows.columns`, and number of sums in use.
+#: Common part of all distances, number of pending moves, stride of `SlidingWindows.columns`, and
+#: number of sums in use.
 TOTALS = np.dtype([("common", "<i8"), ("moves", "<i8"), ("stride", "<i8"), ("sums", "<i8")])
 
 
 class OwnCodes(NamedTuple):
-    """Own-mean codes of a window, which have no table.
+    """Parameters and state of own-mean codes, which have no table.
 
     Attributes
     ----------
     levels : ndarray of int32, shape (size,)
-        Logarithm of each count, see `OwnMeanCode`; of size 0 where there are other codes.
+        Logarithm of each count, see `OwnMeanCode`; empty with other codes.
     means : ndarray of int32, shape (J,)
         Mean logarithm of each counter, in units of 1/256 octave.
     codes : ndarray of int64, shape (2, J)
-        Those that the distances are of, and scratch.
+        Codes that the distances include, and scratch.
+    contrast : bool
+        See `OwnMeanCode`.
     bits : int
-        Of `OwnMeanCode`.
+        See `OwnMeanCode`.
     """
 
     levels: npt.NDArray[np.int32]
@@ -361,31 +362,32 @@ class SlidingWindows(NamedTuple):
     Attributes
     ----------
     slot : ndarray of int32, shape (capacity,)
-        Ring of the slots of selected events, as `time` has their times.
+        Ring of the slots of selected events, parallel to `time`.
     time : ndarray of int64, shape (capacity,)
-        Ring of selected events: event number i is at ``i % capacity``, a power of two.
+        Ring of the times of selected events: event number i is element ``i % capacity``. The
+        capacity is a power of two.
     bound : ndarray of int64, shape (L + 1,)
         Lag i holds the events numbered from ``bound[i + 1]`` up to ``bound[i]``.
     moves : ndarray of MOVE, shape (MAX_MOVES,)
-        Events that have moved since the counters were last brought up to date.
+        Pending moves, which the counters do not include yet.
     counts : ndarray of int64, shape (L, J)
         Events in each lag, by slot.
     tau, n : int
         Length of a window in microseconds, or in events; the other is 0.
     code : ndarray of uint16, shape (codes, size)
-        Tables, a row each: code of each count, not decreasing; the last stands for all larger
-        counts. Of shape (1, 0): the count itself; (0, 0): see `own`.
+        Code of each count, a table per row, non-decreasing; the last code is that of all larger
+        counts. Shape (1, 0): the count itself; (0, 0): see `own`.
     counters : ndarray of COUNTER, shape (J,)
         State of each counter.
     columns : ndarray of uint8 or uint16
-        Map, a pixel's places one after another, `stride` apart from pixel to pixel.
+        Map, the places of one pixel after another, with a distance of `stride` between pixels.
     sums : ndarray of uint16 or uint32
-        ``sums[m]``: distance of the sequence that ends at place m + L - 1, less the common base.
-        After LANES spare ones, the smallest of each block, see `least_in`.
+        ``sums[m]``: distance of the sequence that ends at place m + L - 1, less the common part.
+        After LANES padding elements, the smallest sum of each block, see `least_in`.
     changes : ndarray of int64, shape (2, MAX_CHANGES)
         Scratch for the changes of `update_blocks`.
     totals : ndarray of TOTALS, shape (1,)
-        Numbers that are kept for all counters together.
+        Numbers shared by all counters.
     """
 
     slot: npt.NDArray[np.int32]
@@ -405,7 +407,7 @@ class SlidingWindows(NamedTuple):
 
 
 def recount(s: SlidingWindows) -> npt.NDArray[np.int64]:
-    """Count all events in the ring again, shape (L, J)."""
+    """Return the counters recomputed from the events in the ring, shape (L, J)."""
     counts = np.zeros_like(s.counts)
     for lag in range(len(counts)):
         numbers = np.arange(s.bound[lag + 1], s.bound[lag])
@@ -415,7 +417,7 @@ def recount(s: SlidingWindows) -> npt.NDArray[np.int64]:
 
 
 def grown(s: SlidingWindows) -> SlidingWindows:
-    """Return the state with a ring of twice the size."""
+    """Return the state with a ring of twice the capacity."""
     numbers = np.arange(s.bound[-1], s.bound[0])
     old, size = numbers & (s.slot.size - 1), 2 * s.slot.size
     slot, time = np.zeros(size, dtype=np.int32), np.zeros(size, dtype=np.int64)
@@ -424,7 +426,7 @@ def grown(s: SlidingWindows) -> SlidingWindows:
     return s._replace(slot=slot, time=time)
 
 
-# Computation of all distances of the windows to the places, and the layout of the map by pixel.
+# Computation of all distances from the windows to the places, and the map's layout by pixel.
 
 
 def start(
@@ -439,19 +441,19 @@ def start(
     Parameters
     ----------
     places : ndarray of unsigned int, shape (K, J)
-        Map, in codes if there are any.
+        Map, in codes if it has codes.
     length : int
         L.
     codes : PixelCodes or OwnMeanCode, optional
-        What the counts of a window become before they are compared.
+        Code of the counts of a window before they are compared.
     mean : ndarray of int32, shape (J,), optional
-        Where the means of own-mean codes start.
+        Initial means of own-mean codes.
     """
     counters = places.shape[1]
     levels, contrast, bits = np.empty(0, dtype=np.int32), False, 0
     means, tables = np.zeros(counters, dtype=np.int32), np.empty((1, 0), dtype=np.uint16)
     if isinstance(codes, OwnMeanCode) and mean is not None:
-        # copies, because for Numba a read-only array is of another type
+        # copies, because Numba gives read-only arrays another type
         levels, contrast, bits = codes.levels.copy(), codes.contrast, codes.bits
         means, tables = mean.copy(), np.empty((0, 0), dtype=np.uint16)
     of_counters = np.zeros(counters, dtype=COUNTER).view(np.recarray)
@@ -477,10 +479,10 @@ def start(
 
 
 def with_distances(s: SlidingWindows, places: npt.NDArray[np.unsignedinteger]) -> SlidingWindows:
-    """Lay a map out by pixel, and compute all distances of the present counters."""
+    """Return the state with a map laid out by pixel, and all distances of the current counters."""
     length = len(s.counts)
-    # an odd number of whole vectors: with a power of two, all columns of a place would share the
-    # same lines of the cache
+    # an odd number of whole vectors: with a power of two, all columns of a place would compete for
+    # the same cache lines
     count, stride = len(places) - length + 1, (len(places) // LANES + 2 | 1) * LANES
     columns = aligned_zeros(places.shape[1] * stride + LANES, places.dtype)
     columns[: places.shape[1] * stride].reshape(-1, stride)[:, : len(places)] = places.T
@@ -494,12 +496,11 @@ def with_distances(s: SlidingWindows, places: npt.NDArray[np.unsignedinteger]) -
     distances = np.zeros(count + LANES, dtype=np.int64)
     for lag in range(length):
         end = length - 1 - lag
-        # `ReferenceIndex` is faster, and would take longer to compile than this takes
+        # `ReferenceIndex` is faster, but its compilation would take longer than this
         for column, code in zip(by_pixel, coded[lag].tolist(), strict=True):
             distances += np.abs(column[end : end + count + LANES].astype(np.int64) - code)
     base = int(np.abs(coded - np.clip(coded, low, high)).sum())
-    # without the base, no distance is larger than this; those of filling places always are, so that
-    # a search can include them
+    # upper bound of the distances less the base; padding exceeds it, and a search may include it
     largest = length * int((high - low).sum())
     if 2 * largest + 1 > np.iinfo(np.uint32).max:
         raise UsageError(
@@ -522,12 +523,12 @@ def with_distances(s: SlidingWindows, places: npt.NDArray[np.unsignedinteger]) -
 
 
 def _find_least(sums: npt.NDArray[np.unsignedinteger], count: int) -> None:
-    """Write the smallest sum of each block after the sums, see `least_in`."""
+    """Write the smallest sum of each block behind the sums, see `least_in`."""
     sums[count + LANES :] = np.minimum.reduceat(sums[:count], np.arange(0, count, BLOCK))
 
 
 def _coded(s: SlidingWindows) -> npt.NDArray[np.int64]:
-    """Return the codes of the counters of each lag, shape (L, J); own-mean codes are kept."""
+    """Return the codes of the counters of each lag, shape (L, J); own-mean codes are stored too."""
     if s.own.levels.size:
         plain(write_codes)(s.counts[0], s.own, s.own.codes[0])
         return s.own.codes[:1]
@@ -536,16 +537,15 @@ def _coded(s: SlidingWindows) -> npt.NDArray[np.int64]:
     return s.code[s.counters["table"], np.minimum(s.counts, s.code.shape[1] - 1)].astype(np.int64)
 
 
-# Kernels of the sliding windows: enter events, move them from lag to lag, update distances.
-
-
-# Functions that are called for every event take single arrays, or are inlined: reading an array
-# from the state changes a reference count, which takes longer than the processing of the event.
+# Kernels of the sliding windows: add events, move them from lag to lag, update distances.
+#
+# Functions that are called for every event take separate arrays, or are inlined: reading an array
+# from the state changes a reference count, which takes longer than processing the event.
 
 
 @kernel(inline="always")
 def note(moves, totals, slot, left):
-    """Note that an event at `slot` has left the lag `left` (-1 for a new event)."""
+    """Append a pending move: an event at `slot` has left the lag `left` (-1 for a new event)."""
     at = totals[0].moves
     moves[at].slot = slot
     moves[at].left = left
@@ -554,14 +554,14 @@ def note(moves, totals, slot, left):
 
 @kernel(inline="always")
 def age(time, slot, bound, moves, totals, tau, n, until):
-    """Note the moves of events that become too old for their lag by T = `until`.
+    """Append the moves of events that are too old for their lag at T = `until`.
 
-    Fixed-count windows make room for one more event instead.
+    With windows of a fixed number of events, make room for one more event instead.
 
     Returns
     -------
     bool
-        False if there is no room for more moves: take them, and call again.
+        False if there is no room for more moves: apply them, and call again.
     """
     mask = time.size - 1
     for lag in range(bound.size - 1):
@@ -578,26 +578,26 @@ def age(time, slot, bound, moves, totals, tau, n, until):
 
 @kernel(inline="always")
 def note_changes(slot, column, before, now, noted, totals, counters, arrays):
-    """Note the changes from one code of a counter to another.
+    """Append the changes from one code of a counter to another.
 
     Parameters
     ----------
     column : int
-        Of the lag, counted from the oldest.
+        Index of the lag, counted from the oldest.
     noted : tuple of int
-        Changes up and down that are noted already.
+        Numbers of pending changes up and down.
     arrays : tuple
         `columns`, `sums` and `changes` of `SlidingWindows`.
 
     Returns
     -------
     tuple of int
-        As `noted`.
+        The new `noted`.
     """
     total, (columns, sums, changes), (arrivals, expiries) = totals[0], arrays, noted
     up = 1 if now > before else -1
     for step in range(min(before, now), max(before, now)):
-        # if all counts of the map are on one side, all places change by the same amount
+        # if all counts of the map are on one side, all distances change equally
         if step >= counters[slot].high:
             total.common += up
             continue
@@ -620,9 +620,9 @@ def note_changes(slot, column, before, now, noted, totals, counters, arrays):
 
 @kernel(inner=True)
 def take_moves(moves, totals, counts, code, counters, columns, sums, changes):
-    """Update counters and distances by the noted moves; the arrays are those of `s`.
+    """Apply the pending moves to counters and distances; the arrays are those of the state.
 
-    Of own-mean codes, which depend on more than a count, only the counters: see `recode`.
+    Own-mean codes depend on more than one count: only the counters are updated, see `recode`.
     """
     total = totals[0]
     lags = counts.shape[0]
@@ -649,9 +649,9 @@ def take_moves(moves, totals, counts, code, counters, columns, sums, changes):
 
 @kernel(inner=True)
 def recode(own, counts, totals, counters, columns, sums, changes):
-    """Update own-mean codes and distances by the counters and means; the arrays are those of `s`.
+    """Update own-mean codes and distances from the counters; the arrays are those of the state.
 
-    Most codes are the same as before; only those that changed take a pass over the places.
+    Most codes stay the same; only changed ones take a pass over the places.
     """
     write_codes(counts[0], own, own.codes[1])
     noted = (0, 0)
@@ -666,7 +666,7 @@ def recode(own, counts, totals, counters, columns, sums, changes):
 
 @kernel
 def settle(s):
-    """Update counters and distances of the state by the noted moves."""
+    """Apply the pending moves to counters and distances of the state."""
     take_moves(s.moves, s.totals, s.counts, s.code, s.counters, s.columns, s.sums, s.changes)
     if s.own.levels.size > 0:
         recode(s.own, s.counts, s.totals, s.counters, s.columns, s.sums, s.changes)
@@ -674,57 +674,57 @@ def settle(s):
 
 @kernel
 def advance(s, until):
-    """Advance the time to T = `until`, which changes fixed-time windows only."""
+    """Advance the time to T = `until`, which only changes windows of a fixed time."""
     if s.tau > 0:
         while not age(s.time, s.slot, s.bound, s.moves, s.totals, s.tau, 0, until):
             settle(s)
 
 
 @kernel(inline="always")
-def write_codes(counts, own, codes):
-    """Write the own-mean codes of the counters of a window, as `OwnMeanCode.encode` does.
+def write_codes(counts, own, out):
+    """Compute the own-mean codes of a window, as `OwnMeanCode.encode` does.
 
     Parameters
     ----------
     counts : ndarray of int64, shape (J,)
-        Of the window.
-    codes : ndarray of int64, shape (J,)
-        Written to.
+        Counters of the window.
+    out : ndarray of int64, shape (J,)
+        Codes.
     """
     levels, means, bits = own.levels, own.means, own.bits
     half, total = np.int64(1 << (bits - 1)), np.int64(0)
-    for j in range(codes.size):
-        codes[j] = levels[min(counts[j], levels.size - 1)] - means[j]
-        total += codes[j]
+    for j in range(out.size):
+        out[j] = levels[min(counts[j], levels.size - 1)] - means[j]
+        total += out[j]
     offset = np.int64(1 << (LEVEL_BITS - 1))
     if own.contrast:
-        offset -= (2 * total + codes.size) // (2 * codes.size)
-    for j in range(codes.size):
-        codes[j] = min(max((codes[j] + offset) >> LEVEL_BITS, -half), half - 1) + half
+        offset -= (2 * total + out.size) // (2 * out.size)
+    for j in range(out.size):
+        out[j] = min(max((out[j] + offset) >> LEVEL_BITS, -half), half - 1) + half
 
 
-# Kernels that write a match: the best place and how sure it is.
+# Kernels that match: the best place and the confidence in it.
 
 
 @kernel(inline="always")
 def sequence_match(sums, total, c, length, row):
-    """Write the place with the nearest sequence.
+    """Match by the nearest sequence.
 
     Parameters
     ----------
     sums : ndarray of uint16 or uint32
-        Of `SlidingWindows`, with all moves taken.
+        Of `SlidingWindows`, without pending moves.
     c : record of CONTROL
-        Changed in place: the place of the last match.
+        The place of the last match is updated.
     length : int
         L.
     row : record of MATCH_DTYPE
-        Written to, but for what `accept_match` and the kernel write.
+        Output; `accept_match` and `follow` write the other fields.
 
     Returns
     -------
     bool
-        Whether a match is written: not if only changes are asked for and there is none.
+        Whether there is a match: not if only changes are requested and the place is the same.
     """
     places = total.sums - c.recent
     best, least = least_in(sums, total.sums, np.int64(0), places)
@@ -745,7 +745,7 @@ def sequence_match(sums, total, c, length, row):
 
 @kernel(inline="always")
 def write_distances(row, best_sum, second_sum, length):
-    """Write both distances and their ratio.
+    """Write the distances of a match and their ratio.
 
     Parameters
     ----------
@@ -763,7 +763,7 @@ def write_distances(row, best_sum, second_sum, length):
 
 @kernel(inline="always")
 def _second(sums, count, best, exclusion, places):
-    """Find the best place outside the exclusion zone; -1 if there is none."""
+    """Return the best place outside the exclusion zone and its sum; -1 if there is none."""
     second, second_least = -1, sums[best]
     if best - exclusion > 0:
         second, second_least = least_in(sums, count, np.int64(0), best - exclusion)
@@ -776,28 +776,27 @@ def _second(sums, count, best, exclusion, places):
 
 @kernel(inner=True)
 def match_now(state, filter_table, rows, sums, total, c, length, events, over, row):
-    """Match by the place filter: write the match, or end the window; or match by sequences.
+    """Match by the place filter or by sequences, or end the window of the place filter.
 
-    Without a filter, `state`, `filter_table` and `rows` are None, and with it `length` is. Numba
-    leaves out what is behind a comparison of an argument that is None, so that only one of the two
-    is compiled.
+    `state`, `filter_table` and `rows` are None with sequences, `length` with the place filter.
+    Numba prunes branches on arguments that are None, so that only one of the two is compiled.
 
     Parameters
     ----------
     state, filter_table, rows, sums, total, c, length
-        Of `OnlineState`, with all moves taken. Changed in place: `rows`, and in `c` the place of
-        the last match, or whether the window was a pause.
+        Of `OnlineState`, without pending moves. `rows` is updated, and in `c` the place of the last
+        match, or whether the window was a pause.
     events : int
-        In the newest window, at selected pixels.
+        Number of events in the newest window, at selected pixels.
     over : bool
-        Whether the window ends now: the filter advances, and no match is written.
+        Whether the window ends: the filter then advances, and there is no match.
     row : record of MATCH_DTYPE
-        Written to, but for what `accept_match` and the kernel write.
+        Output; `accept_match` and `follow` write the other fields.
 
     Returns
     -------
     bool
-        Whether a match is written: not if only changes are asked for and there is none.
+        Whether there is a match: not if only changes are requested and the place is the same.
     """
     if state is None:
         if length is not None:
@@ -805,7 +804,7 @@ def match_now(state, filter_table, rows, sums, total, c, length, events, over, r
         return False
     state, rows = FilterState(*state), WindowRows(*rows)
     metric, found = rows.metrics[0], rows.columns[0]
-    # the common part of all distances changes neither the evidence nor its spread
+    # without their common part: only differences of distances matter
     distances = sums[: metric.size]
     matched = match_window(state, FilterTable(*filter_table), distances, events, rows, 0)
     if over:
@@ -826,27 +825,27 @@ def match_now(state, filter_table, rows, sums, total, c, length, events, over, r
 
 @kernel
 def selected_in_order(table, events, floor, off_slots, slots, times):
-    """Write the events at selected pixels, unless one of all is out of order or off the sensor.
+    """Write the events at selected pixels, unless any event is out of order or off the sensor.
 
     Parameters
     ----------
     table : ndarray of int16 or int32, shape (height, width)
-        Slot of each pixel, below 0 where it is not selected.
+        Slot of each pixel, negative where it is not selected.
     events : ndarray of EVENT_DTYPE, shape (n,)
-        From a caller; checked here.
+        Unchecked events.
     floor : int
-        No event may be earlier.
+        Earliest allowed time.
     off_slots : int
-        Where the slots of OFF events begin; 0 if polarity does not matter.
+        First slot of OFF events; 0 if polarity is ignored.
     slots : ndarray of int32, shape (n or more,)
-        Written to.
+        Output: slots of the selected events.
     times : ndarray of int64, shape (n or more,)
-        Written to.
+        Output: times of the selected events.
 
     Returns
     -------
     int
-        Events at selected pixels; -1 if anything is wrong, see `check_order`.
+        Number of events at selected pixels; -1 for invalid events, see `check_order`.
     """
     last, n = floor, 0
     for i in range(events.size):
@@ -864,15 +863,15 @@ def selected_in_order(table, events, floor, off_slots, slots, times):
 
 
 def check_order(events: Events, floor_us: int, sensor: Sensor) -> None:
-    """Raise what is wrong with events that `selected_in_order` refuses.
+    """Raise the error of events that `selected_in_order` refuses.
 
     Parameters
     ----------
     events : ndarray with fields t, x and y, shape (n,)
         At least one.
     floor_us : int
-        No event may be earlier: the time of the last event before these, or until which time has
-        passed without any.
+        Earliest allowed time: that of the last event before these, or up to which time has advanced
+        without events.
 
     Raises
     ------
@@ -895,15 +894,15 @@ def check_order(events: Events, floor_us: int, sensor: Sensor) -> None:
 # The state of a localiser's kernel, in one tuple.
 
 
-#: Number of events of a chunk that there is room for at the start.
+#: Initial capacity for the events of a chunk.
 CHUNK_EVENTS = 4_096
-#: Time that is later than the end of any window.
+#: A time later than the end of any window.
 NEVER = np.iinfo(np.int64).max
 
 #: Control of the kernel; times in microseconds.
 CONTROL = np.dtype(
     [
-        # when to give a match, see `MatchSchedule`
+        # when to match, see `MatchSchedule`
         ("every", "<i8"),
         ("interval", "<i8"),
         ("change", "<i8"),
@@ -917,44 +916,41 @@ CONTROL = np.dtype(
         ("window_end", "<i8"),  # of the present window: a time, or the number of an event
         ("paused", "<i8"),  # whether the window that ended last was a pause
         # events
-        ("off_slots", "<i8"),  # first slot of OFF events
+        ("off_slots", "<i8"),  # first slot of OFF events, 0 without polarity
         ("floor", "<i8"),  # earliest time that the next event may have
-        ("now", "<i8"),  # T: all earlier events have been processed, but for these:
-        ("read", "<i8"),  # first of the selected events of a chunk that is not processed yet
-        ("selected", "<i8"),  # number of all selected events of the chunk
+        ("now", "<i8"),  # T: all earlier events have been processed, except for these:
+        ("read", "<i8"),  # first selected event of the chunk that is not processed yet
+        ("selected", "<i8"),  # number of selected events of the chunk
         ("until", "<i8"),  # time of the last event of the chunk, to which the time advances
     ]
 )
 
 
 class OnlineState(NamedTuple):
-    """State of the kernel.
+    """State of the kernel `follow`.
 
     Attributes
     ----------
     windows : SlidingWindows
         Counters of the newest windows, and their distances to all places.
     filter : FilterState or None
-        Of the place filter, which shares its arrays; None where sequences are matched, as are the
-        next two.
+        Arrays shared with the `PlaceFilter`; None with sequences, as are the next two.
     filter_table : FilterTable or None
-        Of `Transitions`.
+        See `Transitions`.
     rows : WindowRows or None
-        Of one window; scratch of the place filter.
+        Scratch of the place filter, for one window.
     length : int or None
-        L of sequences; None of the place filter.
+        L of sequences; None with the place filter.
     control : ndarray of CONTROL, shape (1,)
-        Numbers of the kernel, each by its name.
-    trust : ndarray of int64, shape (m,)
-        Lowest trust of each step of the probability.
-    probability : ndarray of float64, shape (m,)
-        Steps of `edge_vpr.confidence.Confidence`; of size 0 where nothing is known.
+        Numbers of the kernel.
+    trust, probability : ndarray of int64 and float64, shape (m,)
+        See `edge_vpr.confidence.Confidence`; m is 0 if the probability is unknown.
     table : ndarray of int16 or int32, shape (height, width)
-        Of `PixelMap.table`.
+        See `PixelMap.table`.
     slots, times : ndarray of int32 and int64, shape (CHUNK_EVENTS or more,)
-        Selected events of the present chunk.
+        Selected events of the current chunk.
     out : ndarray of MATCH_DTYPE, shape (MATCHES_AT_ONCE,)
-        Matches are written here.
+        Output of matches.
     """
 
     windows: SlidingWindows
@@ -971,10 +967,10 @@ class OnlineState(NamedTuple):
     out: npt.NDArray[np.void]
 
 
-# The kernel of the localiser: converts events to matches without returning to Python.
+# The kernel of the localiser, which processes events to matches without returning to Python.
 
 
-# why the kernel returned
+# reasons for the kernel to return
 DONE, MATCHES_FULL, RING_FULL, WINDOW_OVER, REFUSED = range(5)
 #: in place of a time
 GO_ON = -1
@@ -985,24 +981,23 @@ Stop = tuple[int, int, int]
 
 @kernel
 def follow(kernel_state, events, until):
-    """Process events, or go on with those of an earlier call; stop where Python is needed.
+    """Process events, or continue with those of an earlier call, until Python code is needed.
 
     Parameters
     ----------
     kernel_state : KernelState
-        Of `OnlineState`; its arrays are changed in place.
+        Of an `OnlineState`; its arrays are updated in place.
     events : ndarray of EVENT_DTYPE, shape (m,)
-        As many as `OnlineState.slots` has room for.
+        At most as many as `OnlineState.slots` has room for.
     until : int
-        Without events: time to advance to, or `GO_ON` with what `OnlineState.control` says is left
-        of an earlier call.
+        Without events: the time to advance to, or `GO_ON` to continue an earlier call.
 
     Returns
     -------
     given, why : int
-        Matches written to `OnlineState.out`, and `DONE`, `MATCHES_FULL`, `RING_FULL`,
-        `WINDOW_OVER`: the place filter has ended a window; or `REFUSED`: an event is off the
-        sensor, not in the order of time, or over more ticks than may be, and nothing was taken.
+        Number of matches written to `OnlineState.out`; and `DONE`, `MATCHES_FULL`, `RING_FULL`,
+        `WINDOW_OVER` (the place filter has ended a window), or `REFUSED`: an event is off the
+        sensor, out of order, or beyond too many ticks, and no event was processed.
     until : int
         Time of the last event, selected or not.
     """
@@ -1024,9 +1019,9 @@ def follow(kernel_state, events, until):
     state, filter_table, rows, length = f.filter, f.filter_table, f.rows, f.length
     tau, n, windows, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
     given, i, end = 0, c.read, c.selected
-    # counted down, because a division would take as long as the rest of an event's processing
+    # a countdown, because a division would take as long as the rest of processing an event
     left = c.every - bound[0] % c.every if c.every > 0 else np.int64(-1)
-    # each iteration is a tick or an event, until there are no more of either
+    # each iteration processes a tick or an event, until none is left
     while True:
         now = times[i] if i < end else until
         tick = c.interval > 0 and c.next_tick <= now

@@ -36,7 +36,7 @@ typedef struct {
     uint32_t limit;   /* what any place costs at most: a restart */
 } costs_t;
 
-/* What the distances of a window have in common. */
+/* Statistics of the distances of a window. */
 typedef struct {
     uint32_t nearest;
     uint32_t mean;

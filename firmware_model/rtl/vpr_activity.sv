@@ -1,12 +1,12 @@
-// Usual number of events in a window, in units of 1/256 event, and the activity of the window that
-// ended: floor(16 log2(1 + its events)) less that of the usual number, in whole events, before it
-// (LOGARITHMS), and -368, the least that there is, of a window without events. The open window
-// pauses (`pauses_o`) if it has no events, or less than 1/16 of the usual number.
+// Mean activity, the running mean number of events in a window in units of 1/256 event, and the
+// activity of the window that ended: floor(16 log2(1 + its events)) less the same of the mean activity
+// before it, in whole events (LOGARITHMS); -368, the least value, for a window without events. The
+// open window is a pause (`pauses_o`) if it has no events, or less than 1/16 of the mean activity.
 //
-// With `window_end_i` the usual number moves by 1/64 of its difference to the window's; the events of
-// a window saturate. That is done a bit a clock, while `settled_o` is low: until then no event may be
-// counted, and no window may end. Both numbers come round before, five times each, for their
-// logarithms. `activity_inverse_o` stands from `settled_o` on.
+// At `window_end_i` the mean activity moves by 1/64 of its difference to the events of the window,
+// which saturate. This takes one clock per bit, while `settled_o` is low: no event may be counted and
+// no window may end until then. Before that, both numbers rotate five times each for their logarithms.
+// `activity_inverse_o` is valid from `settled_o` on.
 module vpr_activity #(
     localparam int EVENTS_BITS   = vpr_pkg::WINDOW_EVENTS_BITS,
     localparam int ACTIVITY_BITS = vpr_pkg::ACTIVITY_BITS,
@@ -26,44 +26,44 @@ module vpr_activity #(
     localparam int ACTIVITY_SHIFT = 6;
     localparam int DROPPED        = FRACTION + PAUSE_SHIFT;
     localparam int UPPER_BITS     = ACTIVITY_BITS - DROPPED;
-    // a round: a step for each bit of the usual number, and one behind them
+    // a round: a step for each bit of the mean activity, and one more
     localparam int LAST           = ACTIVITY_BITS;
     localparam int STEP_BITS      = $clog2(LAST + 1);
-    // an event is 256, and moves the usual number by 1/64 of that, which is not its lowest bit
+    // an event counts 256, and moves the mean activity by 1/64 of that, which is not its lowest bit
     localparam int EVENT_AT       = FRACTION - ACTIVITY_SHIFT;
 
     logic [EVENTS_BITS-1:0]   events_q;
-    logic [ACTIVITY_BITS-1:0] usual_q;
+    logic [ACTIVITY_BITS-1:0] mean_q;
 
-    // The window does not pause if events << DROPPED >= usual: from the event on with which it has as
-    // many as the upper bits of the usual number say, or one more, if the lower are not all 0.
+    // The window is no pause if events << DROPPED >= mean activity: from the event on whose number
+    // equals the upper bits of the mean activity, or the next event if the lower bits are not all 0.
     // Higher bits of the events are 0 until then.
     logic partly_q, any_q, more_q;
-    // of the clock before: no window ends within two clocks of an event
+    // in the previous clock: no window ends within two clocks of an event
     logic as_many_q, was_counted_q;
 
     assign pauses_o = !any_q || !(more_q || (as_many_q && !partly_q));
 
-    // Rounds: five of the usual number, and five of the events, in the last of which it moves. Then
-    // the logarithm of the events is complete within three steps (`finishing_q`).
+    // Rounds: five of the mean activity and five of the events, in the last of which the mean moves.
+    // The logarithm of the events is then complete within three steps (`finishing_q`).
     logic [STEP_BITS-1:0] step_q;
     logic [4:0]           round_q;
     logic                 of_events_q, finishing_q;
-    // which bits are at hand; registers, as comparing the step takes its time
+    // which bits are available; in registers, since comparing the step would lengthen the path
     logic turns_q, has_events_q, has_upper_q, below_event_q, came_below_q, logged_q;
 
     wire begins = step_q == STEP_BITS'(1);
     wire ends   = step_q == STEP_BITS'(LAST);
     wire moves  = of_events_q && round_q[0];
 
-    // usual + events * 2^EVENT_AT - usual / 64, rounded up, from the lowest bit on: the bit of the
+    // mean + events * 2^EVENT_AT - mean / 64, rounded up, from the lowest bit on: the bit of the
     // quotient is still in the register, until new ones come (`has_upper_q`). The events are shifted
     // out (`has_events_q`), which leaves none for the next window. If they have wrapped (`full_q`), all
     // their bits are taken as 1.
     logic borrow_q, carry_q, wrapped_q, full_q;
 
-    wire upper      = has_upper_q && usual_q[ACTIVITY_SHIFT];
-    wire difference = usual_q[0] ^ upper ^ borrow_q;
+    wire upper      = has_upper_q && mean_q[ACTIVITY_SHIFT];
+    wire difference = mean_q[0] ^ upper ^ borrow_q;
     wire of_window  = has_events_q && (events_q[0] || full_q);
     wire next       = of_window ^ difference ^ carry_q;
 
@@ -82,22 +82,22 @@ module vpr_activity #(
             any_q  <= 1'b0;
             more_q <= 1'b0;
         end else if (counted_i) any_q <= 1'b1;
-        as_many_q     <= events_q[UPPER_BITS-1:0] == usual_q[ACTIVITY_BITS-1:DROPPED];
+        as_many_q     <= events_q[UPPER_BITS-1:0] == mean_q[ACTIVITY_BITS-1:DROPPED];
         was_counted_q <= counted_i && !window_end_i && !load_i;
         if (as_many_q && was_counted_q) more_q <= 1'b1;
         if (!turns_q) begin
-            borrow_q      <= usual_q[ACTIVITY_SHIFT-1:0] != 0;
+            borrow_q      <= mean_q[ACTIVITY_SHIFT-1:0] != 0;
             carry_q       <= 1'b0;
             has_upper_q   <= 1'b1;
             below_event_q <= 1'b1;
             came_below_q  <= 1'b0;
         end else begin
-            borrow_q <= (!usual_q[0] && (upper || borrow_q)) || (upper && borrow_q);
+            borrow_q <= (!mean_q[0] && (upper || borrow_q)) || (upper && borrow_q);
             carry_q  <= (of_window && (difference || carry_q)) || (difference && carry_q);
-            usual_q  <= {moves ? next : usual_q[0], usual_q[ACTIVITY_BITS-1:1]};
+            mean_q  <= {moves ? next : mean_q[0], mean_q[ACTIVITY_BITS-1:1]};
             // the bit that came with the clock before
             came_below_q <= below_event_q;
-            if (moves && came_below_q && usual_q[ACTIVITY_BITS-1]) partly_q <= 1'b1;
+            if (moves && came_below_q && mean_q[ACTIVITY_BITS-1]) partly_q <= 1'b1;
             if (step_q == STEP_BITS'(ACTIVITY_BITS - ACTIVITY_SHIFT - 1)) has_upper_q <= 1'b0;
             if (step_q == STEP_BITS'(DROPPED - 1)) below_event_q <= 1'b0;
         end
@@ -127,7 +127,7 @@ module vpr_activity #(
             end
         end
         if (load_i) begin
-            usual_q      <= start_activity_i;
+            mean_q      <= start_activity_i;
             partly_q     <= start_activity_i[DROPPED-1:0] != 0;
             settled_o    <= 1'b1;
             turns_q      <= 1'b0;
@@ -140,11 +140,11 @@ module vpr_activity #(
     generate
         if (LOGARITHMS) begin : g_logarithms
             logic       silent_q;
-            logic [8:0] inverse, of_usual_q;
+            logic [8:0] inverse, of_mean_q;
 
             vpr_logarithm logarithm (
                 .clk_i(clk_i), .round_i(round_q), .valid_i(logged_q),
-                .number_i(of_events_q ? of_window : turns_q && usual_q[0]), .decide_i(begins),
+                .number_i(of_events_q ? of_window : turns_q && mean_q[0]), .decide_i(begins),
                 .inverse_o(inverse)
             );
 
@@ -153,8 +153,8 @@ module vpr_activity #(
                 if (window_end_i) silent_q <= !any_q;
                 if (step_q == STEP_BITS'(2)) begin
                     // that of most events, if there was none, whose logarithm is 0
-                    if (round_q[4]) of_usual_q <= silent_q ? 9'd368 : ~inverse;
-                    if (finishing_q) activity_inverse_o <= {1'b0, of_usual_q} + {1'b1, inverse};
+                    if (round_q[4]) of_mean_q <= silent_q ? 9'd368 : ~inverse;
+                    if (finishing_q) activity_inverse_o <= {1'b0, of_mean_q} + {1'b1, inverse};
                 end
             end
         end else begin : g_none

@@ -4,9 +4,9 @@
 //   s_event   events.mem            s_place    places.mem, after reset, before the first match
 //   m_event   expected_events.mem   m_window   expected_windows.mem, `tlast` with a window's last
 //   m_match   expected_matches.mem             word, `tuser` the number of events before its end
-// Outputs that are of no use are left open with their tready at 1, and cost nothing.
+// Leave unused outputs open with their tready at 1; they then cost nothing.
 //
-// `rst_i` is synchronous and begins anew but for the places; the first window opens at `start_time_i`,
+// `rst_i` is synchronous and resets all state but the places; the first window opens at `start_time_i`,
 // which is read in its last clock, as is `start_activity_i`, the mean number of events in a window.
 // s_event_tready rises TIMESTAMP_BITS + 1 clocks after it. Events are taken while a window is matched,
 // after it was encoded; the end of a further window waits.

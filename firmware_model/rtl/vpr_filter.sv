@@ -166,9 +166,9 @@ module vpr_filter #(
         .least_i(least_q), .prediction_o(prediction)
     );
 
-    // Evidence: how far the place's distance is above the least, by the reciprocal of the spread,
-    // limited, and of that as many eighths as the window's activity says: all of them from 2 octaves
-    // below the usual one on, none 3 below it. In a pause there is none.
+    // Evidence: the place's distance less the least one, divided by the spread, saturated, and weighted
+    // in eighths by the window's activity: 8 from 2 octaves below the mean activity on, 0 from 3
+    // octaves below it. A pause has no evidence.
 
     wire [9:0] activity = ~activity_inverse_i;
     wire [3:0] weight   = !activity[9] || &activity[8:5] ? 4'd8

@@ -4,8 +4,8 @@
 // A frame, while `ss_n_i` is low, is a command byte and its values:
 //   0x01  events, each as in events.bin
 //   0x02  words of places.mem, each in whole bytes
-//   0x03  start time in whole bytes, and with pauses (see vpr_activity) four of the usual number of
-//         events in a window: with its last byte the device begins anew
+//   0x03  start time in whole bytes, and with pauses (see vpr_activity) four bytes of the mean number
+//         of events in a window: the device restarts with the last byte
 //   0x04  bytes of the match in `miso_o`, as a word of expected_matches.mem, filled up with zeros; with
 //         the last of them the match is taken
 // With every other byte, `miso_o` gives the status: bit 0 an event or a word of places can be sent, bit

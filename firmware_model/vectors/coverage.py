@@ -224,10 +224,10 @@ FILTER_CORNERS = {
     "pause": "a window that pauses, and is not the first",
     "pause_with_events": "a window that pauses though it has events at selected pixels",
     "long_pause": "a window that pauses behind one that pauses",
-    "pause_at_threshold": "a window that pauses, and would not if 1/256 event less were usual",
-    "pause_by_two": "a window that pauses, and would not if 2/256 event less were usual",
-    "pause_by_eight_events": "a window that pauses, and would not if 8 events less were usual",
-    "busy_at_threshold": "a window that does not pause, and would if 1/256 event more were usual",
+    "pause_at_threshold": "a pause that would be none with a mean activity lower by 1/256 event",
+    "pause_by_two": "a pause that would be none with a mean activity lower by 2/256 event",
+    "pause_by_eight_events": "a pause that would be none with a mean activity lower by 8 events",
+    "busy_at_threshold": "no pause, and would be one with a mean activity higher by 1/256 event",
     **{f"weight_{n}": f"a window whose evidence has {n}/8 of its weight" for n in range(9)},
     **{
         f"{half}costs_{n}": f"a place that is reached for the costs of row {n}{at_half}, not in "
@@ -306,14 +306,14 @@ class FilterCoverage:
         found["first_window_pauses"] += first and paused
         found["pause"] += paused and not first
         found["pause_with_events"] += paused and self.machine.counted > 0
-        counted, usual = self.machine.counted, self.machine.kept.mean_activity
+        counted, mean_activity = self.machine.counted, self.machine.kept.mean_activity
         threshold = counted << (ACTIVITY_BITS + 4)
-        found["pause_at_threshold"] += counted > 0 and usual == threshold + 1
-        found["pause_by_two"] += counted > 0 and usual == threshold + 2
+        found["pause_at_threshold"] += counted > 0 and mean_activity == threshold + 1
+        found["pause_by_two"] += counted > 0 and mean_activity == threshold + 2
         found["pause_by_eight_events"] += counted > 0 and (
-            usual == threshold + (8 << ACTIVITY_BITS)
+            mean_activity == threshold + (8 << ACTIVITY_BITS)
         )
-        found["busy_at_threshold"] += counted > 0 and usual == threshold
+        found["busy_at_threshold"] += counted > 0 and mean_activity == threshold
         found["long_pause"] += paused and self._paused
         self._paused = paused
         found["events_above_16_bits"] += counted > 0xFFFF

@@ -136,7 +136,7 @@ def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
 def _pauses(design: Design) -> list[Case]:
     forward = replace(design, exclusion=1)
     route = [PAUSE, PAUSE, 0, 1, PAUSE, PAUSE, 2, 2, PAUSE, 3, 4, 5]
-    # usual activity so high that the first windows are pauses although they have events
+    # a mean activity so high that the first windows are pauses although they have events
     total = max(counts_at(forward, place)[1] for place in range(forward.places))
     busy = min((total << 12) + (total << 8), 0x7FFF_FF00)
     cases = [
@@ -189,7 +189,7 @@ def _limits(design: Design) -> list[Case]:
     """
     every = list(range(design.places))
     at = _activity_at_limit(design, 6)
-    # the first window, whose usual number is the initial one
+    # the first window, whose mean activity is the initial one
     first = counts_at(design, 0)[1]
     if design.window == "count":
         first = max(counts_at(design, place)[1] for place in every)
@@ -197,7 +197,7 @@ def _limits(design: Design) -> list[Case]:
     return [
         drive("pause_at_threshold", design, every, None, at),
         drive("busy_at_threshold", design, every, None, at - 1),
-        # usual events whose lowest bits are not 0, but whose lowest bit is
+        # mean activity whose lowest bits are not 0, but whose lowest bit is
         drive("pause_by_two", design, every, None, _activity_at_limit(design, 6, above=2)),
         drive("first_busy", design, every, None, at_first),
         drive("first_pauses", design, every, None, at_first + 1),
@@ -211,17 +211,17 @@ def _limits(design: Design) -> list[Case]:
 def _activity_at_limit(design: Design, window: int, above: int = 1) -> int:
     """Find the lowest initial activity with which a window of a drive by all places pauses.
 
-    The usual number of events is then `above` the largest with which it does not, in 1/256 event.
+    The mean activity is then `above`, in units of 1/256 event, above the largest without a pause.
     """
     events = [counts_at(design, place)[1] for place in range(design.places)]
     if design.window == "count":
         events = [max(events)] * len(events)
 
     def pauses(start: int) -> bool:
-        usual = start
+        mean_activity = start
         for number in events[:window]:
-            usual = mean_activity_after(usual, number)
-        return is_pause(events[window], usual - above + 1)
+            mean_activity = mean_activity_after(mean_activity, number)
+        return is_pause(events[window], mean_activity - above + 1)
 
     return bisect_left(range(EVENTS_TOP << ACTIVITY_BITS), True, key=pauses)
 
@@ -282,21 +282,23 @@ def _among_any_activity(
     design: Design, variants: Mapping[str, tuple[Design, list[int]]]
 ) -> list[Case]:
     """Make a drive of each design and route, among places of any activity."""
-    usual = max(counts_at(design, place)[1] for place in range(design.places)) << ACTIVITY_BITS
+    mean_activity = (
+        max(counts_at(design, place)[1] for place in range(design.places)) << ACTIVITY_BITS
+    )
     cases = []
     for name, (variant, route) in variants.items():
         # both ends, and about the activity of the windows
         spread = [-128, 127, *(8 - 23 * k % 64 for k in range(2, variant.places))]
         activity = spread[: variant.places]
-        cases.append(drive(name, variant, route, None, usual, place_activity=activity))
+        cases.append(drive(name, variant, route, None, mean_activity, place_activity=activity))
     return cases
 
 
 def _weights(design: Design) -> Case:
-    """Show windows of as many events while the usual number falls: evidence has every weight."""
+    """Show windows of as many events while the mean activity falls: evidence has every weight."""
     design = replace(design, code="counts", code_bits=5, window_events=24)
     design = replace(design, exclusion=0)
-    events, usual = 24, 24 * 9 << ACTIVITY_BITS
+    events, mean_activity = 24, 24 * 9 << ACTIVITY_BITS
     shown = [[events - number % 3, *[0] * (design.slots - 1)] for number in range(110)]
     if design.slots > 1:
         for number, counts in enumerate(shown):
@@ -304,7 +306,7 @@ def _weights(design: Design) -> Case:
     stream = Stream.showing(design, shown)
     rest = [0] * (design.slots - 1)
     places = [[min(18 + place, design.code_max), *rest] for place in range(design.places)]
-    return stream.case("weights", places, activity=usual)
+    return stream.case("weights", places, activity=mean_activity)
 
 
 #: count that one place of 80 has, in the only slot that counts, and the others have not: the
@@ -335,11 +337,11 @@ def _numbers(name: str, memories: Memories, shown: Sequence[int]) -> Case:
 
 def _weights_of_far_places(design: Design) -> Case:
     """Show the place apart in windows of many weights; the others have the most evidence."""
-    usual, shown = _APART_EVENTS << ACTIVITY_BITS, []
+    mean_activity, shown = _APART_EVENTS << ACTIVITY_BITS, []
     for weight in (8, 3, 8, 4, 5, 6, 7, 8):
         numbers = range(_APART_COUNT, 4 * _APART_EVENTS)
-        shown.append(next(n for n in numbers if weight_of(activity_of(n, usual)) == weight))
-        usual = mean_activity_after(usual, shown[-1])
+        shown.append(next(n for n in numbers if weight_of(activity_of(n, mean_activity)) == weight))
+        mean_activity = mean_activity_after(mean_activity, shown[-1])
     # a place may cost more than 8 bits hold
     memories = _place_apart(replace(design, exclusion=4, restart=254), 0, {})
     return _numbers("weights_of_far_places", memories, shown)
@@ -379,18 +381,18 @@ def _tabulated_costs(design: Design) -> list[Case]:
         for name, rows, activity in (("low", range(9), -22), ("high", range(8, 17), -84)):
             apart = {_APART: 0} | {_APART + step: activity for step in reached}
             memories = _place_apart(replace(design, exclusion=zone), 127, apart)
-            usual, shown = memories.activity, []
+            mean_activity, shown = memories.activity, []
             for row, which in product(rows, (0, -1)):
-                shown.append(max(_APART_COUNT, usual >> (ACTIVITY_BITS + 2)))
-                usual = mean_activity_after(usual, shown[-1])
+                shown.append(max(_APART_COUNT, mean_activity >> (ACTIVITY_BITS + 2)))
+                mean_activity = mean_activity_after(mean_activity, shown[-1])
                 fitting = [
                     events
                     for events in range(1, _APART_COUNT)
-                    if row_of(activity_of(events, usual) - activity) == row
-                    and weight_of(activity_of(events, usual)) == 0
+                    if row_of(activity_of(events, mean_activity) - activity) == row
+                    and weight_of(activity_of(events, mean_activity)) == 0
                 ]
                 shown.append(fitting[which])
-                usual = mean_activity_after(usual, shown[-1])
+                mean_activity = mean_activity_after(mean_activity, shown[-1])
             cases.append(_numbers(f"{half}costs_of_{zone + 1}_places_{name}", memories, shown))
     return cases
 

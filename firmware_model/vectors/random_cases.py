@@ -50,7 +50,7 @@ def _case(name: str, design: Design, rng: np.random.Generator, number: int) -> C
     else:
         events = _windows(design, pixels, start, rng)
     blank = replace(design, places=design.length)
-    # usual numbers comparable with those of the windows, so that some windows pause
+    # mean activities comparable with the windows', so that some windows pause
     mean, activity = _learnt(design, rng, 512 * (EVENTS // 30) if number else 256 * 1000)
     no_places = [[0] * design.slots] * design.length
     without = Memories(blank, pixels, no_places, mean=mean, activity=activity)
@@ -79,7 +79,7 @@ def _place_activity(design: Design, rng: np.random.Generator) -> list[int] | Non
 def _learnt(
     design: Design, rng: np.random.Generator, most_activity: int
 ) -> tuple[list[int] | None, int]:
-    """Draw initial running means and an initial usual activity."""
+    """Draw initial running means and an initial mean activity."""
     mean, activity = None, 0
     if design.contrast:
         mean = rng.integers(0, 4 * 256 + 1, design.slots).tolist()

@@ -82,7 +82,7 @@ def long_windows(design: Design) -> list[LongWindow]:
 def _logarithms(design: Design) -> list[LongWindow]:
     """Make windows that show each sixteenth of the highest octave of event numbers, and its edge.
 
-    The usual number is the least of this logarithm, or less by one; or the window has more events
+    The mean activity is the least of this logarithm, or less by one; or the window has more events
     than 23 bits can count. The metric of the only place is the cost of staying there.
     """
     design = replace(
@@ -98,13 +98,13 @@ def _logarithms(design: Design) -> list[LongWindow]:
     shown = [(16_000, n - less, ilog(16_000) - ilog(n)) for n in least for less in (0, 1)]
     found = []
     # one event less than the most of another logarithm, and more than 23 bits can count
-    for events, usual, edge in (
+    for events, mean_activity, edge in (
         *shown,
         (EVENTS_TOP - 2, least[1], 14),
         (EVENTS_TOP + 2, least[1], 14),
     ):
         # before the empty window, behind which it is less by 1/64
-        activity = -(-(usual << ACTIVITY_BITS) * 64 // 63)
+        activity = -(-(mean_activity << ACTIVITY_BITS) * 64 // 63)
         # the row of this activity is the last that has its cost of staying
         case = stream.case("", [[0] * design.slots], activity=activity, place_activity=[edge + 21])
         found.append(LongWindow(case, events))
@@ -114,8 +114,8 @@ def _logarithms(design: Design) -> list[LongWindow]:
 def _saturated(design: Design) -> LongWindow:
     """Make a window with more events than 23 bits can count, which saturates.
 
-    The events of the next window then are less than 1/16 of the usual number by so little that they
-    would be a pause if the number had not saturated.
+    The next window then has so little less than 1/16 of the mean activity that it would be a pause
+    without the saturation.
     """
     design = replace(design, places=4, exclusion=1)
     stream, rest = Stream(design), [2] * (design.slots - 1)

@@ -97,9 +97,9 @@ def test_the_running_mean_equals_the_oracle(levels, mean):
 def test_a_recorded_drive_is_coded_against_its_own_mean(seed, windows, contrast):
     rng = np.random.default_rng(seed)
     counts = rng.integers(0, 300, (windows, 4)) * (rng.random((windows, 1)) > 0.2)
-    code, usual = OwnMeanCode(contrast=contrast), 256 * 200
-    paused = find_pauses(counts.sum(axis=1), usual)
-    own = encode_own(descriptors(counts), code, usual)
+    code, mean_activity = OwnMeanCode(contrast=contrast), 256 * 200
+    paused = find_pauses(counts.sum(axis=1), mean_activity)
+    own = encode_own(descriptors(counts), code, mean_activity)
     levels = [list(map(level_of, row)) for row in counts.tolist()]
     expected = drive_codes(levels, paused.tolist(), 3, contrast)
     assert own.counts.tolist() == expected

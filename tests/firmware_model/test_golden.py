@@ -224,10 +224,10 @@ def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path):
         assert len(rows["states"]) == len(rows["matches"]) > 5
         reciprocal = place = -1
         for state, match in zip(rows["states"], rows["matches"], strict=True):
-            usual, counted = state["mean_activity"], state["counted"]
-            assert state["paused"] == (counted == 0 or 4096 * counted < usual)
+            mean_activity, counted = state["mean_activity"], state["counted"]
+            assert state["paused"] == (counted == 0 or 4096 * counted < mean_activity)
             # floor(16 log2(n)) of numbers up to some thousands, which are no powers of 2^(1/16)
-            logs = [math.floor(16 * math.log2(1 + n) + 1e-9) for n in (counted, usual >> 8)]
+            logs = [math.floor(16 * math.log2(1 + n) + 1e-9) for n in (counted, mean_activity >> 8)]
             assert state["activity"] == (logs[0] - logs[1] if counted else -368)
             weight = min(max((state["activity"] + 48) // 2, 0), 8)
             assert state["weight"] == (0 if state["paused"] else weight)

@@ -357,7 +357,7 @@ def test_the_package_has_no_constant_that_a_design_leaves_out():
 
 @needs_iverilog
 def test_the_words_of_a_case_have_the_widths_of_the_cores_ports(tmp_path):
-    """Of a match with its trust, and of the usual number of events; all tables are there."""
+    """Of a match with its trust, and of the mean activity; all tables are there."""
     folder = write_vectors(tmp_path / "v", ADAPTIVE, 3, "random", slice(1))
     (case,) = load_manifest(folder).suites[0].cases
     last = case.words["expected_matches"][-1]
@@ -531,7 +531,7 @@ def test_the_sources_are_free_of_lint(tmp_path, design):
     [("corners", "tie_of_three"), ("filter", "contrasts")],
 )
 def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
-    """Start time, usual events, places and events as bytes in, status and matches out."""
+    """Start time, mean activity, places and events as bytes in, status and matches out."""
     (whole,) = [c for c in standard_suites(ADAPTIVE, 3, suite)[suite] if c.name == name]
     cases = [replace(whole, events=whole.events[:150])]
     write_suites(tmp_path / "v", ADAPTIVE, {suite: cases}, 3, rtl=True)
@@ -789,7 +789,7 @@ def test_the_usual_number_of_events_is_compared_by_all_its_bits(tmp_path):
     assert bench.found_by(first) == "filter/pause_by_two"
 
 
-#: a line for each window: whether it pauses, the usual number behind it, its activity, and clocks
+#: a line for each window: whether it pauses, the mean activity behind it, its activity, and clocks
 ACTIVITY_BENCH = """
 module bench;
     logic clk = 0, load = 1, counted = 0, window_end = 0;
@@ -805,7 +805,7 @@ module bench;
     always #1 clk = !clk;
     initial begin
         $readmemh("events.mem", events);
-        // a reset while the usual number moves
+        // a reset while the mean activity moves
         @(negedge clk) load = 0;
         window_end = 1;
         @(negedge clk) window_end = 0;
@@ -827,7 +827,7 @@ module bench;
             clocks = 0;
             @(negedge clk) window_end = 0;
             while (!settled) @(negedge clk) clocks++;
-            $display("%0d %0d %0d", activity.usual_q, $signed(~activity_inverse), clocks);
+            $display("%0d %0d %0d", activity.mean_q, $signed(~activity_inverse), clocks);
         end
         $finish;
     end
@@ -861,10 +861,10 @@ def test_the_activity_is_that_of_the_model_though_the_number_of_events_saturates
         (0, [1]), (1, [0]), (0, [0, 0]), (2 << 12, [2]), ((2 << 12) + 1, [2]),
         ((2 << 12) + (1 << 11), [2]), (63 << 8, [500]),
     ]  # fmt: skip
-    # or the second one is, behind one with an event that moves the usual number there
-    for usual, second in ((1 << 12, 1), (2 << 12, 2), (3 << 12, 3)):
-        start = bisect_left(range(1 << 14), usual, key=lambda n: mean_activity_after(n, 1))
-        assert mean_activity_after(start, 1) == usual
+    # or the second one is, behind one with an event that moves the mean activity there
+    for mean_activity, second in ((1 << 12, 1), (2 << 12, 2), (3 << 12, 3)):
+        start = bisect_left(range(1 << 14), mean_activity, key=lambda n: mean_activity_after(n, 1))
+        assert mean_activity_after(start, 1) == mean_activity
         cases.append((start, [1, second]))
     for start, first in cases:
         events = rng.choice([0, 1, 2, 3, 4, 5, 6, 7, 40, 62, 63, 64, 65, 127, 128, 300, 500], 120)
@@ -876,12 +876,15 @@ def test_the_activity_is_that_of_the_model_though_the_number_of_events_saturates
         units = ("vpr_rom.sv", "vpr_logarithm.sv", "vpr_activity.sv")
         small = {"WINDOW_EVENTS_BITS": 6, "FILTER": 1}
         returned_lines = simulated(tmp_path, text, units, **small)
-        usual, expected = start, []
+        mean_activity, expected = start, []
         for counted in events.tolist():
             number = min(counted, 63)
-            pauses, relative = int(is_pause(number, usual)), activity_of(number, usual)
-            usual = mean_activity_after(usual, number)
-            expected.append([pauses, usual, relative, 10 * 15 + 3])
+            pauses, relative = (
+                int(is_pause(number, mean_activity)),
+                activity_of(number, mean_activity),
+            )
+            mean_activity = mean_activity_after(mean_activity, number)
+            expected.append([pauses, mean_activity, relative, 10 * 15 + 3])
         assert returned_lines == expected
         assert {pauses for pauses, *_ in expected} == {0, 1}
 

@@ -44,7 +44,7 @@ costs = st.builds(
 )
 #: with these, a path is followed at the pace of the reference, whatever the activity
 STEADY = TransitionCosts(by_activity=False)
-#: far below, about and above the usual number of the tests, which is 0, 100 or 3,000
+#: far below, about and above the mean activity of the tests, which is 0, 100 or 3,000
 EVENTS = [0, 1, 3, 9, 12, 17, 25, 60, 90, 200, 800, 9_000, 2**23, 2**40]
 
 
@@ -323,7 +323,7 @@ def test_while_the_camera_stands_the_match_stays():
 
 
 def test_a_stop_of_hours_without_an_event_does_not_move_the_match():
-    """The usual number falls to 0, and a window without events must not count as usual then."""
+    """The mean activity falls to 0; a window without events must still be a pause."""
     found = PlaceFilter(Transitions(50, TransitionCosts()), mean_activity=256 * 160)
     for row in drive_through(50, list(range(10)), np.random.default_rng(3)):
         found.update(row, 160)
@@ -355,18 +355,18 @@ def test_a_place_of_few_events_is_left_as_fast_with_few():
 
 
 @given(st.integers(0, 2**23 - 1) | st.integers(0, 400), st.integers(0, 256 * (2**23 - 1)))
-def test_the_activity_of_a_window_equals_the_oracle(events, usual):
+def test_the_activity_of_a_window_equals_the_oracle(events, mean_activity):
     assert log_activity(events) == ilog(events) <= LOG_TOP
-    assert activity_of(events, usual) == specification.activity_of(events, usual)
+    assert activity_of(events, mean_activity) == specification.activity_of(events, mean_activity)
     assert log_activity(2**23 - 1) == log_activity(2**40) == LOG_TOP
 
 
 @given(st.lists(st.integers(0, 2**24), min_size=1, max_size=20))
 def test_the_activity_of_a_place_is_a_byte(events):
-    usual = min(256 * sum(events) // len(events), 256 * (2**23 - 1)) // 256
-    expected = [min(max(ilog(min(n, EVENTS_TOP)) - ilog(usual), -128), 127) for n in events]
+    mean_activity = min(256 * sum(events) // len(events), 256 * (2**23 - 1)) // 256
+    expected = [min(max(ilog(min(n, EVENTS_TOP)) - ilog(mean_activity), -128), 127) for n in events]
     assert place_activity(np.array(events)).tolist() == expected
-    # of half windows, those that do not overlap make the usual number
+    # of half windows, those that do not overlap make the mean activity
     twice = np.repeat(events, 2)
     twice[1::2] = 7
     assert place_activity(twice, 2)[::2].tolist() == expected
@@ -379,7 +379,7 @@ def test_the_costs_by_activity_are_those_of_their_formula(number):
 
 def test_a_pause_has_less_than_a_sixteenth_of_the_usual_events():
     assert find_pauses(np.array([10, 9, 0]), 256 * 160).tolist() == [False, True, True]
-    # the usual number follows the drive: in dim light nothing pauses for long
+    # the mean activity follows the drive: in dim light nothing pauses for long
     assert not find_pauses(np.full(400, 9), 256 * 160)[-1]
 
 
