@@ -240,11 +240,6 @@ class CausalBurstFilter:
     ----------
     sensor : Sensor
         Without pixels: nothing is removed.
-
-    Attributes
-    ----------
-    shared : SharedState
-        State for `keep`; call `make_room` before `keep`.
     """
 
     #: Time before which all events have left the filter: the largest one, as no event is held.
@@ -255,28 +250,21 @@ class CausalBurstFilter:
         state["slot"] = -2
         fired = np.full(sensor.pixels, -2, dtype=np.int64)
         self._fired = _Fired(fired, sensor.width, state, np.empty(_ROOM, dtype=EVENT_DTYPE))
-        self.shared = SharedState(self._fired)
+        self._shared = SharedState(self._fired)
 
     @property
     def removed(self) -> int:
         """Events removed so far."""
         return int(self._fired.state["removed"][0])
 
-    def make_room(self, n: int) -> None:
-        """Make room for `n` events."""
-        if n > self._fired.room.size:
-            self._fired = self._fired._replace(room=np.empty(n, dtype=EVENT_DTYPE))
-            self.shared = SharedState(self._fired)
-
     def update(self, events: Events) -> Events:
         """Feed the next events; see `BurstFilter.update`."""
-        if not events.size:
+        if not events.size or not self._fired.fired.size:
             return events
-        self.make_room(events.size)
-        return self.kept(events, keep(self.shared.kernel_state, events))
-
-    def kept(self, events: Events, n: int) -> Events:
-        """Return the `n` of these events that `keep` has kept."""
+        if events.size > self._fired.room.size:
+            self._fired = self._fired._replace(room=np.empty(events.size, dtype=EVENT_DTYPE))
+            self._shared = SharedState(self._fired)
+        n = _keep(self._shared.kernel_state, events)
         return events if n == events.size else self._fired.room[:n].copy()
 
     def pieces(self, events: Events) -> list[Events]:
@@ -294,12 +282,9 @@ class CausalBurstFilter:
 
 
 @kernel
-def keep(kernel_state, events):  # type: ignore[no-untyped-def]
+def _keep(kernel_state, events):  # type: ignore[no-untyped-def]
     """Copy the events outside of bursts known so far to `_Fired.room`; return their number."""
     fired, width, states, room = kernel_state.value
-    if fired.size == 0:
-        room[: events.size] = events
-        return events.size
     s = states[0]
     slot, pixels, before, n = s["slot"], s["pixels"], s["pixels_before"], 0
     for i in range(events.size):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import copy
 import logging
 import math
 import os
@@ -38,26 +37,20 @@ from edge_vpr.live.odometer import OdometerReader
 from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.live.protocols import EXACT, Decoder, Health, open_decoder
 from edge_vpr.map_record import KIND as MAP_KIND
-from edge_vpr.online.localiser import (
-    JUMP_US,
-    MATCH_DTYPE,
-    MOST_TICKS,
-    Follower,
-    Localiser,
-    MatchSchedule,
-    Step,
-)
+from edge_vpr.online.localiser import MATCH_DTYPE, Localiser, MatchSchedule
 from edge_vpr.recordings import FORMATS, WRITTEN, writable_format, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_new_file, check_new_map
 from edge_vpr.route import OdometerCheck, Odometry
 from edge_vpr.settings import Settings, duration_us, resolve_settings
-from edge_vpr.warm_up import WarmUpStep, localising_steps, synthetic_events, warm_up
+from edge_vpr.warm_up import WarmUpStep, localising_steps, warm_up
 
 # From bytes to matches: the decoder, the burst filter and the localiser as one.
 
 
 _NEVER_US = 1 << 62
+#: A step of the clock is a jump if it is longer than this time and than this number of ticks.
+JUMP_US, MOST_TICKS = 1_000_000, 10_000
 _NO_EVENTS = np.empty(0, dtype=EVENT_DTYPE)
 _NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
 #: Interval at which losses are remembered, for how long of windows by number, and how many.
@@ -169,7 +162,6 @@ class LiveLocaliser:
         self.decoder = decoder
         self._localiser: Localiser | None = None
         self._bursts: BurstFilter | CausalBurstFilter | None = None
-        self._follower: Follower | None = None  # unless the burst filter holds events
         self._losses = LossWatch(decoder.health)
         self._position: PathPosition | None = None
         self._time = 0  # time that the localiser has reached
@@ -181,7 +173,10 @@ class LiveLocaliser:
                     f"the stream is of a {decoder.sensor} sensor and the map of a {sensor} one: "
                     "use the map of this camera"
                 )
-            warm_up(self._warm_up_steps(reference, every, causal_bursts, odometry), show)
+            steps = localising_steps(
+                reference, every, _burst_filter(reference, causal_bursts), odometry=odometry
+            )
+            warm_up([*steps, WarmUpStep("decoder", decoder.warm_up)], show)
             self._localiser = Localiser(reference, every=every)
             self._settings = self._localiser.settings
             self.odometer_check = self._localiser.odometer_check or self.odometer_check
@@ -189,30 +184,8 @@ class LiveLocaliser:
             # longest time that is matched in one step
             self._most_us = MOST_TICKS * self._localiser.every.interval_us or _NEVER_US
             self._bursts = _burst_filter(reference, causal_bursts)
-            if isinstance(self._bursts, CausalBurstFilter):
-                self._follower = Follower(self._bursts, self._localiser)
         else:
             warm_up([WarmUpStep("decoder", decoder.warm_up)], show)
-
-    def _warm_up_steps(
-        self,
-        reference: ReferenceMap,
-        every: MatchSchedule | None,
-        causal_bursts: bool,
-        odometry: bool,
-    ) -> list[WarmUpStep]:
-        decoder, bursts = self.decoder, _burst_filter(reference, causal_bursts)
-        steps = localising_steps(reference, every, bursts, odometry=odometry)
-        steps.append(WarmUpStep("decoder", decoder.warm_up))
-        if isinstance(bursts, CausalBurstFilter):
-
-            def follow() -> None:
-                follower = Follower(copy.deepcopy(bursts), Localiser(reference, every=every))
-                follower.follow(synthetic_events(1), 0)
-                copy.deepcopy(decoder).decode_and_follow(b"", 0, follower)
-
-            steps.append(WarmUpStep("decoder with localiser", follow))
-        return steps
 
     @property
     def bursts_removed(self) -> int:
@@ -233,10 +206,7 @@ class LiveLocaliser:
         reopened : bool
             Whether the link was lost before them.
         """
-        decoder, follower = self.decoder, self._follower
-        if follower is not None and not (lost or reopened):
-            return self._match_rest(*decoder.decode_and_follow(data, host_us, follower))
-        early = []
+        decoder, early = self.decoder, []
         if lost or reopened:
             early.append(decoder.gap(lost))
             decoder.health.reopened += reopened
@@ -244,7 +214,7 @@ class LiveLocaliser:
         if lost and events.size and self._localiser is not None:
             # no matches of time in which nothing was seen
             self._localiser.skip_ticks(int(events["t"][0]))
-        return self._clean(join_events([*early, events]))
+        return self._match(join_events([*early, events]))
 
     def read_odometer(self, distance_mm: int) -> tuple[int, int] | None:
         """Take a reading of the robot's odometer, at the time that the stream has reached.
@@ -269,7 +239,7 @@ class LiveLocaliser:
 
     def finish(self) -> LiveResult:
         """End the stream, and return the matches of what was held."""
-        found = self._clean(self.decoder.finish(), last=True)
+        found = self._match(self.decoder.finish(), last=True)
         if self._localiser is None:
             return found
         held = self._located(self._localiser.finish())
@@ -290,26 +260,16 @@ class LiveLocaliser:
         """Windows that a match compares."""
         return self._settings.windows_per_match + self._settings.match_delay
 
-    def _clean(self, events: Events, *, last: bool = False) -> LiveResult:
-        """Remove bursts, and match the events that are known to be in none."""
-        bursts, reached = self._bursts, self.decoder.reached_us
-        pieces = []
-        if bursts is not None:
-            pieces = bursts.pieces(events)
-            pieces.append(bursts.finish() if last else bursts.advance(reached))
-        return self._match_rest(events, (reached, [], -1, tuple(pieces)))
-
-    def _match_rest(self, events: Events, step: Step) -> LiveResult:
-        """Match what is left of the events, up to the time that is known."""
-        localiser, bursts = self._localiser, self._bursts
+    def _match(self, events: Events, *, last: bool = False) -> LiveResult:
+        """Match the events that are known to be in no burst, up to the time that is known."""
+        localiser, bursts, reached = self._localiser, self._bursts, self.decoder.reached_us
         if localiser is None or bursts is None:
             return LiveResult(events, _NO_MATCHES)
-        reached, matches, last_us, rest = step
-        if last_us > self._time:
-            self._time = last_us
-        for piece in rest:
+        matches: list[npt.NDArray[np.void]] = []
+        for piece in bursts.pieces(events):
             self._update(localiser, piece, matches)
-        known = reached if self._follower is not None else min(reached, bursts.known_us)
+        self._update(localiser, bursts.finish() if last else bursts.advance(reached), matches)
+        known = min(reached, bursts.known_us)
         if known > self._time:
             # held events are later than this; the device may have reported that nothing happened
             self._catch_up(localiser, known, matches)

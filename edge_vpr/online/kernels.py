@@ -975,7 +975,7 @@ DONE, MATCHES_FULL, RING_FULL, WINDOW_OVER, REFUSED = range(5)
 #: in place of a time
 GO_ON = -1
 
-Stop = tuple[int, int, int]
+Stop = tuple[int, int]
 """Result of `follow`."""
 
 
@@ -998,8 +998,6 @@ def follow(kernel_state, events, until):
         Number of matches written to `OnlineState.out`; and `DONE`, `MATCHES_FULL`, `RING_FULL`,
         `WINDOW_OVER` (the place filter has ended a window), or `REFUSED`: an event is off the
         sensor, out of order, or beyond too many ticks, and no event was processed.
-    until : int
-        Time of the last event, selected or not.
     """
     f = OnlineState(*kernel_state.value)
     s, c, out = SlidingWindows(*f.windows), f.control[0], f.out
@@ -1007,7 +1005,7 @@ def follow(kernel_state, events, until):
         last = events[events.size - 1]["t"]
         selected = selected_in_order(f.table, events, c.floor, c.off_slots, f.slots, f.times)
         if selected < 0 or (c.interval > 0 and (last - c.next_tick) // c.interval > MAX_WINDOWS):
-            return 0, REFUSED, last
+            return 0, REFUSED
         c.floor, c.until, c.now, c.read, c.selected = last, last, last + 1, 0, selected
     elif until != GO_ON:
         c.floor, c.until, c.now, c.read, c.selected = until, until, max(c.now, until), 0, 0
@@ -1075,4 +1073,4 @@ def follow(kernel_state, events, until):
         if over:
             break
     c.read = i
-    return given, why, until
+    return given, why

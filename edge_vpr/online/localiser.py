@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays, archive_errors, present, read_archive, write_archive
-from edge_vpr.compiling import KernelState, SharedState, kernel, plain, specialise
+from edge_vpr.compiling import SharedState, plain, specialise
 from edge_vpr.confidence import Confidence, accept_match
-from edge_vpr.descriptors.cleaning import CausalBurstFilter, keep
 from edge_vpr.descriptors.counting import check_columns, window_of
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import MAX_WINDOWS, Descriptors, FixedTime, Window, narrow
@@ -352,7 +350,7 @@ class MatchRun:
         """
         found = []
         while True:
-            given, why, _ = stop
+            given, why = stop
             if given:
                 found.append(self._taken(given))
             if why == DONE:
@@ -732,7 +730,7 @@ class Localiser:
             raise UsageError(
                 f"{recent} recent places are left out by sequences only: set matching to sequence"
             )
-        self.run: MatchRun  # for kernels that decode events too
+        self.run: MatchRun
         if filtered:
             filter_run = DelayedRun if settings.match_delay else FilterRun
             self.run = filter_run(reference, self._window, self.every)
@@ -1071,90 +1069,6 @@ class OdometryFeed:
         self._read = stop
         found.append(self._localiser.update(events[begin:]))
         return found
-
-
-# From events to matches in one compiled call: removal of bursts, then the localiser.
-
-
-#: A step of the clock is a jump if it is longer than this time and than this number of ticks.
-JUMP_US = 1_000_000
-MOST_TICKS = 10_000
-
-Kernel = Callable[..., Any]
-Step = tuple[int, Found, int, tuple[Events, ...]]
-"""How far a stream has been matched: the time up to which it is known, the matches, the time of the
-last event matched (-1 if none was), and events in no burst that have yet to be matched."""
-
-
-class Follower:
-    """Feeds events to a burst filter and a localiser in one compiled call."""
-
-    def __init__(self, bursts: CausalBurstFilter, localiser: Localiser) -> None:
-        bursts.make_room(CHUNK_EVENTS)
-        self._bursts, self._run = bursts, localiser.run
-        # the last kernel, all state that it was bound to, and its code with this state
-        self._bound: tuple[Kernel | None, tuple[KernelState, ...], Kernel] = None, (), follow_kept
-
-    def bound(self, kernel: Kernel, sample: object, *decoder: KernelState) -> Kernel:
-        """Return a kernel of one argument: `follow_kept`, or one that decodes and calls it.
-
-        Parameters
-        ----------
-        kernel : callable
-            Its arguments are the boxes for `follow_kept`, those of the decoder, and one more.
-        sample : object
-            Of the type of this one.
-        decoder : KernelState
-            State of the decoder.
-        """
-        parts = self._bursts.shared.kernel_state, self._run.kernel_state, *decoder
-        known, its_parts, code = self._bound
-        if kernel is not known or parts != its_parts:
-            code = partial(specialise(kernel, *parts, sample), *parts)
-            self._bound = kernel, parts, code
-        return code
-
-    def follow(self, events: Events, reached_us: int) -> Step:
-        """Match the next events, with which the stream has reached `reached_us`."""
-        if not 0 < events.size <= CHUNK_EVENTS:
-            return reached_us, [], -1, (self._bursts.update(events),)
-        if not events.flags.carray:
-            events = events.copy()
-        return self.go_on(events, reached_us, *self.bound(follow_kept, events)(events))
-
-    def go_on(self, events: Events, reached_us: int, kept: int, stop: Stop) -> Step:
-        """Do what remains to do after `follow_kept` with `events`."""
-        if stop[1] == REFUSED:
-            return reached_us, [], -1, (self._bursts.kept(events, kept),)
-        return reached_us, self._run.go_on(stop), int(stop[2]), ()
-
-
-@kernel
-def follow_kept(bursts, followed, events):
-    """Remove bursts, and process the other events unless their times jump.
-
-    Parameters
-    ----------
-    bursts, followed : KernelState
-        Of a `CausalBurstFilter` and of a `Localiser`.
-    events : ndarray of EVENT_DTYPE, shape (n,)
-        0 to `CHUNK_EVENTS`.
-
-    Returns
-    -------
-    kept : int
-        Events that are in no burst.
-    stop : tuple
-        See `follow`.
-    """
-    n = keep(bursts, events)
-    kept = bursts.value[-1][:n]
-    if n == 0:
-        return n, (0, DONE, np.int64(-1))
-    c, last = OnlineState(*followed.value).control[0], kept[n - 1]["t"]
-    if c.interval > 0 and last - c.floor > MOST_TICKS * c.interval:
-        return n, (0, REFUSED, last)
-    return n, follow(followed, kept, GO_ON)
 
 
 # The part of a map that a saved localiser needs.

@@ -1,4 +1,4 @@
-"""Decoding, removal of bursts and matching in one compiled call, against each of them alone."""
+"""Decoding, removal of bursts and matching chunk by chunk, against the same event by event."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from streams import random_events
 from test_filter_run import map_of as filtered_map
 from test_localiser import PIXELS, SENSOR, map_of
 
-from edge_vpr.compiling import SharedState, kernel, specialise
 from edge_vpr.descriptors.cleaning import CausalBurstFilter
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.protocols import open_decoder, open_encoder
-from edge_vpr.live.session import LOSS_STEP_US, LiveLocaliser
-from edge_vpr.online.localiser import JUMP_US, MOST_TICKS, Localiser, MatchSchedule
+from edge_vpr.live.session import JUMP_US, LOSS_STEP_US, MOST_TICKS, LiveLocaliser
+from edge_vpr.online.localiser import Localiser, MatchSchedule
 
 #: a camera that has more pixels than the map's sensor, with fields of the same widths
 CAMERA = Sensor(8, 8)
@@ -31,10 +30,6 @@ class Separate:
 
     def __init__(self, protocol, reference, every):
         self.decoder, self.reference = open_decoder(protocol, SENSOR), reference
-        if protocol == "evpr":
-            account = self.decoder._account
-            # all counts are reported, whether or not the kernel says that they are the same
-            self.decoder._account = lambda *counts: account(*counts[:3], False, counts[4])
         self.bursts = CausalBurstFilter(SENSOR) if reference.settings.remove_bursts else None
         self.localiser = Localiser(reference, every=every)
         self.jump_us = max(JUMP_US, MOST_TICKS * every.interval_us or 1 << 62)
@@ -160,7 +155,7 @@ def cut(rng, sent, whole):
     whole=st.booleans(),
 )
 @settings(max_examples=4 if config.DISABLE_JIT else 60)
-def test_one_call_gives_the_results_of_its_parts_whatever_comes_and_however_it_is_cut(
+def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_is_cut(
     seed, device, kind, window, remove_bursts, every, whole
 ):
     rng = np.random.default_rng(seed)
@@ -211,13 +206,3 @@ def test_frames_one_by_one_and_all_at_once_give_the_same(kind):
     assert results[0] == results[1]
     assert len(results[0][0]) == events.nbytes
     assert len(results[0][1]) > 0
-
-
-def test_code_for_the_types_of_arguments_gives_what_the_kernel_gives():
-    @kernel
-    def total(kernel_state, data):
-        return kernel_state.value[0].sum() + len(data)
-
-    kernel_state = SharedState((np.arange(5),)).kernel_state
-    code = specialise(total, kernel_state, b"")
-    assert code(kernel_state, b"abc") == total(kernel_state, b"abc") == 13

@@ -214,7 +214,7 @@ def main() -> None:
     """Print a row of the table for each rate."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--matches", type=int, default=1_000)
-    parser.add_argument("--rates", type=float, nargs="+", default=[2_000, 100_000])
+    parser.add_argument("--rates", type=float, nargs="+", default=[2_000, 20_000, 100_000])
     parser.add_argument("--burst-filter", default="causal", choices=("exact", "causal"))
     args = parser.parse_args()
     tell("an echo of the bytes", echo(args.matches))

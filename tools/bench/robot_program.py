@@ -22,7 +22,7 @@ def run(port: str, map_path: str, every_us: int, burst_filter: str) -> None:
     ) as session:  # fmt: skip
         for match in session:
             if match.place >= 0:
-                had.append({"t": round(1e6 * match.time_s), "at_s": time.perf_counter()})
+                had.append({"time_s": match.time_s, "at_s": time.perf_counter()})
                 continue
             for row in had:
                 print(json.dumps(row))

@@ -17,7 +17,6 @@ import numpy.typing as npt
 from edge_vpr.compiling import SharedState, kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor, join_events
-from edge_vpr.online.localiser import Follower, Step
 from edge_vpr.plugins import Registry
 from edge_vpr.recordings.reading import Columns
 from edge_vpr.warm_up import synthetic_events
@@ -379,30 +378,18 @@ def start_clock(kernel_state, time):  # type: ignore[no-untyped-def]
 
 @kernel
 def reach(kernel_state, time):  # type: ignore[no-untyped-def]
-    """Advance the clock to the device's `time`, unless that is -1, without an event.
-
-    Returns the time from time 0 on, in microseconds.
-    """
+    """Advance the clock to the device's `time` without an event."""
     kept = _FilterState(*kernel_state.value)
     s = kept.state[0]
-    known = s["dated"] and not kept.period and time >= 0
-    if known and 0 < time - s["last"] <= kept.silence:
+    if s["dated"] and not kept.period and 0 < time - s["last"] <= kept.silence:
         s["now"] += time - s["last"]
         s["last"] = time
-    return s["now"] * kept.tick
 
 
 @kernel
 def empty_events(kernel_state, n):  # type: ignore[no-untyped-def]
     """Return an array for `n` events and those that are held."""
     return np.empty(n + _FilterState(*kernel_state.value).held.size, EVENT_DTYPE)
-
-
-@kernel
-def counts_of(kernel_state):  # type: ignore[no-untyped-def]
-    """Return the counts that `TimestampFilter.report` adds to the health."""
-    s = _FilterState(*kernel_state.value).state[0]
-    return s["held"], s["off_sensor"], s["late"], s["leaps"], s["wraps"], s["clock_resets"]
 
 
 @kernel
@@ -575,21 +562,6 @@ class Decoder:
             self._timestamps.hold_to(host_us)
         self.health.bytes += len(data)
         return self._take(self._pending + data if self._pending else data, final=False)
-
-    def decode_and_follow(
-        self, data: bytes, host_us: int, follower: Follower
-    ) -> tuple[Events, Step]:
-        """Decode the next bytes and match their events, in one compiled call if possible.
-
-        Returns
-        -------
-        events : ndarray of EVENT_DTYPE, shape (n,)
-            See `feed`.
-        step : Step
-            The matches, and the events that are not matched yet.
-        """
-        events = self.feed(data, host_us)
-        return events, follower.follow(events, self.reached_us)
 
     def gap(self, lost_bytes: int = 0) -> Events:
         """Handle missing bytes before the next ones: an overrun, or a lost link.

@@ -20,13 +20,10 @@ from edge_vpr.live.protocols import (
     Encoder,
     OptionReader,
     admit_columns,
-    counts_of,
     empty_events,
     reach,
     start_clock,
 )
-from edge_vpr.online.kernels import CHUNK_EVENTS
-from edge_vpr.online.localiser import Follower, Step, follow_kept
 from edge_vpr.recordings.reading import Columns, empty_columns
 from edge_vpr.warm_up import synthetic_events
 
@@ -208,17 +205,12 @@ def _decode_frames(kernel_state, clock, data):  # type: ignore[no-untyped-def]
     Returns
     -------
     events : ndarray of EVENT_DTYPE, shape (n,)
-    frames, decoded : int
-        Number of undamaged frames, and of events in them.
-    same : bool
-        Whether all other counts are as before, in `FrameBuffers.counts` and of the clock.
-    reached : int
-        Time up to which the stream is known, see `TimestampFilter.reached_us`.
+    decoded : int
+        Number of events in undamaged frames. All other counts are in `FrameBuffers.counts`.
     """
     buffers, raw = FrameBuffers(*kernel_state.value), np.frombuffer(data, dtype=np.uint8)
-    counts, before = buffers.counts, counts_of(clock)
-    counts.view(np.int64)[:] = 0
-    n, start, delivered, found = 0, 0, 0, counts[0]
+    buffers.counts.view(np.int64)[:] = 0
+    n, start, delivered, found = 0, 0, 0, buffers.counts[0]
     t, x, y, p = buffers.columns
     out = empty_events(clock, raw.size // 3)
     for i in range(raw.size):
@@ -237,20 +229,7 @@ def _decode_frames(kernel_state, clock, data):  # type: ignore[no-untyped-def]
                     reach(clock, found["base"])
             n += events
         start = i + 1
-    reached = reach(clock, np.int64(-1))
-    same = not (found["damaged"] or found["repeats"] or found["gaps"] or found["resets"])
-    same = same and not (found["dropped"] or found["narrow"]) and counts_of(clock) == before
-    return out[:delivered], found["frames"], n, same, reached
-
-
-@kernel
-def _follow_frames(bursts, followed, buffers, clock, data):  # type: ignore[no-untyped-def]
-    """Decode whole frames of up to `CHUNK_EVENTS` events, and match the events.
-
-    Returns the results of `_decode_frames` and of `follow_kept`.
-    """
-    decoded = _decode_frames(buffers, clock, data)
-    return decoded, follow_kept(bursts, followed, decoded[0])
+    return out[:delivered], n
 
 
 @kernel
@@ -498,45 +477,15 @@ class EvprDecoder(Decoder):
         return data[start:end], rest
 
     def _take_frames(self, frames: bytes) -> Events:
-        return self._account(
-            *_decode_frames(
-                self._buffers.kernel_state, self._timestamps.shared.kernel_state, frames
-            )
-        )
-
-    def decode_and_follow(
-        self, data: bytes, host_us: int, follower: Follower
-    ) -> tuple[Events, Step]:
-        """See `Decoder.decode_and_follow`."""
+        """Decode whole frames, and count what they show in the health."""
         health = self.health
-        health.bytes += len(data)
-        before = health.skipped_bytes
-        data = self._pending + data
-        frames, rest = self._cut(data)
-        if len(frames) > 3 * CHUNK_EVENTS:
-            events = self._take_frames(frames)
-            step = follower.follow(events, self.reached_us)
-        else:
-            buffers, clock = self._buffers.kernel_state, self._timestamps.shared.kernel_state
-            decoded, result = follower.bound(_follow_frames, frames, buffers, clock)(frames)
-            events = self._account(*decoded)
-            step = follower.go_on(events, decoded[-1], *result)
-        self._account_bytes(data, rest, before)
-        return events, step
-
-    def _account(
-        self, events: Events, frames: int, decoded: int, same: bool, reached_us: int
-    ) -> Events:
-        """Add the counts of frames to the health, and return their events."""
-        health, delivered = self.health, len(events)
-        health.frames += frames
-        if same:
-            health.decoded += decoded
-            health.events += delivered
-            return events
-        self._timestamps.report(decoded, delivered)
+        events, decoded = _decode_frames(
+            self._buffers.kernel_state, self._timestamps.shared.kernel_state, frames
+        )
+        self._timestamps.report(decoded, len(events))
         counts = cast("tuple[int, ...]", self._buffers.value.counts.item())
-        _, damaged, skipped, repeats, gaps, lost, dropped, resets, narrow, _, _ = counts
+        whole, damaged, skipped, repeats, gaps, lost, dropped, resets, narrow, _, _ = counts
+        health.frames += whole
         if narrow:
             self.remark = (
                 f"the camera's sensor is smaller than {self.sensor}, since its frames have fewer "
