@@ -15,6 +15,14 @@ static void spoil(void *memory, uint32_t bytes, uint8_t pattern)
     }
 }
 
+static void copy(void *to, const void *from, uint32_t bytes)
+{
+    volatile uint8_t *const at = to;
+    for (uint32_t i = 0U; i < bytes; i++) {
+        at[i] = ((const uint8_t *)from)[i];
+    }
+}
+
 static void put(writer_t *w, uint32_t word)
 {
     if (w->used < w->size) {
@@ -61,7 +69,30 @@ static void put_match(writer_t *w, const vpr_design_t *d, const vpr_match_t *m)
     }
 }
 
-static void end_window(writer_t *w, const vpr_design_t *d, vpr_state_t *s, uint32_t events)
+/* Two halves of the RAM: the state is in the first one. */
+typedef struct {
+    uint32_t *half[2];
+    uint32_t bytes; /* of a half; 0: there is no second one */
+} halves_t;
+
+/* Lose the memory, but what was saved of it. */
+static void lose_memory(const vpr_design_t *d, vpr_state_t *s, halves_t *ram)
+{
+    uint32_t *const from = ram->half[0];
+    vpr_state_t saved;
+    copy(&saved, s, (uint32_t)sizeof saved);
+    ram->half[0] = ram->half[1];
+    ram->half[1] = from;
+    copy(ram->half[0], from, ram->bytes);
+    spoil(from, ram->bytes, 0xA5U);
+    copy(s, &saved, (uint32_t)sizeof saved);
+    if (!vpr_resume(d, s, ram->half[0])) {
+        spoil(s, (uint32_t)sizeof *s, 0xA5U);
+    }
+}
+
+static void end_window(writer_t *w, const vpr_design_t *d, vpr_state_t *s, uint32_t events,
+                       halves_t *ram)
 {
     vpr_match_t match;
     /* small numbers and large ones in turn */
@@ -70,6 +101,9 @@ static void end_window(writer_t *w, const vpr_design_t *d, vpr_state_t *s, uint3
     put_window(w, d, s, events);
     if (vpr_match_places(d, s, &match)) {
         put_match(w, d, &match);
+    }
+    if (ram->bytes != 0U) {
+        lose_memory(d, s, ram);
     }
 }
 
@@ -85,8 +119,10 @@ uint32_t vpr_replay(const uint32_t *image, uint32_t image_bytes, const vpr_event
         (vpr_ram_bytes(&design) > ram_bytes)) {
         return 0U;
     }
+    const uint32_t needed = vpr_ram_bytes(&design);
+    halves_t halves = {{ram, &ram[needed / 4U]}, (ram_bytes >= (2U * needed)) ? needed : 0U};
     spoil(&state, (uint32_t)sizeof state, 0xA5U);
-    spoil(ram, vpr_ram_bytes(&design), ((batch & 2U) != 0U) ? 0U : 0xA5U);
+    spoil(ram, needed, ((batch & 2U) != 0U) ? 0U : 0xA5U);
     vpr_reset(&design, &state, ram, start);
     const vpr_event_t *next = events;
     const vpr_event_t *const end = &events[event_count];
@@ -94,6 +130,11 @@ uint32_t vpr_replay(const uint32_t *image, uint32_t image_bytes, const vpr_event
         const uint32_t taken = (uint32_t)(next - events);
         const uint32_t step = ((event_count - taken) < batch) ? (event_count - taken) : batch;
         const vpr_event_t *const last = &next[step];
+        uint32_t due = ((batch & 2U) != 0U) ? vpr_time(&design, &state, next->t) : 0U;
+        while ((due > 0U) && (writer.used <= out_words)) {
+            end_window(&writer, &design, &state, taken, &halves);
+            due--;
+        }
         const vpr_status_t status = vpr_events(&design, &state, &next, last);
         if ((status == VPR_ALL_TAKEN) && (next != last)) {
             return 0U; /* it says that it has taken what it has not */
@@ -102,7 +143,7 @@ uint32_t vpr_replay(const uint32_t *image, uint32_t image_bytes, const vpr_event
             put_event(&writer, &state, taken, vpr_slot(&design, &events[taken]));
         }
         if (status == VPR_WINDOW_ENDS) {
-            end_window(&writer, &design, &state, (uint32_t)(next - events));
+            end_window(&writer, &design, &state, (uint32_t)(next - events), &halves);
         }
     }
     return (writer.used <= out_words) ? writer.used : 0U;

@@ -108,9 +108,9 @@ static uint32_t replay(const case_t *c, uint32_t batch, uint32_t ram_bytes)
                       at_end(ram_end, ram_bytes), ram_bytes, out, (uint32_t)WORDS);
 }
 
-static bool same(const case_t *c, uint32_t batch, uint32_t words)
+static bool same(const case_t *c, uint32_t batch, uint32_t ram_bytes, uint32_t words)
 {
-    return (replay(c, batch, c->ram_bytes) == words) &&
+    return (replay(c, batch, ram_bytes) == words) &&
            (memcmp(out, expected, (size_t)words * 4U) == 0);
 }
 
@@ -139,7 +139,7 @@ static int check_long_windows(void)
         const uint32_t words = next_word() / 4U;
         memcpy(expected, &bundle[at], (size_t)words * 4U);
         at += words;
-        if (!same(&c, REPEATS + FURTHER, words)) {
+        if (!same(&c, REPEATS + FURTHER, c.ram_bytes, words)) {
             return differs("long window", i);
         }
     }
@@ -160,14 +160,17 @@ static int check_cases(void)
         uint32_t words = next_word() / 4U;
         memcpy(expected, &bundle[at], (size_t)words * 4U);
         at += words;
-        if (!same(&c, 1U, words)) {
+        if (!same(&c, 1U, c.ram_bytes, words)) {
             return differs("case", i);
+        }
+        if (!same(&c, 1U, 2U * c.ram_bytes, words)) {
+            return differs("slept: case", i);
         }
         if (replay(&c, 1U, c.ram_bytes - 16U) != 0U) {
             return differs("too little RAM taken: case", i);
         }
         words = without_events(words);
-        if (!same(&c, 7U, words) || !same(&c, 1U << 20, words)) {
+        if (!same(&c, 7U, c.ram_bytes, words) || !same(&c, 1U << 20, c.ram_bytes, words)) {
             return differs("in batches: case", i);
         }
     }

@@ -8,6 +8,7 @@
 #include "tables.h"
 
 #define LIMIT 0xFFFFU     /* of what is multiplied */
+#define HALF_PERIOD 0x80000000U /* of the scaled clock */
 #define COLUMN_MASK 0xFFFFU
 #define ROW_SHIFT 16U
 #define PIXEL_MASK 0x7FFFFFFFU
@@ -27,6 +28,12 @@
 #define OCTAVE 16U
 #define OCTAVES_LOW 22U
 #define OCTAVE_LOW 0x400000U /* 2^22 */
+
+_Static_assert(sizeof(vpr_event_t) == 8U, "an event is two words");
+_Static_assert(sizeof(vpr_entry_t) == 8U, "an entry of the image's look-up is two words");
+#ifdef __BYTE_ORDER__
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the image is little-endian");
+#endif
 
 /* The search over the places of one match, in ascending order. */
 typedef struct {
@@ -219,6 +226,7 @@ bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->restart = image[AT_RESTART];
     d->trust = image[AT_TRUST];
     d->activity = image[AT_ACTIVITY];
+    d->checksum = image[AT_CRC];
     return lookup_sound(d, image[AT_WIDTH], image[AT_PIXELS]) && levels_sound(d) &&
            places_sound(d);
 }
@@ -232,9 +240,10 @@ uint32_t vpr_ram_bytes(const vpr_design_t *d)
            (d->contrast ? rounded_up(d->slots * 4U) : 0U);
 }
 
-void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t start)
+/* Cut one block into the arrays of the state. */
+static void place_arrays(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram)
 {
-    /* MISRA deviation 11.3: one block is cut into aligned arrays */
+    /* MISRA deviation 11.3: the arrays are aligned */
     uint8_t *const bytes = (uint8_t *)ram;
     uint32_t at = 0U;
     s->query = &bytes[at];
@@ -248,6 +257,12 @@ void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t st
     s->distance = (uint16_t *)(void *)&bytes[at];
     at += rounded_up((d->steps != 0U) ? (d->place_count * 2U) : ((d->exclusion + 1U) * 4U));
     s->mean = (uint32_t *)(void *)&bytes[at];
+}
+
+void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t start)
+{
+    place_arrays(d, s, ram);
+    s->checksum = d->checksum;
 
     /* the padding of the query must be zero as that of the places is; the rest is written
      * before it is read, or means nothing: no metric is below the limit of the first window, 0 */
@@ -277,6 +292,15 @@ void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t st
     for (uint32_t i = 0U; d->contrast && (i < d->slots); i++) {
         s->mean[i] = (uint32_t)d->mean[i] << MEAN_BITS;
     }
+}
+
+bool vpr_resume(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram)
+{
+    if (s->checksum != d->checksum) {
+        return false;
+    }
+    place_arrays(d, s, ram);
+    return true;
 }
 
 /* A row's pixels lie in the look-up from its displacement on, between those of other rows: an entry
@@ -342,6 +366,13 @@ vpr_status_t vpr_events(const vpr_design_t *d, vpr_state_t *s, const vpr_event_t
     s->left = left;
     *next = e;
     return status;
+}
+
+uint32_t vpr_time(const vpr_design_t *d, const vpr_state_t *s, uint32_t t)
+{
+    /* by count, the window ends at 1 and no time is later than 0 */
+    const uint32_t late = (t * d->time_scale) - s->window_end;
+    return (late <= HALF_PERIOD) ? (quotient(late, d->tau) + 1U) : 0U;
 }
 
 static uint32_t rounded_mean(const vpr_state_t *s, uint32_t slot)

@@ -12,12 +12,23 @@
  *             found = vpr_match_places(&design, &state, &match);
  *         }
  *     }
+ *
+ * and, while no events come, once a window:
+ *
+ *     for (uint32_t due = vpr_time(&design, &state, now); due > 0U; due--) {
+ *         vpr_window_end(&design, &state);
+ *         found = vpr_match_places(&design, &state, &match);
+ *     }
  */
 #ifndef VPR_H
 #define VPR_H
 
 #include <stdbool.h>
 #include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 #define VPR_NONE 0xFFFFFFFFU
 
@@ -72,6 +83,7 @@ typedef struct {
                           the reference drive. 0: no window is a pause before events arrive */
     bool contrast;     /* contrast codes: logarithms less the means of their counters and of their
                           window, for light and speed that differ; else counts */
+    uint32_t checksum; /* of the image */
 } vpr_design_t;
 
 /* State, written by the functions below alone; its arrays lie in the block of RAM. */
@@ -100,6 +112,7 @@ typedef struct {
     uint32_t support;     /* of that match, 0 to 368 */
     uint32_t residual;    /* evidence against that match, 0 to 23 */
     uint32_t residual_before; /* evidence against the match before that one, 0 to 23 */
+    uint32_t checksum;    /* of the image of the design that it belongs to */
 } vpr_state_t;
 
 typedef enum {
@@ -136,6 +149,13 @@ uint32_t vpr_ram_bytes(const vpr_design_t *d);
 /* Begin: all counters zero, the first window opens at `start`. `ram` is aligned to 16 bytes. */
 void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t start);
 
+/* Go on from a saved state, as after a deep sleep: `*s` as it was saved, and in `ram`, aligned to 16
+ * bytes, the saved vpr_ram_bytes of its block, which may lie elsewhere now. False: it belongs to
+ * another image, and nothing is changed. Saved bytes are trusted: put a checksum of your own behind
+ * them if their memory may lose some. The clock goes on from where it was, or the times of events are
+ * moved by what it lost. */
+bool vpr_resume(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram);
+
 /* Slot of the counter that an event belongs to, or VPR_NONE. */
 uint32_t vpr_slot(const vpr_design_t *d, const vpr_event_t *e);
 
@@ -144,11 +164,22 @@ uint32_t vpr_slot(const vpr_design_t *d, const vpr_event_t *e);
 vpr_status_t vpr_events(const vpr_design_t *d, vpr_state_t *s, const vpr_event_t **next,
                         const vpr_event_t *end);
 
+/* Number of windows that an event at time `t` would end: the caller ends and matches as many. Called
+ * once a window while no events come, it is 0 or 1, the clock may wrap during a silence of any length,
+ * and the event after it ends no window of the silence. If it was not called for long, there are as
+ * many windows to be matched: vpr_reset, which forgets the place, may be the better choice. 0 if
+ * windows are of a number of events. */
+uint32_t vpr_time(const vpr_design_t *d, const vpr_state_t *s, uint32_t t);
+
 /* End the open window: its codes go to `query`, its counters are cleared, the next one opens. */
 void vpr_window_end(const vpr_design_t *d, vpr_state_t *s);
 
 /* Compare the window that ended last with every place. False: fewer than `length` windows so far,
  * and no match; the place filter has always one. To be called once after every vpr_window_end. */
 bool vpr_match_places(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

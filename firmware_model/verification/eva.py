@@ -132,6 +132,9 @@ static void take(uint32_t from, uint32_t most)
     event.pixel = Frama_C_unsigned_int_interval(from, most);
     const uint32_t slot = vpr_slot(&design, &event);
     //@ assert slot: slot < SLOTS || slot == 0xFFFFFFFF;
+    if (design.tau != 0U) {
+        (void)vpr_time(&design, &state, event.t);
+    }
     if (vpr_events(&design, &state, &next, &event + 1) == VPR_WINDOW_ENDS) {
         vpr_window_end(&design, &state);
         if (vpr_match_places(&design, &state, &match)) {
@@ -299,8 +302,8 @@ def alarms(design: Design, *, large: bool = False, sources: Path = SOURCES) -> l
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "driver.c"
         program.write_text(driver(design, large=large), encoding="ascii")
-        # Frama-C does not know _Alignas, and aligns nothing
-        include = f"-cpp-extra-args=-I{sources} -D'_Alignas(n)='"
+        # Frama-C knows neither _Static_assert nor _Alignas, and aligns nothing
+        include = f"-cpp-extra-args=-I{sources} -D'_Alignas(n)=' -D'_Static_assert(...)='"
         options = [*_OPTIONS, *(_LARGE_OPTIONS if large else _SMALL_OPTIONS)]
         command = ["frama-c", *options, include, str(program), str(sources / "vpr.c")]
         limit = partial(resource.setrlimit, resource.RLIMIT_CPU, (_SECONDS, _SECONDS))

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import csv
 import shutil
+import struct
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -25,6 +28,7 @@ from firmware_model.emulation.instructions import (
     table,
 )
 from firmware_model.image import Word, image, page, ram_bytes, sealed
+from firmware_model.specification import Machine, MatchResult, WindowResult
 from firmware_model.vectors import (
     Case,
     from_binary,
@@ -121,6 +125,104 @@ def test_events_may_be_handed_over_in_batches(emulator, cases, expected):
             flash, ram = image(case.memories), ram_bytes(case.design)
             found = emulator.replay(flash, case.event_bytes(), case.start, ram, batch)
             assert list(from_binary(found)) == whole, (case.name, batch)
+
+
+def test_a_saved_state_goes_on_where_it_was(emulator, cases, expected):
+    """After each window it is saved, all memory is lost, and it is restored at another address."""
+    for case in (*cases["corners"], *cases["filter"]):
+        flash, ram = image(case.memories), ram_bytes(case.design)
+        found = emulator.replay(flash, case.event_bytes(), case.start, 2 * ram)
+        assert found == expected[case.name], case.name
+
+
+class Running(NamedTuple):
+    """A design on an emulated processor, from the beginning on."""
+
+    emulator: Emulator
+    design: int
+    state: int
+    ram: int
+
+    @classmethod
+    def of(cls, emulator: Emulator, memories: Memories) -> Running:
+        emulator.release()
+        flash = image(memories)
+        at, design, state, ram = map(
+            emulator.put, (flash, bytes(512), bytes(512), bytes(ram_bytes(memories.design)))
+        )
+        assert emulator.call("vpr_open", design, at, len(flash)) & 1
+        emulator.call("vpr_reset", design, state, ram, 0)
+        return cls(emulator, design, state, ram)
+
+
+def test_a_device_that_is_told_the_time_loses_no_window_in_a_silence(folder):
+    """Of many periods of its clock; without it, all but the windows of half a period are lost."""
+    emulator = Emulator(EMULATED[1], build(EMULATED[1], folder))
+    for changes in ({}, {"matching": "filter", "length": 1, "code": "contrast"}):
+        design = replace(DESIGN, timestamp_bits=12, tau_us=100, **changes)
+        memories = random_memories(np.random.default_rng(0), design)
+        device, machine = Running.of(emulator, memories), Machine(memories)
+        match, windows = emulator.put(bytes(64)), 0
+        for now in range(0, 50_000, 97):
+            due = emulator.call("vpr_time", device.design, device.state, now % (1 << 12))
+            # an event off the sensor ends windows, and does nothing else
+            results = list(machine.take(Event(now % (1 << 12), 99, 99, True)))
+            assert due == sum(isinstance(result, WindowResult) for result in results) <= 1
+            windows += due
+            for _ in range(due):
+                emulator.call("vpr_window_end", device.design, device.state)
+                emulator.call("vpr_match_places", device.design, device.state, match)
+        assert windows == now // 100
+        found = [result for result in results if isinstance(result, MatchResult)]
+        assert not found or emulator.get(match, 8) == struct.pack("<II", *found[-1][:2])
+
+
+@pytest.mark.parametrize("late", [-1, 0, 99, 100, (1 << 31) - 1, 1 << 31, (1 << 31) + 1])
+def test_the_time_ends_as_many_windows_as_an_event_would(folder, late):
+    """Up to half a period after the open window's end, that included; before it, none."""
+    emulator = Emulator(EMULATED[1], build(EMULATED[1], folder))
+    memories = random_memories(np.random.default_rng(0), replace(DESIGN, tau_us=100))
+    device = Running.of(emulator, memories)
+    now = (100 + late) % (1 << 32)
+    left = (100 - now + (1 << 31)) % (1 << 32) - (1 << 31)  # section 2 of the specification
+    expected = 0 if left > 0 else -left // 100 + 1
+    assert emulator.call("vpr_time", device.design, device.state, now) == expected
+    by_count = random_memories(np.random.default_rng(0), replace(DESIGN, window="count"))
+    device = Running.of(emulator, by_count)
+    assert emulator.call("vpr_time", device.design, device.state, now) == 0
+
+
+def test_a_state_of_another_map_is_not_resumed(folder):
+    """Its arrays would be of another size."""
+    emulator = Emulator(EMULATED[1], build(EMULATED[1], folder))
+    rng = np.random.default_rng(0)
+    device = Running.of(emulator, random_memories(rng, DESIGN))
+    state = emulator.get(device.state, 512)
+    assert emulator.call("vpr_resume", device.design, device.state, device.ram) & 1
+    device = Running.of(emulator, random_memories(rng, DESIGN))
+    other = emulator.put(state)
+    assert not emulator.call("vpr_resume", device.design, other, device.ram) & 1
+    assert emulator.get(other, 512) == state
+
+
+def test_the_header_is_for_cpp_and_the_sources_for_little_endian(tmp_path):
+    """A program in C++ links the C functions; a big-endian compiler refuses them."""
+    (tmp_path / "main.cpp").write_text(
+        '#include "vpr.h"\n'
+        "int main() { vpr_design_t d; uint32_t none = 0; return vpr_open(&d, &none, 0) ? 1 : 0; }\n"
+    )
+    zig = [sys.executable, "-m", "ziglang"]
+    program, files = tmp_path / "program", [tmp_path / "main.o", tmp_path / "vpr.o"]
+    for language, source, out in zip(
+        ("c++", "cc"), (tmp_path / "main.cpp", SOURCES / "vpr.c"), files, strict=True
+    ):
+        command = [*zig, language, f"-I{SOURCES}", "-c", str(source), "-o", str(out)]
+        subprocess.run(command, check=True)
+    subprocess.run([*zig, "cc", *map(str, files), "-o", str(program)], check=True)
+    assert subprocess.run([program], check=False).returncode == 0
+    big = [*zig, "cc", "-target", "mips-freestanding-eabi", "-c", str(SOURCES / "vpr.c")]
+    done = subprocess.run([*big, "-o", str(tmp_path / "big.o")], capture_output=True, check=False)
+    assert done.returncode and b"the image is little-endian" in done.stderr
 
 
 def test_random_designs_on_every_emulated_processor(emulator):
