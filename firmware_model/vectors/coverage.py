@@ -217,6 +217,8 @@ def _see_match(
 # Corners of the place filter and of contrast codes.
 
 
+#: bits of mean numbers of events that no window of a small case has
+LARGE_MEANS = range(19, 24)
 #: name of each corner, and what is counted as one occurrence of it
 FILTER_CORNERS = {
     "first_window": "a first window that does not pause: its evidence is scaled by its own spread",
@@ -240,6 +242,11 @@ FILTER_CORNERS = {
     "least_place_activity": "a place of the least activity there is",
     "largest_place_activity": "a place of the largest activity there is",
     "pause_restarted": "a match in a window that pauses, of a place that only a restart leads to",
+    **{
+        f"mean_of_{n}_bits": f"a window behind the first, of whose mean number of events {n} bits "
+        "are whole"
+        for n in LARGE_MEANS
+    },
     "events_above_16_bits": "a window with more events than 16 bits can count",
     "spread_of_nothing": "a window with the same distance to all places",
     "spread_of_one": "a window behind the first that is scaled by a spread of 1, of distances "
@@ -316,6 +323,9 @@ class FilterCoverage:
         found["busy_at_threshold"] += counted > 0 and mean_activity == threshold
         found["long_pause"] += paused and self._paused
         self._paused = paused
+        bits = (mean_activity >> ACTIVITY_BITS).bit_length()
+        if not first and bits in LARGE_MEANS:
+            found[f"mean_of_{bits}_bits"] += 1
         found["events_above_16_bits"] += counted > 0xFFFF
         predictions = self.machine.predictions(window.activity)
         limit = design.restart << FRACTION_BITS

@@ -13,6 +13,7 @@ from firmware_model.design import ACTIVITY_BITS, LARGEST_SUM, LEVEL_TOP, LEVELS,
 from firmware_model.memories import Memories
 from firmware_model.specification import (
     activity_of,
+    ilog,
     is_pause,
     mean_activity_after,
     row_of,
@@ -20,7 +21,7 @@ from firmware_model.specification import (
 )
 from firmware_model.vectors.case import Case, Stream, choose_pixels
 from firmware_model.vectors.corners import adaptive_event_cases
-from fixedpoint.activity import EVENTS_TOP
+from fixedpoint.activity import EVENTS_TOP, LOG_TOP, PARTS, PLACE_LOW, ROW_BITS, SAME_ROW
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS, RunningMean
 
 
@@ -57,6 +58,7 @@ def filter_cases(design: Design) -> list[Case]:
         long_window(by_activity),
         *_half_places(half_places),
         *_tabulated_costs(half_places),
+        _logarithms(half_places),
     ]
 
 
@@ -397,6 +399,30 @@ def _tabulated_costs(design: Design) -> list[Case]:
     return cases
 
 
+def _logarithms(design: Design) -> Case:
+    """Let the mean number of events fall from the largest there is by 5 octaves.
+
+    At every third logarithm of it, a window has the least events with which staying at the only
+    place costs what the next row of the table says, or one less: the cost tells an error of one.
+    """
+    design = replace(design, window="time", places=1, exclusion=0)
+    staying = [steps[0] for steps in design.step_costs]
+    row = next(row for row, cost in enumerate(staying) if cost > staying[0])
+    edge = ((row - SAME_ROW) << ROW_BITS) - (1 << ROW_BITS - 1) + PLACE_LOW
+    memories = Memories(
+        design, choose_pixels(design), [[0] * design.slots], activity=EVENTS_TOP << ACTIVITY_BITS,
+        place_activity=[PLACE_LOW],
+    )  # fmt: skip
+    mean, last, shown = memories.activity, LOG_TOP, [1]
+    while last > LOG_TOP - 5 * PARTS:
+        mean = mean_activity_after(mean, shown[-1])
+        log = ilog(mean >> ACTIVITY_BITS)
+        least = bisect_left(range(EVENTS_TOP), log + edge, key=ilog)
+        shown.append(least - log % 2 if log < last and log % 3 == 0 else 1)
+        last = log
+    return _numbers("logarithms", memories, shown)
+
+
 def _contrasts(design: Design) -> list[Case]:
     """Make the cases of contrast codes: all shifts, both ends, and the window's rounded mean."""
     four = replace(design, places=4, exclusion=1)
@@ -439,14 +465,13 @@ def _rounded_means(design: Design) -> list[Case]:
 
 
 def _thresholds(design: Design) -> list[Case]:
-    """Set the threshold of trust to a value that occurs, to one above it, and above 8 bits."""
-    forward = replace(design, exclusion=1, trust=0)
-    route = [0, 1, 2, 3, 4, 5, 6]
-    trusts = [match.trust for match in drive("", forward, route).trace().matches]
-    trust = min(max(trusts[4] or 0, 1), TRUST_TOP - 1)
+    """Set the threshold to the least trust of a drive, to one above it, and above 8 bits."""
+    forward, route = replace(design, exclusion=1, trust=0), range(design.places)
+    matches = drive("", forward, route).trace().matches
+    trust = min((match.trust for match in matches if match.trust), default=1)
     return [
         drive("trusted", replace(forward, trust=trust), route),
-        drive("distrusted", replace(forward, trust=trust + 1), route),
+        drive("distrusted", replace(forward, trust=min(trust + 1, TRUST_TOP)), route),
         # of whose lower 8 bits there is more
         drive("distrusted_by_far", replace(forward, trust=min(trust + 256, TRUST_TOP)), route),
     ]

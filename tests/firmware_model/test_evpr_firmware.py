@@ -24,6 +24,8 @@ from firmware_model.emulation.build import EMULATED, HOST, SOURCES, WARNINGS, bu
 from firmware_model.emulation.emulator import Emulator
 from firmware_model.emulation.evpr_instructions import TABLE, measure
 from firmware_model.emulation.instructions import compiler, table
+from firmware_model.errors import ToolError
+from firmware_model.verification.mutants import mutants
 
 pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
 pytest.importorskip("unicorn", reason="unicorn is not installed (extra firmware)")
@@ -140,7 +142,7 @@ def run_host(program, setup, script):
     files = [program.with_suffix(suffix) for suffix in (".setup", ".steps", ".done", ".out")]
     files[0].write_bytes(np.array(astuple(setup), dtype="<u4").tobytes())
     files[1].write_bytes(script.packed())
-    run = subprocess.run([program, *files], capture_output=True, text=True, check=False)
+    run = subprocess.run([program, *files], capture_output=True, text=True, timeout=60, check=False)
     assert not run.returncode, f"exit {run.returncode}: {run.stderr}"
     return ran(files[2].read_bytes(), files[3].read_bytes())
 
@@ -495,52 +497,32 @@ def test_no_address_or_arithmetic_is_undefined(folder):
         check(setup, script, run_host(checked, setup, script))
 
 
-MUTATIONS = {
-    "step one too long": ("(step >= e->pause) ||", "(step > e->pause) ||"),
-    "pause one too long": ("1U << time_at) - 1U;", "1U << time_at);"),
-    "pauses take no room": ("e->left -= pauses * e->event_bytes;", ""),
-    "one pause too many": ("((pauses + 1U) * e->event_bytes)", "(pauses * e->event_bytes)"),
-    "frame one word too long": ("frame_bytes - EMPTY_BYTES;", "frame_bytes - HEADER_BYTES;"),
-    "room without stuffing": ("(used + EVPR_STUFFED(bytes))", "(used + bytes)"),
-    "codes up to 254": ("#define FULL_CODE 255U", "#define FULL_CODE 254U"),
-    "checksum not inverted": ("stuff(e, ~e->crc", "stuff(e, e->crc"),
-    "checksum goes on": ("    e->crc = 0xFFFFFFFFU;\n", ""),
-    "ready without its zero": ("e->ready = e->at;", "e->ready = e->at - 1U;"),
-    "sequence of frames": ("    e->sequence++;\n", "    e->sequence += (e->left == 0U);\n"),
-    "counts no pixels beyond": ("!= 0U) {\n        e->dropped++;", "!= 0U) {"),
-    "counts no stalls": ("step)) {\n            e->dropped++;", "step)) {"),
-    "takes pixels beyond": ("(y >> e->y_bits)) != 0U", "(y >> e->y_bits)) == 0xFFFFU"),
-    "clock of 32 bits": ("(uint32_t)(e->time >> 32)}", "0U}"),
-    "polarity upside down": ("= on ? ((", "= !on ? (("),
-    "x and y change places": ("x | (y << e->x_bits)", "y | (x << e->y_bits)"),
-    "sends beyond the ring's end": ("(whole < to_end) ? whole : to_end", "whole"),
-    "frames too old": ("(EVPR_FRAME_US - EVPR_POLL_US)", "EVPR_FRAME_US"),
-    "silence too long": ("(EVPR_SILENCE_US - EVPR_POLL_US)", "EVPR_SILENCE_US"),
-    "an open frame makes a silence longer": ("if (silent || passed(", "if (passed("),
-    "a beat each poll": ("(age >= wait)", "(age >= (wait & 0xFFFU))"),
-}  # fmt: skip
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", MUTATIONS)
-def test_a_broken_encoder_fails(folder, name):
-    """These scripts alone find each of these faults."""
-    number, (old, new) = list(MUTATIONS).index(name), MUTATIONS[name]
-    sources = folder / f"mutation-{number}"
+def test_most_of_a_sample_of_the_encoders_mutants_are_found(folder):
+    """One in forty of the systematic ones, by these scripts alone."""
+    every = list(mutants("evpr.c", (SOURCES / "evpr.c").read_text(encoding="ascii")))[5::40]
+    sources = folder / "mutants"
     shutil.copytree(SOURCES, sources)
-    text = (sources / "evpr.c").read_text(encoding="ascii")
-    assert text.count(old) == 1, f"{old!r} occurs {text.count(old)} times"
-    (sources / "evpr.c").write_text(text.replace(old, new), encoding="ascii")
-    quickly = ("-Wno-error", "-O0")
-    broken = built_for_host(folder, sources, f"broken-{number}", quickly)
     timed = replace(CORNERS[0], buffer_bytes=1 << 16)
-    with pytest.raises((AssertionError, ValueError, IndexError, struct.error)):
-        script = polled_script(np.random.default_rng(1), timed)
-        check_times(timed, script, run_host(broken, timed, script))
-        for setup, script in corner_scripts(each=5):
-            check(setup, script, run_host(broken, setup, script))
-        # last, as compiling takes longest
-        check_pauses(built_for_host(folder, sources, f"patient-{number}", (*quickly, *PATIENT)))
+    quickly = ("-Wno-error", "-O0")
+    survivors = []
+    for number, mutant in enumerate(every):
+        (sources / "evpr.c").write_text(mutant.text, encoding="ascii")
+        try:
+            broken = built_for_host(folder, sources, f"mutant-{number}", quickly)
+            script = polled_script(np.random.default_rng(1), timed)
+            check_times(timed, script, run_host(broken, timed, script))
+            for setup, script in corner_scripts(each=5):
+                check(setup, script, run_host(broken, setup, script))
+            # last, as compiling takes longest
+            patient = built_for_host(folder, sources, f"patient-{number}", (*quickly, *PATIENT))
+            check_pauses(patient)
+        except (AssertionError, ValueError, IndexError, struct.error):
+            continue
+        except (ToolError, OSError, subprocess.TimeoutExpired):
+            continue
+        survivors.append(f"{mutant.number}: {mutant.becomes}")
+    assert len(survivors) < len(every) / 4, survivors
 
 
 def test_the_example_runs_and_accounts_for_every_event(folder):

@@ -47,14 +47,8 @@ from firmware_model.vectors import (
     write_suites,
 )
 from firmware_model.vectors.random_cases import random_adaptive_design, random_cases, random_design
-from firmware_model.verification import (
-    claims,
-    formal,
-    proof,
-)
-from firmware_model.verification import (
-    hardware_mutants as mutants,
-)
+from firmware_model.verification import hardware_mutants as mutants
+from firmware_model.verification import proof
 from fixedpoint.activity import COSTS_BY_ACTIVITY
 
 #: full scale and events of a window are small, so that a simulation of all corners is short
@@ -304,14 +298,6 @@ def test_a_match_takes_at_most_eight_clocks_more_than_the_model_says():
             assert core_cycles(laned) - cost.cycles(laned).match <= 8
 
 
-def returned(folder, case, program, results, **options):
-    try:
-        done = simulation.replay(program, folder / case, case, results, Conditions(**options))
-    except (ToolError, VectorError) as error:
-        return str(error)
-    return "".join(verify(folder, done.records).differences)
-
-
 def values_of_package(tmp_path, design):
     """Value of each constant of a design's package, as Icarus Verilog has it."""
     text = package(design)
@@ -398,8 +384,10 @@ def test_the_bench_in_python_replays_a_case_and_finds_a_fault(tmp_path):
     assert "1 cases, 0 differ" in held.stdout
     check_files(tmp_path / "vectors")  # nothing is left beside them
     file = tmp_path / "src" / "vpr_counters.sv"
-    text = file.read_text("ascii")
-    file.write_text(text.replace("FULL : count + 1'b1", "FULL : count"), "ascii")
+    lines = file.read_text("ascii").split("\n")
+    wrong = next(m for m in mutants.mutants(file.name, "\n".join(lines)) if "count - 1" in m.text)
+    lines[wrong.line] = wrong.text
+    file.write_text("\n".join(lines), "ascii")
     broken = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert broken.returncode == 1
     assert "1 cases, 1 differ" in broken.stdout
@@ -481,7 +469,7 @@ def netlist_memories(design: Design, slow_blocks: bool, folder: Path) -> list[co
     """The memories of a core, sorted, before they are mapped to those of an FPGA."""
     report.write_tables(design, folder)
     files = [folder / f"{PACKAGE}.sv", *(sources.FOLDER / file for file in sources.DEVICE)]
-    formal.run_yosys(
+    proof.run_yosys(
         [
             f"read_verilog -sv {' '.join(map(str, files))}",
             f"chparam -set SLOW_BLOCKS {int(slow_blocks)} vpr_core",
@@ -707,86 +695,6 @@ def test_mutants_are_chosen_by_their_source_or_their_line():
     }
     with pytest.raises(ToolError, match=r"no mutant is at 'vpr_core\.sv:1': give FILE or"):
         mutants.chosen(every, ["vpr_core.sv:1"])
-
-
-def changed(file, old, new):
-    """A mutant of the one line of a source that has `old`."""
-    text = (sources.FOLDER / file).read_text(encoding="ascii").split("\n")
-    (line,) = [n for n, code in enumerate(text) if old in code]
-    return mutants.Mutant(file, line, text[line].replace(old, new))
-
-
-@pytest.mark.slow
-@needs_iverilog
-def test_mutants_of_the_filter_are_found_and_the_source_is_not(tmp_path):
-    """By cases of the vectors that the command replays; the case that finds one comes first."""
-    only = ("walk", "spread_of_one", "contrasts", "contrasts_of_half")
-    bench = mutants.Bench(tmp_path, 1, only=only)
-    assert bench.found_by(None) is None
-    dearer = changed("vpr_prediction.sv", "right < left", "1'b1")
-    assert bench.found_by(dearer) in {case.name for case in bench.cases}
-    for file, old, new in (
-        ("vpr_filter.sv", "whole ? product_q", "1'b0 ? product_q"),
-        ("vpr_spread.sv", "{low_q[RECIPROCAL_BITS-1] || ", "{"),
-    ):
-        found = bench.found_by(changed(file, old, new))
-        assert found is not None and bench.cases[0].name == found
-    lowest = changed("vpr_contrast.sv", "{CODE_BITS{!below}}", "'1")
-    assert bench.found_by(lowest) == "filter/contrasts_of_half"
-    assert bench.found_by(None) is None
-
-
-@pytest.mark.slow
-@needs_iverilog
-def test_a_sum_that_a_reset_begins_is_found_when_the_places_stay(tmp_path):
-    """With the events at once behind a reset, and without stalls, it disturbs the first match."""
-    cases = random_cases(mutants.QUICK, np.random.default_rng(1), 1, mutants.QUICK_EVENTS)
-    folder, case = tmp_path / "v", f"quick/{cases[0].name}"
-    write_suites(folder, mutants.QUICK, {"quick": cases}, 1, rtl=True)
-    source = (folder / "rtl" / "vpr_distance.sv").read_text(encoding="ascii")
-    broken = re.sub(r"(distance_valid_o +<= )1'b0;", r"\1 1'b1;", source)
-    outcomes = []
-    for text in (source, broken):
-        (folder / "rtl" / "vpr_distance.sv").write_text(text, encoding="ascii")
-        program = tmp_path / "core.vvp"
-        simulation.compile_bench(folder / case / f"{PACKAGE}.sv", program, folder / "rtl")
-        options = {"seed": 1, "stall": 0, "resets": mutants.QUICK_RESETS}
-        outcomes.append(returned(folder, case, program, tmp_path / "results.csv", **options))
-    assert outcomes[0] == ""
-    assert "m_match is undefined" in outcomes[1]
-
-
-@pytest.mark.slow
-@needs_iverilog
-@pytest.mark.parametrize(
-    ("suite", "file", "cleared"),
-    [
-        ("reset_sum", "vpr_sequence.sv", "terms_q      <= '0;"),
-        ("reset_match", "vpr_core.sv", "finishing_q      <= '0;"),
-    ],
-)
-def test_what_a_reset_does_not_clear_is_found_by_a_reset_at_each_clock(
-    tmp_path, monkeypatch, suite, file, cleared
-):
-    """It lasts one clock, in which a sum or a match is under way that then ends too late."""
-    chosen = {"reset_sum": (65, 66), "reset_match": (348, 349)}[suite]
-    every = {suite: (*mutants.EVERY_CLOCK[suite][:2], chosen)}
-    assert set(chosen) <= set(mutants.EVERY_CLOCK[suite][2])
-    monkeypatch.setattr(mutants, "EVERY_CLOCK", every)
-    bench = mutants.Bench(tmp_path, 1, only=(suite,))
-    assert bench.found_by(None) is None
-    found = bench.found_by(changed(file, cleared, ""))
-    assert found is not None and f"{suite}/random_0, reset at clock" in found
-
-
-@pytest.mark.slow
-@needs_iverilog
-def test_the_usual_number_of_events_is_compared_by_all_its_bits(tmp_path):
-    """That of a window that pauses, above the threshold by two."""
-    bench = mutants.Bench(tmp_path, 1, only=("pause_by_two",))
-    assert bench.found_by(None) is None
-    first = changed("vpr_activity.sv", "step_q == STEP_BITS'(DROPPED - 1)", "step_q == 0")
-    assert bench.found_by(first) == "filter/pause_by_two"
 
 
 #: a line for each window: whether it pauses, the mean activity behind it, its activity, and clocks
@@ -1105,92 +1013,54 @@ def test_the_report_goes_on_where_it_was_ended(tmp_path, monkeypatch, capsys):
     assert "holds no rows of this report: name a new file" in capsys.readouterr().err
 
 
-def test_each_proof_has_a_line_and_one_without_an_answer_does_not_end_the_others(
+def test_each_claim_has_a_line_and_one_without_an_answer_does_not_end_the_others(
     monkeypatch, capsys
 ):
     """By name, with the seconds."""
 
-    def no_answer():
-        raise ToolError("yosys-abc took more than 5 s")
+    def answer(claim):
+        if claim is proof.PREDICTION:
+            raise ToolError("yosys-abc took more than 5 s")
+        return claim is not proof.DELAY
 
-    trials = [
-        proof.Trial("first", lambda: True, "proved", "NOT PROVED"),
-        proof.Trial("second", no_answer, "proved", "NOT PROVED"),
-        proof.Trial("another", lambda: False, "refused", "NOT REFUSED"),
-    ]
-    monkeypatch.setattr(proof, "_trials", lambda: iter(trials))
+    monkeypatch.setattr(proof, "holds", answer)
     assert proof.main([]) == 1
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "first: proved, 0 s"
-    assert lines[1] == "second: NO ANSWER, yosys-abc took more than 5 s, 0 s"
-    assert lines[2] == "another: NOT REFUSED, 0 s"
-    assert proof.main(["--only", "first"]) == 0
+    assert [line.split(": ", 1)[0] for line in lines] == [claim.name for claim in proof.CLAIMS]
+    assert f"{proof.PREDICTION.name}: NO ANSWER, yosys-abc took more than 5 s, 0 s" in lines
+    assert f"{proof.DELAY.name}: NOT PROVED, 0 s" in lines
+    assert proof.main(["--only", "best and second"]) == 0
+
+
+#: claims that take seconds; the command has all
+QUICK_CLAIMS = (proof.SMALL_SEARCH, proof.PREDICTION, proof.DELAY)
 
 
 @needs("yosys", "yosys-abc")
-def test_the_search_and_the_prediction_of_the_filter_are_proved():
-    """Of small sizes; the command has all."""
-    assert formal.holds(claims.SMALL_SEARCH)
-    assert formal.holds(claims.PREDICTION)
+@pytest.mark.parametrize("claim", QUICK_CLAIMS, ids=lambda claim: claim.top)
+def test_the_search_the_prediction_and_the_delay_are_proved(claim):
+    """Of small sizes, for any number of clocks."""
+    assert proof.holds(claim)
 
 
 @pytest.mark.slow
 @needs("yosys", "yosys-abc")
-def test_the_end_of_a_window_by_time_is_proved():
-    assert formal.holds(claims.TIMER)
-
-
-@pytest.mark.slow
-@needs("yosys", "yosys-abc")
-def test_counters_and_delays_are_proved_for_any_number_of_clocks():
-    """Claims that take a second each; the command proves the progress of the core too."""
-    assert formal.holds(claims.COUNTERS)
-    assert formal.holds(claims.DELAY)
-    assert formal.holds(claims.DELAY_OF_THREE)
-
-
-#: broken versions of the timer
-TIMERS = [name for name, broken in claims.BROKEN.items() if broken[0] == claims.TIMER]
-
-
-@needs("yosys", "yosys-abc")
-@pytest.mark.parametrize(
-    "name",
-    [
-        "a count wraps",
-        "a delay line has a word more",
-        "the count before the last is not looked at",
-        "a core stops after its first match",
-        "of equal sums the highest place is best",
-        "the dearer of two ways is taken",
-        *TIMERS,
-    ],
-)
-def test_broken_versions_are_refused(name):
-    """Of counters, events and units; the command has all."""
-    assert claims.refused(name)
-
-
-@pytest.mark.slow
-@needs("yosys", "yosys-abc")
-@pytest.mark.parametrize("define", ["THREE", "WAIT"])
-def test_the_proved_core_reaches_what_claims_are_about(define):
-    """A claim about a core that does nothing would hold; the command has all covers."""
-    sequences, _ = claims.CORE_KINDS
-    assert not formal.holds(claims.cover(define, sequences))
-
-
-def test_each_broken_version_breaks_the_source_as_it_is():
-    """The text that it replaces is there once, and its claim is one that is proved."""
-    for claim, file, old, new in claims.BROKEN.values():
-        assert claim in claims.CLAIMS
-        assert formal.broken_source(file, old, new) != sources.text_of(file)
-    assert {claim.define for claim, *_ in claims.BROKEN.values()} == {
-        "PROVE_UNIT",
-        "PROVE_PROGRESS",
-    }
-    with pytest.raises(ToolError, match="0 times 'no such text'"):
-        formal.broken_source("vpr_core.sv", "no such text", "")
+@pytest.mark.parametrize("claim", [*QUICK_CLAIMS, proof.SEQUENCES], ids=lambda claim: claim.top)
+def test_a_claim_does_not_hold_of_mutants(claim):
+    """Of most of some systematic ones of its unit; of the core, of one that stands still."""
+    every = list(mutants.mutants(claim.files[-1], sources.text_of(claim.files[-1])))[::6][:4]
+    if claim.bound is not None:
+        core = mutants.mutants("vpr_core.sv", sources.text_of("vpr_core.sv"))
+        every = [mutant for mutant in core if "match_taken && (finished" in mutant.text]
+    refused = []
+    for mutant in every:
+        lines = sources.text_of(mutant.file).split("\n")
+        lines[mutant.line] = mutant.text
+        try:
+            refused.append(not proof.holds(claim, {mutant.file: "\n".join(lines)}))
+        except ToolError:  # it cannot be elaborated
+            continue
+    assert sum(refused) > len(refused) / 2
 
 
 @needs("yosys")

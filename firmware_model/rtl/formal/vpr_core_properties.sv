@@ -1,5 +1,5 @@
-// What the streams of vpr_core must do, for any inputs, tables and places: properties for the model
-// checker pdr. The core's memories are replaced by vpr_free_memories, and its activity by
+// vpr_core gets on, for any inputs, tables and places: properties for the bounded model checker. The
+// core's memories are replaced by vpr_free_memories, and its activity by
 // vpr_free_activity.
 module vpr_core_properties #(
     localparam FILTER      = vpr_pkg::FILTER,
@@ -7,7 +7,6 @@ module vpr_core_properties #(
     localparam SEEN_BITS   = vpr_pkg::SEEN_BITS,
     localparam WORD_BITS   = vpr_pkg::WORD_BITS,
     localparam MATCH_BITS  = vpr_pkg::MATCH_BITS,
-    parameter  SLOW_BLOCKS = 0,
     parameter  PROGRESS    = 40
 ) (
     input logic                  clk,
@@ -29,7 +28,7 @@ module vpr_core_properties #(
 
     (* anyseq *) logic [WORD_BITS-1:0] s_place_tdata;
 
-    vpr_core #(.SLOW_BLOCKS(SLOW_BLOCKS)) core (
+    vpr_core core (
         .clk_i(clk), .rst_i(rst), .load_i(5'd0), .load_address_i(20'd0), .load_word_i(32'd0),
         .start_time_i(start_time), .start_activity_i(10'd0),
         .s_place_tvalid(s_place_tvalid), .s_place_tready(s_place_tready),
@@ -60,11 +59,7 @@ module vpr_core_properties #(
     end
 
     logic running = 1'b0;
-    logic match_held = 1'b0;
-    always_ff @(posedge clk) begin
-        running    <= begun || rst;
-        match_held <= running && m_match_tvalid && !m_match_tready && !rst;
-    end
+    always_ff @(posedge clk) running <= begun || rst;
 
     wire complete = m_window_tvalid && m_window_tready && m_window_tlast;
     wire taken    = m_match_tvalid && m_match_tready;
@@ -79,30 +74,5 @@ module vpr_core_properties #(
         else if (nobody_waits && stood <= PROGRESS) stood <= stood + 1'b1;
     end
 
-    // Covers: states that a core must reach. The assertion that it does not must be refused.
-    logic [1:0] matches;
-    logic       was_reset;
-    always_ff @(posedge clk) begin
-        if (!begun) was_reset <= 1'b0;
-        else if (rst && matches != 0) was_reset <= 1'b1;
-        if (rst) matches <= '0;
-        else if (taken && matches != 3) matches <= matches + 1'b1;
-    end
-
-    always_comb begin
-        if (running && !rst) begin
-`ifdef PROVE_PROGRESS
-            assert (stood < PROGRESS);
-`endif
-`ifdef COVER_THREE
-            assert (matches != 3);
-`endif
-`ifdef COVER_RESET
-            assert (!(was_reset && matches != 0));
-`endif
-`ifdef COVER_WAIT
-            assert (!(match_held && s_event_tvalid && !s_event_tready));
-`endif
-        end
-    end
+    always_comb if (running && !rst) assert (stood < PROGRESS);
 endmodule
