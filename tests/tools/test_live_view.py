@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
@@ -196,3 +197,25 @@ def test_a_notice_is_text_and_no_mark_up(monkeypatch):
     assert "\\x1b[2J\\x1b]0;mine\\x07[red]\\u202ename" in shown.getvalue()
     assert "place [red]1" in shown.getvalue()
     assert "\x1b" not in shown.getvalue()
+
+
+@pytest.mark.parametrize(("encoding", "shown"), [("utf-8", ".▁▅█"), ("ascii", ".047")])
+@pytest.mark.parametrize("width", [79, 80])
+def test_a_wide_terminal_shows_the_probabilities_of_the_last_minute(encoding, shown, width):
+    from edge_vpr_tools.live_view import Panel
+    from rich.console import Console
+
+    output = io.TextIOWrapper(io.BytesIO(), encoding)
+    console = Console(file=output, width=width)
+
+    class Live:
+        def __init__(self):
+            self.console = console
+
+        def update(self, renderable, *, refresh):
+            console.print(renderable)
+
+    Panel(Live()).show({"certainty": "lost"}, None, (None, 0.0, 0.5, 1.0), stale=False)
+    output.flush()
+    text = output.buffer.getvalue().decode(encoding)
+    assert (shown in text) == (width >= 80)

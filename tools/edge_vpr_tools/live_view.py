@@ -35,6 +35,10 @@ from edge_vpr_tools.publish import MatchServer
 #: Notices that are shown, and that are printed again at the end.
 _SHOWN, _KEPT = 6, 50
 _BAR_WIDTH = 50
+#: Seconds of the strip of probabilities, the width of a terminal that has room for it, and its
+#: levels, from a probability of 0 to one of 1.
+_STRIP_S, _WIDE = 60, 80
+_LEVELS, _PLAIN_LEVELS = "▁▂▃▄▅▆▇█", "01234567"
 _STALE, _WARNING = "bright_black", "yellow"
 #: Texts that have no meaning once nothing arrives.
 _OF_THE_NEWEST = {"place", "certainty", "latency"}
@@ -64,16 +68,25 @@ class Panel:
         if not over:
             self._standing.add(kind)
 
-    def show(self, rows: Mapping[str, str], share: float | None, *, stale: bool) -> None:
+    def show(
+        self,
+        rows: Mapping[str, str],
+        share: float | None,
+        recent: Sequence[float | None] = (),
+        *,
+        stale: bool,
+    ) -> None:
         """Draw texts by their names, and the position on the bar, from 0 to 1.
 
         Parameters
         ----------
+        recent : sequence of float or None
+            Probability in each of the last seconds, None without an accepted match.
         stale : bool
             Whether it is out of date; it is then shown in grey.
         """
         try:
-            self._live.update(self._drawn(rows, share, stale=stale), refresh=True)
+            self._live.update(self._drawn(rows, share, recent, stale=stale), refresh=True)
             # a terminal that was closed between two updates is no terminal for Rich, and gets none
             self.lost = not self._live.console.file.isatty()
         except OSError:
@@ -90,7 +103,12 @@ class Panel:
         return (f"{notice.clock} {notice.text}" for notice in self._notices)
 
     def _drawn(
-        self, rows: Mapping[str, str], share: float | None, *, stale: bool
+        self,
+        rows: Mapping[str, str],
+        share: float | None,
+        recent: Sequence[float | None],
+        *,
+        stale: bool,
     ) -> RenderableType:
         table = Table.grid(padding=(0, 2))
         table.add_column(style=_STALE, justify="right")
@@ -105,7 +123,18 @@ class Panel:
                     "",
                     ProgressBar(1.0, share, _BAR_WIDTH, complete_style=shown, finished_style=shown),
                 )
+            if name == "certainty" and recent and self._live.console.width >= _WIDE:
+                table.add_row("last minute", self._strip(recent))
         return Group(table, *self._notice_lines())
+
+    def _strip(self, recent: Sequence[float | None]) -> Text:
+        """Draw a letter a second, higher where a match was more probable."""
+        plain = not self._live.console.encoding.startswith("utf")
+        levels = _PLAIN_LEVELS if plain else _LEVELS
+        return Text("".join(
+            "." if each is None else levels[min(int(each * len(levels)), len(levels) - 1)]
+            for each in recent
+        ))  # fmt: skip
 
     def _notice_lines(self) -> Iterable[RenderableType]:
         """Return the newest notices, preceded by older ones that still hold."""
@@ -248,6 +277,7 @@ class View:
         self._lag_s = 0.0
         self._lags = Lags()
         self._last: str | None = None  # match, as JSON
+        self._recent: deque[float | None] = deque(maxlen=_STRIP_S)
         self.matched = 0
         if reference is not None:
             self._write(route_row(reference))
@@ -299,10 +329,15 @@ class View:
         if now - self._logged >= _LINE_S:
             self._logged = now
             self._write(self._health(status))
+            newest = self._newest()
+            silent = not newest or newest["lost"] or self._silent_s() > SILENT_S
+            self._recent.append(None if silent else newest["probability"])
         if self._panel is not None:
             texts = self._texts(status)
             share = self._position(filled) if self._places else None
-            self._panel.show(texts, share, stale=self._silent_s() > SILENT_S)
+            known = any(each is not None for each in self._recent)
+            recent = tuple(self._recent) if known else ()
+            self._panel.show(texts, share, recent, stale=self._silent_s() > SILENT_S)
             self.unread |= self._panel.lost
         elif not self._quiet:
             self._print_status(status, now)
@@ -372,11 +407,12 @@ class View:
             if newest.get("along_m") is not None:
                 texts["place"] += f", at {newest['along_m']:,.1f} m"
             ratio, probability = newest["ratio"], newest["probability"]
-            texts["certainty"] = "ratio -" if ratio is None else f"ratio {ratio:.3f}"
+            certainty = "ratio -" if ratio is None else f"ratio {ratio:.3f}"
             if probability is not None:
-                texts["certainty"] = f"correct with probability {probability:.2f}"
+                certainty = f"probability {probability:.2f}"
             if newest["lost"]:
-                texts["certainty"] += ", lost"
+                certainty = f"lost ({certainty})"
+            texts["certainty"] = certainty
             if newest["misfit"] >= OFF_MAP_MISFIT:
                 texts["certainty"] += f", {OFF_MAP_TEXT}"
             if newest["missing"]:
