@@ -1,8 +1,8 @@
-"""The localiser: a match after every event, from distances that are updated, not recomputed.
+"""The localiser, which matches after every event by updates of distances.
 
-From the bottom up: when to give a match; the runs that feed the kernel `follow` (sequences, place
-filter, late matches); `Localiser`, which a program calls; and what is saved of it. The kernel and
-its state are in `kernels`.
+From the bottom up: the schedule of matches; runs, which feed the kernel `follow` (sequences, place
+filter, late matches); `Localiser`, which a program calls; and its saved state. The kernel and its
+state are in `kernels`.
 """
 
 from __future__ import annotations
@@ -74,11 +74,11 @@ class MatchSchedule:
     Parameters
     ----------
     events : int
-        After so many events at the selected pixels; 1 is after each. 0: not by events.
+        Number of events at the selected pixels after which to match; 0: not by events.
     interval_us : int
-        At every multiple of so many microseconds, before the events of that time. 0: not by time.
+        Match at every multiple of this time, before the events of that time; 0: not by time.
     change : bool
-        Of what the others ask for, only matches whose place differs from the one said before.
+        Whether to report only matches whose place differs from the last reported one.
     """
 
     events: int = 0
@@ -101,7 +101,7 @@ class MatchSchedule:
 
     @classmethod
     def window(cls, settings: Settings) -> MatchSchedule:
-        """Return the schedule of a match at the end of every non-overlapping window."""
+        """Return the schedule with a match at the end of each non-overlapping window."""
         if settings.window == "time":
             return cls(interval_us=settings.tau_us)
         return cls(events=settings.events_per_window)
@@ -115,9 +115,9 @@ class MatchSchedule:
         Parameters
         ----------
         when : str, MatchSchedule or None
-            See `read_every`; None: the default, or ``window`` if matches are late.
+            See `read_every`; None: the default, or ``window`` with a delay.
         settings : Settings
-            Of the map.
+            Settings of the map.
         """
         if isinstance(when, MatchSchedule):
             return when
@@ -140,12 +140,12 @@ class MatchSchedule:
 
 
 def read_every(text: str) -> MatchSchedule | None:
-    """Read ``event``, a number of events, a time such as ``10ms``, ``window``, or ``change``.
+    """Parse ``event``, a number of events, a time such as ``10ms``, ``window``, or ``change``.
 
     Returns
     -------
     MatchSchedule or None
-        None for ``window``, whose length a map or a design knows.
+        None for ``window``, whose length depends on the map or design.
     """
     if text == "window":
         return None
@@ -165,28 +165,28 @@ def read_every(text: str) -> MatchSchedule | None:
 # Record of one match of the localiser.
 
 
-#: One match, with the names of the columns of ``matches.csv``. With the place filter, metrics
-#: replace distances, and one window the sequence.
+#: One match, with the column names of ``matches.csv``. With the place filter, distances are metrics
+#: and L is 1.
 MATCH_DTYPE = np.dtype(
     [
-        ("time_us", "<i8"),  # when it was given, by the clock of the events
-        ("place", "<i8"),  # the best; of equal ones the first
-        ("distance", "<f8"),  # of the best place: mean of the L windows of the sequence
-        ("second", "<i8"),  # the best place outside the exclusion zone; -1: there is none
-        ("second_distance", "<f8"),  # of that place; NaN if there is none
+        ("time_us", "<i8"),  # time of the match, by the clock of the events
+        ("place", "<i8"),  # best place; the first one in a tie
+        ("distance", "<f8"),  # of the best place: mean over the L windows of the sequence
+        ("second", "<i8"),  # best place outside the exclusion zone; -1 if there is none
+        ("second_distance", "<f8"),  # its distance; NaN if there is none
         ("ratio", "<f8"),  # distance / second_distance; NaN if there is no second place
-        ("events", "<i8"),  # in the newest window, at the selected pixels
-        ("start_us", "<i8"),  # of the newest window
-        # the higher the surer: of `place_filter.FilterMatch`, or with sequences the margin
+        ("events", "<i8"),  # number in the newest window, at the selected pixels
+        ("start_us", "<i8"),  # start of the newest window
+        # see `place_filter.FilterMatch`, with sequences the margin; higher means more confident
         ("trust", "<i8"),
-        ("misfit", "<i8"),  # of `place_filter.FilterMatch`; -1 with sequences
-        ("probability", "<f8"),  # of being right; NaN: not known
-        ("lost", "?"),  # below the precision of the settings
+        ("misfit", "<i8"),  # see `place_filter.FilterMatch`; -1 with sequences
+        ("probability", "<f8"),  # that the match is correct; NaN if unknown
+        ("lost", "?"),  # rejected at the precision of the settings
     ]
 )
 
 
-# Feeds events to the kernel, and does the work at its stops that needs Python.
+# Runs, which feed events to the kernel and do the work that needs Python when it returns.
 
 
 Found = list[npt.NDArray[np.void]]
@@ -207,13 +207,13 @@ def _state_before(
     Parameters
     ----------
     windows : SlidingWindows
-        Of this map.
+        Windows with the distances to this map.
     schedule : MatchSchedule
-        When to give a match.
+        Schedule of matches.
     recent : int
-        So many of the newest places are not searched.
+        Number of the newest places that are not searched.
     place_filter : PlaceFilter, optional
-        Its arrays are used, not copied.
+        Its arrays are shared, not copied.
     """
     settings, acceptance = reference.settings, reference.acceptance
     control = np.zeros(1, dtype=CONTROL).view(np.recarray)
@@ -226,7 +226,7 @@ def _state_before(
     first.off_slots = len(reference.pixel_map) if settings.polarity else 0
     trust, probability = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.float64)
     if acceptance.confidence is not None:
-        # copies, because for Numba a read-only array is of another type
+        # copies, because Numba gives read-only arrays another type
         trust, probability = (
             acceptance.confidence.trust.copy(),
             acceptance.confidence.probability.copy(),
@@ -255,28 +255,28 @@ def _state_before(
 
 
 class MatchRun:
-    """Matches by the sequence of the newest L windows; holds the state of the localiser.
+    """Matching by the sequence of the newest L windows; holds the state of the localiser.
 
-    Counters and distances are updated when they are read. They are then those at the time
-    `now_us`; all earlier events have been processed.
+    Counters and distances are updated when they are read, to the time `now_us`: all earlier events
+    have been processed.
 
     Parameters
     ----------
     schedule : MatchSchedule
-        When to give a match.
+        Schedule of matches.
     recent : int
-        So many of the newest places are not searched.
+        Number of the newest places that are not searched.
     place_filter : PlaceFilter, optional
-        What matches in place of sequences, see `FilterRun`.
+        Matches instead of sequences, see `FilterRun`.
 
     Attributes
     ----------
     places : ndarray of unsigned int, shape (K, J)
-        Those of the map, and those that were appended.
+        Places of the map, and appended places.
     state : OnlineState
-        In its place comes another one where an array has to grow.
+        Replaced when an array has to grow.
     kernel_state : KernelState
-        The same for `follow`; call `go_on` after it.
+        The same for `follow`; call `go_on` with its result.
     """
 
     #: Name of the array of the schedule in an archive.
@@ -296,7 +296,7 @@ class MatchRun:
             reference.own_mean_code or self._codes, reference.mean,
         )  # fmt: skip
         state = _state_before(reference, windows, schedule, recent, place_filter)
-        # not as a record array, whose fields take 1 us each
+        # not a record array, whose field access takes 1 us
         self._control = np.asarray(state.control).view(CONTROL)[0]
         self._out = state.out.view(np.uint8).data
         self._hold(state)
@@ -325,9 +325,9 @@ class MatchRun:
         return int(self._control["now"])
 
     def follow(self, events: Events) -> Stop:
-        """Call the kernel of this name, with events in one piece that may be written to."""
+        """Call the kernel `follow` with events in a contiguous, writable array."""
         if events.size > self.state.slots.size:
-            # of this room, memory is taken only where selected events are written
+            # uninitialised: only pages with selected events take memory
             slots, times = np.empty(events.size, np.int32), np.empty(events.size, np.int64)
             self._hold(self.state._replace(slots=slots, times=times))
         return self._follow(self.kernel_state, events, GO_ON)
@@ -342,7 +342,7 @@ class MatchRun:
         Parameters
         ----------
         stop : tuple
-            Of the first call, which is not that the events are refused.
+            Result of the first call, which has not refused the events.
 
         Returns
         -------
@@ -362,20 +362,20 @@ class MatchRun:
             stop = self._follow(self.kernel_state, _NO_EVENTS, GO_ON)
 
     def finish(self) -> Found:
-        """Return the matches of windows that wait for later ones, at the end of a drive."""
+        """Return the matches that a delay still holds, at the end of a drive."""
         return []
 
     def _taken(self, given: int) -> npt.NDArray[np.void]:
-        # as bytes, because NumPy copies records field by field
+        # as bytes: NumPy copies records field by field
         room = bytearray(self._out[: given * MATCH_DTYPE.itemsize])
         return np.frombuffer(room, dtype=MATCH_DTYPE)
 
     def _window_over(self) -> None:
-        """Do what is left to do when the place filter has ended a window."""
+        """Finish a window that the place filter has ended."""
         raise NotImplementedError
 
     def settled(self) -> SlidingWindows:
-        """Return the windows, with counters and distances of the present time."""
+        """Return the windows, with counters and distances updated to the current time."""
         advance(self.state.windows, self.now_us)
         settle(self.state.windows)
         return self.state.windows
@@ -391,7 +391,7 @@ class MatchRun:
         Parameters
         ----------
         counts : ndarray of int, shape (J,)
-            Its descriptor, in codes where the map has a code.
+            Its descriptor, in codes if the map has a code.
         """
         if counts.shape != self.places.shape[1:] or counts.dtype.kind not in "iu":
             raise MapError(
@@ -414,7 +414,7 @@ class MatchRun:
         Raises
         ------
         EdgeVprError
-            If anything differs, which no sequence of events can bring about.
+            If anything differs, which indicates a fault of edge-vpr.
         """
         s = self.settled()
         fresh = with_distances(s, self.places)
@@ -444,7 +444,7 @@ class MatchRun:
         }
 
     def resume(self, arrays: Arrays, now_us: int, floor_us: int) -> None:
-        """Restore the state from the arrays of `to_arrays`; the map has the saved places."""
+        """Restore the state from the arrays of `to_arrays`; the map must have the saved places."""
         self._control["now"], self._control["floor"] = now_us, floor_us
         tick, place = arrays[self.schedule_name].tolist()
         self._control["next_tick"], self._control["last_reported"] = tick, place
@@ -463,12 +463,12 @@ class MatchRun:
 
 
 class FilterRun(MatchRun):
-    """Matches by the place filter, within windows too.
+    """Matching by the place filter, also within windows.
 
     Attributes
     ----------
     odometer_check : OdometerCheck
-        Of readings that are not those of a recording.
+        Check of live odometer readings.
     mean : RunningMean or None
         Of own-mean codes.
     """
@@ -491,7 +491,7 @@ class FilterRun(MatchRun):
         self._set_window_end()
 
     def read_odometer(self, distance_mm: int) -> None:
-        """Take a reading; until the window ends, places are predicted by the distance driven."""
+        """Take a reading: until the window ends, places are predicted by the driven distance."""
         self.place_filter.transitions.check_odometry()
         self.odometer.read(distance_mm)
         self._travel()
@@ -519,7 +519,7 @@ class FilterRun(MatchRun):
         self._set_window_end()
 
     def _skip_silence(self, odometry: bool) -> None:
-        """Skip windows without events, as soon as they change nothing any more."""
+        """Skip windows without events once they leave the filter unchanged."""
         found, c = self.place_filter, self._control
         before = self._silence
         self._silence = found.numbers, found.state.metric.tobytes()
@@ -584,17 +584,17 @@ def _means_per_s(reference: MapRecord) -> tuple[int, int]:
 
 
 class DelayedRun(FilterRun):
-    """Gives the match of each window when N more windows have ended.
+    """Matching of each window after N more windows have ended.
 
-    The kernel gives a match at the end of each window. Its time and events are kept, and its place
-    and trust are replaced by those of `FixedLag`.
+    The kernel matches at the end of each window. Time and events of its match are kept, place and
+    trust are replaced by those of `FixedLag`.
 
     Parameters
     ----------
     reference : MapRecord
-        Its settings say N.
+        Its settings give N.
     schedule : MatchSchedule
-        At the end of each window.
+        A match at the end of each window.
     """
 
     def __init__(self, reference: MapRecord, window: Window, schedule: MatchSchedule) -> None:
@@ -606,8 +606,8 @@ class DelayedRun(FilterRun):
             )
         super().__init__(reference, window, schedule)
         self._lag = FixedLag(self.place_filter.transitions, settings.match_delay)
-        self._given: np.void | None = None  # by the kernel, of the window that ends
-        self._undecided: deque[np.void | None] = deque()  # None of a window that was skipped
+        self._given: np.void | None = None  # match of the kernel for the window that ends
+        self._undecided: deque[np.void | None] = deque()  # None for a window that was skipped
         self._decided: list[np.void] = []
 
     def go_on(self, stop: Stop) -> Found:
@@ -649,17 +649,17 @@ class DelayedRun(FilterRun):
         return [np.array(decided, dtype=MATCH_DTYPE)] if decided else []
 
     def to_arrays(self) -> Arrays:
-        """Raise UsageError: the windows that wait for later ones are not saved."""
+        """Raise UsageError: windows that wait for later ones cannot be saved."""
         raise UsageError(
             "a localiser with a delay cannot be saved: set delay to 0, or keep the events"
         )
 
     def resume(self, arrays: Arrays, now_us: int, floor_us: int) -> None:
-        """Raise MapError: no state holds the windows that wait."""
+        """Raise MapError: a saved state has no waiting windows."""
         raise MapError("the state has a delay, with which none can be saved")
 
 
-# The localiser: a match after every event, from distances that are updated, not recomputed.
+# The localiser, as a program calls it.
 
 
 __all__ = ["MATCH_DTYPE", "Localiser"]
@@ -679,25 +679,24 @@ class Localiser:
     >>> tuple(places[-3:])
     (6, 8, 10)
 
-    It holds the counters of the newest L windows, one directly after the other
-    (`SlidingWindows`), and the distances of this sequence to all places. An event changes each
-    distance by a few steps of +-1, so that the best place is known without a new comparison.
+    It holds the counters of the newest L consecutive windows (`SlidingWindows`), and the distances
+    of this sequence to all places. An event changes each distance by a few steps of +-1, so that
+    no event needs a complete comparison.
 
     Parameters
     ----------
     reference : MapRecord
-        Its settings say the window, the sequence length, the exclusion zone, and the code of
-        its counts.
+        Map, with its settings.
     every : str or MatchSchedule, optional
-        When to give a match: ``"event"``, a number of events such as ``"100"``, a time such as
-        ``"50ms"``, ``"window"``, or ``"change"`` of the place. By default after each event, or with
-        a delay at the end of each window, which is the only schedule then. No match is given before
-        the L windows are complete.
+        Schedule of matches: ``"event"``, a number of events such as ``"100"``, a time such as
+        ``"50ms"``, ``"window"``, or ``"change"`` of the place. By default after each event; with a
+        delay at the end of each window, the only schedule then. There is no match before the L
+        windows are complete.
     recent : int
-        So many of the map's newest places are left out of the search; for a rover that appends
-        places while it drives.
+        Number of the map's newest places that are not searched, for a rover that appends places
+        while it drives.
     check_every : int
-        For debugging: after so many selected events, recompute everything and compare.
+        For debugging: recompute and compare everything after this number of selected events.
     """
 
     def __init__(
@@ -743,7 +742,7 @@ class Localiser:
 
     @property
     def counts(self) -> npt.NDArray[np.int64]:
-        """Counts of each window, newest first, shape (L, J); a copy."""
+        """Counts of each window, newest first, as a copy of shape (L, J)."""
         return self.run.settled().counts.copy()
 
     @property
@@ -756,17 +755,17 @@ class Localiser:
 
     @property
     def map_bytes(self) -> int:
-        """Size of the map in the form that is searched, in bytes."""
+        """Size of the map in memory in bytes, as it is searched."""
         return self.run.state.windows.columns.nbytes
 
     @property
     def complete(self) -> bool:
-        """Whether the L windows and those of a delay are complete; there are no matches before."""
+        """Whether the L windows and those of a delay are complete; before, there is no match."""
         return self.filled >= 1
 
     @property
     def filled(self) -> float:
-        """Share of these windows that is complete, 0 to 1."""
+        """Share of the L windows and those of a delay that is complete, 0 to 1."""
         windows = self.settings.windows_per_match + self.settings.match_delay
         if isinstance(self._window, FixedTime):
             return min(1.0, self.run.now_us / (windows * self._window.tau_us))
@@ -774,7 +773,7 @@ class Localiser:
 
     @property
     def next_match_us(self) -> int:
-        """Time before which there is no match, if matches are given by time only; else 0."""
+        """Time before which there is no match, if matches are scheduled by time only; else 0."""
         return 0 if self.every.events else self.run.next_tick
 
     def update(self, events: Events) -> npt.NDArray[np.void]:
@@ -783,12 +782,12 @@ class Localiser:
         Parameters
         ----------
         events : ndarray with fields t, x, y and, for polarity, p; shape (n,)
-            In time order, after all those before; any number of them.
+            In time order, and not earlier than previous events.
 
         Returns
         -------
         ndarray of MATCH_DTYPE, shape (m,)
-            The matches that the schedule asks for, in order.
+            Scheduled matches, in order.
 
         Raises
         ------
@@ -805,7 +804,7 @@ class Localiser:
             elif not events.flags.carray:
                 events = events.copy()
         except (AttributeError, IndexError, ValueError):
-            check_event_array(events)  # which would take as long as a few events
+            check_event_array(events)  # only now, since it takes as long as a few events
             raise
         if self._check_every:
             return self._verified(events)
@@ -815,7 +814,7 @@ class Localiser:
         return _joined(self.run.go_on(stop))
 
     def _verified(self, events: Events) -> npt.NDArray[np.void]:
-        """Process events in parts, and verify the state after each."""
+        """Process events in parts, and verify the state after each part."""
         self._check(events)
         selected = self._reference.pixel_map.table()[events["y"], events["x"]] >= 0
         ends = np.flatnonzero(selected)[self._check_every - 1 :: self._check_every] + 1
@@ -826,7 +825,7 @@ class Localiser:
         return _joined(found)
 
     def _check(self, events: Events) -> None:
-        """Raise what is wrong with events of EVENT_DTYPE, if anything is."""
+        """Raise the error of events of EVENT_DTYPE, if there is one."""
         check_order(events, self.run.floor_us, self._reference.pixel_map.sensor)
         self.every.check_ticks(self.run.next_tick, int(events["t"][-1]))
 
@@ -846,7 +845,7 @@ class Localiser:
         return int(self.run.state.windows.bound[0])
 
     def advance(self, until_us: int) -> npt.NDArray[np.void]:
-        """Advance the time without events to T = `until_us`, and return the matches due until then.
+        """Advance the time to T = `until_us` without events, and return the scheduled matches.
 
         Parameters
         ----------
@@ -879,8 +878,8 @@ class Localiser:
         Returns
         -------
         ndarray of MATCH_DTYPE, shape (m,)
-            Of the last windows, with fewer windows after them than the settings ask for; m is 0
-            without a delay.
+            Matches of the last windows, which fewer windows than the delay follow; m is 0 without
+            a delay.
         """
         return _joined(self.run.finish())
 
@@ -889,23 +888,24 @@ class Localiser:
     ) -> npt.NDArray[np.void]:
         """Advance the time to `time_us` and take a reading of the robot's odometer.
 
-        The distance since the window before then decides the costs of moves. Give at least one
-        reading in each window, better ten. A window without one uses the costs of the settings.
+        The distance since the previous window then determines the costs of steps. Give at least one
+        reading per window, better ten; a window without a reading uses the costs of the settings.
 
         Parameters
         ----------
         time_us : int
-            Of the reading; not earlier than the last event. Events of the same time come before it.
+            Time of the reading, not earlier than the last event. Events of the same time come
+            first.
         distance_m : float
-            Metres driven, from any zero; it falls where the robot drives backwards.
+            Driven metres, from any zero; it decreases when the robot drives backwards.
         checked : bool
-            Leave out leaps, and readings of an odometer that cannot be right (`odometer_check`);
-            else the matches are to the bit those of a recording with the same readings.
+            Whether to ignore leaps and implausible readings (`odometer_check`). Without, the
+            matches equal those of a recording with the same readings to the bit.
 
         Returns
         -------
         ndarray of MATCH_DTYPE, shape (m,)
-            Matches of the ticks until then.
+            Matches scheduled by then.
         """
         run = self.run
         if not isinstance(run, FilterRun):
@@ -926,16 +926,16 @@ class Localiser:
 
     @property
     def odometer_check(self) -> OdometerCheck | None:
-        """What has been found out about the odometer; None of sequences."""
+        """Findings about the odometer; None with sequences."""
         return self.run.odometer_check if isinstance(self.run, FilterRun) else None
 
     def skip_ticks(self, until_us: int) -> None:
-        """Skip the ticks of the schedule before `until_us`, except the last one.
+        """Skip the times of the schedule before `until_us`, except the last one.
 
         Parameters
         ----------
         until_us : int
-            Time that `update` or `advance` reaches next.
+            Next time that `update` or `advance` reaches.
         """
         interval = self.every.interval_us
         if interval:
@@ -948,7 +948,7 @@ class Localiser:
         Parameters
         ----------
         counts : ndarray of int, shape (J,)
-            Its descriptor, in codes where the localiser has a code.
+            Its descriptor, in codes if the localiser has a code.
 
         Returns
         -------
@@ -961,19 +961,14 @@ class Localiser:
         return len(self) - 1
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Save the map and the state, so that `load` continues exactly from here.
+        """Save the map and the state, from which `load` continues exactly.
 
         Parameters
         ----------
         path : path
             An ``.npz`` file, written atomically.
         overwrite : bool
-            Replace a file that exists, such as an earlier state.
-
-        Raises
-        ------
-        UsageError
-            If it exists and may not be replaced, or cannot be written.
+            Replace an existing file.
         """
         run, reference = self.run, self._reference
         arrays = map_arrays(reference) | run.to_arrays()
@@ -989,7 +984,7 @@ class Localiser:
 
     @classmethod
     def load(cls, path: str | Path, *, check_every: int = 0) -> Localiser:
-        """Load a localiser that `save` wrote, and continue from there.
+        """Load a localiser from a file of `save`.
 
         Raises
         ------
@@ -1013,7 +1008,7 @@ class Localiser:
         Raises
         ------
         EdgeVprError
-            If anything differs, which no sequence of events can bring about.
+            If anything differs, which indicates a fault of edge-vpr.
         """
         self.run.verify()
 
@@ -1028,12 +1023,12 @@ def _joined(found: Found) -> npt.NDArray[np.void]:
 
 
 class OdometryFeed:
-    """Feeds a localiser in time order; at the same time, events come before readings.
+    """Feeds events and readings to a localiser in time order; at equal times, events come first.
 
     Parameters
     ----------
     odometry : Odometry, optional
-        Without it, only the events are fed.
+        Without it, only events are fed.
     """
 
     def __init__(self, localiser: Localiser, odometry: Odometry | None = None) -> None:
@@ -1075,7 +1070,7 @@ class OdometryFeed:
 
 
 def map_arrays(reference: MapRecord) -> Arrays:
-    """Return the arrays of a map that `searched_map` needs, without the places, for an archive."""
+    """Return the arrays of a map for `searched_map`, without the places."""
     arrays = present(
         pixel_x=reference.pixel_map.x,
         pixel_y=reference.pixel_map.y,
@@ -1118,7 +1113,7 @@ def searched_map(arrays: Arrays, meta: Mapping[str, Any]) -> MapRecord:
     )
 
 
-# Sizes that the kernels can take.
+# Limits of the kernels.
 
 
 #: Largest number of counters of all windows of a sequence: 128 MB in the kernels.
@@ -1128,12 +1123,12 @@ MAX_COMPARISONS = 1 << 36
 
 
 def check_extent(places: int, counters: int, length: int, recent: int, window: Window) -> None:
-    """Refuse sizes that would overflow the kernels' integers, or take too much memory or time.
+    """Refuse sizes that would overflow the kernels' integers, or need too much memory or time.
 
     Parameters
     ----------
     places, counters, length, recent : int
-        K, J (or 2 J), L, and the newest places that are left out.
+        K, J (2 J with polarity), L, and the number of newest places that are not searched.
     """
     if type(recent) is not int or recent < 0 or places < length + recent:
         raise UsageError(
