@@ -223,7 +223,7 @@ def _aligned_by_matching(
     Windows that overlap are aligned as several drives, each of windows that do not.
     """
     asked = {
-        "matching": "filter", "smooth": True, "query_mean": "own", "precision": None,
+        "matching": "filter", "smooth": True, "precision": None,
         "stays_on_map": False,  # a drive to be learnt may leave the route
     }  # fmt: skip
     matching = reference.matched_with(reference.settings.replaced(asked, "alignment"))

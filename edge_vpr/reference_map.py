@@ -371,8 +371,7 @@ class ReferenceMap(MapRecord):
 
     def causal(self) -> Self:
         """Return the map with settings that need no windows after the one to match."""
-        settings = replace(self.settings, query_mean="running", smooth=False)
-        return self.matched_with(settings)
+        return self.matched_with(replace(self.settings, smooth=False))
 
     def _opened(self, recording: AnyRecording) -> EventSource | WindowSource:
         """Open a recording of the camera of the map; events in memory are from its sensor."""

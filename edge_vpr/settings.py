@@ -38,9 +38,7 @@ CODES: tuple[str, ...] = get_args(CounterCodeName)
 CounterScaling = Literal["shared", "per-pixel", "own-mean", "contrast"]
 #: scalings of logarithms less a mean, whose codes have no fixed table
 OWN_MEAN_SCALINGS: tuple[CounterScaling, ...] = ("own-mean", "contrast")
-QueryMean = Literal["auto", "own", "running"]
 Matching = Literal["sequence", "filter"]
-Anchor = Literal["middle", "end"]
 Score = Literal["distance", "ratio", "margin", "trust"]
 
 
@@ -135,8 +133,6 @@ class SettingField:
         Description of the allowed values; if empty, it is made from the range of a number.
     needs : (str, tuple of str), optional
         Name of another setting, and those of its values with which this setting has an effect.
-    zero_is_none : bool
-        Whether 0 in a file or a flag means None, as in older files.
     """
 
     help: str
@@ -160,7 +156,6 @@ class SettingField:
     valid: Callable[[Any], bool] | None = None
     expected: str = ""
     needs: tuple[str, tuple[str, ...]] | None = None
-    zero_is_none: bool = False
 
     def of(self, name: str, hint: Any, default: Any) -> SettingField:
         """Return the record of the attribute `name` with its type and its default."""
@@ -219,8 +214,6 @@ class SettingField:
         """
         if isinstance(given, list) and self.kind is tuple:
             return tuple(given)
-        if self.zero_is_none and type(given) in (int, float) and given == 0:
-            return None
         if not isinstance(given, str):
             return given
         if given in self.words:
@@ -363,7 +356,6 @@ _WINDOWS = _group(
         metavar="R",
         words={"auto": None},
         above=0,
-        zero_is_none=True,
         needs=("window", ("count",)),
     ),
     places_per_window=SettingField(
@@ -378,7 +370,6 @@ _WINDOWS = _group(
         "and for fewer than 20 count frames per window.",
         needs=_FILTER,
     ),
-    keep_incomplete=SettingField(help="keep an incomplete last window"),
 )
 _COUNTERS = _group(
     "counters",
@@ -389,7 +380,6 @@ _COUNTERS = _group(
         words={"none": None},
         least=1,
         most=MAX_FULL_SCALE,
-        zero_is_none=True,
         more="Pixels are selected by the clipped counts too.",
     ),
     counter_code=SettingField(
@@ -398,15 +388,6 @@ _COUNTERS = _group(
     ),
     counter_bits=SettingField(
         help="bits per code", metavar="B", least=1, most=MAX_BITS, needs=_CODE
-    ),
-    counter_full_scale=SettingField(
-        help="count that gets the largest code; auto: one that suits the code",
-        metavar="N",
-        words={"auto": None},
-        least=1,
-        most=MAX_FULL_SCALE,
-        zero_is_none=True,
-        needs=_CODE,
     ),
     counter_scaling=SettingField(
         help="how counts are normalised: by one range for all pixels (shared); by each pixel's "
@@ -418,12 +399,6 @@ _COUNTERS = _group(
 )
 _MATCHING = _group(
     "matching",
-    query_mean=SettingField(
-        help="mean that own-mean and contrast codes subtract in a query: of the whole drive (own), "
-        "or running, as on a robot; auto: running with the place filter and no smoothing, else own",
-        more="Live and online matching always use the running one.",
-        needs=("counter_scaling", OWN_MEAN_SCALINGS),
-    ),
     matching=SettingField(
         help="match with the place filter, or by sequences of windows (the paper)",
         more="See docs/place_filter.md.",
@@ -454,21 +429,10 @@ _MATCHING = _group(
         least=1,
         needs=_SEQUENCE,
     ),
-    anchor=SettingField(
-        help="which window of a sequence its match is for: the middle one or the last (end)",
-        needs=_SEQUENCE,
-    ),
     exclusion=SettingField(
         help="exclusion zone: the second-best place lies more than R places away from the best",
         metavar="R",
         more="With two places per window, R counts windows.",
-    ),
-    score=SettingField(
-        help="score by which an evaluation accepts matches; auto: trust with the place filter, "
-        "ratio with sequences",
-        words={"auto": None},
-        more="distance: of the best place (the paper). ratio: best distance divided by the "
-        "second-best. margin: second-best less best. trust: see docs/trust.md.",
     ),
     precision=SettingField(
         help="mark matches as lost so that a share P of the others, such as 0.99, is expected to "
@@ -477,7 +441,6 @@ _MATCHING = _group(
         words={"none": None},
         above=0,
         below=1,
-        zero_is_none=True,
         more="How well this holds: docs/trust.md.",
     ),
     stays_on_map=SettingField(
@@ -531,20 +494,15 @@ class Settings:
     clip: int | None = None
     counter_code: CounterCodeName | str = "none"
     counter_bits: int = 3
-    counter_full_scale: int | None = None
     counter_scaling: CounterScaling = "shared"
-    query_mean: QueryMean = "auto"
     remove_hot_pixels: bool = True
     remove_bursts: bool = True
-    keep_incomplete: bool = False
     matching: Matching = "sequence"
     filter_restart: int = 16
     smooth: bool = False
     delay: int = 0
     sequence_length: int = 5
-    anchor: Anchor = "middle"
     exclusion: int = 3
-    score: Score | None = None
     precision: float | None = None
     stays_on_map: bool = False
 
@@ -605,10 +563,18 @@ class Settings:
 
     @property
     def running_mean(self) -> bool:
-        """Whether codes of a query subtract a running mean, which needs no later windows."""
-        if self.query_mean == "auto":
-            return self.matching == "filter" and not self.smooth
-        return self.query_mean == "running"
+        """Whether own-mean codes of a query subtract a running mean, as on a robot.
+
+        Smoothed drives and sequences subtract the mean of the whole query drive.
+        """
+        return self.matching == "filter" and not self.smooth
+
+    @property
+    def score(self) -> Score:
+        """Score by which an evaluation accepts matches if none is named."""
+        if self.matching == "filter":
+            return "trust"
+        return "distance" if self.counter_code in ("none", "linear") else "ratio"
 
     @property
     def of_map(self) -> dict[str, Any]:
@@ -652,7 +618,6 @@ class Settings:
         wanted: dict[str, tuple[bool, str]] = {
             "polarity": (not self.polarity, "false"),
             "clip": (not self.clip, "none"),
-            "counter_full_scale": (not self.counter_full_scale, "auto"),
             "window": (not filters or self.window == "time", "time"),
         }
         if filters:
@@ -686,7 +651,7 @@ class Settings:
         from fixedpoint.own_mean import OwnMeanCode
 
         contrast = self.counter_scaling == "contrast"
-        return OwnMeanCode(self.counter_bits, self.counter_full_scale or 0, contrast)
+        return OwnMeanCode(self.counter_bits, contrast=contrast)
 
     @property
     def shared_code(self) -> CounterCode | None:
@@ -697,9 +662,7 @@ class Settings:
         from fixedpoint.codes import CounterCode
 
         if self.counter_code != "none":
-            full_scale = self.counter_full_scale or 0
-            kind = cast("CodeKind", self.counter_code)
-            return CounterCode(kind, self.counter_bits, full_scale)
+            return CounterCode(cast("CodeKind", self.counter_code), self.counter_bits)
         return CounterCode.saturating(self.clip) if self.clip else None
 
     @property
@@ -724,12 +687,6 @@ class Settings:
             raise UsageError(
                 f"setting clip = {self.clip} with counter_code = {self.counter_code}: only one of "
                 "them can be used; set clip or counter_code to none"
-            )
-        if self.counter_scaling == "per-pixel" and self.counter_full_scale:
-            raise UsageError(
-                f"setting counter_full_scale = {self.counter_full_scale} with counter_scaling = "
-                "per-pixel, which takes the full scale of each pixel from the reference: set "
-                "counter_full_scale to auto"
             )
         if self.counter_scaling not in OWN_MEAN_SCALINGS:
             return
@@ -843,14 +800,14 @@ def values_by_name(values: Mapping[str, Any], source: str) -> dict[str, Any]:
 
 _BEST = Settings(
     places_per_window=None, matching="filter", smooth=True, counter_code="log",
-    counter_scaling="contrast", anchor="end",
+    counter_scaling="contrast",
 )  # fmt: skip
 
 PRESETS: Mapping[str, Settings] = {
     # chosen on the real drives and on simulated streets, see docs/place_filter.md
     "default": _BEST,
     # windows of a fixed time, counts and sequences, as in the paper
-    "paper": Settings(score="distance"),
+    "paper": Settings(),
     # the settings of the code that the authors released: saliency by mean, no two pixels within
     # 7 px, counts clipped at 10, L = 10, 100 pixels, no cleaning
     "seed-code": Settings(
@@ -861,7 +818,6 @@ PRESETS: Mapping[str, Settings] = {
         remove_bursts=False,
         sequence_length=10,
         exclusion=2,  # the released code excludes |k - best| < 3
-        score="distance",
     ),
     "tiny": replace(_BEST, pixels=25),
 }

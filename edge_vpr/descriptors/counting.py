@@ -354,14 +354,10 @@ class DescriptorStream:
 
     def finish(self) -> Descriptors:
         """Return the incomplete last window, if it has events."""
-        return collect(self.last(), self._counts.size)
-
-    def last(self) -> Iterator[WindowCounts]:
-        """Yield the incomplete last window, if it has events."""
-        if self._events:
-            # the end of a fixed-time window does not belong to it
-            end = self._last + 1 if isinstance(self._window, FixedTime) else self._last
-            yield self._take(self._start, end)
+        # the end of a fixed-time window does not belong to it
+        end = self._last + 1 if isinstance(self._window, FixedTime) else self._last
+        last = [self._take(self._start, end)] if self._events else []
+        return collect(iter(last), self._counts.size)
 
     def _fixed_time(self, events: Events, tau: int) -> Iterator[WindowCounts]:
         t = events["t"]
@@ -680,8 +676,6 @@ def event_windows(
     """
     for events in cleaned(recording, settings, removed):
         yield from stream.windows(events)
-    if settings.keep_incomplete:
-        yield from stream.last()
 
 
 # The windows of a drive, counted.
@@ -752,7 +746,7 @@ def count_places(
     pieces = count_windows(
         recording, pixel_map, settings.replaced(part, "parts of a window"), removed
     )
-    found = overlapping(pieces, number, keep_incomplete=settings.keep_incomplete)
+    found = overlapping(pieces, number)
     if len(found) == 0:
         raise too_short(window_of(settings))
     return found

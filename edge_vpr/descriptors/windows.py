@@ -168,24 +168,22 @@ class Descriptors(EqualByValue):
         return self.start_us + (self.end_us - self.start_us) // 2
 
 
-def overlapping(pieces: Descriptors, number: int, *, keep_incomplete: bool = False) -> Descriptors:
-    """Return the windows of `number` successive pieces each, one from each piece on.
+def overlapping(pieces: Descriptors, number: int) -> Descriptors:
+    """Return the windows of `number` successive pieces each, starting at each piece.
 
     Parameters
     ----------
     pieces : Descriptors
-        n of them, with counts and not codes.
-    keep_incomplete : bool
-        Return the last windows too, which have fewer pieces.
+        n pieces of counts, not codes.
 
     Returns
     -------
     Descriptors
-        n - number + 1 of them, or none; n if the last ones are kept.
+        n - number + 1 windows, or none.
     """
     n = len(pieces)
-    first = np.arange(n if keep_incomplete else max(n - number + 1, 0))
-    last = np.minimum(first + number, n) - 1
+    first = np.arange(max(n - number + 1, 0))
+    last = first + number - 1
 
     def summed(values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
         total = np.zeros((n + 1, *values.shape[1:]), dtype=np.int64)

@@ -314,8 +314,8 @@ def evaluate(
     truth : GroundTruth
         Over all K places of the map and all query windows.
     score : {"distance", "ratio", "margin", "trust"}, optional
-        What the threshold of the precision-recall curve is on. By default what the settings say,
-        else the trust of the place filter, and the ratio of sequences.
+        Score of the thresholds of the precision-recall curve. By default the trust of the place
+        filter, and of sequences the distance, or the ratio with codes other than linear ones.
     recall_denominator, thresholds
         As for `precision_recall`.
     """
@@ -333,9 +333,7 @@ def evaluate(
         raise GroundTruthError(
             "the truth is known for none of the matched queries: check that it covers their time"
         )
-    if score is None:
-        chosen = matches.settings.score
-        score = chosen or ("trust" if matches.settings.matching == "filter" else "ratio")
+    score = score or matches.settings.score
     if score not in get_args(Score):
         raise UsageError(f"score {score!r} is unknown: choose from {', '.join(get_args(Score))}")
     correct = truth.correct[matches.place, matches.query] & evaluated

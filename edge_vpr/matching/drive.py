@@ -36,7 +36,7 @@ from edge_vpr.matching.place_filter import (
     runs,
 )
 from edge_vpr.route import Odometry
-from edge_vpr.settings import Anchor, Settings
+from edge_vpr.settings import Settings
 
 # The place filter over a recorded drive: immediately, some windows late, or by the whole drive.
 
@@ -355,26 +355,13 @@ def check_length(length: int, places: int, queries: int) -> None:
         )
 
 
-def anchor_offset(length: int, anchor: Anchor) -> int:
-    """Return the window of a sequence that its match belongs to.
+def middle_window(length: int) -> int:
+    """Return the index of the window of a sequence that a recorded match belongs to.
 
-    Parameters
-    ----------
-    length : int
-        L, in windows.
-    anchor : {"middle", "end"}
-        ``middle`` for evaluation offline, ``end`` (the newest window) for use online.
-
-    Returns
-    -------
-    int
-        Index within the sequence: ``L // 2`` or ``L - 1``.
+    Live and on devices, the match belongs to the newest window, ``length - 1``: the matches are
+    equal but for this shift of windows and places.
     """
-    if anchor == "middle":
-        return length // 2
-    if anchor == "end":
-        return length - 1
-    raise UsageError(f"sequence anchor {anchor!r}: expected middle or end")
+    return length // 2
 
 
 # Matches by sequences, from sums of distances.
@@ -412,7 +399,7 @@ def sequence_matches(
     Parameters
     ----------
     settings : Settings
-        `sequence_length` and `anchor` say which window a sequence's match belongs to.
+        Settings of the matches.
     places : int
         K.
     query_us : ndarray of int64, shape (Q,)
@@ -423,7 +410,7 @@ def sequence_matches(
     best, best_sum, second, second_sum, ties, candidates = (
         np.concatenate(column) for column in zip(*parts, strict=True)
     )
-    offset = anchor_offset(settings.sequence_length, settings.anchor)
+    offset = middle_window(settings.sequence_length)
     query = np.arange(len(best), dtype=np.int64) + offset
     trust = margin_to_second(best_sum, second_sum)
     misfit = np.full(trust.shape, NO_MISFIT, dtype=np.int64)
@@ -503,8 +490,8 @@ def match_descriptors(
     Returns
     -------
     Matches
-        Of all Q windows by the filter; by sequences, of the Q - L + 1 windows in the middle (or at
-        the end) of a whole sequence.
+        Of all Q windows by the filter; by sequences, of the Q - L + 1 windows in the middle of a
+        whole sequence.
     """
     expect(settings, Settings, "settings", "Settings, as of a map or of resolve_settings")
     check_counts(places, queries)
@@ -638,7 +625,7 @@ def drive_distances(
     check_length(length, len(places), len(queries))
     distances = index.matrix(queries.counts)
     inside = np.zeros(out.shape, dtype=np.int32)
-    before = anchor_offset(length, settings.anchor)
+    before = middle_window(length)
     for step in range(-before, length - before):
         # D[k + step, q + step] at [k, q], where both are in the matrix
         k, q = (slice(max(0, -step), n - max(0, step)) for n in out.shape)

@@ -257,7 +257,7 @@ def test_a_table_travels_with_its_map_and_with_the_state_of_a_localiser(tmp_path
 
 def test_a_table_is_not_used_with_settings_that_give_trust_another_scale():
     reference = a_map(COUNTED, confidence=table((0, 0.25, 8)))
-    other_query = reference.settings.replaced({"query_mean": "running"}, "test")
+    other_query = reference.settings.replaced({"stays_on_map": True}, "test")
     assert reference.matched_with(other_query).confidence is reference.confidence
     for changes in ({"filter_restart": 9}, {"exclusion": 1}, {"matching": "sequence"}):
         changed = reference.settings.replaced(changes, "test")
@@ -269,7 +269,7 @@ OF_TRUST = {
     "matching": "sequence", "filter_restart": 9,
     "smooth": False, "delay": 2, "exclusion": 1, "sequence_length": 9,
 }  # fmt: skip
-NOT_OF_TRUST = {"query_mean", "anchor", "score", "precision", "stays_on_map"}
+NOT_OF_TRUST = {"precision", "stays_on_map"}
 
 
 def test_every_setting_of_matching_changes_the_scale_of_the_trust_or_is_known_not_to():

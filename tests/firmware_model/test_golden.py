@@ -456,15 +456,15 @@ def same_as_the_pipeline(folder, map_file, query) -> int:
     reference = ReferenceMap.load(map_file)
     arrays = np.load(folder / "recording" / "drive" / "case.npz")
     recording = open_recording(query)
-    device = replace(reference.settings, query_mean="running", smooth=False)
+    device = replace(reference.settings, smooth=False)
     reference = replace(reference, settings=device)
     found = describe_query(reference, recording)
     windows = arrays["expected_windows"]
     assert 0 < len(windows) <= len(found)
     assert np.array_equal(windows, found.counts[: len(windows)])
     matches = match_descriptors(reference.places, found, device)
-    length, anchor = device.windows_per_match, device.anchor
-    end = length - 1 - length // 2 if anchor == "middle" and length > 1 else 0
+    length = device.windows_per_match
+    end = length - 1 - length // 2  # from the middle window of a sequence to the newest
     for row, i in zip(arrays["expected_matches"].tolist(), range(len(matches)), strict=False):
         assert row[0] == matches.query[i] + end
         assert row[1] == matches.place[i] + end and row[2] == matches.distance_sum[i]

@@ -97,15 +97,11 @@ def test_a_map_equals_the_oracle_from_events_to_descriptors(
 
 
 @pytest.mark.parametrize("window", ["time", "count"])
-@pytest.mark.parametrize("keep_incomplete", [False, True])
 @pytest.mark.parametrize("scaling", ["shared", "per-pixel", "own-mean", "contrast"])
-def test_every_second_place_at_half_windows_is_one_of_whole_windows(
-    tmp_path, window, keep_incomplete, scaling
-):
+def test_every_second_place_at_half_windows_is_one_of_whole_windows(tmp_path, window, scaling):
     """Of the codes, too: their means and scales are those of windows that do not overlap."""
     changes = {
-        "window": window, "keep_incomplete": keep_incomplete, "matching": "filter",
-        "counter_code": "log", "counter_scaling": scaling, "query_mean": "running",
+        "window": window, "matching": "filter", "counter_code": "log", "counter_scaling": scaling,
     }  # fmt: skip
     events = busy_drive(np.random.default_rng(5), 900)
     drive = Drive(events, SENSOR)
@@ -205,9 +201,9 @@ def test_a_drive_matched_against_its_own_map_finds_each_place():
 
 CODED = [
     {"counter_code": "linear", "counter_bits": 2},
-    {"counter_code": "sqrt", "counter_bits": 4, "counter_full_scale": 9},
+    {"counter_code": "sqrt", "counter_bits": 4},
     {"counter_code": "log", "counter_bits": 3},
-    {"counter_code": "log", "counter_bits": 9, "counter_full_scale": 700},
+    {"counter_code": "log", "counter_bits": 9},
     {"counter_code": "log", "counter_bits": 2, "counter_scaling": "per-pixel"},
 ]
 
@@ -236,8 +232,8 @@ def test_a_coded_map_has_the_pixels_of_the_plain_one_and_the_codes_of_its_counts
         scales = [naive.usual_full_scale(column) for column in columns]
         assert found.full_scale.tolist() == scales
     else:
-        default = {"linear": 2**bits - 1, "log": 127}
-        scales = [coded.counter_full_scale or default[kind]] * len(columns)
+        default = {"linear": 2**bits - 1, "sqrt": 63, "log": 127}
+        scales = [default[kind]] * len(columns)
         assert found.full_scale is None
     expected = [
         [naive.counter_code(kind, bits, scale, count) for count in column]
@@ -291,7 +287,7 @@ def test_the_full_scales_of_the_map_cannot_be_forgotten():
 def test_n_from_the_reference_is_what_a_window_of_tau_holds_on_average():
     events = random_events(np.random.default_rng(2), 5_000, SENSOR, 2_000_000)
     by_time = ReferenceMap.build(Drive(events, SENSOR), SMALL)
-    chosen = SMALL.replaced({"window": "count", "events_per_pixel": 0.0}, "test")
+    chosen = SMALL.replaced({"window": "count", "events_per_pixel": None}, "test")
     by_count = ReferenceMap.build(Drive(events, SENSOR), chosen)
     mean = by_time.places.counts.sum() / len(by_time)
     assert by_count.pixel_map == by_time.pixel_map
@@ -340,7 +336,7 @@ def test_an_empty_recording_is_wrong_use():
 
 def test_clipping_changes_neither_the_events_of_a_window_nor_the_hot_pixels():
     events = busy_drive(np.random.default_rng(0))
-    chosen = SMALL.replaced({"window": "count", "events_per_pixel": 0.0}, "test")
+    chosen = SMALL.replaced({"window": "count", "events_per_pixel": None}, "test")
     chosen = chosen.replaced({"strategy": "random"}, "test")
     whole = ReferenceMap.build(Drive(events, SENSOR), chosen)
     clipped = ReferenceMap.build(Drive(events, SENSOR), chosen.replaced({"clip": 1}, "test"))

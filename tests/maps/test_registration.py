@@ -54,7 +54,7 @@ def seen(world, dx, dy):
 
 @pytest.mark.parametrize("shift", [(0, 0), (1, 0), (-2, 3), (3, -3)])
 @pytest.mark.parametrize("changes", [{}, {"counter_code": "log", "counter_scaling": "own-mean",
-                                          "matching": "filter", "anchor": "end"}])  # fmt: skip
+                                          "matching": "filter"}])  # fmt: skip
 def test_the_shift_is_found_and_the_matches_are_as_without_it(shift, changes):
     rng = np.random.default_rng(3)
     world = scenes(rng)

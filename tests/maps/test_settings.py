@@ -44,18 +44,12 @@ def test_settings_come_back_from_plain_values():
         ({"sigma": float("nan")}, "sigma = nan"),
         ({"strategy": "best"}, "choose from variance"),
         ({"window": "space"}, "choose from time, count"),
-        ({"anchor": "start"}, "choose from middle, end"),
         ({"counter_code": "cubic"}, "choose from none, linear, sqrt, log"),
         ({"counter_scaling": "mine"}, "choose from shared, per-pixel"),
         ({"counter_code": "log", "counter_bits": 17}, "counter_bits = 17: expected 1 to 16"),
         ({"counter_bits": 0}, "counter_bits = 0: expected 1 to 16"),
-        ({"counter_code": "log", "counter_full_scale": 65536}, "expected 1 to 65535"),
         ({"clip": 65536}, "expected 1 to 65535"),
         ({"clip": 10, "counter_code": "log"}, "set clip or counter_code to none"),
-        (
-            {"counter_code": "log", "counter_scaling": "per-pixel", "counter_full_scale": 9},
-            "set counter_full_scale to auto",
-        ),
         ({"events_per_pixel": 0.001}, "windows without events"),
         ({"places_per_window": 3}, "places_per_window = 3: expected 1 to 2"),
         ({"places_per_window": 2}, "sequences compare one place per window; set matching to"),
@@ -84,10 +78,10 @@ def test_a_missing_file_and_an_unknown_preset_are_wrong_use(tmp_path):
 def test_the_flags_of_a_counter_code_reach_the_settings():
     parser = argparse.ArgumentParser()
     add_map_flags(parser)
-    flags = "--counter-code log --counter-bits 4 --counter-full-scale 63 --counter-scaling shared"
+    flags = "--counter-code log --counter-bits 4 --counter-scaling shared"
     found = map_settings(parser.parse_args(flags.split()))
-    assert (found.counter_code, found.counter_bits) == ("log", 4)
-    assert (found.counter_full_scale, found.counter_scaling) == (63, "shared")
+    found = found.counter_code, found.counter_bits, found.counter_scaling
+    assert found == ("log", 4, "shared")
     assert map_settings(parser.parse_args([])) == PRESETS["default"]
 
 
@@ -102,23 +96,19 @@ ALL_FLAGS = {  # a value other than the preset's, as the flag takes it
     "clip": "9",
     "counter_code": "linear",
     "counter_bits": "5",
-    "counter_full_scale": "31",
     "counter_scaling": "shared",
-    "query_mean": "running",
     "hot_pixels": "keep",
     "bursts": "keep",
     "matching": "sequence",
     "filter_restart": "20",
     "delay": "4",
     "sequence_length": "2",
-    "anchor": "middle",
     "exclusion": "1",
-    "score": "ratio",
     "precision": "0.9",
     "places_per_window": "2",
 }
 #: flags of two words, and what stands in a file where the default is the other
-SWITCHES = {"polarity": True, "keep_incomplete": True, "smooth": False, "stays_on_map": True}
+SWITCHES = {"polarity": True, "smooth": False, "stays_on_map": True}
 
 
 def by_flags(*words):
@@ -156,38 +146,24 @@ def test_a_switch_is_true_in_a_file(tmp_path, key):
 
 
 @pytest.mark.parametrize(
-    ("old", "flags"),
+    ("names", "flags"),
     [
         ("tau_us = 500_000", "--tau 500ms"),
         ("remove_hot_pixels = false", "--hot-pixels keep"),
         ("remove_bursts = false", "--bursts keep"),
-        ('preset = "seed-code"\nclip = 0', "--preset seed-code --clip none"),
-        ("counter_full_scale = 0", "--counter-full-scale auto"),
-        ('window = "count"\nevents_per_pixel = 0', "--window count --events-per-pixel auto"),
-        ('window = "count"\nevents_per_pixel = 0.0', "--window count --events-per-pixel 0"),
-        ("precision = 0.0", "--precision none"),
     ],
 )
-def test_old_files_keep_their_meaning(tmp_path, old, flags):
-    assert by_file(tmp_path, old) == by_flags(*flags.split())
+def test_a_file_takes_the_names_of_attributes_too(tmp_path, names, flags):
+    assert by_file(tmp_path, names) == by_flags(*flags.split())
 
 
-@pytest.mark.parametrize(
-    ("mean", "running"),
-    [("auto", [False, False, True]), ("own", [False] * 3), ("running", [True] * 3)],
-)
-def test_the_mean_of_a_query_is_a_running_one_where_no_later_windows_are_known(mean, running):
+def test_the_mean_of_a_query_is_a_running_one_where_no_later_windows_are_known():
     matchings = ({"matching": "sequence"}, {"smooth": True}, {"smooth": False, "delay": 4})
-    found = [PRESETS["default"].replaced({**one, "query_mean": mean}, "") for one in matchings]
-    assert [one.running_mean for one in found] == running
+    found = [PRESETS["default"].replaced(one, "") for one in matchings]
+    assert [one.running_mean for one in found] == [False, False, True]
 
 
-def test_settings_of_an_old_map_keep_their_meaning():
-    old = Settings().to_dict() | {"clip": 0, "counter_full_scale": 0, "precision": 0.0}
-    assert Settings.from_dict(old) == Settings()
-
-
-@pytest.mark.parametrize("name", ["clip", "counter_full_scale", "events_per_pixel", "precision"])
+@pytest.mark.parametrize("name", ["clip", "events_per_pixel", "precision"])
 def test_none_and_not_zero_stands_for_what_is_absent(name):
     assert getattr(Settings(**{name: None}), name) is None
     with pytest.raises(UsageError, match=f"{name} = 0: expected"):
@@ -220,7 +196,7 @@ def test_the_docstring_has_every_attribute():
 
 
 def test_a_word_of_a_setting_of_words_is_read_as_what_it_means():
-    assert Settings(score="ratio").replaced({"score": "auto"}, "a file").score is None
+    assert Settings(clip=4).replaced({"clip": "none"}, "a file").clip is None
 
 
 @pytest.mark.parametrize(
@@ -247,8 +223,6 @@ def test_settings_belong_to_a_profile_or_say_what_to_change(preset, changes, pro
     wanted = dict(one.split(" = ") for one in asked)
     assert wanted
     # what it names is all that there is to change
-    values = {"false": False, "none": None, "auto": None}
-    if "clip" in wanted:
-        values["none"] = 0
+    values = {"false": False, "none": None}
     named = {name: values.get(value, value) for name, value in wanted.items()}
     assert found.replaced(named, "the test").profile in ("robot", "paper")

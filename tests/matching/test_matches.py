@@ -29,23 +29,22 @@ from edge_vpr.settings import Settings
     pixels=st.integers(1, 6),
     largest=st.sampled_from([1, 3, 300]),
     exclusion=st.integers(0, 5),
-    anchor=st.sampled_from(["middle", "end"]),
     block=st.sampled_from([1, 100, 10_000]),
     data=st.data(),
 )
 def test_matches_equal_the_oracle_in_blocks_of_any_size(
-    seed, places, queries, pixels, largest, exclusion, anchor, block, data
+    seed, places, queries, pixels, largest, exclusion, block, data
 ):
     rng = np.random.default_rng(seed)
     reference = rng.integers(0, largest + 1, (places, pixels))
     query = rng.integers(0, largest + 1, (queries, pixels))
     length = data.draw(st.integers(1, min(places, queries)))
-    settings = Settings(sequence_length=length, exclusion=exclusion, anchor=anchor)
+    settings = Settings(sequence_length=length, exclusion=exclusion)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(drive_matching, "_BLOCK_DISTANCES", block)
         found = match_descriptors(descriptors(reference), descriptors(query), settings)
 
-    offset = length // 2 if anchor == "middle" else length - 1
+    offset = length // 2
     sums = naive.sequence_sums(naive.distance_matrix(reference.tolist(), query.tolist()), length)
     assert found.query.tolist() == list(range(offset, offset + queries - length + 1))
     for i in range(len(found)):

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_vpr.errors import UsageError
-from edge_vpr.matching.drive import anchor_offset, sequence_sums
+from edge_vpr.matching.drive import sequence_sums
 
 
 @given(
@@ -29,17 +29,7 @@ def test_sums_beyond_32_bits_do_not_wrap():
     assert sequence_sums(distances, 3).tolist() == [[3 * (2**31 - 1)]]
 
 
-def test_a_match_belongs_to_the_middle_offline_and_to_the_newest_window_online():
-    assert [anchor_offset(n, "middle") for n in (1, 2, 5)] == [0, 1, 2]
-    assert [anchor_offset(n, "end") for n in (1, 2, 5)] == [0, 1, 4]
-
-
 @pytest.mark.parametrize("length", [0, 4])
 def test_a_sequence_that_does_not_fit_is_wrong_use(length):
     with pytest.raises(UsageError, match="sequence length"):
         sequence_sums(np.zeros((3, 5), dtype=np.int32), length)
-
-
-def test_an_unknown_anchor_is_wrong_use():
-    with pytest.raises(UsageError, match="expected middle or end"):
-        anchor_offset(5, "start")

@@ -29,7 +29,7 @@ from firmware_model.specification_drive import running_misfits, typical_distance
 EXAMPLES = 10 if config.DISABLE_JIT else 40
 CODES = [
     {},
-    {"counter_code": "log", "counter_bits": 3, "counter_full_scale": 7},
+    {"counter_code": "log", "counter_bits": 3},
     {"counter_code": "log", "counter_scaling": "own-mean"},
     {"counter_code": "log", "counter_scaling": "contrast"},
 ]
@@ -37,9 +37,9 @@ CODES = [
 
 def map_of(counts, **changes):
     figures = np.zeros((SENSOR.height, SENSOR.width))
-    chosen = Settings(
-        pixels=len(PIXELS), remove_bursts=False, matching="filter", query_mean="running"
-    ).replaced(changes, "test")
+    chosen = Settings(pixels=len(PIXELS), remove_bursts=False, matching="filter").replaced(
+        changes, "test"
+    )
     counted = ReferenceMap(
         chosen.uncoded, PIXEL_MAP, descriptors(counts), figures.astype(np.float32), figures > 0
     )
@@ -83,7 +83,7 @@ def in_code(reference, counted):
     if chosen.counter_code == "none":
         return counted
     if chosen.counter_scaling == "shared":
-        code = partial(naive.counter_code, "log", chosen.counter_bits, chosen.counter_full_scale)
+        code = partial(naive.counter_code, "log", chosen.counter_bits, 127)
         return [list(map(code, row)) for row in counted]
     return running_codes(reference, counted, begin_of(reference))
 

@@ -90,7 +90,7 @@ def drives(tmp_path_factory):
 def prepared(adapter, drives, folder, more=None, **configured):
     baseline = adapter.EdgeVprBaseline()
     baseline.outdir = folder
-    settings = {"pixels": 5, "sigma": 1.0, "sequence_length": 2, "keep_incomplete": False}
+    settings = {"pixels": 5, "sigma": 1.0, "sequence_length": 2}
     baseline.baseline_config |= {
         "program": [sys.executable, "-m", "edge_vpr_tools.cli"], "settings": settings,
         **configured,

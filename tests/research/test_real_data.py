@@ -123,13 +123,16 @@ def test_sequences_on_the_brisbane_drives_are_the_oracles(shared_data, brisbane)
 def test_the_online_matches_of_a_walk_are_the_offline_ones_and_never_drift(walks):
     """Every window's end: the localiser says what the main job says; every event: it is exact."""
     settings = PRESETS["paper"].replaced(
-        {"sequence_length": 3, "anchor": "end", "remove_bursts": False, "window": "count"}, "test"
+        {"sequence_length": 3, "remove_bursts": False, "window": "count"}, "test"
     )
     reference = ReferenceMap.build(walks[0], settings)
     batch = reference.match(walks[1]).matches
     online = Localiser(reference, every=MatchSchedule.window(settings))
     found = np.concatenate([online.update(events) for events in walks[1]])
-    for name in ("place", "distance", "second", "second_distance"):
+    # of the newest window of a sequence, and of the middle one
+    assert np.array_equal(found["place"], batch.place + 1)
+    assert np.array_equal(found["second"], np.where(batch.second < 0, -1, batch.second + 1))
+    for name in ("distance", "second_distance"):
         assert np.array_equal(found[name], getattr(batch, name)), name
 
     every_event = Localiser(reference, check_every=1_000)

@@ -174,8 +174,7 @@ def test_the_default_among_rivals_is_the_default_of_a_map():
         ("place filter, recorded", {}), ("place filter, live", {"smooth": False}),
         ("place filter, 4 windows late", {"smooth": False, "delay": 4}),
     ):  # fmt: skip
-        live = {"query_mean": "running"} if changes else {}
-        expected = mapped.match(windows[1], **changes, **live).matches
+        expected = mapped.match(windows[1], **changes).matches
         found = ours.match(rivals.decoders(5)[name].settings, slice(None))
         assert np.array_equal(found.place, expected.place), name
         assert np.array_equal(found.trust, expected.trust), name

@@ -135,7 +135,7 @@ def test_defaults_in_the_help_are_those_of_the_preset(capsys):
     with pytest.raises(SystemExit):
         cli.main(["map", "--help-all"])
     shown = " ".join(capsys.readouterr().out.split())
-    for name in ("pixels", "strategy", "clip", "sequence_length", "anchor", "exclusion"):
+    for name in ("pixels", "strategy", "clip", "sequence_length", "exclusion"):
         value = getattr(PRESETS["default"], name)
         assert f"--{name.replace('_', '-')}" in shown
         assert f"(default: {SETTING_FIELDS[name].word(value)})" in shown

@@ -169,7 +169,6 @@ MAP = "map {d}/reference.npz -o {t}/map.npz"
         (f"{MATCH} {{d}}/results", 2, "exists: name another, or replace it"),
         ("match {d}/query.npz {d}/query.npz -o {t}/results", 1, "reference map"),
         (f"{MATCH} {{t}}/results --every 10ms", 2, "add --online"),
-        (f"{MATCH} {{t}}/results --online --anchor middle", 2, "leave --anchor out"),
         (f"{MATCH} {{t}}/results --matrix {{t}}/d.txt", 2, "does not end in .npy"),
         (f"{MAP} --pixels 999 --tau 100ms", 2, "pixels can be drawn and 999 were asked for"),
         (f"{MAP} --tau 1h", 2, "expected a time such as 1s"),
@@ -450,7 +449,7 @@ def test_by_default_the_place_filter_matches_offline_and_online_alike(drive, cap
     assert online.place.tolist()[: len(batch)] == batch.place.tolist()
     assert online.trust.tolist()[: len(batch)] == batch.trust.tolist()
     record = json.loads((live / "run.json").read_text())
-    assert record["settings"]["query_mean"] == "running"
+    assert record["settings"]["smooth"] is False
     truth = np.eye(batch.places_in_map, len(batch), dtype=np.uint8)
     np.save(tmp_path / "truth.npy", truth)
     arguments = ["evaluate", str(whole), "--ground-truth", str(tmp_path / "truth.npy")]

@@ -32,14 +32,11 @@ TABLE = (
 )
 SETTINGS = (
     "--preset tiny --config {f}/settings.toml --pixels 5 --strategy random --sigma 1.5 --seed 3 "
-    "--window count --tau 100ms --events-per-pixel 4 --polarity --keep-incomplete "
-    "--counter-code log --counter-bits 3 --counter-full-scale 9 --counter-scaling shared "
-    "--hot-pixels {f}/hot.txt --bursts keep --sequence-length 2 --anchor end --exclusion 1"
+    "--window count --tau 100ms --events-per-pixel 4 --polarity "
+    "--counter-code log --counter-bits 3 --counter-scaling shared "
+    "--hot-pixels {f}/hot.txt --bursts keep --sequence-length 2 --exclusion 1"
 )
-FILTER = (
-    "--matching filter --filter-restart 20 "
-    "--query-mean running --precision 0.5 --score auto --delay 0 --stays-on-map"
-)
+FILTER = "--matching filter --filter-restart 20 --precision 0.5 --delay 0 --stays-on-map"
 STREAM = "stream --port {f}/sent.bin --protocol evpr"
 PROFILE = "profile --map {f}/map.npz --recording {f}/query.npz --quick --window-s 0.1 --pairs 5"
 
@@ -59,7 +56,7 @@ RUNS = [
     ("convert {f}/query.h5 {f}/out.csv --sensor 16x12 --topic left --overwrite", 0),
     (f"map {{f}}/reference.npz -o {{f}}/map.npz {SMALL}", 0),
     (f"map {{f}}/reference.npz -o {{f}}/map.npz {SETTINGS} --overwrite", 0),
-    (f"map {{f}}/reference.npz -o {{f}}/map.npz {SMALL} --no-polarity --no-keep-incomplete "
+    (f"map {{f}}/reference.npz -o {{f}}/map.npz {SMALL} --no-polarity "
      "--clip 200 --places-per-window 1 --overwrite", 0),
     (f"map {{f}}/reference.npz -o {{f}}/filter_map.npz {FILTER} --pixels 5 --tau 100ms --sigma 1 "
      "--track {f}/track.csv --track-offset 0.1 --longest-gap 9 --odometry {f}/odometry.csv "
@@ -71,7 +68,7 @@ RUNS = [
      "--no-stays-on-map", 0),
     (f"map {{f}}/table.txt -o {{f}}/table_map.npz {SMALL} {TABLE} --smooth --overwrite", 0),
     (f"map {{f}}/query.h5 -o {{f}}/topic_map.npz --sensor 16x12 {SMALL} --topic left", 0),
-    ("match {f}/map.npz {f}/query.npz -o {f}/results -L 3 --anchor end --exclusion 1 "
+    ("match {f}/map.npz {f}/query.npz -o {f}/results -L 3 --exclusion 1 "
      "--figures png,pdf,svg --matrix {f}/distances.npy", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/results --no-figures --overwrite", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/online --online --every 50ms", 0),
@@ -108,7 +105,7 @@ RUNS = [
      "--max-age 2s "
      "--record {f}/raw.bin --json --baud 115200 --flow-control --on-overload wait --max-lag 1s",
      0),
-    (f"{STREAM} --map {{f}}/map.npz --once --log {{f}}/run.jsonl --overwrite -L 3 --anchor end "
+    (f"{STREAM} --map {{f}}/map.npz --once --log {{f}}/run.jsonl --overwrite -L 3 "
      "--exclusion 1", 0),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --odometry udp://127.0.0.1:0", 0),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --burst-filter causal {FILTER}", 0),
@@ -121,7 +118,7 @@ RUNS = [
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SETTINGS} --no-smooth "
      "--no-stays-on-map --places-per-window 2", 0),
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SMALL} --no-polarity "
-     "--no-keep-incomplete --clip 200 --overwrite", 0),
+     "--clip 200 --overwrite", 0),
     # 2: the viewer is an extra of 160 MB, which may not be installed
     ("bridge {f}/query.npz --port udp://127.0.0.1:9 --protocol evpr --speed 0 --baud 9600 "
      "--flow-control --faults drop=0.01 --seed 1", 0),
@@ -264,7 +261,7 @@ def folder(tmp_path_factory):
 
 def rows_of_codes(draw):
     for bits in (1, 3):
-        row = {"code": "logarithm", "bits": bits, "full scale": "learnt"}
+        row = {"code": "logarithm", "bits": bits}
         yield {**row, "P@100R": 0.5, "bytes per place": bits}
 
 

@@ -18,7 +18,7 @@ PLACES, WINDOWS, J = 641, 724, 150
 SMOOTHED = PRESETS["default"]
 FILTER = replace(SMOOTHED, smooth=False)
 DELAYED = replace(FILTER, delay=4)
-SEQUENCES = replace(FILTER, matching="sequence", score=None)
+SEQUENCES = replace(FILTER, matching="sequence")
 
 
 def drive(windows, seed):

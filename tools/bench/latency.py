@@ -66,7 +66,7 @@ def filtered() -> ReferenceMap:
     counted = scene(PLACES).reference
     chosen = counted.settings.replaced(
         {
-            "matching": "filter", "query_mean": "running",
+            "matching": "filter",
             "counter_code": "log", "counter_scaling": "contrast",
         },
         "latency",

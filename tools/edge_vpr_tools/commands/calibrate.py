@@ -67,7 +67,7 @@ def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> 
     if changed:
         taken = matches.settings.to_dict()
         of_map = reference.settings.to_dict()
-        kept = {name: of_map[name] for name in ("precision", "query_mean", "stays_on_map")}
+        kept = {name: of_map[name] for name in ("precision", "stays_on_map")}
         settings = reference.settings.replaced(taken | kept, "the matches")
         reference = replace(reference, settings=settings)
     before = found.reliability

@@ -206,8 +206,6 @@ def _match_online(
 
     if args.frames_as_windows:
         raise UsageError("--online needs events: leave --frames-as-windows out")
-    if args.anchor is not None:
-        raise UsageError("--online matches belong to the newest window: leave --anchor out")
     causal = reference.causal()
     every = args.every or ("window" if causal.settings.match_delay else "event")
     recording = open_from(args, args.recording, default_period=reference.frame_period)

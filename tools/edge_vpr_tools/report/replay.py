@@ -22,7 +22,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import local_metres
 from edge_vpr.files import replacing
 from edge_vpr.map_record import describe_query
-from edge_vpr.matching.drive import anchor_offset, query_distances
+from edge_vpr.matching.drive import middle_window, query_distances
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import MatchResult, ReferenceMap
 from edge_vpr.route import Odometry
@@ -249,7 +249,7 @@ def replay_of(
     cost = query_distances(asked, queries, odometry)
     settings = asked.settings
     if settings.matching == "sequence":  # places where a whole sequence does not fit never match
-        before = anchor_offset(settings.sequence_length, settings.anchor)
+        before = middle_window(settings.sequence_length)
         cost[:before] = np.nan
         cost[len(cost) - (settings.sequence_length - 1 - before) :] = np.nan
     window, row = _windows_of(matches, queries)

@@ -166,7 +166,7 @@ def match_distances(
     query_us : ndarray of int64, shape (Q,)
         Centres of the queries.
     settings : Settings
-        `sequence_length`, `anchor` and `exclusion` are used.
+        Only `sequence_length` and `exclusion` are used.
     """
     sums = sequence_sums(_whole(distances, _BITS), settings.sequence_length)
     found = BestSequences.of(sums, settings.exclusion)

@@ -214,11 +214,8 @@ def scrambled(pair: MappedPair, rng: np.random.Generator) -> dict[str, MappedPai
 
 #: settings of the matches that each table is for
 MATCHINGS: Mapping[str, Mapping[str, Any]] = {
-    **{
-        str(delay): {"smooth": False, "delay": delay, "query_mean": "running"}
-        for delay in LEARNT_DELAYS
-    },
-    SMOOTHED: {"smooth": True, "query_mean": "own"},
+    **{str(delay): {"smooth": False, "delay": delay} for delay in LEARNT_DELAYS},
+    SMOOTHED: {"smooth": True},
 }
 #: the one of live matches without delay
 AT_ONCE = "0"

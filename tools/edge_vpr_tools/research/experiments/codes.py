@@ -18,7 +18,6 @@ from edge_vpr_tools.research.experiments.plots import lines
 from fixedpoint.codes import packed_bytes
 
 BITS = (1, 2, 3, 4, 6, 8)
-FULL_SCALES = (15, 31, 63, 127, 255, 511)
 CODES: Mapping[str, Mapping[str, Any]] = {
     "saturating": {"counter_code": "linear"},
     "square root": {"counter_code": "sqrt"},
@@ -29,16 +28,12 @@ CODES: Mapping[str, Mapping[str, Any]] = {
 }
 
 
-def variants() -> dict[tuple[str, int, str | int], Mapping[str, Any]]:
-    """Return every code with every number of bits, and codes of 3 bits with every full scale."""
+def variants() -> dict[tuple[str, int], Mapping[str, Any]]:
+    """Return every code with every number of bits."""
     return {
-        (name, bits, "learnt"): {**code, "counter_bits": bits}
+        (name, bits): {**code, "counter_bits": bits}
         for name, code in CODES.items()
         for bits in BITS
-    } | {
-        (name, 3, scale): {**CODES[name], "counter_bits": 3, "counter_full_scale": scale}
-        for name in ("square root", "logarithm")
-        for scale in FULL_SCALES
     }
 
 
@@ -46,11 +41,10 @@ def measure(draw: Draw) -> Iterator[Row]:
     """Match a pair with every code."""
     pair: Pair = draw.pair
     mapped = pair.mapped(pair.drawn_with(draw.seed))
-    for (code, bits, scale), changes in variants().items():
+    for (code, bits), changes in variants().items():
         yield {
             "code": code,
             "bits": bits,
-            "full scale": scale,
             "P@100R": mapped.coded(changes).correct(),
             "bytes per place": packed_bytes(pair.settings.pixels, bits),
         }
@@ -58,10 +52,9 @@ def measure(draw: Draw) -> Iterator[Row]:
 
 def figure(rows: Rows) -> Figure:
     """Draw correct matches against bytes per place, for every code."""
-    learnt = [row for row in rows if row["full scale"] == "learnt"]
-    return lines(learnt, x="bytes per place", y="P@100R", line="code", log=True)
+    return lines(rows, x="bytes per place", y="P@100R", line="code", log=True)
 
 
 EXPERIMENT = Experiment(
-    drives=recorded_drives, names=("code", "bits", "full scale"), measure=measure, figure=figure
+    drives=recorded_drives, names=("code", "bits"), measure=measure, figure=figure
 )

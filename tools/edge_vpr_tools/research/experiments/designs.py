@@ -24,7 +24,7 @@ FIRST_SEED = 10
 def measure(draw: Draw) -> Iterator[Row]:
     """Match a pair live with designs of every size."""
     pair: Pair = draw.pair
-    live = {"smooth": False, "query_mean": "running", "seed": draw.seed}
+    live = {"smooth": False, "seed": draw.seed}
     for pixels in PIXELS:
         for number in (1, 2):
             changes = {"pixels": pixels, "places_per_window": number}

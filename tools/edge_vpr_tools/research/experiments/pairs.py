@@ -26,7 +26,7 @@ from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Events, Sensor
 from edge_vpr.map_record import coded_map
-from edge_vpr.matching.drive import anchor_offset, match_query
+from edge_vpr.matching.drive import match_query, middle_window
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
@@ -73,10 +73,10 @@ def inner_windows(truth: GroundTruth, longest: int) -> GroundTruth:
     Parameters
     ----------
     longest : int
-        Windows of the longest sequence, anchored as in the paper.
+        Windows of the longest sequence.
     """
     known = truth.known.copy()
-    before = anchor_offset(longest, PRESETS["paper"].anchor)
+    before = middle_window(longest)
     known[:before] = False
     known[len(known) - (longest - 1 - before) :] = False
     return replace(truth, correct=truth.correct & known, known=known)

@@ -27,7 +27,7 @@ STRATEGIES = {
 ALL = "all pixels"
 #: ways to match the pixels: sequences of counts, as in the paper, or the default for a robot
 PAPER, ROBOT = "sequences of counts (the paper)", "place filter, running mean (robot)"
-_ROBOT = {"smooth": False, "query_mean": "running"}
+_ROBOT = {"smooth": False}
 
 
 def measure(draw: Draw) -> Iterator[Row]:

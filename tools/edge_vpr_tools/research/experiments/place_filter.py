@@ -46,13 +46,12 @@ from edge_vpr_tools.research.experiments.plots import dots
 # Settings that the place filter is compared by.
 
 
-_FILTER = {"matching": "filter", "anchor": "end", "score": None}
+_FILTER = {"matching": "filter"}
 _SMOOTH = {"smooth": True}
-_LOG = {"counter_code": "log", "score": None}
+_LOG = {"counter_code": "log"}
 _OWN = {**_LOG, "counter_scaling": "own-mean"}
 _CONTRAST = {**_LOG, "counter_scaling": "contrast"}
-_DRIVE_MEAN = {"query_mean": "own"}
-_ROBOT = {**_FILTER, **_CONTRAST, "query_mean": "running"}
+_ROBOT = {**_FILTER, **_CONTRAST}
 PAPER = "sequences of 5, counts (the paper)"
 VARIANTS: Mapping[str, Mapping[str, Any]] = {
     PAPER: {"sequence_length": 5},
@@ -61,8 +60,6 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "sequences of 10, own mean": {**_OWN, "sequence_length": 10},
     "place filter, counts": _FILTER,
     "place filter, 3-bit log": {**_FILTER, **_LOG},
-    "place filter, own mean": {**_FILTER, **_OWN, **_DRIVE_MEAN},
-    "place filter, contrast": {**_FILTER, **_CONTRAST, **_DRIVE_MEAN},
 }
 ROBOT = "place filter, running mean (robot)"
 BEST = "place filter, contrast, smoothed (default)"

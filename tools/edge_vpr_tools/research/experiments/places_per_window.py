@@ -49,8 +49,8 @@ LIGHTS: Mapping[str, str] = {
     "at noon": "street, noon",
 }
 MATCHED: Mapping[str, Mapping[str, Any]] = {
-    "live": {"smooth": False, "query_mean": "running"},
-    "4 windows late": {"smooth": False, "query_mean": "running", "delay": 4},
+    "live": {"smooth": False},
+    "4 windows late": {"smooth": False, "delay": 4},
     "recorded": {},
 }
 

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MissingExtraError, UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.matching.drive import anchor_offset
+from edge_vpr.matching.drive import middle_window
 from edge_vpr.matching.matches import Matches
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.console import warning
@@ -66,16 +66,14 @@ def decoders(length: int) -> dict[str, Decoder]:
     found = {}
     for windows in sorted({length, *LENGTHS}):
         sequences = PRESETS["paper"].replaced({"sequence_length": windows}, "rivals")
-        lag = windows - 1 - anchor_offset(windows, sequences.anchor)
+        lag = windows - 1 - middle_window(windows)
         found[f"sequences of {windows}"] = Decoder(sequences, lag)
     for name, changes, filter_lag in (
         ("place filter, live", {"smooth": False}, 0),
         ("place filter, 4 windows late", {"smooth": False, "delay": 4}, 4),
         ("place filter, recorded", {}, None),
     ):
-        mean = "own" if filter_lag is None else "running"
-        changed = _DEFAULT.replaced({**changes, "query_mean": mean}, name)
-        found[name] = Decoder(changed, filter_lag)
+        found[name] = Decoder(_DEFAULT.replaced(changes, name), filter_lag)
     return found
 
 
@@ -102,9 +100,7 @@ OURS = "edge-vpr, places at whole windows"
 
 
 #: of a `Decoder`, the settings that match the default's own distances
-_DECODED = (
-    "matching", "smooth", "delay", "query_mean", "precision", "score", "sequence_length", "anchor",
-)  # fmt: skip
+_DECODED = ("matching", "smooth", "delay", "precision", "sequence_length")
 
 
 def our_systems(pair: CountedPair, seed: int) -> Iterator[System]:

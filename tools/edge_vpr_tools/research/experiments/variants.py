@@ -29,8 +29,7 @@ from edge_vpr_tools.research.experiments.plots import dots
 DEFAULT_MATCHING = {
     name: getattr(PRESETS["default"], name)
     for name in (
-        "matching", "smooth", "counter_code", "counter_scaling", "anchor", "score",
-        "places_per_window",
+        "matching", "smooth", "counter_code", "counter_scaling", "places_per_window",
     )
 }  # fmt: skip
 
