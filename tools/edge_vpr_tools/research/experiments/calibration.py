@@ -229,10 +229,12 @@ class Sample(NamedTuple):
     has_place: npt.NDArray[np.bool_]
 
 
-def sample(pair: MappedPair) -> Sample:
-    """Match a pair, and return the matches whose truth is known."""
+def sample(pair: MappedPair, first: int = 0, last: int | None = None) -> Sample:
+    """Match a pair, and return the matches whose truth is known, of windows `first` to `last`."""
     matches = pair.match()
-    known = pair.truth.judged(matches.place, matches.query)
+    known = pair.truth.judged(matches.place, matches.query) & (matches.query >= first)
+    if last is not None:
+        known &= matches.query < last
     correct = pair.truth.correct[matches.place, matches.query]
     has_place = pair.truth.has_place[matches.query]
     return Sample(matches.net_trust[known], correct[known], has_place[known])
@@ -465,7 +467,7 @@ def figure(rows: Rows) -> Figure:
     shown = [
         {**row, "drives": "", "": f"{row['map']}: {row['drives']}" if several else row["map"]}
         for row in rows
-        if row["map"] != SWITCHED_ON
+        if row.get("calibration error") not in (None, "")
     ]
     versions = list(dict.fromkeys(row["map"] for row in shown))
     shown.sort(key=lambda row: versions.index(row["map"]))

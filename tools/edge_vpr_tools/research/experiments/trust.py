@@ -12,22 +12,31 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
-from edge_vpr.confidence import SMOOTHED
+from edge_vpr.confidence import SMOOTHED, Confidence, default_confidence
+from edge_vpr.errors import UsageError
+from edge_vpr.evaluation.calibration import learn_confidence
 from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.evaluation.metrics import evaluate_rejection
 from edge_vpr.evaluation.tracks import distances, with_positions
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.research.experiments import calibration
 from edge_vpr_tools.research.experiments.calibration import (
     CARRIED,
     CUT,
+    LEARNT_ON,
     MATCHINGS,
     NAMES,
+    PRECISION,
     STAYS_ON_MAP,
     WHOLE,
+    Sample,
     carried_off,
     described,
     evaluate_tables,
+    learnt_seeds,
+    sample,
     scrambled,
     without_places,
 )
@@ -44,6 +53,7 @@ _NULLS = 11  # random stream that shuffles windows and pixels
 #: Places of a track at most so far apart are the same: two GPS logs of one street differ by it.
 _SAME_M = 5.0
 BY_TOLERANCE = "precision by tolerance"
+FIRST_HALF, SECOND_HALF = "the first half of the drive", "the second half of the drive"
 
 
 def mapped_by_default(pair: Pair, seed: int) -> MappedPair:
@@ -111,8 +121,78 @@ def measure(draw: Draw) -> Iterator[Row]:
         for name in EVALUATED:
             found = interval(pair.tracks, mapped.with_settings(MATCHINGS[name]))
             others[WHOLE, described(name)] |= found
+    yield from with_a_drive_of_ones_own(mapped)
     for row in evaluate_tables(versions, EVALUATED, LIVE):
         yield {**row, **others.get((row["map"], row["matching"]), {})}
+
+
+def with_a_drive_of_ones_own(whole: MappedPair) -> Iterator[Row]:
+    """Accept matches of the second half of a drive, by what was learnt from its first half.
+
+    Rows are for the shipped table, for one learnt as `edge-vpr calibrate` does, and for a threshold
+    by Quantile Transfer [1]_: the share of the first half's matches below the threshold that finds
+    most at the required precision is also left out of the second half, whose truth is not used.
+
+    References
+    ----------
+    .. [1] D. M. Rajani, M. Milford, T. Fischer, "Quantile Transfer for Reliable Operating Point
+       Selection in Visual Place Recognition", arXiv:2602.04401.
+    """
+    for name in EVALUATED:
+        pair = whole.with_settings(MATCHINGS[name])
+        settings, middle = pair.reference.settings, len(pair.counted) // 2
+        first, second = sample(pair, 0, middle), sample(pair, middle)
+        learnt = learn_confidence(first.trust, first.correct)
+        shipped = default_confidence(settings.smooth, settings.match_delay, False)
+        for learnt_on, accepted in (
+            (f"streets of seeds {learnt_seeds()[0]} to {learnt_seeds()[1]}",
+             second.trust >= shipped.least_trust(PRECISION)),
+            (FIRST_HALF, _accepted_by(learnt, second.trust)),
+            (f"{FIRST_HALF}, quantile transfer", quantile_transfer(first, second.trust, PRECISION)),
+        ):  # fmt: skip
+            counts = evaluate_rejection(*second, accepted)
+            yield {
+                "map": SECOND_HALF,
+                "matching": described(name),
+                LEARNT_ON: learnt_on,
+                "windows": second.trust.size,
+                "accepted at 0.99": float(accepted.mean()),
+                "precision": counts.precision,
+                "recall": counts.recall,
+            }
+
+
+def _accepted_by(table: Confidence, trust: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    """Return which matches a table accepts: none, if it was learnt from too few matches."""
+    try:
+        return trust >= table.least_trust(PRECISION)
+    except UsageError:
+        return np.zeros(trust.size, dtype=np.bool_)
+
+
+def quantile_transfer(
+    calibration: Sample, trust: npt.NDArray[np.int64], precision: float
+) -> npt.NDArray[np.bool_]:
+    """Return which matches to accept, as many as by the best threshold of a calibration drive.
+
+    Parameters
+    ----------
+    calibration : Sample
+        Matches of the calibration drive, whose truth is known.
+    trust : ndarray of int64, shape (n,)
+        Net trust of each match of the later drive.
+    precision : float
+        Share of the accepted matches that must be correct, as measured on the calibration drive.
+    """
+    order = np.argsort(-calibration.trust, kind="stable")
+    descending, correct = calibration.trust[order], np.cumsum(calibration.correct[order])
+    accepted = np.arange(1, order.size + 1)
+    last_of_level = np.append(descending[1:] != descending[:-1], True)
+    reached = np.flatnonzero(last_of_level & (correct >= precision * accepted))
+    if not reached.size:
+        return np.zeros(trust.size, dtype=np.bool_)
+    below = 1 - accepted[reached[-1]] / order.size
+    return trust >= np.quantile(trust, below, method="higher")
 
 
 def interval(tracks: Tracks, mapped: MappedPair) -> dict[str, float]:
