@@ -184,6 +184,10 @@ class Emulator:
                 self._uc.mem_map(page, 0x1000)
         self._uc.mem_write(address, data)
 
+    def flash(self, address: int, data: bytes) -> None:
+        """Write data to a memory of its own, which `release` leaves as it is."""
+        self._load(address, len(data), data)
+
     def put(self, data: bytes) -> int:
         """Copy data to new memory, aligned to 16 bytes; return its address."""
         address = self._free

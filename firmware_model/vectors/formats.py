@@ -84,13 +84,14 @@ def mif(table: Table) -> str:
     return "\n".join(lines) + "\n"
 
 
-def intel_hex(data: bytes) -> str:
-    """Format bytes as Intel HEX from address 0 on: 16 bytes a line, 32-bit addresses."""
+def intel_hex(data: bytes, address: int = 0) -> str:
+    """Format bytes as Intel HEX: 16 bytes a line, 32-bit addresses from a multiple of 16 on."""
     lines = []
     for at in range(0, len(data), 16):
-        if at % 0x10000 == 0:
-            lines.append(_hex_line(0, 4, (at >> 16).to_bytes(2, "big")))
-        lines.append(_hex_line(at % 0x10000, 0, data[at : at + 16]))
+        upper, lower = divmod(address + at, 0x10000)
+        if at == 0 or lower == 0:
+            lines.append(_hex_line(0, 4, upper.to_bytes(2, "big")))
+        lines.append(_hex_line(lower, 0, data[at : at + 16]))
     return "\n".join([*lines, ":00000001FF\n"])
 
 
@@ -120,7 +121,7 @@ def npz(arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
 
 
 def c_array(name: str, data: bytes) -> str:
-    """Write a constant array of 32-bit words, aligned to 16 bytes, and the number of its bytes."""
+    """Write a constant array of 32-bit words for C and C++, aligned to 16 bytes, and its bytes."""
     words = np.frombuffer(data, dtype="<u4").tolist()
     lines = [
         "    " + ", ".join(f"0x{word:08X}U" for word in words[i : i + 6]) + ","
@@ -130,7 +131,8 @@ def c_array(name: str, data: bytes) -> str:
     body = "\n".join(lines) or "    0U,"
     return (
         f"#define {name.upper()}_BYTES {len(data)}U\n"
-        f"static _Alignas(16) const uint32_t {name}[] = {{\n{body}\n}};\n"
+        "#ifdef __cplusplus\nalignas(16)\n#else\n_Alignas(16)\n#endif\n"
+        f"static const uint32_t {name}[] = {{\n{body}\n}};\n"
     )
 
 
@@ -160,4 +162,13 @@ def case_header(
             c_array("case_expected", expected),
             "#endif\n",
         ]
+    )
+
+
+def image_header(flash: bytes, ram: int) -> str:
+    """Write a C header with an image for `vpr_open`, and the bytes of RAM that its state takes."""
+    return (
+        "/* A map for vpr_open. */\n#ifndef VPR_MAP_H\n#define VPR_MAP_H\n\n#include <stdint.h>\n\n"
+        f"#define MAP_RAM_BYTES {ram}U /* of the state's arrays */\n\n"
+        f"{c_array('map', flash)}\n#endif\n"
     )

@@ -18,6 +18,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from designs import random_stream
+from edge_vpr_tools.cli import main
+from edge_vpr_tools.estimate.of_map import design_of, memories_of
 
 from edge_vpr import __version__
 from edge_vpr.evaluation.tracks import with_positions
@@ -26,6 +28,8 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import resolve_settings
 from edge_vpr.simulation import simulate_pair
 from firmware_model import Design
+from firmware_model.emulation.build import EMULATED, build
+from firmware_model.emulation.emulator import Emulator
 from firmware_model.image import image, kept_bytes, ram_bytes
 from firmware_model.specification import MatchResult
 from firmware_model.vectors import Case, in_order, records, to_binary
@@ -204,6 +208,64 @@ def boot(elf: Path, flash: int = 0, ram_bytes: int = 64 << 10) -> dict[str, int]
         name: int.from_bytes(board.mem_read(*symbols[name]), "little")
         for name in ("refused", "matches", "place")
     }
+
+
+def test_a_map_is_put_into_the_flash_of_a_board_alone(street, tmp_path, capsys):
+    """At its own address, by its .hex file; .bin and .h have the same bytes."""
+    pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
+    pytest.importorskip("unicorn", reason="unicorn is not installed (extra firmware)")
+    for name in ("map.hex", "map.bin", "map.h"):
+        address = ["--address", "0x08048010"] if name == "map.hex" else []
+        words = ["convert", str(street / "map.npz"), str(tmp_path / name), *address]
+        assert main(words) == 0
+    reference = ReferenceMap.load(street / "map.npz")
+    memories = memories_of(reference, design_of(reference))
+    flash, ram = image(memories), ram_bytes(memories.design)
+    said = f"{len(flash):,} bytes of flash at 0x08048010; the state takes {ram:,} bytes of RAM"
+    assert said in capsys.readouterr().out
+    # as a programmer reads the file
+    board, upper = Emulator(EMULATED[1], build(EMULATED[1], tmp_path)), 0
+    for line in (tmp_path / "map.hex").read_text("ascii").split():
+        size, at, kind = struct.unpack(">BHB", bytes.fromhex(line[1:9]))
+        data = bytes.fromhex(line[9 : 9 + 2 * size])
+        if kind == 4:
+            upper = int.from_bytes(data, "big") << 16
+        elif kind == 0:
+            board.flash(upper + at, data)
+    assert board.get(0x0804_8010, len(flash)) == flash == (tmp_path / "map.bin").read_bytes()
+    stream = random_stream(np.random.default_rng(0), memories, 300, 0)
+    case = Case("drive", memories, tuple(stream), 0)
+    # the whole sector of the flash, of which the image is a part
+    given = 0x0804_8010, 0x1_0000, board.put(case.event_bytes()), len(case.events), 1, 0
+    out = board.put(bytes(1 << 20))
+    words = board.call("vpr_replay", *given, board.put(bytes(ram)), ram, out, 1 << 18)
+    assert board.get(out, 4 * words) == to_binary(records(in_order(case.trace())))
+    for suffix in ("c", "cpp"):
+        source = tmp_path / f"print.{suffix}"
+        source.write_text(
+            '#include "map.h"\n#include <stdio.h>\nint main(void) '
+            "{ return fwrite(map, 1, MAP_BYTES, stdout) == MAP_BYTES ? 0 : 1; }\n"
+        )
+        command = [sys.executable, "-m", "ziglang", "cc", str(source), "-Wall", "-Werror"]
+        subprocess.run([*command, "-o", str(tmp_path / "print")], check=True)
+        assert subprocess.check_output([tmp_path / "print"]) == flash
+    assert f"#define MAP_RAM_BYTES {ram}U" in (tmp_path / "map.h").read_text("ascii")
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["map.bin", "--address", "0x08000000"], "--address 0x08000000 is of a map as .hex"),
+        (["map.hex", "--address", "0x08000008"], "expected a multiple of 16"),
+        (["map.hex", "--address", "flash"], "--address flash: expected a multiple of 16"),
+        (["map.hex", "--address", "0xFFFFFFF0"], "of at most 32 bits"),
+    ],
+)
+def test_a_map_that_cannot_lie_there_is_not_written(street, tmp_path, capsys, words, says):
+    name, *flags = words
+    assert main(["convert", str(street / "map.npz"), str(tmp_path / name), *flags]) == 2
+    assert says in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_firmware_without_a_map_says_what_to_name(tmp_path):

@@ -143,6 +143,7 @@ RUNS = [
      "-o {f}/vectors4", 0),
     ("golden --design {f}/design.toml -o {f}/core_vectors --rtl", 0),
     ("hardware --design {f}/design.toml -o {f}/core --seed 1 --vectors 1MB", 0),
+    ("convert {f}/wide_map.npz {f}/map.hex --address 0x08040000 --overwrite", 0),
     ("hardware --map {f}/wide_map.npz --lanes 2 -o {f}/core_of_map", (0, 2)),
     ("golden verify {f}/vectors", 0),
     # the results that it names are of another case

@@ -1,33 +1,50 @@
-"""`edge-vpr convert`: convert a recording to another format."""
+"""`edge-vpr convert`: convert a recording to another format, or a map to a device's memory."""
 
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
+from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import summary
 from edge_vpr_tools.flags import add_reading_arguments
 
 EXAMPLES = """\
   edge-vpr convert drive.aedat4 drive.npz
-  edge-vpr convert drive.csv drive.raw --sensor 346x260 --columns txyp"""
+  edge-vpr convert drive.csv drive.raw --sensor 346x260 --columns txyp
+  edge-vpr convert map.npz map.h
+  edge-vpr convert map.npz map.hex --address 0x08040000"""
+#: files of a map for the memory of a microcontroller
+IMAGES = (".h", ".bin", ".hex")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument("input", metavar="IN", help="recording of any known format")
+    parser.add_argument("input", metavar="IN", help="recording of any known format, or a map")
     parser.add_argument(
         "output",
         metavar="OUT",
         help="file to write; its suffix names the format: .npz, .npy, .csv, .txt, .parquet, .raw "
-        "(EVT 2.0), .dat, .h5, .hdf5 or .es",
+        "(EVT 2.0), .dat, .h5, .hdf5 or .es; for a map as the firmware reads it from flash, .h "
+        "(for C), .bin or .hex",
     )
     output = parser.add_argument_group("output")
     output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
+    output.add_argument(
+        "--address", metavar="A", help="of a map as .hex, where it lies in the device, such as "
+        "0x08040000: a multiple of 16 (default: 0)",
+    )  # fmt: skip
     add_reading_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> None:
     """Read the input and write the output, whole or not at all."""
+    suffix = Path(args.output).suffix.lower()
+    if args.address is not None and suffix != ".hex":
+        raise UsageError(f"--address {args.address} is of a map as .hex: name such an output")
+    if suffix in IMAGES:
+        _write_image(args, suffix)
+        return
     from edge_vpr.files import check_output
     from edge_vpr.recordings import write_recording
     from edge_vpr_tools.inputs import describe_faults, open_from, tracked
@@ -36,3 +53,43 @@ def run(args: argparse.Namespace) -> None:
     recording = open_from(args, args.input)
     n = write_recording(args.output, tracked(recording, "converting"), overwrite=args.overwrite)
     summary(f"{args.output}: {n:,} events of {recording.sensor}{describe_faults(recording)}")
+
+
+def _write_image(args: argparse.Namespace, suffix: str) -> None:
+    """Write a map as the firmware reads it."""
+    from edge_vpr.files import check_absent, check_output, replacing
+    from edge_vpr.reference_map import ReferenceMap
+    from edge_vpr_tools.estimate.of_map import design_of, memories_of
+    from firmware_model.image import image, ram_bytes
+    from firmware_model.vectors.formats import image_header, intel_hex
+
+    check_output(args.output, [args.input])
+    check_absent(args.output, args.overwrite)
+    reference = ReferenceMap.load(args.input)
+    design = design_of(reference)
+    flash, ram = image(memories_of(reference, design)), ram_bytes(design)
+    address = _address(args.address or "0", len(flash))
+    data = flash
+    if suffix != ".bin":
+        text = intel_hex(flash, address) if suffix == ".hex" else image_header(flash, ram)
+        data = text.encode("ascii")
+    with replacing(args.output, args.overwrite) as path:
+        path.write_bytes(data)
+    where = f" at {address:#010x}" if suffix == ".hex" else ""
+    summary(
+        f"{args.output}: {design.places:,} places, {len(flash):,} bytes of flash{where}; the state "
+        f"takes {ram:,} bytes of RAM"
+    )
+
+
+def _address(text: str, size: int) -> int:
+    """Read an address in C's notation, from which on so many bytes fit 32 bits."""
+    try:
+        address = int(text, 0)
+    except ValueError:
+        address = -1
+    if not 0 <= address <= (1 << 32) - size or address % 16:
+        raise UsageError(
+            f"--address {text}: expected a multiple of 16 of at most 32 bits, such as 0x08040000"
+        )
+    return address
