@@ -157,10 +157,7 @@ def check_output(output: str | Path, inputs: Iterable[str | Path | None]) -> Non
 def check_absent(output: str | Path, overwrite: bool) -> None:
     """Raise UsageError if an output exists and may not be replaced."""
     if not overwrite and Path(output).exists():
-        raise UsageError(
-            f"output {output} exists: name another, or replace it with --overwrite (in Python, "
-            "overwrite=True)"
-        )
+        raise UsageError(f"output {output} exists: name another, or replace it with overwrite=True")
 
 
 def clear_dead_runs(folder: str | Path) -> None:

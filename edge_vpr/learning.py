@@ -157,7 +157,7 @@ def learn_drive(
             f"{aligned.sum()} of {aligned.size} windows could be aligned with the map, and "
             f"{certain:.0%} of them matched with a probability of {CERTAIN}: name a drive of the "
             "same route, give the tracks of both drives, or say that it is of the route "
-            "(--same-route, same_route=True)"
+            "(same_route=True)"
         )
     code, initial = reference.own_mean_code, reference.mean
     if code is None or initial is None:

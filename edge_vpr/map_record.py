@@ -309,7 +309,7 @@ class MapRecord(EqualByValue):
         asks = settings.stays_on_map and not self.settings.stays_on_map
         if asks and self.matched_with(settings).confidence is not None:
             raise UsageError(
-                "stays_on_map (--stays-on-map) chooses a shipped table of probabilities, and the "
+                "stays_on_map=True chooses a shipped table of probabilities, and the "
                 "map has a table of its own (edge-vpr calibrate), which is used: leave it out"
             )
 
@@ -630,7 +630,7 @@ def _choose_pixels(
     if first.windows == 1 and settings.strategy in ("variance", "top", "information"):
         raise UsageError(
             f"the drive holds one window of {FixedTime(settings.tau_us)}, and pixels can be "
-            "selected only from two windows or more: take shorter windows (--tau), or a "
+            "selected only from two windows or more: take shorter windows (tau=), or a "
             "longer drive"
         )
     given = _given_pixels(first, settings.pixels, hot)
@@ -680,7 +680,7 @@ def check_matchable(reference: MapRecord) -> None:
     if length > places:
         raise UsageError(
             f"a sequence of {length} windows does not fit the {places} places of this drive: take "
-            "a shorter sequence (-L), shorter windows (--tau), or a longer drive"
+            "a shorter sequence (sequence_length=), shorter windows (tau=), or a longer drive"
         )
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -60,10 +61,18 @@ from edge_vpr.results import (
     write_json,
 )
 from edge_vpr.route import Odometry
-from edge_vpr.settings import SETTING_FIELDS, Score, Settings, resolve_settings
+from edge_vpr.settings import (
+    SETTING_FIELDS,
+    MatchingChanges,
+    Score,
+    SettingChanges,
+    Settings,
+    resolve_settings,
+)
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.axes import Axes
 
 #: path of a file
 PathName = str | Path
@@ -132,7 +141,7 @@ class ReferenceMap(MapRecord):
         odometry: Odometry | PathName | None = None,
         jumps: npt.NDArray[np.int32] | PathName | None = None,
         removed: Removed | None = None,
-        **changes: Any,
+        **changes: Unpack[SettingChanges],
     ) -> Self:
         """Make a map of one drive.
 
@@ -185,8 +194,7 @@ class ReferenceMap(MapRecord):
             )
         if jumps is not None and chosen.matching != "filter":
             raise UsageError(
-                "jumps (--jumps) are for the place filter: add --matching filter "
-                "(matching='filter'), or leave them out"
+                "jumps= is for the place filter: add matching='filter', or leave the jumps out"
             )
         if track is not None and not isinstance(track, Track):
             track = load_track(track)
@@ -272,7 +280,7 @@ class ReferenceMap(MapRecord):
         every: str | MatchSchedule | None = None,
         odometry: Odometry | PathName | None = None,
         registered: bool = False,
-        **changes: Any,
+        **changes: Unpack[MatchingChanges],
     ) -> MatchResult:
         """Match a query drive with this map.
 
@@ -322,7 +330,7 @@ class ReferenceMap(MapRecord):
             result = _match_windows(matched, drive, odometry, shift)
         elif isinstance(drive, WindowSource):
             raise UsageError(
-                "matching event by event (--online, every=) needs events, and this file holds "
+                "matching event by event (every=) needs events, and this file holds "
                 "counts of windows: leave it out"
             )
         else:
@@ -340,7 +348,7 @@ class ReferenceMap(MapRecord):
         *,
         settings: Settings | None = None,
         recent: int = 0,
-        **changes: Any,
+        **changes: Unpack[MatchingChanges],
     ) -> Localiser:
         """Return a localiser, which matches events with this map while they come.
 
@@ -365,7 +373,7 @@ class ReferenceMap(MapRecord):
         asked = self._with(self._asked(settings, changes, "localiser"), "localiser")
         return Localiser(asked.causal(), every=every, recent=recent)
 
-    def changed(self, changes: dict[str, Any], by: str) -> Self:
+    def changed(self, changes: Mapping[str, Any], by: str) -> Self:
         """Return the map with other settings of matching, by name; `by` is named in errors."""
         return self._with(self._asked(None, changes, by), by)
 
@@ -373,12 +381,31 @@ class ReferenceMap(MapRecord):
         """Return the map with settings that need no windows after the one to match."""
         return self.matched_with(replace(self.settings, smooth=False))
 
+    def info(self) -> MapInfo:
+        """Return what the map holds; ``print(route.info())`` shows it as ``edge-vpr info`` does."""
+        windows, route = self.windows, self.route
+        along = np.empty(0) if route is None else route.along_m[np.isfinite(route.along_m)]
+        return MapInfo(
+            sensor=str(self.pixel_map.sensor),
+            places=len(self),
+            pixels=len(self.pixel_map),
+            counter_bits=self.counter_bits,
+            bytes_per_place=self.packed_bytes_per_place,
+            duration_us=int(windows.end_us[-1]),
+            window_us=int(np.median(windows.end_us - windows.start_us)),
+            places_with_position=len(along),
+            route_m=float(np.ptp(along)) if len(along) else None,
+            settings=self.settings.to_dict(),
+        )
+
     def _opened(self, recording: AnyRecording) -> EventSource | WindowSource:
         """Open a recording of the camera of the map; events in memory are from its sensor."""
         sensor = self.pixel_map.sensor if is_event_data(recording) else None
         return opened(recording, sensor=sensor, frame_period=self.frame_period)
 
-    def _asked(self, settings: Settings | None, changes: dict[str, Any], by: str) -> dict[str, Any]:
+    def _asked(
+        self, settings: Settings | None, changes: Mapping[str, Any], by: str
+    ) -> dict[str, Any]:
         """Return the settings of matching to use, by name, where they are not the map's own.
 
         Parameters
@@ -407,6 +434,41 @@ class ReferenceMap(MapRecord):
 
     def _with(self, asked: dict[str, Any], by: str) -> Self:
         return self.matched_with(self.settings.replaced(asked, by))
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapInfo:
+    """Contents of a map, from `ReferenceMap.info`; the keys of ``edge-vpr info --json``."""
+
+    sensor: str
+    places: int
+    pixels: int
+    counter_bits: int
+    bytes_per_place: int
+    duration_us: int
+    window_us: int  #: Length of a window; the median, if windows are of a number of events.
+    places_with_position: int
+    route_m: float | None  #: Length of the route, if the map has positions.
+    settings: dict[str, Any]
+
+    @property
+    def lines(self) -> dict[str, str]:
+        """Lines of text by their headings."""
+        positions = "none"
+        if self.route_m is not None:
+            positions = f"{self.places_with_position:,} places, along {self.route_m:,.0f} m"
+        return {
+            "sensor": self.sensor,
+            "places": f"{self.places:,}",
+            "pixels": f"{self.pixels:,}, {self.counter_bits} bits each",
+            "size": f"{self.bytes_per_place:,} bytes a place",
+            "duration": f"{self.duration_us / 1e6:.6f} s, windows of {self.window_us / 1e6:g} s",
+            "positions": positions,
+            "matching": str(self.settings["matching"]),
+        }
+
+    def __str__(self) -> str:
+        return "\n".join(f"{name:<9} {text}" for name, text in self.lines.items())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -634,15 +696,128 @@ class MatchResult:
             thresholds=thresholds,
         )
 
-    def to_frame(self) -> pandas.DataFrame:
+    def to_frame(self, evaluation: Evaluation | None = None) -> pandas.DataFrame:
         """Return a pandas table with the columns of ``matches.csv``, one row for each match.
+
+        Parameters
+        ----------
+        evaluation : Evaluation, optional
+            Of this result; adds the columns ``correct`` (nullable: unknown where the match cannot
+            be judged) and ``error``, in the unit of ``evaluation.truth``.
 
         Raises
         ------
         MissingExtraError
             If pandas is not installed.
+
+        Examples
+        --------
+        >>> table = result.to_frame(result.evaluate((monday, tuesday), 70))  # doctest: +SKIP
+        >>> table.groupby("correct")["probability"].mean()  # doctest: +SKIP
         """
-        return self.matches.to_frame(self.reference.route)
+        table = self.matches.to_frame(self.reference.route)
+        if evaluation is not None:
+            self._check_evaluation(evaluation)
+            correct = evaluation.correct.astype(object)
+            correct[~evaluation.evaluated] = None
+            table["correct"] = correct
+            table["correct"] = table["correct"].astype("boolean")
+            table["error"] = evaluation.error
+        return table
+
+    @property
+    def along_m(self) -> npt.NDArray[np.float64]:
+        """Metres along the route to each matched place, shape (n,); NaN where not known.
+
+        By the track of the map, else by its odometry.
+        """
+        route, driven = self.reference.route, self.reference.along_mm
+        if route is not None:
+            return route.along_m[self.matches.place]
+        if driven is not None:
+            return driven[self.matches.place] / 1e3
+        return np.full(len(self), np.nan)
+
+    @property
+    def position(self) -> npt.NDArray[np.float64] | None:
+        """Positions of the matched places, shape (n, d), in the form of ``reference.route``.
+
+        None if the map was made without a track.
+        """
+        route = self.reference.route
+        return None if route is None else route.position[self.matches.place]
+
+    def plot(
+        self, evaluation: Evaluation | None = None, *, axes: Axes | Sequence[Axes] | None = None
+    ) -> npt.NDArray[Any]:
+        """Draw the route, and over time the error (else the place) and the probability.
+
+        Parameters
+        ----------
+        evaluation : Evaluation, optional
+            Of this result; colours correct and wrong matches.
+        axes : matplotlib.axes.Axes or sequence of them, optional
+            Drawn on in this order, as many as there are. By default a new figure of pyplot.
+
+        Returns
+        -------
+        ndarray of matplotlib.axes.Axes
+            Those that were drawn on: without the route if the map does not know it, and without the
+            probability if none is known.
+
+        Examples
+        --------
+        >>> route, error, probability = result.plot(evaluation)  # doctest: +SKIP
+        >>> error.figure.savefig("tuesday.pdf")  # doctest: +SKIP
+        """
+        self._check_evaluation(evaluation)
+        drawn: npt.NDArray[Any] = _shown().plot(self, evaluation, axes)
+        return drawn
+
+    def report(
+        self,
+        folder: PathName,
+        evaluation: Evaluation | None = None,
+        *,
+        figures: Sequence[str] = (),
+        overwrite: bool = False,
+    ) -> None:
+        """Write the folder of `save` with its report, ``report.html``.
+
+        Parameters
+        ----------
+        folder : path
+            Written whole or not at all.
+        evaluation : Evaluation, optional
+            Of this result; the report and ``metrics.json`` then have its figures.
+        figures : sequence of {"png", "pdf", "svg"}
+            Write each figure as such files too.
+        overwrite : bool
+            Replace an older folder of results.
+
+        Raises
+        ------
+        UsageError
+            See `save`.
+        """
+        self._check_evaluation(evaluation)
+        target = as_path(folder, "a folder of results")
+        _shown().write(self, target, evaluation, figures, overwrite)
+
+    def _repr_html_(self) -> str:
+        text: str = _shown().html(self)
+        return text
+
+    def _check_evaluation(self, evaluation: Evaluation | None) -> None:
+        """Refuse what is no evaluation of these matches."""
+        if evaluation is None:
+            return
+        expect(evaluation, Evaluation, "evaluation", "what result.evaluate returned")
+        if len(evaluation.correct) != len(self):
+            raise UsageError(
+                f"evaluation is of {len(evaluation.correct):,} matches and the result has "
+                f"{len(self):,}: give that of this result"
+            )
 
     def save(self, folder: PathName, *, overwrite: bool = False) -> None:
         """Write the folder of ``edge-vpr match``, without its report and figures.
@@ -704,6 +879,11 @@ class MatchResult:
         )
 
 
+def _shown() -> Any:
+    """Return the module that draws results, one of the tools: a robot loads none of them."""
+    return import_module("edge_vpr_tools.report.of_result")
+
+
 def write_matched(
     folder: Path,
     reference: MapRecord,
@@ -749,7 +929,7 @@ def _of_part(drive: object, readings: _Timed) -> _Timed:
     return moved
 
 
-def _settings_of(settings: Settings | PathName | None, changes: dict[str, Any]) -> Settings:
+def _settings_of(settings: Settings | PathName | None, changes: Mapping[str, Any]) -> Settings:
     if isinstance(settings, Settings):
         return settings.replaced(changes, "build")
     if settings is None:

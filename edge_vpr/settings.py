@@ -14,7 +14,17 @@ from fractions import Fraction
 from pathlib import Path
 from textwrap import wrap
 from types import UnionType
-from typing import TYPE_CHECKING, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    Literal,
+    TypedDict,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from edge_vpr.errors import UsageError, as_path, did_you_mean, expect
 from edge_vpr.files import read_toml
@@ -742,6 +752,50 @@ class Settings:
             return replace(self, **known)
         except UsageError as error:
             raise UsageError(f"{source}: {error}") from None
+
+
+class MatchingChanges(TypedDict, total=False):
+    """Settings of matching as keywords, for type checkers: names and types of `Settings`.
+
+    Settings that are written as text on the command line take that text too.
+    """
+
+    query_mean: QueryMean
+    matching: Matching
+    filter_restart: int
+    smooth: bool
+    delay: int
+    sequence_length: int
+    anchor: Anchor
+    exclusion: int
+    score: Score | str | None
+    precision: float | str | None
+    stays_on_map: bool
+
+
+class SettingChanges(MatchingChanges, total=False):
+    """All settings as keywords; three have a shorter name too, which is that of their flag."""
+
+    pixels: int
+    strategy: Strategy | str
+    sigma: float
+    seed: int
+    window: WindowKind
+    tau_us: int | str
+    tau: int | str
+    events_per_pixel: float | str | None
+    places_per_window: int | str | None
+    polarity: bool
+    clip: int | str | None
+    counter_code: CounterCodeName | str
+    counter_bits: int
+    counter_full_scale: int | str | None
+    counter_scaling: CounterScaling
+    remove_hot_pixels: bool | str
+    hot_pixels: bool | str
+    remove_bursts: bool | str
+    bursts: bool | str
+    keep_incomplete: bool
 
 
 _HINTS = get_type_hints(Settings)

@@ -586,7 +586,7 @@ def check_sensor(recording: Sensor, mapped: Sensor) -> None:
     if recording != mapped:
         raise MapError(
             f"the recording is of a {recording} sensor and the map of a {mapped} one: use the map "
-            "of this camera, or name the right sensor (--sensor)"
+            "of this camera, or name the right sensor (sensor=)"
         )
 
 

@@ -225,7 +225,7 @@ def too_few_pixels(drawable: int, excluded: int, pixels: int, sensor: Sensor) ->
     if excluded and drawable + excluded >= pixels:
         return UsageError(
             f"{begin}: {excluded} others vary, but were left out as hot: keep them "
-            "(--hot-pixels keep, remove_hot_pixels=False), or give a list of the hot ones"
+            "(hot_pixels='keep'), or give a list of the hot ones"
         )
     return UsageError(f"{begin}: ask for fewer pixels or map a longer traverse")
 

@@ -407,19 +407,19 @@ class PublishedWindows:
         self._frames = frames
         start, end = (0, None) if crop is None else crop.span(frames.start_us)
         self._period_us = _known(
-            frames.period or period, path, "how long a frame lasts: pass --frame-period"
+            frames.period or period, path, "how long a frame lasts: pass frame_period="
         ) * Fraction(1_000_000)
         self.window_us = max(1, round(self._period_us))
         self._first = math.ceil(start / self._period_us)
         self._last = frames.n_frames if end is None else math.floor(end / self._period_us)
         if self._first >= min(self._last, frames.n_frames):
             raise UsageError(
-                f"{path} has no whole frame in the part that --start and --end leave of its "
+                f"{path} has no whole frame in the part that start= and end= leave of its "
                 f"{float(frames.n_frames * self._period_us / 1_000_000):g} s: leave more"
             )
         self.cropped_us = math.floor(self._first * self._period_us)
         self.start_us = frames.start_us + self.cropped_us
-        self.sensor = _known(frames.sensor or sensor, path, "its sensor: pass --sensor WxH")
+        self.sensor = _known(frames.sensor or sensor, path, "its sensor: pass sensor='WxH'")
         x = _known(frames.pixel_x, path, "where its pixels lie: add pixel_x and pixel_y")
         y = _known(frames.pixel_y, path, "where its pixels lie: add pixel_x and pixel_y")
         if x.max() >= self.sensor.width or y.max() >= self.sensor.height:

@@ -87,7 +87,7 @@ def notes(
                 f"the {name} log covers {track.time_us[0] / 1e6:.0f} to "
                 f"{track.time_us[-1] / 1e6:.0f} s and its drive lasts until "
                 f"{times.max() / 1e6:.0f} s: is it the log of this drive, and its clock right "
-                "(--offset)?"
+                "(Track.shifted)?"
             )
         found += [f"{name} log: {note}" for note in track_notes(track)]
         found += _against_tolerance(name, track, times, tolerance_m)

@@ -319,7 +319,7 @@ def from_tracks(
             f"the reference track is {_form(reference)} and the query track is {_form(query)}: "
             "give two tracks of one kind"
         )
-    remedy = unix_remedy("--offset", reference, query)
+    remedy = unix_remedy(reference, query)
     reference_us = _window_coordinates(reference_times_us, "reference")
     query_us = _window_coordinates(query_times_us, "query")
     notes = list(doubts.notes(reference, query, reference_us, query_us, tolerance_m))
@@ -358,7 +358,7 @@ def from_tracks(
         else:
             reason = (
                 f"{100 * shared.share:.0f} % of the query's track runs along the reference's, at "
-                "other times: check their clocks (--offset) and their order"
+                "other times: check their clocks (Track.shifted) and their order"
             )
         raise GroundTruthError(
             "; ".join([f"no query lies within {tolerance_m:g} m of any place: {reason}", *notes])
@@ -380,7 +380,7 @@ def _placed(
     notes = [f"the {which} log {note}" for note in frozen]
     positions = track.at(times_us)
     if np.isnan(positions[:, 0]).all():
-        remedy = remedy or "check its clock, and give --longest-gap if its points are few"
+        remedy = remedy or "check its clock, and give max_gap_s= if its points are few"
         raise GroundTruthError(
             "; ".join(notes)
             or f"the {which} track covers {track.time_us[0] / 1e6:g} to "

@@ -38,12 +38,12 @@ def check_track_file(path: str | Path, reference: MapRecord) -> None:
     if reference.route is None and (suffix != ".tum" or reference.odometer_mm is None):
         raise UsageError(
             f"{path} needs the positions of the places, which the map does not have: make it with "
-            "edge-vpr map --track" + (" or --odometry" if suffix == ".tum" else "")
+            "track=" + (" or odometry=" if suffix == ".tum" else "")
         )
     if suffix != ".tum" and reference.route is not None and reference.route.kind != "geographic":
         raise UsageError(
             f"{path} needs latitudes and longitudes, and the map has metres: write a .tum file, or "
-            "make the map with a GPS log (--track)"
+            "make the map with a GPS log (track=)"
         )
 
 

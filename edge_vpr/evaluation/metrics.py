@@ -237,6 +237,10 @@ class Evaluation:
         For each row of the matches; False where not evaluated.
     evaluated : ndarray of bool, shape (n,)
         Whether it is known if each match is correct.
+    error : ndarray of float64, shape (n,)
+        How far each match is from the true position, in `truth.error_unit`; NaN where not known.
+    truth : GroundTruth
+        With which the matches were compared.
     recall_at : dict of int to float
         Recall@N: of the evaluated queries that have a true place, the share that has one among the
         N nearest; without those of which one of the N may be it.
@@ -255,6 +259,8 @@ class Evaluation:
     chance: float
     correct: npt.NDArray[np.bool_]
     evaluated: npt.NDArray[np.bool_]
+    error: npt.NDArray[np.float64]
+    truth: GroundTruth
     curve: PrecisionRecall
     recall_at: dict[int, float]
     score: str
@@ -280,13 +286,40 @@ class Evaluation:
         """R@99P: largest recall at a precision of at least 99 %."""
         return self.curve.recall_at_precision(99)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values, for JSON."""
+    @property
+    def findable(self) -> int:
+        """Number of queries that recall is a share of, as ``recall_denominator`` counts them."""
+        return int(self.curve.tp[0] + self.curve.fn[0]) if len(self.curve.tp) else 0
+
+    def curve_columns(self) -> dict[str, npt.NDArray[Any]]:
+        """Return the points of the precision-recall curve as columns, from the strictest on.
+
+        Returns
+        -------
+        dict of str to ndarray, each of shape (m,)
+            ``threshold``, of `score` as it is: a match is accepted that is at least as good, and
+            infinite where that accepts matches without a score; ``tp``, ``fp``, ``fn``,
+            ``precision``, ``recall``.
+        """
+        curve = self.curve
+        threshold = -curve.threshold if self.score in _RISING else curve.threshold
+        counts = {"tp": curve.tp, "fp": curve.fp, "fn": curve.fn}
+        shares = {"precision": curve.precision, "recall": curve.recall}
+        return {"threshold": threshold, **counts, **shares}
+
+    def shares(self) -> dict[str, Any]:
+        """Return the figures that depend on the tolerance most, as plain values for JSON."""
         return {
             "precision_at_100_recall": self.precision_at_100_recall,
             "recall_at_99_precision": self.recall_at_99_precision,
             "average_precision": self.curve.average_precision,
             "recall_at": {str(n): recall for n, recall in self.recall_at.items()},
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, for JSON."""
+        return {
+            **self.shares(),
             "queries": self.queries,
             "queries_unknown": self.queries_unknown,
             "queries_without_place": self.queries_without_place,
@@ -357,6 +390,8 @@ def evaluate(
         chance=truth.chance,
         correct=correct,
         evaluated=evaluated,
+        error=truth.errors(matches.place, matches.query),
+        truth=truth,
         curve=curve,
         recall_at={
             n: _recall_at(hit[:, :n], unsure[:, :n], evaluated & has_place)

@@ -58,7 +58,7 @@ def load_track(path: str | Path, *, max_gap_s: float | None = None) -> Track:
     path = as_path(path, "a track")
     if max_gap_s is not None and not max_gap_s > 0:
         raise GroundTruthError(
-            f"a longest gap (--longest-gap) of {max_gap_s:g} s: expected seconds such as 20"
+            f"a longest gap of {max_gap_s:g} s (max_gap_s=): expected seconds such as 20"
         )
     try:
         fixes = possible(in_order(_fixes(path)))

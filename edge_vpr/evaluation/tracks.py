@@ -304,20 +304,18 @@ _UNIX_US = 10**14
 _HOUR_US = 3_600_000_000
 
 
-def unix_remedy(flag: str, *tracks: Track, start_us: int | None = None) -> str:
+def unix_remedy(*tracks: Track, start_us: int | None = None) -> str:
     """Return the offsets of tracks whose times count from 1970, for messages; "" if none does.
 
     Parameters
     ----------
-    flag : str
-        Takes the offsets.
     start_us : int, optional
         The recording's start on its own clock, which is taken if it is near the track.
 
     Examples
     --------
-    >>> unix_remedy("--track-offset", Track([1_587_452_582_350_000], [[0.0]]))
-    'Unix times: pass --track-offset -1587452582.35, if the track begins with its recording'
+    >>> unix_remedy(Track([1_587_452_582_350_000], [[0.0]]))
+    'Unix times: shift by -1587452582.35 s (Track.shifted), if the track begins with its recording'
     """
     first = [int(track.time_us[0]) for track in tracks]
     if max(first) < _UNIX_US:
@@ -328,7 +326,9 @@ def unix_remedy(flag: str, *tracks: Track, start_us: int | None = None) -> str:
         offsets = [-start_us]
     shown = " ".join(f"{time / 1e6:.6f}".rstrip("0").rstrip(".") for time in offsets)
     one = "the track begins" if len(tracks) == 1 else "each track begins"
-    return f"Unix times: pass {flag} {shown}" + ("" if near else f", if {one} with its recording")
+    return f"Unix times: shift by {shown} s (Track.shifted)" + (
+        "" if near else f", if {one} with its recording"
+    )
 
 
 # The positions of a map's places, from the track of the reference drive.
@@ -358,7 +358,7 @@ def with_positions(reference: AnyMap, track: Track, start_us: int | None = None)
         raise GroundTruthError(
             f"the track runs from {first:.1f} to {last:.1f} s and covers no place of the map: "
             + (
-                unix_remedy("--track-offset", track, start_us=start_us)
+                unix_remedy(track, start_us=start_us)
                 or "give the reference drive's own track, and set its clock right"
             )
         )

@@ -17,7 +17,7 @@ from io import FileIO
 from itertools import count
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -42,7 +42,7 @@ from edge_vpr.recordings import FORMATS, WRITTEN, writable_format, write_recordi
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_new_file, check_new_map
 from edge_vpr.route import OdometerCheck, Odometry
-from edge_vpr.settings import Settings, duration_us, resolve_settings
+from edge_vpr.settings import MatchingChanges, Settings, duration_us, resolve_settings
 from edge_vpr.warm_up import WarmUpStep, localising_steps, warm_up
 
 # From bytes to matches: the decoder, the burst filter and the localiser as one.
@@ -624,7 +624,7 @@ class LiveSession:
         max_lag: str = "500ms",
         max_age: str | None = None,
         on_message: Callable[[Message], object] | None = None,
-        **changes: Any,
+        **changes: Unpack[MatchingChanges],
     ) -> None:
         expect(protocol, str, "protocol", "its name, such as 'edvs'")
         for name, text in (
@@ -1101,7 +1101,7 @@ class LiveSession:
     def _no_events(self, error: Exception) -> Exception:
         if self.health.events or not isinstance(error, RecordingError):
             return error
-        return RecordingError(f"no events came from {self.address}: check --protocol and --baud")
+        return RecordingError(f"no events came from {self.address}: check protocol= and baud=")
 
     # -- learning
 
@@ -1318,7 +1318,7 @@ def nothing_valid(health: Health) -> str:
     if not health.bytes:
         return "no bytes came: check that this is the camera's port, and that the camera is on"
     if not health.decoded_bytes:
-        return f"none of {health.bytes:,} bytes are of this protocol: check --protocol and --baud"
+        return f"none of {health.bytes:,} bytes are of this protocol: check protocol= and baud="
     return _senseless_bytes(health)
 
 
@@ -1329,12 +1329,12 @@ def _senseless_bytes(health: Health) -> str:
     ):
         return (
             f"{health.skipped_bytes:,} of {health.bytes:,} bytes are not of this protocol: check "
-            "--protocol and --baud"
+            "protocol= and baud="
         )
     if health.off_sensor > max(SENSELESS_EVENTS, health.events):
         return (
             f"{health.off_sensor:,} of {health.decoded:,} events are not on this sensor: check "
-            "--sensor, or the map"
+            "sensor=, or the map"
         )
     return ""
 
@@ -1392,7 +1392,7 @@ def _opener(link: Any, baud: int, flow_control: bool) -> tuple[Callable[[], Link
         if Path(address).is_file() and archive_kind(address) == MAP_KIND:
             raise UsageError(
                 f"{address} is a map, and a live session reads the bytes of a camera: give the map "
-                "as reference= (--map), and the camera's port here"
+                "as reference=, and the camera's port here"
             )
         if Path(address).is_file() and _is_recording(Path(address)):
             raise UsageError(

@@ -609,7 +609,7 @@ def drive_distances(
     if size > MOST_BYTES:
         raise UsageError(
             f"the distances of {len(queries):,} queries to {len(places):,} places take "
-            f"{size / 1e9:.1f} GB: read a part (--end), or take longer windows (--tau)"
+            f"{size / 1e9:.1f} GB: read a part (end=), or take longer windows (tau=)"
         )
     index = ReferenceIndex(places.counts)
     out = np.zeros((len(places), len(queries)), dtype=np.float64)

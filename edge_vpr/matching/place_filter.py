@@ -426,7 +426,7 @@ class Transitions:
         if self._along is None:
             raise UsageError(
                 "the map does not say how far its places are from each other: make it with the "
-                "reference drive's --odometry or --track"
+                "reference drive's odometry= or track="
             )
         if self.spacing_mm < 1:
             raise UsageError(
@@ -450,7 +450,7 @@ def check_no_transitions(jumps: npt.NDArray[np.int32] | None, odometry: bool) ->
     if odometry or (jumps is not None and len(jumps)):
         raise UsageError(
             f"{given} is for the place filter, and sequences follow neither: match with "
-            "--matching filter"
+            "matching='filter'"
         )
 
 

@@ -125,8 +125,8 @@ class MatchSchedule:
         schedule = read_every(text)
         if schedule is not None and settings.match_delay:
             raise UsageError(
-                f"--every {text} with a delay of {settings.match_delay} windows, which gives a "
-                "match at the end of each window: leave --every out, or set --delay 0"
+                f"every={text!r} with a delay of {settings.match_delay} windows, which gives a "
+                "match at the end of each window: leave every= out, or set delay=0"
             )
         return schedule or cls.window(settings)
 
@@ -157,7 +157,7 @@ def read_every(text: str) -> MatchSchedule | None:
         return MatchSchedule(interval_us=duration_us(text))
     except UsageError:
         raise UsageError(
-            f"--every {text!r}: expected event, a number of events, a time such as 10ms, window, "
+            f"every={text!r}: expected event, a number of events, a time such as 10ms, window, "
             "or change"
         ) from None
 

@@ -321,12 +321,13 @@ def sniff(path: Path) -> str:
             return "dat"
         if suffix == ".raw":
             raise RecordingError(
-                f"{path} has no header that names its encoding: pass --format evt2, evt21 or evt3"
+                f"{path} has no header that names its encoding: pass format=, one of evt2, "
+                "evt21 and evt3"
             )
         known = ", ".join(sorted({s for f in FORMATS.values() for s in f.suffixes}))
         raise RecordingError(
             f"{path} has no known format: known are {known}, and folders of PNG, of .npy or of a "
-            "ROS 2 bag; name the format with --format if the suffix is wrong"
+            "ROS 2 bag; name the format with format= if the suffix is wrong"
         )
     return name
 

@@ -113,7 +113,7 @@ class Aedat2Source(Source):
         if self._sensor not in _CHIPS.values():
             known = ", ".join(sorted({str(each) for each in _CHIPS.values()}))
             raise UsageError(
-                f"{path} does not name the chip that recorded it: pass --sensor, one of {known}, "
+                f"{path} does not name the chip that recorded it: pass sensor=, one of {known}, "
                 "of which 128x128 is a DVS128 and each other one a DAVIS"
             )
         # without a name, 128x128 is the older and far more common chip

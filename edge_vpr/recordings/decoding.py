@@ -261,10 +261,10 @@ def choose_stream(
     if not found:
         raise RecordingError(
             f"{path} has no {wording.one}{f' {wanted!r}' if wanted else ''}; it has: {listed}: "
-            f"{wording.remedy}, or choose one of these with --topic"
+            f"{wording.remedy}, or choose one of these with topic="
         )
     if len(found) > 1:
-        raise UsageError(f"{path} has several {wording.several}, {listed}: choose with --topic")
+        raise UsageError(f"{path} has several {wording.several}, {listed}: choose with topic=")
     return found[0]
 
 

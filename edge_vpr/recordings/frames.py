@@ -215,7 +215,7 @@ def read_metadata(folder: Path) -> tuple[Fraction | None, int]:
     except (ValueError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
         raise RecordingError(
             f"{path} is no readable metadata of frames ({printable(error, 200)}): write it again, "
-            "or remove it and pass --frame-period"
+            "or remove it and pass frame_period="
         ) from error
 
 
@@ -537,8 +537,8 @@ class FrameSource(Source):
             )
         if period is None:
             raise UsageError(
-                f"{path} does not say how long a frame lasts: pass --frame-period (frame_period=), "
-                "for example --frame-period 1/30"
+                f"{path} does not say how long a frame lasts: pass frame_period=, "
+                "for example frame_period='1/30'"
             )
         if self.frames.pixel_x is None:
             raise UsageError(

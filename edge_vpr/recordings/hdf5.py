@@ -318,12 +318,12 @@ class Hdf5Source(Source):
                 raise RecordingError(
                     f"{path} holds no datasets t, x, y, p"
                     + (f" under {options.topic}" if options.topic else "")
-                    + ": name their group with --topic, or the order of an array's columns "
-                    "with --columns"
+                    + ": name their group with topic=, or the order of an array's columns "
+                    "with columns="
                 )
             if len(places) > 1:
                 raise UsageError(
-                    f"{path} holds events in {', '.join(places)}: choose one with --topic"
+                    f"{path} holds events in {', '.join(places)}: choose one with topic="
                 )
             ((self._place, (self._fields, stated)),) = places.items()
             stated = stated or _unit_of(file[self._place], self._fields["t"])

@@ -41,7 +41,7 @@ class ParquetSource(Source):
         if found is None:
             raise RecordingError(
                 f"{path} has the columns {', '.join(schema.names)}, and not t, x, y, p: name all "
-                "of them in their order with --columns"
+                "of them in their order with columns="
             )
         self._names = found.fields
         self._check_types(path, schema)

@@ -193,11 +193,11 @@ def _damaged(path: Path, place: str, error: BaseException) -> RecordingError:
 # Handling of faulty events: checks, counts and messages.
 
 
-_REMEDY = "read with --on-fault drop (on_fault='drop'): {them} left out and counted"
+_REMEDY = "read with on_fault='drop': {them} left out and counted"
 #: Share of faulty entries from which on dropping them is no remedy.
 _NEARLY_ALL = 0.9
 _CHECKS = (
-    "check --sensor, --columns, --time-unit and --format, and whether a time before them is far "
+    "check sensor=, columns=, time_unit= and format=, and whether a time before them is far "
     "too late"
 )
 
@@ -412,11 +412,11 @@ def unit_remedy(time: float) -> str:
     Examples
     --------
     >>> unit_remedy(1_587_452_582_350_000_000)
-    '; if times are in ns, pass --time-unit ns'
+    "; if times are in ns, pass time_unit='ns'"
     """
     for unit, in_a_second in (("s", 1), ("ms", 10**3), ("us", 10**6), ("ns", 10**9)):
         if abs(time) < in_a_second << 33:
-            return f"; if times are in {unit}, pass --time-unit {unit}"
+            return f"; if times are in {unit}, pass time_unit='{unit}'"
     return ""
 
 
@@ -517,9 +517,9 @@ def crop_of(
     if start is end is offset is None:
         return None
     return TimeCrop(
-        start_us=0 if start is None else seconds_us(start, "start (--start)"),
-        end_us=None if end is None else seconds_us(end, "end (--end)"),
-        offset_us=None if offset is None else seconds_us(offset, "--start-offset"),
+        start_us=0 if start is None else seconds_us(start, "start"),
+        end_us=None if end is None else seconds_us(end, "end"),
+        offset_us=None if offset is None else seconds_us(offset, "start_offset"),
     )
 
 
@@ -584,7 +584,7 @@ class Recording:
         if source.sensor is None:
             raise UsageError(
                 f"{source.path} does not say how large its sensor is: "
-                "pass --sensor WIDTHxHEIGHT (sensor=), for example --sensor 346x260"
+                "pass sensor=, for example sensor='346x260'"
             )
         self.path: Path = source.path
         self.format = source.options.format
@@ -651,7 +651,7 @@ class Recording:
             until = "its end" if end is None else f"{end / 1e6:g} s"
             raise RecordingError(
                 f"{self.path} holds no events from {start / 1e6:g} s to {until}: give another "
-                "--start and --end (edge-vpr info shows its times)"
+                "start= and end= (edge-vpr info shows its times)"
             )
 
     def _find_start(self) -> tuple[int, int]:
@@ -737,5 +737,5 @@ def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str) ->
     return (
         f"the first {n:,} events take {duration_us / 1e6:,.6g} s if times are in {assumed}, as "
         f"assumed, which is {rate:,.3g} events/s: if they are in {best}, which is more likely, "
-        f"pass --time-unit {best}"
+        f"pass time_unit='{best}'"
     )

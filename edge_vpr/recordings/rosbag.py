@@ -793,5 +793,5 @@ def _choose(connections: Any, wanted: str | None, path: Path) -> tuple[Any, Arra
         )
     names = list(dict.fromkeys(c.topic for c, _ in known))
     if len(names) > 1:
-        raise UsageError(f"{path} has events on {', '.join(names)}: choose one with --topic")
+        raise UsageError(f"{path} has events on {', '.join(names)}: choose one with topic=")
     return known[0]

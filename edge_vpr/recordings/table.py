@@ -114,7 +114,7 @@ def array_columns(
         if found is None:
             raise RecordingError(
                 f"{name} has the fields {', '.join(dtype.names)}, and not "
-                "t, x, y, p: name all of them in their order with --columns"
+                "t, x, y, p: name all of them in their order with columns="
             )
         return ArrayColumns({**found.fields}, found.unit)
     if len(shape) == 2 and dtype.kind in "iuf":
@@ -123,7 +123,7 @@ def array_columns(
             return ArrayColumns({each: i for i, each in enumerate(wanted) if each != "-"}, None)
     raise RecordingError(
         f"{name} has shape {shape} and dtype {dtype}, which are no events: "
-        "save a structured array with fields t, x, y, p, or columns in that order (or --columns)"
+        "save a structured array with fields t, x, y, p, or columns in that order (or columns=)"
     )
 
 
@@ -155,7 +155,7 @@ def match_columns(names: Iterable[str], order: str | None = None) -> Named | Non
     if len(set(times.values())) > 1:
         raise RecordingError(
             f"the columns {', '.join(times)} are all times: leave out all but one, or in text name "
-            "the order of all columns with --columns"
+            "the order of all columns with columns="
         )
     fields = {column: name for column, (_, name) in found.items()}
     if not {"t", "x", "y"} <= fields.keys():
@@ -226,7 +226,7 @@ def check_order(path: Path, rows: npt.NDArray[Any]) -> None:
     if order := likely_order(rows.astype(np.float64)):
         raise UsageError(
             f"{path} names no columns, and they do not look like {', '.join('txyp'[: len(order)])} "
-            f"but like {', '.join(order)}: pass --columns={order}, or the order that they have"
+            f"but like {', '.join(order)}: pass columns='{order}', or the order that they have"
         )
 
 
@@ -354,6 +354,6 @@ def on_events(polarity: npt.NDArray[Any], log: FaultLog) -> npt.NDArray[np.bool_
             log.remark(
                 f"polarity has the values {', '.join(f'{v:g}' for v in values[:5].tolist())}, and "
                 "each above 0 is ON: counts of events are right, but for shares of ON and for "
-                "--polarity write OFF as 0 or -1"
+                "polarity= write OFF as 0 or -1"
             )
     return on

@@ -237,7 +237,7 @@ class TextSource(Source):
             first = int(np.flatnonzero(status == FRACTION)[0])
             raise RecordingError(
                 f"{self.path}: event {entry + first:,}: the time has a fraction where those before "
-                "had none: pass --time-unit s, ms or us"
+                "had none: pass time_unit=, one of s, ms and us"
             )
         good = (status == GOOD) | (status == FRACTION)
         t, x, y, p = out if good.all() else out[:, good]
@@ -329,7 +329,7 @@ def _find_order(
         found = None  # any comment
     unit = None
     if columns:
-        order, named_by = list(columns), "--columns names"
+        order, named_by = list(columns), "columns= names"
     elif found:
         field = {name: column for column, name in found.fields.items()}
         order, unit, named_by = (
@@ -342,7 +342,7 @@ def _find_order(
     elif headed:
         raise RecordingError(
             f"{path} begins with {' '.join(names)!r}, which is no event and names no columns: "
-            "head them t,x,y,p, or name them with --columns, for example --columns xytp"
+            "head them t,x,y,p, or name them with columns=, for example columns='xytp'"
         )
     else:
         order, named_by = list("txy" if width == 3 else "txyp"), "t, x, y, p are"
@@ -352,7 +352,7 @@ def _find_order(
     if width != len(order) and 2 * number > len(rows):
         raise RecordingError(
             f"{path} has {width} columns a line, and {named_by} {len(order)}: name all of them "
-            "with --columns, and with - those to leave out, for example --columns=-txyp"
+            "with columns=, and with - those to leave out, for example columns='-txyp'"
         )
     return order, unit
 

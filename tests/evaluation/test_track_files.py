@@ -166,7 +166,7 @@ def test_tracks_of_two_routes_say_how_far_they_are_apart():
 def test_one_route_at_other_times_says_that_it_is_the_clock():
     """The windows all lie where the reference has not been while it was filmed."""
     reference, query = straight(100, 1_000), straight(100, 1_000)
-    with pytest.raises(GroundTruthError, match=r"100 % of the query's track runs along.*--offset"):
+    with pytest.raises(GroundTruthError, match=r"100 % of the query's .*Track.shifted"):
         from_tracks(reference, query, centres(10), centres(90)[50:], 20.0)
 
 
@@ -316,7 +316,7 @@ def test_unix_times_suggest_the_offsets_with_which_the_tracks_cover_the_drives()
         for track, at in zip((first, second), offsets.groups(), strict=True)
     ]
     assert from_tracks(*shifted, centres(10), centres(10), 5.0).has_place.all()
-    with pytest.raises(GroundTruthError, match=rf"pass --offset 0 -{UNIX_S + 900}, if"):
+    with pytest.raises(GroundTruthError, match=rf"shift by 0 -{UNIX_S + 900} s .*, if"):
         from_tracks(shifted[0], second, centres(10), centres(10), 5.0)
 
 
@@ -324,6 +324,6 @@ def test_unix_times_of_a_recording_of_such_times_name_its_own_start():
     drive, _ = simulate_pair(0, "tiny", length_m=20)
     drive.start_us = UNIX_S * S + 750_000
     track = straight(60, 100, start_us=UNIX_S * S)
-    with pytest.raises(GroundTruthError, match=rf"pass --track-offset -{UNIX_S}\.75$"):
+    with pytest.raises(GroundTruthError, match=rf"shift by -{UNIX_S}\.75 s \(Track.shifted\)$"):
         ReferenceMap.build(drive, pixels=20, track=track)
     ReferenceMap.build(drive, pixels=20, track=track.shifted(-UNIX_S - 0.75))

@@ -655,7 +655,7 @@ def test_a_delay_gives_a_match_per_window_without_being_told_when(route, query, 
     # from one piece of bytes, a window apart
     apart_us = [after[2] - before[2] for before, after in pairwise(found[0])]
     assert any(abs(apart - 100_000) <= 1 for apart in apart_us)
-    with pytest.raises(UsageError, match=r"a delay of 2 windows, .* leave --every out"):
+    with pytest.raises(UsageError, match=r"a delay of 2 windows, .* leave every= out"):
         LiveSession(sent, **asked, smooth=True, every="50ms")
 
 

@@ -146,7 +146,7 @@ def test_a_drive_that_is_not_of_the_route_is_refused_unless_it_is_said_to_be(
     rng = np.random.default_rng(0)
     chosen = np.arange(n)[::-1] if order == "reversed" else rng.permutation(n)
     other = replace(counted.take(chosen), start_us=counted.start_us, end_us=counted.end_us)
-    with pytest.raises(UsageError, match="--same-route"):
+    with pytest.raises(UsageError, match="same_route="):
         learn_drive(route, other)
     update = learn_drive(route, counted, same_route=True)
     assert update.aligned.mean() > 0.9 and not update.warnings

@@ -276,7 +276,7 @@ def test_too_few_pixels_after_the_hot_ones_names_the_cause(tmp_path, capsys):
     hot = np.zeros((30, 40), dtype=np.bool_)
     hot[events["y"], events["x"]] = True
     hot[0, :20] = False
-    with pytest.raises(UsageError, match=r"left out as hot: keep them \(--hot-pixels keep"):
+    with pytest.raises(UsageError, match=r"left out as hot: keep them \(hot_pixels='keep'"):
         ev.ReferenceMap.build(Drive(events, SPARSE), hot=hot, pixels=40, tau="100ms")
     with pytest.raises(UsageError, match="ask for fewer pixels or map a longer traverse"):
         ev.ReferenceMap.build(Drive(events[::10], SPARSE), pixels=400, tau="100ms")
@@ -346,7 +346,7 @@ def test_the_period_of_frames_is_kept_in_the_map(tmp_path, capsys):
     (tmp_path / "truth.csv").write_text("query_frame,reference_frame\n0,0\n29,29\n")
     evaluate = ["evaluate", result, "--ground-truth", str(tmp_path / "truth.csv")]
     assert main([*evaluate, "--tolerance", "2"]) == 0
-    with pytest.raises(UsageError, match="pass --frame-period"):
+    with pytest.raises(UsageError, match="pass frame_period="):
         ev.open_recording(first)
     assert (
         ev.open_recording(first, frame_period="1/10").frame_period

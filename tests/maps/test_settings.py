@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
+from typing import get_type_hints
 
 import pytest
 from edge_vpr_tools.flags import add_map_flags, map_settings
 
 from edge_vpr.errors import UsageError
-from edge_vpr.settings import PRESETS, SETTING_FIELDS, Settings, resolve_settings
+from edge_vpr.settings import (
+    PRESETS,
+    SETTING_FIELDS,
+    MatchingChanges,
+    SettingChanges,
+    Settings,
+    resolve_settings,
+)
 
 
 def test_flags_lie_over_the_file_and_the_file_over_the_preset(tmp_path):
@@ -226,3 +235,53 @@ def test_settings_belong_to_a_profile_or_say_what_to_change(preset, changes, pro
     values = {"false": False, "none": None}
     named = {name: values.get(value, value) for name, value in wanted.items()}
     assert found.replaced(named, "the test").profile in ("robot", "paper")
+
+
+def test_keywords_for_type_checkers_are_the_settings_with_their_types():
+    hints = get_type_hints(Settings)
+
+    def keywords(settings):
+        return {
+            name: hints[each.name] | str if each.words or each.read else hints[each.name]
+            for each in settings
+            for name in (each.name, each.key)
+        }
+
+    matching = [each for each in SETTING_FIELDS.values() if each.group == "matching"]
+    assert get_type_hints(MatchingChanges) == keywords(matching)
+    assert get_type_hints(SettingChanges) == keywords(SETTING_FIELDS.values())
+
+
+_TYPED = """
+from edge_vpr import LiveSession, ReferenceMap, open_recording
+
+drive = open_recording("monday.raw", sensor=(346, 260))
+route = ReferenceMap.build(drive, "paper", pixels=50, tau="500ms", hot_pixels="keep", clip=None)
+route.match("tuesday.raw", precision=0.99, matching="filter").evaluate(("a.csv", "b.csv"), 70)
+route.localiser("50ms", delay=2)
+LiveSession("/dev/ttyUSB0", protocol="edvs", reference=route, precision=0.9)
+"""
+_WRONG = """\
+ReferenceMap.build(drive, pixles=50)
+ReferenceMap.build(drive, pixels="many")
+ReferenceMap.build(drive, window="counts")
+ReferenceMap.build(5)
+route.match(drive, precison=0.99)
+route.match(drive, pixels=50)
+route.localiser(dealy=2)
+LiveSession("/dev/ttyUSB0", protocol="edvs", reference=route, precison=0.9)
+"""
+
+
+def test_a_type_checker_sees_a_misspelt_setting_and_a_wrong_value(tmp_path):
+    api = pytest.importorskip("mypy.api")
+    program = tmp_path / "program.py"
+    program.write_text(_TYPED + _WRONG)
+    config = Path(__file__).parents[2] / "pyproject.toml"
+    report, errors, _ = api.run(
+        ["--strict", "--no-color-output", "--config-file", str(config), str(program)]
+    )
+    assert not errors
+    first = _TYPED.count("\n") + 1
+    found = sorted(int(line.split(":")[1]) for line in report.splitlines() if ": error:" in line)
+    assert found == [first + i for i in range(_WRONG.count("\n"))]

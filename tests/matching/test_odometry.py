@@ -226,7 +226,7 @@ def test_without_odometry_the_way_is_that_of_the_track():
 
 
 def test_a_map_without_distances_refuses_odometry():
-    with pytest.raises(UsageError, match="make it with the reference drive's --odometry"):
+    with pytest.raises(UsageError, match="make it with the reference drive's odometry="):
         Transitions(3, TransitionCosts()).by_distance(np.zeros(3, dtype=np.int32), 5)
     with pytest.raises(UsageError, match="expected one for each of 3 places"):
         Transitions(3, TransitionCosts(), along_mm=np.arange(2))

@@ -121,6 +121,7 @@ def test_the_notebook_runs_from_top_to_bottom(tmp_path, monkeypatch):
     ).execute()
     shown = [output for cell in cells for output in cell.outputs if "data" in output]
     assert sum("image/png" in output.data for output in shown) == 2
+    assert sum("data:image/svg" in output.data.get("text/html", "") for output in shown) == 1
     assert float(shown[-1].data["text/plain"]) > 0.5
     assert "places" in cells[1].outputs[0].text
 

@@ -341,9 +341,9 @@ def _open(path: Path, chunk: int):  # type: ignore[no-untyped-def]
     try:
         recording = open_recording(path, **options)
     except EdgeVprError as error:
-        if "--frame-period" in str(error):
+        if "frame_period=" in str(error):
             recording = open_recording(path, frame_period=Fraction(1, 30), **options)
-        elif "pass --sensor" in str(error):
+        elif "pass sensor=" in str(error):
             recording = open_recording(path, sensor=SENSOR, **options)
         else:
             raise

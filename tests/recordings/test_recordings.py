@@ -133,9 +133,9 @@ def test_faulty_events_are_dropped_and_counted_as_plain_python_does_for_any_chun
 @pytest.mark.parametrize(
     ("row", "words"),
     [
-        ((4, 1, 1, 1), ("event 2:", "time runs backwards, from 5 to 4 us", "--on-fault drop")),
-        ((6, 40, 1, 1), ("event 2:", "pixel (40, 1) at 6 us", "40x30", "--on-fault drop")),
-        ((6, 1, -1, 1), ("event 2:", "pixel (1, -1)", "--on-fault drop")),
+        ((4, 1, 1, 1), ("event 2:", "time runs backwards, from 5 to 4 us", "on_fault='drop'")),
+        ((6, 40, 1, 1), ("event 2:", "pixel (40, 1) at 6 us", "40x30", "on_fault='drop'")),
+        ((6, 1, -1, 1), ("event 2:", "pixel (1, -1)", "on_fault='drop'")),
     ],
 )
 def test_a_fault_is_an_error_that_says_what_and_where_and_can_be_dropped(row, words, tmp_path):
@@ -243,7 +243,7 @@ def test_an_archive_or_a_folder_of_other_things_says_what_it_holds(tmp_path):
         ({"start": "soon"}, "is no number of seconds"),
         ({"start": 5, "end": 2}, "is not after the start"),
         ({"columns": 4}, "columns is an int (4): give text"),
-        ({}, "--sensor 346x260"),
+        ({}, "sensor='346x260'"),
     ],
 )
 def test_wrong_use_names_the_remedy(options, words, tmp_path):
@@ -278,7 +278,7 @@ def test_nothing_half_written_is_left_and_nothing_is_replaced_unasked(tmp_path):
     path = tmp_path / "a.npz"
     write_recording(path, good, sensor=SENSOR)
     before = path.read_bytes()
-    with pytest.raises(UsageError, match="exists: name another, or replace it with --overwrite"):
+    with pytest.raises(UsageError, match="exists: name another, or replace it with overwrite=True"):
         write_recording(path, good, sensor=SENSOR)
     (tmp_path / "folder.npz").mkdir()
     with pytest.raises(UsageError, match=r"folder.npz: it is not a file: name another one"):

@@ -323,7 +323,7 @@ def test_aedat2_without_a_chip_is_read_with_the_size_of_the_sensor(sensor, first
     assert np.array_equal(events, make_events(np.arange(0, 5_000, 10), x, y, p))
     assert str(recording.sensor) == sensor
     for wrong in (None, "320x240"):
-        with pytest.raises(UsageError, match=r"pass --sensor, one of 128x128, .*346x260"):
+        with pytest.raises(UsageError, match=r"pass sensor=, one of 128x128, .*346x260"):
             absolute(path, sensor=wrong)
     path.write_bytes(files.aedat2("x.Cochlea", pairs))
     with pytest.raises(RecordingError, match=r"x\.Cochlea, whose addresses are not known"):
@@ -445,7 +445,7 @@ def test_aedat3_with_two_cameras_asks_which(tmp_path):
     sources = "#Source 0: DVS128\r\n#-Source 0: FILE\r\n#Source 3: DAVIS346BMono"
     left, right = (files.aedat3_polarity([(5, 1, 2, True)], source=n) for n in (0, 3))
     path.write_bytes(files.aedat3(left, right, right, sources=sources))
-    with pytest.raises(UsageError, match=r"0 \(DVS128\), 3 \(DAVIS346BMono\): choose with --topic"):
+    with pytest.raises(UsageError, match=r"0 \(DVS128\), 3 \(DAVIS346BMono\): choose with topic="):
         open_recording(path)
     with pytest.raises(RecordingError, match="no camera 'up'"):
         open_recording(path, topic="up")
@@ -484,7 +484,7 @@ def test_aedat4_with_two_cameras_asks_which(tmp_path):
         + files.aedat4_packet(3, [])
         + files.aedat4_packet(0, [(7, 3, 4, True)])
     )
-    with pytest.raises(UsageError, match=r"0 \(left\), 3 \(right\): choose with --topic"):
+    with pytest.raises(UsageError, match=r"0 \(left\), 3 \(right\): choose with topic="):
         open_recording(path)
     with pytest.raises(RecordingError, match="no stream of events 'up'"):
         open_recording(path, topic="up")

@@ -181,7 +181,7 @@ def test_frames_that_are_no_counts_say_why(contents, words, tmp_path):
 
 def test_what_the_caller_has_to_say_is_asked_for(tmp_path):
     np.savez(tmp_path / "a.npz", frames=np.ones((1, 2, 2)))
-    with pytest.raises(UsageError, match="--frame-period 1/30"):
+    with pytest.raises(UsageError, match="frame_period='1/30'"):
         open_recording(tmp_path / "a.npz")
     np.savez(tmp_path / "b.npz", counts=np.ones((1, 2)))
     with pytest.raises(UsageError, match="cannot become events: add the pixels, or use"):

@@ -341,7 +341,7 @@ def test_csv_and_npy_carry_sensor_and_start_and_stay_readable_for_others(suffix,
         assert np.array_equal(np.load(path, mmap_mode="r"), events)
         # bytes behind the array that are not ours say nothing
         path.write_bytes(path.read_bytes()[:-1] + b"!")
-        with pytest.raises(EdgeVprError, match="pass --sensor"):
+        with pytest.raises(EdgeVprError, match="pass sensor="):
             open_recording(path)
     else:
         table = np.genfromtxt(path, delimiter=",", comments="#", skip_header=2)
@@ -416,7 +416,7 @@ def test_times_in_an_assumed_unit_that_are_implausible_are_remarked(tmp_path, ca
     columns_npz(tmp_path / "a.npz", ns, x=rng.integers(0, 40, n), y=rng.integers(0, 30, n))
     remark = open_recording(tmp_path / "a.npz").remark
     assert "30 events/s" in remark
-    assert "pass --time-unit ns" in remark
+    assert "pass time_unit='ns'" in remark
     assert open_recording(tmp_path / "a.npz", time_unit="us").remark == ""
     assert open_recording(tmp_path / "a.npz", time_unit="ns").remark == ""
     again = np.concatenate(list(open_recording(tmp_path / "a.npz")))
@@ -438,13 +438,13 @@ def test_unix_times_beyond_the_range_of_the_assumed_unit_name_theirs(
     times, unit, on_fault, tmp_path
 ):
     columns_npz(tmp_path / "a.npz", times, x=np.arange(50) % 40, y=np.arange(50) % 30)
-    with pytest.raises(RecordingError, match=f"if times are in {unit}, pass --time-unit {unit}"):
+    with pytest.raises(RecordingError, match=f"if times are in {unit}, pass time_unit='{unit}'"):
         open_recording(tmp_path / "a.npz", on_fault=on_fault)
     assert open_recording(tmp_path / "a.npz", time_unit=unit).remark == ""
     if unit == "ns":
         lines = [f"{t},1,1,1\n" for t in times.tolist()]
         (tmp_path / "a.csv").write_text("t,x,y,p\n" + "".join(lines))
-        with pytest.raises(RecordingError, match="if times are in ns, pass --time-unit ns"):
+        with pytest.raises(RecordingError, match="if times are in ns, pass time_unit='ns'"):
             open_recording(tmp_path / "a.csv", sensor=SENSOR, on_fault=on_fault)
 
 

@@ -200,7 +200,7 @@ def test_the_topic_is_asked_for_where_there_are_several(tmp_path):
     path = tmp_path / "a.bag"
     left, right = arrays(EVENTS, 1), arrays(EVENTS[:50], 1)
     write_bag(path, 1, [("/left", left[0]), ("/right", right[0]), ("/left", left[1])])
-    with pytest.raises(UsageError, match="events on /left, /right: choose one with --topic"):
+    with pytest.raises(UsageError, match="events on /left, /right: choose one with topic="):
         open_recording(path)
     with pytest.raises(RecordingError, match=r"no events on /up; its topics are: /left \("):
         open_recording(path, topic="/up")

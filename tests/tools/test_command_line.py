@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
 import re
@@ -11,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,6 +26,7 @@ from edge_vpr_tools.cli import (
     find_verb,
     takes_value,
 )
+from edge_vpr_tools.console import Verbosity, in_flags, verbosity
 from edge_vpr_tools.research.intensity import open_intensity
 from streams import random_events
 
@@ -608,3 +611,58 @@ def test_a_real_shell_completes(tmp_path, shell):
     # zsh and fish show the help beside it
     assert re.split(r"[\s:]", run.stdout)[0] == "--online", run.stderr
     assert run.stdout.count("--") == 1
+
+
+def test_a_message_names_arguments_in_python_and_flags_on_the_command_line(tmp_path, capsys):
+    drive = tmp_path / "start=3 drive.csv"
+    drive.write_text("t,x,y,p\n5,0,0,1\n1,0,0,1\n9,0,0,1\n")
+    there = tmp_path / "there.npz"
+    there.write_text("mine")
+    said = {
+        ("info", drive): ("pass sensor=, for example sensor='346x260'", "--sensor 346x260"),
+        ("convert", drive, tmp_path / "b.npz", "--sensor", "4x4"): (
+            "read with on_fault='drop'",
+            "read with --on-fault drop",
+        ),
+        ("convert", drive, there, "--sensor", "4x4", "--on-fault", "drop"): ("", "--overwrite"),
+    }
+    for words, (in_python, on_the_line) in said.items():
+        assert cli.main([str(word) for word in words]) != 0
+        shown = capsys.readouterr().err
+        assert on_the_line in shown
+        assert "/start=3 drive.csv" in shown or str(there) in shown
+        if in_python:
+            with pytest.raises(EdgeVprError, match=re.escape(in_python)):
+                list(edge_vpr.open_recording(drive, sensor="4x4" if "--sensor" in words else None))
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("leave every= out, or set delay=0", "leave --every out, or set --delay 0"),
+        ("pass columns='-txyp'", "pass --columns=-txyp"),
+        ("add smooth=False; overwrite=True", "add --no-smooth; --overwrite"),
+        ("give max_gap_s= or start=", "give --longest-gap or start="),
+        ("(Track.shifted)", "(--track-offset)"),
+    ],
+)
+def test_arguments_become_the_flags_that_the_verb_has(text, shown):
+    flags = "--every --delay --columns --smooth --no-smooth --overwrite --longest-gap"
+    with verbosity(Verbosity.NORMAL, [], [*flags.split(), "--track-offset"]):
+        assert in_flags(text) == shown
+    assert in_flags(text) == text
+
+
+def test_messages_of_the_library_name_no_flags():
+    library = Path(edge_vpr.__file__).parent
+    flag = re.compile(r"(?<![\w`-])--[a-z]")
+    found = [
+        (str(path.relative_to(library)), node.value)
+        for path in library.rglob("*.py")
+        for raised in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(raised, ast.Raise)
+        for node in ast.walk(raised)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        if flag.search(re.sub(r"edge-vpr [a-z ]+--[a-z]+", "", node.value))
+    ]
+    assert found == []

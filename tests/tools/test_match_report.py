@@ -19,6 +19,7 @@ from edge_vpr_tools.report.figures import true_cells
 from edge_vpr_tools.report.verdict import outcome_of
 from streams import descriptors
 
+from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.matching.drive import match_descriptors
@@ -85,7 +86,7 @@ def test_the_verdict_says_what_the_metrics_say(street):
     assert all(len(numbers) == 1 for numbers in shown.values())
     (yes,), (no,), (bad,), (worse,) = shown.values()
     assert (yes + no, bad + worse) == (correct, found["queries"] - correct)
-    share = re.search(r"(\d+) % would be accepted with --precision 0.99", printed)
+    share = re.search(r"(\d+) % would be accepted at precision 0.99", printed)
     assert abs(int(share[1]) - 100 * (yes + bad) / found["queries"]) <= 0.5
 
 
@@ -215,7 +216,7 @@ def test_when_all_are_wrong_or_all_correct_the_verdict_is_short(street):
     known = np.ones(truth.shape[1], dtype=np.bool_)
     for correct, start in ((truth, f"{n} of {n} matches are correct; "), (~truth, f"0 of {n} ")):
         right = GroundTruth(correct, known, "by hand")
-        text = outcome_of(reference, matches, right, evaluate(matches, right)).sentence()
+        text = outcome_of(reference, matches, evaluate(matches, right)).sentence()
         assert text.startswith(start)
         assert "lie at" not in text
 
@@ -261,3 +262,120 @@ def test_the_map_of_a_result_is_a_link_to_the_map_that_was_matched_with(street, 
         tmp_path / "one/map.npz", overwrite=True
     )
     assert made.read_bytes() == before != (tmp_path / "one/map.npz").read_bytes()
+
+
+# What a result shows by itself in Python.
+
+
+def test_a_result_draws_itself_on_axes_of_its_own_or_given_ones(street):
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    result = MatchResult.load(street / "results")
+    judged = result.evaluate((street / "reference.csv", street / "query.csv"), 3)
+    drawn = result.plot(judged)
+    labels = [axes.get_ylabel() for axes in drawn]
+    assert labels == ["y (m)", "error (m)", "probability"]
+    points = {
+        collection.get_label(): len(collection.get_offsets()) for collection in drawn[1].collections
+    }
+    wrong = int(np.count_nonzero(judged.evaluated & ~judged.correct))
+    assert sum(n for label, n in points.items() if label.startswith("wrong")) == wrong > 0
+    _, given = pyplot.subplots(1, 2)
+    assert list(result.plot(axes=given)) == list(given)
+    assert [axes.get_ylabel() for axes in given] == ["y (m)", "distance along the route (m)"]
+    _, one = pyplot.subplots()
+    assert list(result.plot(judged, axes=one)) == [one]
+    pyplot.close("all")
+    with pytest.raises(UsageError, match="axes= is no Matplotlib axes"):
+        result.plot(axes="axes")
+
+
+def test_positions_correctness_and_errors_stand_beside_the_matches(street):
+    pytest.importorskip("pandas")
+    result = MatchResult.load(street / "results")
+    judged = result.evaluate((street / "reference.csv", street / "query.csv"), 3)
+    table = result.to_frame(judged)
+    np.testing.assert_array_equal(table["along_m"], result.along_m)
+    np.testing.assert_array_equal(table[["x_m", "y_m"]], result.position)
+    assert table["correct"].sum() == judged.correct.sum()
+    assert ((table["error"] <= 3) == table["correct"]).all()
+    unknown = replace(judged, evaluated=np.zeros(len(result), bool))
+    assert result.to_frame(unknown)["correct"].isna().all()
+    other = replace(judged, correct=judged.correct[1:])
+    with pytest.raises(UsageError, match="give that of this result"):
+        result.to_frame(other)
+    nowhere = replace(result, reference=replace(result.reference, route=None))
+    assert nowhere.position is None
+    assert np.isnan(nowhere.along_m).all()
+
+
+def test_a_report_from_python_is_that_of_the_command_line(street, tmp_path):
+    result = MatchResult.load(street / "results")
+    judged = result.evaluate((street / "reference.csv", street / "query.csv"), 3)
+    result.report(tmp_path / "out", judged, figures=("png",))
+    metrics = json.loads((tmp_path / "out/metrics.json").read_text())
+    of_command = json.loads((street / "results/metrics.json").read_text())
+    for key in ("evaluation", "verdict", "ground_truth"):
+        assert metrics[key] == of_command[key]
+    page = unescape((tmp_path / "out/report.html").read_text()).replace("\u00a0", " ")
+    assert metrics["verdict"] in page
+    assert (tmp_path / "out/route.png").stat().st_size > 0
+    shown = result._repr_html_()
+    assert outcome_of(result.reference, result.matches).sentence() in unescape(shown)
+    assert "data:image/svg+xml;base64," in shown
+
+
+def test_a_map_says_in_python_what_info_prints(street, capsys):
+    info = ReferenceMap.load(street / "map.npz").info()
+    run("info", street / "map.npz")
+    printed = capsys.readouterr().out
+    assert printed.endswith(f"{info}\n")
+    run("info", street / "map.npz", "--json")
+    found = json.loads(capsys.readouterr().out)
+    assert {name: found[name] for name in ("places", "route_m", "settings")} == {
+        "places": info.places,
+        "route_m": info.route_m,
+        "settings": info.settings,
+    }
+
+
+def test_several_tolerances_are_judged_in_one_run(street, tmp_path):
+    folder = tmp_path / "results"
+    shutil.copytree(street / "results", folder)
+    tracks = [street / f"{name}.csv" for name in ("reference", "query")]
+    shown = {}
+    for words in ((3,), (9,), (3, 9)):
+        printed = io.StringIO()
+        with redirect_stdout(printed):
+            run("evaluate", folder, "--ground-truth", *tracks, "--tolerance", *words)
+        shown[words] = json.loads((folder / "metrics.json").read_text())
+    both = shown[3, 9]
+    assert both["evaluation"] == shown[3,]["evaluation"]
+    assert [each["tolerance"] for each in both["tolerances"]] == [3, 9]
+    for each in both["tolerances"]:
+        alone = shown[int(each["tolerance"]),]["evaluation"]
+        assert each["unit"] == "m"
+        assert set(each["recall_at"]) >= {"1", "5", "10"}
+        assert each["recall_at"] == alone["recall_at"]
+        assert each["precision_at_100_recall"] == alone["precision_at_100_recall"]
+        assert f"{each['recall_at']['5']:.3f}" in printed.getvalue()
+    assert both["tolerances"][1]["recall_at"]["1"] > both["tolerances"][0]["recall_at"]["1"]
+    page = (folder / "report.html").read_text()
+    assert "9 m" in page
+
+
+def test_the_points_of_the_curve_are_a_table_and_its_picture_is_always_there(street, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    result = MatchResult.load(street / "results")
+    tracks = (street / "reference.csv", street / "query.csv")
+    for tolerance in (3, 1_000):  # some wrong, none wrong
+        found = result.evaluate(tracks, tolerance)
+        result.report(tmp_path / f"{tolerance}", found, figures=("svg",))
+        picture = (tmp_path / f"{tolerance}/precision_recall.svg").read_text()
+        assert f"of the {found.correct.sum()} queries whose best match is correct" in picture
+        table = pandas.read_csv(tmp_path / f"{tolerance}/precision_recall.csv")
+        np.testing.assert_array_equal(table["recall"], found.curve.recall)
+        np.testing.assert_array_equal(table["tp"] / (table["tp"] + table["fp"]), table["precision"])
+        for row in table.itertuples():  # the threshold is of the trust as matches.csv has it
+            accepted = result.matches.trust >= row.threshold
+            assert (accepted & found.correct).sum() == row.tp
+    assert not (found.evaluated & ~found.correct).any()

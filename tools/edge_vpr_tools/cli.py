@@ -17,7 +17,7 @@ import threading
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from pathlib import Path
 from types import FrameType, ModuleType
 from typing import Any, NoReturn
@@ -30,6 +30,7 @@ from edge_vpr_tools.console import (
     check_interrupted,
     compiling_noted,
     error_line,
+    in_flags,
     interrupts_kept,
     verbosity,
     warning,
@@ -197,6 +198,11 @@ class VerbParser(argparse.ArgumentParser):
         if left:
             self.error(f"unexpected argument {left[0]!r}")
         return args
+
+    @property
+    def flags(self) -> Container[str]:
+        """All flags of the verb."""
+        return self._option_string_actions.keys()
 
     def error(self, message: str) -> NoReturn:
         """Raise the error that argparse would print."""
@@ -463,10 +469,18 @@ def run(argv: Sequence[str]) -> None:
         raise UsageError(
             f"there is no command {verb!r}{did_you_mean(verb, VERBS)} (edge-vpr --help lists all)"
         )
-    args = VerbParser(verb).parse(words)
+    parser = VerbParser(verb)
+    args = parser.parse(words)
     level = Verbosity.QUIET if args.quiet else Verbosity(args.verbose)
-    with verbosity(level, argv), compiling_noted("" if verb == "doctor" else COMPILE_ALL):
-        command_of(verb).run(args)
+    with (
+        verbosity(level, argv, parser.flags),
+        compiling_noted("" if verb == "doctor" else COMPILE_ALL),
+    ):
+        try:
+            command_of(verb).run(args)
+        except EdgeVprError as error:
+            error.args = tuple(in_flags(x) if isinstance(x, str) else x for x in error.args)
+            raise
 
 
 def _without_verb(words: Sequence[str]) -> None:

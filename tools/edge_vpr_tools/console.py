@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import IntEnum
 from types import FrameType
@@ -37,17 +38,60 @@ class Verbosity(IntEnum):
 
 
 _now = [Verbosity.NORMAL]
+_flags: list[Container[str]] = [()]
 
 
 @contextmanager
-def verbosity(level: Verbosity, command: Sequence[str]) -> Iterator[None]:
-    """Print as much as `level` allows while a command runs, which has its own list of warnings."""
+def verbosity(
+    level: Verbosity, command: Sequence[str], flags: Container[str] = ()
+) -> Iterator[None]:
+    """Print as much as `level` allows while a command runs, which has its own list of warnings.
+
+    Parameters
+    ----------
+    flags : container of str
+        Of the command; messages name them, see `in_flags`.
+    """
     _now.append(level)
+    _flags.append(flags)
     try:
         with logged_run(command):
             yield
     finally:
         _now.pop()
+        _flags.pop()
+
+
+#: Flags of arguments that have another name.
+_FLAGS_OF = {
+    "max_gap_s": ["--longest-gap"],
+    "reference": ["--map"],
+    "Track.shifted": ["--offset", "--track-offset"],
+}
+#: An argument as messages of the library name it: ``sensor=``, ``sensor='346x260'``, ``delay=0``.
+_ARGUMENT = re.compile(
+    r"(?<![\w/.-])([a-z][a-z_]*)=(?:'([^']*)'|(True|False|[0-9]+))?(?=[\s,;:)]|$)|(Track\.shifted)\b"
+)
+
+
+def in_flags(text: str) -> str:
+    """Return a message of the library with the flags of the command in place of its arguments."""
+
+    def flag(found: re.Match[str]) -> str:
+        name, quoted, plain, method = found.groups()
+        name = name or method
+        known = _FLAGS_OF.get(name, ["--" + name.replace("_", "-")])
+        known = [each for each in known if each in _flags[-1]]
+        if not known:
+            return found[0]
+        if plain == "False":
+            return known[0].replace("--", "--no-", 1)
+        value = quoted if plain in (None, "True") else plain
+        if not value:
+            return known[0]
+        return known[0] + ("=" if value.startswith("-") else " ") + value
+
+    return _ARGUMENT.sub(flag, text)
 
 
 def is_quiet() -> bool:
@@ -63,7 +107,7 @@ def is_verbose() -> bool:
 def summary(text: str) -> None:
     """Print a line of a command's result on standard output; not if quiet."""
     if not is_quiet():
-        print(escaped(text), flush=True)
+        print(escaped(in_flags(text)), flush=True)
 
 
 def note(text: str) -> None:
@@ -86,6 +130,7 @@ def detail_settings(settings: Mapping[str, object]) -> None:
 
 def warning(text: str) -> None:
     """Print a warning on standard error, unless quiet, and keep it for the record of the run."""
+    text = in_flags(text)
     log_warning(text)
     if not is_quiet():
         error_line(f"warning: {text}")
@@ -93,7 +138,7 @@ def warning(text: str) -> None:
 
 def error_line(text: str) -> None:
     """Print a line on standard error."""
-    print("edge-vpr:", printable(text), file=sys.stderr, flush=True)
+    print("edge-vpr:", printable(in_flags(text)), file=sys.stderr, flush=True)
 
 
 #: share of events that a few bursts of a sensor do not reach

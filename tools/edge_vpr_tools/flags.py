@@ -277,8 +277,14 @@ def add_gap_flag(group: argparse._ActionsContainer) -> None:
     )
 
 
-def add_truth_flags(group: argparse._ActionsContainer) -> None:
-    """Add the flags that a `truth_files.TruthFiles` is made of."""
+def add_truth_flags(group: argparse._ActionsContainer, *, several: bool = False) -> None:
+    """Add the flags that a `truth_files.TruthFiles` is made of.
+
+    Parameters
+    ----------
+    several : bool
+        Take several tolerances, as a list.
+    """
     group.add_argument(
         "--ground-truth",
         nargs="+",
@@ -293,8 +299,11 @@ def add_truth_flags(group: argparse._ActionsContainer) -> None:
         "--tolerance",
         type=float,
         metavar="T",
+        nargs="+" if several else None,
         help="largest error of a correct match: in metres for tracks, in the unit of the file for "
-        "an alignment; needed for both",
+        "an alignment; needed for both"
+        + "; of several, the report and the verdict are of the first"
+        * several,
     )
     group.add_argument(
         "--rows", choices=("reference", "query"),

@@ -26,7 +26,7 @@ from edge_vpr.errors import printable
 from edge_vpr.live.position import Locator
 from edge_vpr.live.session import SILENT_S, LiveMatch, LiveStatus, LiveStep, ends_early
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr_tools.console import is_quiet, warning
+from edge_vpr_tools.console import in_flags, is_quiet, warning
 from edge_vpr_tools.publish import MatchServer
 
 # The full-screen view of a live run on a terminal.
@@ -303,6 +303,7 @@ class View:
 
     def say(self, kind: str, text: str, *, over: bool = False) -> None:
         """Report that something happened, or that it is over."""
+        text = in_flags(text)
         self._write({"kind": kind, "text": text})
         # texts of a device or of the system can contain anything
         text = printable(text)

@@ -219,12 +219,17 @@ def _times(result: MatchResult) -> tuple[Times, Times]:
     return result.reference.place_time_us, result.query_time_us
 
 
-def _doubted(result: MatchResult, files: TruthFiles) -> GroundTruth:
-    """Read the truth of the matches, and warn if it is doubtful."""
+def truth_of(result: MatchResult, files: TruthFiles) -> GroundTruth:
+    """Read the truth of the matches."""
     events = None
     if result.queries is not None:
         events = result.reference.places.events, result.queries.events
-    truth = files(*_times(result), events)
+    return files(*_times(result), events)
+
+
+def _doubted(result: MatchResult, files: TruthFiles) -> GroundTruth:
+    """Read the truth of the matches, and warn if it is doubtful."""
+    truth = truth_of(result, files)
     for line in truth.notes:
         warning(line)
     place, query = result.matches.place, result.matches.query

@@ -284,7 +284,7 @@ class EdvsDecoder(Decoder):
         self, sensor: Sensor, bits: tuple[int, ...], syncs: tuple[int, ...], command: str
     ) -> None:
         if max(sensor) > 128:
-            raise UsageError(f"edvs has 128x128 pixels, and not {sensor}: pass --sensor 128x128")
+            raise UsageError(f"edvs has 128x128 pixels, and not {sensor}: pass sensor='128x128'")
         super().__init__(sensor, Clock())
         self._bits, self._syncs, self._command = bits, syncs, command
         self._given = len(bits) == 1 and len(syncs) == 1

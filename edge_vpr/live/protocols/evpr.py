@@ -489,7 +489,7 @@ class EvprDecoder(Decoder):
         if narrow:
             self.remark = (
                 f"the camera's sensor is smaller than {self.sensor}, since its frames have fewer "
-                "bits for x or y: use the map of this camera, or give its --sensor"
+                "bits for x or y: use the map of this camera, or give its sensor="
             )
         health.crc_errors += damaged
         health.resyncs += damaged

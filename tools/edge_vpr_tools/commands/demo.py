@@ -38,10 +38,8 @@ def run(args: argparse.Namespace) -> None:
     """Match the street as a user would, print a table and write the report."""
     from edge_vpr import results
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr.results import write_json
     from edge_vpr.simulation import simulate_pair
     from edge_vpr_tools.inputs import tracked
-    from edge_vpr_tools.report.traverse import write_report
     from edge_vpr_tools.report.verdict import outcome_of
 
     output = Path(args.output)
@@ -63,21 +61,15 @@ def run(args: argparse.Namespace) -> None:
             size = f"{result.reference.packed_bytes_per_window:,}"
             rows.append((name, f"{share:.3f}", f"{recall:.3f}", size))
         result, judged = found[0]
-        truth = result.truth(first.track, second.track, _TOLERANCE_M)
-        outcome = outcome_of(result.reference, result.matches, truth, judged)
         show("drawing the report")
-        with results.results_folder(output, args.overwrite) as folder:
-            result.write(folder, [])
-            write_report(folder, result, outcome, ())
-            metrics = {"evaluation": judged.to_dict(), "verdict": outcome.sentence()}
-            write_json(folder / results.METRICS, metrics)
+        result.report(output, judged, overwrite=args.overwrite)
     header = ("matched by", "P@100R", "R@99P", "bytes per window")
     table(header, rows, title="One street of 900 m, driven twice", width=_WIDTH)
     for line in (
         "The second drive goes at half to double the first one's speed, in another light.",
         "P@100R: share of correct matches when every window is matched; R@99P: recall at 99 % "
         f"precision; correct is within {_TOLERANCE_M:g} m.",
-        f"By the default, {outcome.sentence()}",
+        f"By the default, {outcome_of(result.reference, result.matches, judged).sentence()}",
         "One street of one seed; `edge-vpr experiment simulated` compares ten variants on five.",
         f"See {output / results.REPORT}; as a film: edge-vpr replay {quote(str(output))} "
         "-o match.gif",

@@ -3,29 +3,35 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edge_vpr.errors import UsageError
 from edge_vpr.run_log import warnings_so_far
-from edge_vpr_tools.console import summary
+from edge_vpr_tools.console import summary, table
 from edge_vpr_tools.flags import add_figures_flag, add_truth_flags, figure_formats
 
 if TYPE_CHECKING:
+    from edge_vpr.evaluation.ground_truth import GroundTruth
     from edge_vpr.evaluation.metrics import Evaluation
     from edge_vpr.matching.matches import Matches
 
 
 EXAMPLES = """\
   edge-vpr evaluate tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70
+  edge-vpr evaluate tuesday --ground-truth monday.gpx tuesday.gpx --tolerance 25 70
   edge-vpr evaluate tuesday --ground-truth matrix.npz --rows reference
   edge-vpr evaluate tuesday --ground-truth pairs.csv --tolerance 3 --score ratio"""
+#: width of a table in a file, in characters
+_WIDTH = 80
 MAIN_FLAGS = ("--ground-truth", "--tolerance", "--offset")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("results", metavar="RESULTS", help="folder that edge-vpr match wrote")
-    add_truth_flags(parser.add_argument_group("ground truth"))
+    add_truth_flags(parser.add_argument_group("ground truth"), several=True)
     output = parser.add_argument_group("output")
     add_figures_flag(output, "svg")
     metrics = parser.add_argument_group("metrics")
@@ -56,35 +62,52 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.files import read_json
     from edge_vpr.results import run_record, write_json
     from edge_vpr_tools.report.page import MISSED
-    from edge_vpr_tools.report.traverse import write_report
+    from edge_vpr_tools.report.traverse import tolerance_table, write_report
     from edge_vpr_tools.report.verdict import outcome_of
-    from edge_vpr_tools.truth_files import given_truth, load_evaluated
+    from edge_vpr_tools.truth_files import given_truth, load_evaluated, truth_of
 
     folder, formats = Path(args.results), figure_formats(args.figures)
+    first, *others = args.tolerance or (None,)
     files, find_offset = given_truth(
-        args.ground_truth, args.tolerance, args.rows, args.frame_period, args.offset,
+        args.ground_truth, first, args.rows, args.frame_period, args.offset,
         args.longest_gap,
     )  # fmt: skip
     result, truth, files = load_evaluated(args.results, files, find_offset=find_offset)
     reference, matches = result.reference, result.matches
-    found = result.evaluate(
-        truth,
-        score=args.score,
-        recall_denominator=args.recall_denominator,
-        thresholds=args.thresholds,
-    )
+
+    def judged(truth: GroundTruth) -> Evaluation:
+        return result.evaluate(
+            truth,
+            score=args.score,
+            recall_denominator=args.recall_denominator,
+            thresholds=args.thresholds,
+        )
+
+    found = judged(truth)
+    if others and truth.positions is None:
+        raise UsageError(
+            f"{args.ground_truth[0]} itself says which matches are correct: leave --tolerance out"
+        )
+    evaluations = {} if first is None or truth.positions is None else {first: found}
+    for tolerance in others:
+        evaluations[tolerance] = judged(truth_of(result, replace(files, tolerance=tolerance)))
+    by_tolerance = {f"{each:g} {truth.error_unit}": one for each, one in evaluations.items()}
     metrics = read_json(folder / results.METRICS, "metrics", "match again")
     metrics["ground_truth"] = truth.description
     if files.offset_s is not None:
         metrics["offset_s"] = list(files.offset_s)
     metrics["evaluation"] = found.to_dict()
+    metrics["tolerances"] = [
+        {"tolerance": each, "unit": truth.error_unit, **one.shares()}
+        for each, one in evaluations.items()
+    ]
     metrics["evaluated_by"] = run_record(matches.settings.to_dict(), args.ground_truth)
     route = reference.route
     if route is None and len(args.ground_truth) == 2:
         route = with_positions(reference, files.tracks()[0]).route
-    outcome = outcome_of(reference, matches, truth, found)
+    outcome = outcome_of(reference, matches, found)
     metrics["verdict"] = outcome.sentence()
-    write_report(folder, result, outcome, formats, route, warnings_so_far())
+    write_report(folder, result, outcome, formats, route, warnings_so_far(), by_tolerance)
     write_json(folder / results.METRICS, metrics)
 
     summary(outcome.sentence())
@@ -93,6 +116,8 @@ def run(args: argparse.Namespace) -> None:
         f"average precision {found.curve.average_precision:.3f}   "
         + "   ".join(f"Recall@{n} {recall:.3f}" for n, recall in found.recall_at.items())
     )
+    if others:
+        table(*tolerance_table(by_tolerance), width=_WIDTH)
     summary(
         f"{found.queries} queries evaluated by {truth.description}; without known "
         f"truth {found.queries_unknown}, off the map {found.queries_without_place}, tied "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -122,68 +122,6 @@ class FrameSummary:
         }
 
 
-@dataclass(frozen=True)
-class MapSummary:
-    """Contents of a map."""
-
-    path: str
-    format: str
-    sensor: str
-    places: int
-    pixels: int
-    counter_bits: int
-    bytes_per_place: int
-    duration_us: int
-    window_us: int  #: Length of a window; the median, if windows are of a number of events.
-    places_with_position: int
-    route_m: float | None  #: Length of the route, if the map has positions.
-    settings: dict[str, Any]
-
-    @classmethod
-    def of(cls, path: Path) -> MapSummary:
-        """Read a map."""
-        import numpy as np
-
-        from edge_vpr.reference_map import ReferenceMap
-
-        reference = ReferenceMap.load(path)
-        windows = reference.windows
-        along = () if reference.route is None else reference.route.along_m
-        known = [float(each) for each in along if each == each]
-        return cls(
-            path=str(path),
-            format="map",
-            sensor=str(reference.pixel_map.sensor),
-            places=len(reference),
-            pixels=len(reference.pixel_map),
-            counter_bits=reference.counter_bits,
-            bytes_per_place=reference.packed_bytes_per_place,
-            duration_us=int(windows.end_us[-1]),
-            window_us=int(np.median(windows.end_us - windows.start_us)),
-            places_with_position=len(known),
-            route_m=max(known) - min(known) if known else None,
-            settings=reference.settings.to_dict(),
-        )
-
-    @property
-    def lines(self) -> dict[str, str]:
-        """Lines of text by their headings."""
-        return {
-            "format": "map (reference map of edge-vpr)",
-            "sensor": self.sensor,
-            "places": f"{self.places:,}",
-            "pixels": f"{self.pixels:,}, {self.counter_bits} bits each",
-            "size": f"{self.bytes_per_place:,} bytes a place",
-            "duration": f"{self.duration_us / 1e6:.6f} s, windows of {self.window_us / 1e6:g} s",
-            "positions": (
-                "none"
-                if self.route_m is None
-                else f"{self.places_with_position:,} places, along {self.route_m:,.0f} m"
-            ),
-            "matching": str(self.settings["matching"]),
-        }
-
-
 def _count_frames(args: argparse.Namespace) -> CountFrames | None:
     """Return count frames that do not state what they need to be read as events."""
     from edge_vpr.recordings import read_count_frames, sniff
@@ -204,19 +142,24 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.archive import archive_kind
     from edge_vpr.map_record import KIND
     from edge_vpr.recordings import format_of
+    from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.results import json_text
     from edge_vpr_tools.inputs import open_from, tracked
 
-    held: MapSummary | FrameSummary | None = None
+    held: dict[str, Any] | None = None
+    lines: dict[str, str] = {}
     if archive_kind(args.recording) == KIND:
-        held = MapSummary.of(Path(args.recording))
+        info = ReferenceMap.load(args.recording).info()
+        held = {"path": args.recording, "format": "map", **asdict(info)}
+        lines = {"format": "map (reference map of edge-vpr)", **info.lines}
     elif (frames := _count_frames(args)) is not None:
-        held = FrameSummary.of(frames)
+        counted = FrameSummary.of(frames)
+        held, lines = asdict(counted), counted.lines
     if held is not None:
         if args.json:
             print(json_text(held))
             return
-        for name, text in held.lines.items():
+        for name, text in lines.items():
             summary(f"{name:<9} {text}")
         return
 

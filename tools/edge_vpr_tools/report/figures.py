@@ -7,6 +7,7 @@ show in a notebook.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Kind, Route
-from edge_vpr_tools.report.page import MISSED
+from edge_vpr_tools.report.page import FINDABLE
 from edge_vpr_tools.report.style import (
     BLUE,
     CYCLE,
@@ -100,22 +101,67 @@ def draw_outcomes(axes: Axes, x: Floats, y: Floats, outcome: Outcome) -> None:
         )  # fmt: skip
 
 
-def seen_from_above(outcome: Outcome, place: Floats, at: Floats, kind: Kind) -> Figure:
-    """Draw the route with a mark for each match, where the camera was.
+@dataclass(frozen=True, eq=False)
+class RouteView:
+    """Where each match was made: on the route from above, or along it.
 
-    Parameters
+    Attributes
     ----------
-    place : ndarray of float64, shape (K, d)
-        Positions of the places, d of 2 or more; NaN where not known.
-    at : ndarray of float64, shape (n, d)
-        Position of each match to draw: of the query where it is known, else of the place. A line
-        leads from it to the place, if the match is wrong.
+    at : ndarray of float64, shape (n, d) or (n,)
+        Position of each match to draw, of the query where it is known, else of the place: d of 2 or
+        more, or along the route.
+    caption : str
+        A sentence on what is shown.
+    label : str
+        Of the axis along the route, with the unit.
+    place : ndarray of float64, shape (K, d), optional
+        Positions of the places; NaN where not known.
+    kind : {"metric", "geographic"}
+        What the positions are.
     """
-    origin = place[np.isfinite(place).all(axis=1)][0]
-    route, shown = (local_metres(kind, values, origin)[:, :2] for values in (place, at))
-    across, along = np.ptp(route[np.isfinite(route).all(axis=1)], axis=0)
-    height = float(np.clip(WIDTH * along / max(across, 1e-9), 2.2, 5.5))
-    with figure(WIDTH, height + 1.2) as (drawing, axes):
+
+    at: Floats
+    caption: str
+    label: str = ""
+    place: Floats | None = None
+    kind: Kind = "metric"
+
+    @classmethod
+    def of(cls, reference: ReferenceMap, outcome: Outcome, route: Route | None) -> RouteView | None:
+        """Return the best view that positions of the map or of the truth allow; None without any.
+
+        Parameters
+        ----------
+        route : Route, optional
+            Positions of the places.
+        """
+        places, query = outcome.matches.place, outcome.matches.query
+        positions = None if outcome.truth is None else outcome.truth.positions
+        if route is not None and route.position.shape[1] > 1:
+            form = None if positions is None else (positions.kind, positions.query.shape[1])
+            if positions is not None and form == (route.kind, route.position.shape[1]):
+                text = "a line leads to the place that a wrong match gave"
+                text = f"The route from above. Each mark is where the camera was; {text}."
+                return cls(positions.query[query], text, "", route.position, route.kind)
+            text = "The route from above. Each mark is where the camera was according to a match."
+            return cls(route.position[places], text, "", route.position, route.kind)
+        along = "distance along the route (m)"
+        if positions is not None and positions.query.shape[1] == 1:
+            unit = positions.unit
+            label = along if unit == "m" else f"true reference place ({unit})"
+            text = "Where on the route each match was made."
+            return cls(positions.query[query, 0], text, label)
+        if reference.along_mm is None:
+            return None
+        at = reference.along_mm[places] / 1e3
+        return cls(at, "The place of each match along the route.", along)
+
+    def draw(self, axes: Axes, outcome: Outcome) -> None:
+        """Draw a mark for each match by its outcome."""
+        if self.place is None:
+            _draw_along(axes, outcome, self.at, self.label)
+            return
+        route, shown = self._local(self.place), self._local(self.at)
         axes.plot(*route.T, color=GREY, lw=1.2, alpha=0.7, zorder=1, label="route of the map")
         matched = route[outcome.matches.place]
         for of, colour in ((outcome.wrong & ~outcome.accepted, GREY),
@@ -126,34 +172,73 @@ def seen_from_above(outcome: Outcome, place: Floats, at: Floats, kind: Kind) -> 
             )
         draw_outcomes(axes, shown[:, 0], shown[:, 1], outcome)
         axes.set_aspect("equal", adjustable="datalim")
-        east_north = ("east (m)", "north (m)") if kind == "geographic" else ("x (m)", "y (m)")
+        east_north = ("east (m)", "north (m)") if self.kind == "geographic" else ("x (m)", "y (m)")
         axes.set(xlabel=east_north[0], ylabel=east_north[1])
-        legend_below(drawing, [axes], 2, fontsize=10)
-    return drawing
+
+    def height(self, outcome: Outcome, width: float) -> float:
+        """Return a height in inches for axes of a width."""
+        if self.place is None:
+            return 0.8 + 0.36 * len(_groups(outcome))
+        route = self._local(self.place)
+        across, along = np.ptp(route[np.isfinite(route).all(axis=1)], axis=0)
+        return float(np.clip(width * along / max(across, 1e-9), 2.2, 5.5)) + 0.7
+
+    def figure(self, outcome: Outcome) -> Figure:
+        """Return the view as a figure of its own."""
+        above = self.place is not None
+        with figure(WIDTH, self.height(outcome, WIDTH) + 0.5 * above) as (drawing, axes):
+            self.draw(axes, outcome)
+            if above:
+                legend_below(drawing, [axes], 2, fontsize=10)
+        return drawing
+
+    def _local(self, position: Floats) -> Floats:
+        assert self.place is not None
+        origin = self.place[np.isfinite(self.place).all(axis=1)][0]
+        return local_metres(self.kind, position, origin)[:, :2]
 
 
-def outcomes_along(outcome: Outcome, at: Floats, label: str) -> Figure:
-    """Draw where along the route each match was made, a row for each of correct, wrong and so on.
-
-    Parameters
-    ----------
-    label : str
-        Of the axis, with the unit.
-    """
+def _draw_along(axes: Axes, outcome: Outcome, at: Floats, label: str) -> None:
+    """Draw where along the route each match was made, a row for each outcome."""
     groups = _groups(outcome)[::-1]
-    with figure(WIDTH, 0.8 + 0.36 * len(groups)) as (drawing, axes):
-        for row, group in enumerate(groups):
-            colour = group.look.get("color", GREY)
-            where = at[group.of]
-            axes.eventplot(
-                where[np.isfinite(where)], lineoffsets=row, linelengths=0.7, linewidths=1.2,
-                colors=colour, rasterized=bool(where.size > _MOST_SHAPES),
-            )  # fmt: skip
-        names = [f"{group.label} ({np.count_nonzero(group.of):,})" for group in groups]
-        axes.set_yticks(range(len(groups)), names)
-        axes.set(xlabel=label, ylim=(len(groups) - 0.5, -0.5))
-        axes.grid(visible=False, axis="y")
-    return drawing
+    for row, group in enumerate(groups):
+        colour = group.look.get("color", GREY)
+        where = at[group.of]
+        axes.eventplot(
+            where[np.isfinite(where)], lineoffsets=row, linelengths=0.7, linewidths=1.2,
+            colors=colour, rasterized=bool(where.size > _MOST_SHAPES),
+        )  # fmt: skip
+    names = [f"{group.label} ({np.count_nonzero(group.of):,})" for group in groups]
+    axes.set_yticks(range(len(groups)), names)
+    axes.set(xlabel=label, ylim=(len(groups) - 0.5, -0.5))
+    axes.grid(visible=False, axis="y")
+
+
+def has_probability(outcome: Outcome) -> bool:
+    """Return whether the probability of any match is known."""
+    return bool(np.isfinite(outcome.matches.probability).any())
+
+
+def draw_errors(axes: Axes, outcome: Outcome, place: Floats | None = None, label: str = "") -> None:
+    """Draw the error of each match over time, or else its place; see `over_time`."""
+    errors = outcome.errors
+    if errors is None or outcome.truth is None:
+        shown = outcome.matches.place.astype(np.float64) if place is None else place
+        draw_outcomes(axes, outcome.time_s, shown, outcome)
+        axes.set(ylabel=label or "place")
+    else:
+        draw_outcomes(axes, outcome.time_s, errors, outcome)
+        _error_axis(axes, outcome.truth, errors[outcome.correct | outcome.wrong])
+
+
+def draw_probability(axes: Axes, outcome: Outcome) -> None:
+    """Draw the probability of each match over time."""
+    draw_outcomes(axes, outcome.time_s, outcome.matches.probability, outcome)
+    axes.set(ylabel="probability", ylim=(-0.04, 1.04))
+
+
+#: label of an axis of times
+TIME = "time of the query (s)"
 
 
 def over_time(outcome: Outcome, place: Floats | None = None, label: str = "") -> Figure:
@@ -165,23 +250,13 @@ def over_time(outcome: Outcome, place: Floats | None = None, label: str = "") ->
         Position of each matched place along the route, needed before an evaluation; by default its
         number.
     """
-    errors, probability = outcome.errors, outcome.matches.probability
-    rated = bool(np.isfinite(probability).any())
+    rated = has_probability(outcome)
     with panels(1 + rated, 1, WIDTH, 4.0 + 2.0 * rated, sharex=True) as (drawing, rows):
-        upper = rows[0, 0]
-        if errors is None or outcome.truth is None:
-            shown = outcome.matches.place.astype(np.float64) if place is None else place
-            draw_outcomes(upper, outcome.time_s, shown, outcome)
-            upper.set(ylabel=label or "place")
-        else:
-            draw_outcomes(upper, outcome.time_s, errors, outcome)
-            _error_axis(upper, outcome.truth, errors[outcome.correct | outcome.wrong])
+        draw_errors(rows[0, 0], outcome, place, label)
         if rated:
-            lower = rows[1, 0]
-            draw_outcomes(lower, outcome.time_s, probability, outcome)
-            lower.set(ylabel="probability", ylim=(-0.04, 1.04))
-        rows[-1, 0].set(xlabel="time of the query (s)")
-        legend_below(drawing, [upper], 2, fontsize=10)
+            draw_probability(rows[1, 0], outcome)
+        rows[-1, 0].set(xlabel=TIME)
+        legend_below(drawing, [rows[0, 0]], 2, fontsize=10)
     return drawing
 
 
@@ -379,15 +454,16 @@ def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
             )
         axes.axhline(0.99, color="gray", lw=0.8)
         some = next(iter(curves.values()))
+        number = f"{some.findable:,} " if single else ""
         axes.set(
             title=f"Thresholds on the {some.score}",
-            xlabel=f"recall (missed: {MISSED[some.recall_denominator]})",
+            xlabel=f"recall, of the {number}{FINDABLE[some.recall_denominator]}",
             ylabel="precision",
             xlim=(0, 1.01),
             ylim=(0, 1.03),
         )
         if single:
-            least = float(some.curve.precision.min())
+            least = min(0.9, float(some.curve.precision.min()))
             axes.set_ylim(least - 0.3 * (1 - least), 1 + 0.1 * (1 - least))
             axes.legend(loc="lower left", fontsize=9)
         else:

@@ -44,7 +44,8 @@ DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)))
 #: dots per inch, in a vector format those of images
 _DPI = 130
 
-_RC: dict[Any, Any] = {
+#: Settings of Matplotlib for all figures.
+STYLE: dict[Any, Any] = {
     "font.size": 11,
     "axes.titlesize": 12,
     "axes.grid": True,
@@ -68,7 +69,7 @@ def panels(
     rows: int, columns: int, width: float, height: float, **shared: Any
 ) -> Iterator[tuple[Figure, npt.NDArray[Any]]]:
     """Return a figure in the common style, and its axes by row and column; see `figure`."""
-    with mpl.rc_context(_RC):
+    with mpl.rc_context(STYLE):
         drawing = Figure(figsize=(width, height))
         yield drawing, drawing.subplots(rows, columns, squeeze=False, **shared)
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -16,14 +17,13 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import MatchResult, ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr_tools.report.figures import (
+    RouteView,
     Window,
     distance_matrix,
     event_rate,
-    outcomes_along,
     over_time,
     precision_recall,
     reliability_diagram,
-    seen_from_above,
     selected_pixels,
     total_counts,
     window_lengths,
@@ -31,10 +31,13 @@ from edge_vpr_tools.report.figures import (
 )
 from edge_vpr_tools.report.page import MISSED, Page, add_run
 from edge_vpr_tools.report.style import along_route, save
+from edge_vpr_tools.report.tables import write_spreadsheet
 from edge_vpr_tools.report.verdict import Outcome
 
 #: a line of a figure has no more points
 _MOST_POINTS = 20_000
+#: file with the points of the precision-recall curve
+CURVE = "precision_recall.csv"
 #: wrong matches whose windows are shown
 MOST_WINDOWS = 5
 
@@ -46,6 +49,7 @@ def write_report(
     formats: Sequence[str],
     route: Route | None = None,
     warnings: Sequence[str] = (),
+    tolerances: Mapping[str, Evaluation] = MappingProxyType({}),
 ) -> None:
     """Draw the figures of a results folder and write its page.
 
@@ -59,6 +63,8 @@ def write_report(
         Positions of the places; without it, those that the map holds.
     warnings : sequence of str
         Of the evaluation; those of matching are in the run's record.
+    tolerances : mapping of str to Evaluation
+        Evaluations by their tolerance, where there are several.
     """
     reference, queries = result.reference, result.queries
     matches, truth, found = outcome.matches, outcome.truth, outcome.found
@@ -90,14 +96,25 @@ def write_report(
     if found is not None:
         page.heading("Metrics")
         page.table(("figure", "value", "what it says"), _figures_of(found))
-        if outcome.wrong.any():  # otherwise the curves are straight lines
-            add("precision_recall", precision_recall(
-                {f"{len(reference.pixel_map)} pixels, {reference.settings.strategy}": found}
-            ), "Precision against recall, one step for each threshold.")  # fmt: skip
-            if found.reliability is not None:
-                add("reliability", reliability_diagram({"": found.reliability}),
-                     "Above the line, matches are correct more often than their probability says; "
-                     "below, less often.")  # fmt: skip
+        if len(tolerances) > 1:
+            page.table(*tolerance_table(tolerances))
+        name = f"{len(reference.pixel_map)} pixels, {reference.settings.strategy}"
+        add(
+            "precision_recall",
+            precision_recall({name: found}),
+            f"Precision against recall, one step for each threshold; {CURVE} has the points.",
+        )
+        columns = found.curve_columns()
+        points = zip(*(column.tolist() for column in columns.values()), strict=True)
+        cells = [[value if np.isfinite(value) else None for value in row] for row in points]
+        write_spreadsheet(folder / CURVE, list(columns), cells)
+        if outcome.wrong.any() and found.reliability is not None:  # otherwise a straight line
+            add(
+                "reliability",
+                reliability_diagram({"": found.reliability}),
+                "Above the line, matches are correct more often than their probability says; "
+                "below, less often.",
+            )
     if queries is not None:
         _add_queries(page, add, reference, queries, outcome, route)
     page.heading("Pixels")
@@ -125,35 +142,14 @@ def _add_outcome(
     route: Route | None,
 ) -> None:
     """Draw where and when matches are correct, wrong or not accepted."""
-    places, query = outcome.matches.place, outcome.matches.query
     level = outcome.precision
-    accepted = "" if level is None else f" Accepted: matches that --precision {level:g} keeps."
-    positions = None if outcome.truth is None else outcome.truth.positions
-    along_mm = reference.along_mm
-    spatial = (
-        positions is not None
-        and route is not None
-        and positions.unit == "m"
-        and (positions.kind, positions.query.shape[1]) == (route.kind, route.position.shape[1])
-    )
-    if route is not None and route.position.shape[1] > 1:
-        at = positions.query[query] if positions is not None and spatial else route.position[places]
-        add("route", seen_from_above(outcome, route.position, at, route.kind),
-             "The route from above. Each mark is where the camera was"
-             + ("; a line leads to the place that a wrong match gave." if spatial else
-                " according to a match.") + accepted)  # fmt: skip
-    elif positions is not None and positions.query.shape[1] == 1:
-        unit = positions.unit
-        label = "distance along the route (m)" if unit == "m" else f"true reference place ({unit})"
-        add("route", outcomes_along(outcome, positions.query[query, 0], label),
-             f"Where on the route each match was made.{accepted}")  # fmt: skip
-    elif along_mm is not None:
-        along_m = along_mm[places] / 1e3
-        add("route", outcomes_along(outcome, along_m, "distance along the route (m)"),
-             f"The place of each match along the route.{accepted}")  # fmt: skip
+    accepted = "" if level is None else f" Accepted: at precision {level:g}."
+    view = RouteView.of(reference, outcome, route)
+    if view is not None:
+        add("route", view.figure(outcome), view.caption + accepted)
     scale = along_route(reference, route)
     upper = "How far each match is from the true place" if outcome.truth else "The place"
-    add("matches", over_time(outcome, scale.values[places], scale.label),
+    add("matches", over_time(outcome, scale.values[outcome.matches.place], scale.label),
          f"{upper}, and how probable it is to be correct.{accepted}")  # fmt: skip
 
 
@@ -234,6 +230,18 @@ def _add_queries(
     if reference.settings.window == "count":  # windows of a fixed time are equally long
         add("window_lengths", window_lengths(drives),
              "A window of a fixed number of events is short where much moves.")  # fmt: skip
+
+
+def tolerance_table(found: Mapping[str, Evaluation]) -> tuple[list[str], list[list[str]]]:
+    """Return heading and cells of a table of evaluations by their tolerance."""
+    number = next(iter(found.values())).recall_at
+    head = ["tolerance", "P@100R", "R@99P", *(f"Recall@{n}" for n in number)]
+    return head, [
+        [name]
+        + [f"{one.precision_at_100_recall:.3f}", f"{one.recall_at_99_precision:.3f}"]
+        + [f"{share:.3f}" for share in one.recall_at.values()]
+        for name, one in found.items()
+    ]
 
 
 def _figures_of(found: Evaluation) -> list[tuple[str, str, str]]:

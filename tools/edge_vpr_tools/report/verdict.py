@@ -32,9 +32,12 @@ class Outcome:
     matches: Matches
     precision: float | None  #: At which matches are accepted; None where no probability is known.
     accepted: Bools  #: Shape (n,): whether each match is accepted.
-    #: truth, found: none before an evaluation.
-    truth: GroundTruth | None = None
-    found: Evaluation | None = None
+    found: Evaluation | None = None  #: None before an evaluation.
+
+    @property
+    def truth(self) -> GroundTruth | None:
+        """The ground truth; None before an evaluation."""
+        return None if self.found is None else self.found.truth
 
     @property
     def time_s(self) -> npt.NDArray[np.float64]:
@@ -56,9 +59,7 @@ class Outcome:
     @property
     def errors(self) -> npt.NDArray[np.float64] | None:
         """Error of each match in `truth.error_unit`; None before an evaluation."""
-        if self.truth is None:
-            return None
-        return self.truth.errors(self.matches.place, self.matches.query)
+        return None if self.found is None else self.found.error
 
     def wrong_runs(self) -> list[npt.NDArray[np.intp]]:
         """Return the indices of wrong matches that lie close together in time."""
@@ -109,7 +110,7 @@ class Outcome:
             return ""
         share = percent(int(np.count_nonzero(self.accepted)), len(self.matches))
         if self.matches.settings.precision is None:
-            return f"{share} of them would be accepted with --precision {self.precision:g}"
+            return f"{share} of them would be accepted at precision {self.precision:g}"
         return f"{share} of them are accepted at {self.precision:g}"
 
     def _accepted(self) -> str:
@@ -122,7 +123,7 @@ class Outcome:
         )
         asked = self.matches.settings.precision is not None
         text = f"{percent(accepted, self.found.queries)} {'are' if asked else 'would be'} accepted "
-        text += f"at {self.precision:g}" if asked else f"with --precision {self.precision:g}"
+        text += f"at {self.precision:g}" if asked else f"at precision {self.precision:g}"
         if not accepted:
             return text.replace("0 %", "none", 1)
         if correct == accepted:
@@ -131,24 +132,21 @@ class Outcome:
 
 
 def outcome_of(
-    reference: ReferenceMap,
-    matches: Matches,
-    truth: GroundTruth | None = None,
-    found: Evaluation | None = None,
+    reference: ReferenceMap, matches: Matches, found: Evaluation | None = None
 ) -> Outcome:
     """Find which matches are accepted, at the precision of the run or else the usual one."""
     settings = matches.settings
     everything = np.ones(len(matches), dtype=np.bool_)
     if settings.precision is not None:
-        return Outcome(matches, settings.precision, ~matches.lost, truth, found)
+        return Outcome(matches, settings.precision, ~matches.lost, found)
     confidence = reference.matched_with(settings).acceptance.confidence
     try:
         if confidence is None:
-            return Outcome(matches, None, everything, truth, found)
+            return Outcome(matches, None, everything, found)
         _, lost = Acceptance(confidence, USUAL_PRECISION).accept(matches.trust, matches.misfit)
     except UsageError:  # a map's own table, which was calibrated with too few matches
-        return Outcome(matches, None, everything, truth, found)
-    return Outcome(matches, USUAL_PRECISION, ~lost, truth, found)
+        return Outcome(matches, None, everything, found)
+    return Outcome(matches, USUAL_PRECISION, ~lost, found)
 
 
 def percent(part: int, whole: int) -> str:
