@@ -760,15 +760,12 @@ class MatchingChanges(TypedDict, total=False):
     Settings that are written as text on the command line take that text too.
     """
 
-    query_mean: QueryMean
     matching: Matching
     filter_restart: int
     smooth: bool
     delay: int
     sequence_length: int
-    anchor: Anchor
     exclusion: int
-    score: Score | str | None
     precision: float | str | None
     stays_on_map: bool
 
@@ -789,13 +786,11 @@ class SettingChanges(MatchingChanges, total=False):
     clip: int | str | None
     counter_code: CounterCodeName | str
     counter_bits: int
-    counter_full_scale: int | str | None
     counter_scaling: CounterScaling
     remove_hot_pixels: bool | str
     hot_pixels: bool | str
     remove_bursts: bool | str
     bursts: bool | str
-    keep_incomplete: bool
 
 
 _HINTS = get_type_hints(Settings)
