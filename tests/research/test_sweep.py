@@ -22,7 +22,7 @@ from edge_vpr_tools import cli
 from edge_vpr_tools.research import trials
 from edge_vpr_tools.research.baselines import match_distances, open_baseline
 from edge_vpr_tools.research.experiments.pairs import Pair
-from edge_vpr_tools.research.sweep import comparison
+from edge_vpr_tools.research.sweep import SHARES, comparison
 from edge_vpr_tools.research.sweep.comparison import draw, rows_of, write_comparison
 from edge_vpr_tools.research.sweep.plan import (
     content_hash,
@@ -149,7 +149,7 @@ def test_a_plan_runs_rivals_beside_variants(plan_file, tmp_path):
     by_sequence, _, by_filter = (store.result(key) for key in keys)
     drives = plan.drives["evening"]
     short = PRESETS["paper"].replaced({"tau_us": 100_000}, "test")
-    pair = Pair("", drives.open(0), drives.open(1), short, {"": drives.truth}).counted()
+    pair = Pair("", drives.open(0), drives.open(1), short, drives.truths).counted()
     places, queries = pair.reference, pair.query
     distances = [
         [naive.sad(p.ravel().tolist(), q.ravel().tolist()) for q in queries.images]
@@ -157,7 +157,7 @@ def test_a_plan_runs_rivals_beside_variants(plan_file, tmp_path):
     ]
     settings = plan.variants["system=all-pixels"]
     matches = match_distances(np.array(distances, float), queries.centre_us, settings)
-    found = evaluate(matches, drives.truth(places.centre_us, queries.centre_us))
+    found = evaluate(matches, pair.truth())
     assert by_sequence.precision_at_100_recall == found.precision_at_100_recall
     assert by_sequence.bytes_per_place == by_sequence.pixels == 16 * 12
     assert by_sequence.operations == len(places.images) * 16 * 12
@@ -652,7 +652,7 @@ def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys):
     # the sweep is map, match and evaluate
     seed_1 = next(row for row in rows_of([folder]) if row.variant == "again")
     alone = rows_of([tmp_path / "alone"])[0]
-    for measure in list(comparison.MEASURES)[:6]:
+    for measure in list(comparison.MEASURES)[:8]:
         assert seed_1.values[measure][0] == alone.values[measure][0]
     places = json.loads((tmp_path / "alone/metrics.json").read_text())["places"]
     assert alone.values["operations_per_match"] == (5 * places,)
@@ -827,3 +827,28 @@ matching = "filter"
     times = [float(re.search(r'"microseconds_per_match": ([\d.]+)', each)[1]) for each in found]
     assert len(times) == 2
     assert max(times) < 5_000
+
+
+def test_a_sweep_judges_by_several_tolerances_and_matches_once(plan_file, tmp_path):
+    one = plan_file.read_text()
+    plan_file.write_text(one.replace("tolerance = 0.2", "tolerance = [0.2, 0.5]"))
+    workers = Counted()
+    swept(plan_file, workers, tmp_path / "several")
+    assert workers.jobs == 4  # of two variants and two seeds
+    rows = rows_of([tmp_path / "several"])
+    assert [row.tolerance for row in rows] == ["0.2", "0.5"] * 3
+    for tolerance in ("0.2", "0.5"):
+        plan_file.write_text(one.replace("tolerance = 0.2", f"tolerance = {tolerance}"))
+        swept(plan_file, Inline(), tmp_path / tolerance)
+        alone = rows_of([tmp_path / tolerance])
+        for row, single in zip([r for r in rows if r.tolerance == tolerance], alone, strict=True):
+            for measure in list(comparison.MEASURES)[:SHARES]:
+                assert row.values[measure] == single.values[measure]
+    assert rows[1].mean("recall_at_1") > rows[0].mean("recall_at_1")
+    assert rows[0].mean("recall_at_10") > rows[0].mean("recall_at_1")
+    found = comparison.averages(rows, "recall_at_5")
+    assert [one.tolerance for one in found] == ["0.2", "0.5"] * 2 + ["0.2", "0.5"]
+    # a variant is compared with the first one by the same tolerance
+    assert [one.difference is None for one in found] == [True, True, False, False, False, False]
+    write_comparison(tmp_path, rows, ["svg"], "recall_at_5", over="pixels")
+    assert "tolerance" in (tmp_path / "compare.tex").read_text()

@@ -23,7 +23,7 @@ from edge_vpr.results import RUN, read_record, run_record, write_json
 from edge_vpr.settings import SETTING_FIELDS, Settings
 from edge_vpr_tools.report.style import CYCLE, figure, legend_below, look, name_label, save
 from edge_vpr_tools.report.tables import markdown_table, write_spreadsheet
-from edge_vpr_tools.research.sweep import MEASURES
+from edge_vpr_tools.research.sweep import MEASURES, SHARES
 from edge_vpr_tools.research.sweep.plan import sweep_store
 from edge_vpr_tools.research.trials import SWEEP, ListedTrial
 
@@ -42,6 +42,7 @@ class Row:
     #: variant, drives: empty for a single match.
     variant: str
     drives: str
+    tolerance: str = ""  #: By which the shares are, where it is known.
     values: Mapping[str, tuple[float, ...]]  #: Values of `MEASURES`, one for each seed.
     failed: int = 0  #: Number of seeds without a result.
     seeds: tuple[int, ...] = ()  #: Seed of each value.
@@ -53,7 +54,8 @@ class Row:
     @property
     def name(self) -> str:
         """Name of the row in a figure."""
-        return ", ".join(part for part in (self.run, self.variant, self.drives) if part)
+        named = (self.run, self.variant, self.drives, self.tolerance)
+        return ", ".join(part for part in named if part)
 
     @property
     def number(self) -> int:
@@ -86,7 +88,7 @@ def rows_of(runs: Sequence[Path]) -> list[Row]:
         if (run / SWEEP).is_file():
             found += _of_sweep(run, name)
         elif (run / results.METRICS).is_file():
-            found.append(_of_match(run, name))
+            found += _of_match(run, name)
         else:
             raise UsageError(f"{run} is no run: name a folder of edge-vpr sweep or edge-vpr match")
     return found
@@ -94,13 +96,13 @@ def rows_of(runs: Sequence[Path]) -> list[Row]:
 
 def spreadsheet_of(rows: Iterable[Row]) -> tuple[list[str], list[list[str | float | None]]]:
     """Return heading and cells of a spreadsheet, with mean and spread in separate columns."""
-    head = ["run", "variant", "drives", "seeds", "failed"]
+    head = ["run", "variant", "drives", "tolerance", "seeds", "failed"]
     head += [f"{name}_{what}" for name in MEASURES for what in ("mean", "std")]
     lines: list[list[str | float | None]] = []
     for row in rows:
         numbers = [value for name in MEASURES for value in (row.mean(name), row.spread(name))]
         lines.append(
-            [row.run, row.variant, row.drives, row.number, row.failed,
+            [row.run, row.variant, row.drives, row.tolerance, row.number, row.failed,
              *(None if np.isnan(value) else value for value in numbers)]
         )  # fmt: skip
     return head, lines
@@ -141,10 +143,19 @@ class _Evaluation:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _OfTolerance(_Evaluation):
+    """The same for one tolerance."""
+
+    tolerance: float
+    unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Metrics:
     """What is compared of ``metrics.json``; a match event by event has the evaluation alone."""
 
     evaluation: _Evaluation | None = None
+    tolerances: tuple[_OfTolerance, ...] = ()
     packed_bytes_per_place: int | None = None
     matching_s: float = 0.0
     queries: int = 0
@@ -162,61 +173,72 @@ def _of_sweep(run: Path, name: str) -> list[Row]:
         known = [
             (one.seed, *stored) for one in listed if (stored := store.stored(one.key)) is not None
         ]
-        measured, settings = [], Settings()
-        for _, trial, found in known:
-            settings = Settings.from_dict(trial.settings, f"{run}: the trial of {variant}")
-            operations, size = found.operations, found.packed_bytes_per_window
-            if operations is None:  # of an earlier version
-                operations = _operations(found.pixels, found.places, settings)
-            if size is None:
-                size = found.packed_bytes_per_place * settings.window_parts
-            costs = {"operations_per_match": operations, "packed_bytes_per_window": size}
-            measured.append({**asdict(found), **costs})
         last = known[-1][1] if known else None
-        rows.append(
-            Row(
-                run=name,
-                variant=variant,
-                drives=drives,
-                values={each: tuple(float(one[each]) for one in measured) for each in MEASURES},
-                failed=len(listed) - len(known),
-                seeds=tuple(seed for seed, *_ in known),
-                settings={} if last is None else settings.to_dict(),
-                system=(last and last.system) or "",
+        settings = {}
+        if last is not None:
+            source = f"{run}: the trial of {variant}"
+            settings = Settings.from_dict(last.settings, source).to_dict()
+        tolerances = () if last is None else last.drives.tolerance
+        for i, tolerance in enumerate([f"{each:g}" for each in tolerances] or [""]):
+            measured = [
+                asdict(found)
+                | ({} if i == 0 else asdict(found.others[i - 1]))
+                | {"operations_per_match": found.operations}
+                for _, _, found in known
+            ]
+            rows.append(
+                Row(
+                    run=name,
+                    variant=variant,
+                    drives=drives,
+                    tolerance=tolerance,
+                    values={each: tuple(float(one[each]) for one in measured) for each in MEASURES},
+                    failed=len(listed) - len(known),
+                    seeds=tuple(seed for seed, *_ in known),
+                    settings=settings,
+                    system=(last and last.system) or "",
+                )
             )
-        )
     return rows
 
 
-def _of_match(run: Path, name: str) -> Row:
+def _of_match(run: Path, name: str) -> list[Row]:
     metrics = read_record(_Metrics, run / results.METRICS, "metrics", _REMEDY)
     evaluation = metrics.evaluation
     if evaluation is None:
         raise UsageError(f"{run} is not evaluated: run edge-vpr evaluate {run} first")
     made = results.read_run(run)
     settings = Settings.from_dict(made.settings, str(run / results.RUN))
-    values = {
-        "precision_at_100_recall": evaluation.precision_at_100_recall,
-        "recall_at_99_precision": evaluation.recall_at_99_precision,
-        "average_precision": evaluation.average_precision,
-        "recall_at_1": evaluation.recall_at.get("1"),
-    }
+    values: dict[str, float | None] = {}
     if metrics.packed_bytes_per_place is not None and metrics.queries > 0:
         size = metrics.packed_bytes_per_place * settings.window_parts
         values["packed_bytes_per_window"] = size
         values["microseconds_per_match"] = 1e6 * metrics.matching_s / metrics.queries
         values["operations_per_match"] = _operations(metrics.pixels, metrics.places, settings)
-    return Row(
-        run=name,
-        variant="",
-        drives="",
-        values={
-            each: () if (value := values.get(each)) is None else (float(value),)
-            for each in MEASURES
-        },
-        seeds=(settings.seed,),
-        settings=settings.to_dict(),
-    )
+    rows = []
+    for one in metrics.tolerances or (evaluation,):
+        shares = {
+            "precision_at_100_recall": one.precision_at_100_recall,
+            "recall_at_99_precision": one.recall_at_99_precision,
+            "average_precision": one.average_precision,
+            **{f"recall_at_{n}": one.recall_at.get(f"{n}") for n in (1, 5, 10)},
+        }
+        found = values | shares
+        rows.append(
+            Row(
+                run=name,
+                variant="",
+                drives="",
+                tolerance=f"{one.tolerance:g}" if isinstance(one, _OfTolerance) else "",
+                values={
+                    each: () if (value := found.get(each)) is None else (float(value),)
+                    for each in MEASURES
+                },
+                seeds=(settings.seed,),
+                settings=settings.to_dict(),
+            )
+        )
+    return rows
 
 
 def _operations(pixels: int, places: int, settings: Settings) -> int:
@@ -226,7 +248,7 @@ def _operations(pixels: int, places: int, settings: Settings) -> int:
 
 def digits_of(measure: str) -> int:
     """Return the number of decimals that a measure is shown with."""
-    return 0 if measure in _WHOLE else 3 if measure in list(MEASURES)[:4] else 1
+    return 0 if measure in _WHOLE else 3 if measure in list(MEASURES)[:SHARES] else 1
 
 
 def _cells(row: Row) -> list[str]:
@@ -249,11 +271,11 @@ _MARKUP = re.compile(r"[\\`*<>&|\[\]~]|(?<!\w)_|_(?!\w)")
 
 def markdown(rows: Sequence[Row]) -> str:
     """Return a table as Markdown: means, and their spread if there are several seeds."""
-    head = ["run", "variant", "drives", "seeds", *MEASURES.values()]
+    head = ["run", "variant", "drives", "tolerance", "seeds", *MEASURES.values()]
     lines = []
     for row in rows:
         counted = f"{row.number}" + (f" ({row.failed} failed)" if row.failed else "")
-        lines.append([row.run, row.variant, row.drives, counted, *_cells(row)])
+        lines.append([row.run, row.variant, row.drives, row.tolerance, counted, *_cells(row)])
     # names come from files: they are text, neither Markdown, HTML nor escape sequences
     cells = [[_MARKUP.sub(r"\\\g<0>", printable(cell, 200)) for cell in line] for line in lines]
     return markdown_table(head, cells) + "\n"
@@ -277,10 +299,11 @@ class Interval(NamedTuple):
 
 
 class Average(NamedTuple):
-    """One variant over all its drives."""
+    """One variant over all its drives, by one tolerance."""
 
     run: str
     variant: str
+    tolerance: str
     #: Words of the settings that differ between the variants, by their key.
     settings: Mapping[str, str]
     drives: int  #: Number of pairs of drives with a result.
@@ -302,7 +325,7 @@ def differing_settings(rows: Sequence[Row]) -> list[str]:
 
 def tidy(rows: Sequence[Row]) -> tuple[list[str], list[list[str | float | None]]]:
     """Return heading and cells of a tidy table: a line for each result, a column a setting."""
-    head = ["run", "variant", "system", "drives", "seed"]
+    head = ["run", "variant", "system", "drives", "tolerance", "seed"]
     head += [field.key for name, field in SETTING_FIELDS.items() if name != "seed"]
     head += list(MEASURES)
     lines: list[list[str | float | None]] = []
@@ -311,7 +334,7 @@ def tidy(rows: Sequence[Row]) -> tuple[list[str], list[list[str | float | None]]
         for i, seed in enumerate(row.seeds):
             values = [row.values[name] for name in MEASURES]
             measured = [of[i] if i < len(of) else None for of in values]
-            named = [row.run, row.variant, row.system, row.drives]
+            named = [row.run, row.variant, row.system, row.drives, row.tolerance]
             lines.append([*named, seed, *words, *measured])
     return head, lines
 
@@ -319,18 +342,20 @@ def tidy(rows: Sequence[Row]) -> tuple[list[str], list[list[str | float | None]]
 def averages(rows: Sequence[Row], measure: str) -> list[Average]:
     """Return the mean of each variant over its drives, and its difference from the first."""
     names = differing_settings(rows)
-    groups: dict[tuple[str, str], list[Row]] = {}
+    groups: dict[tuple[str, str, str], list[Row]] = {}
     for row in rows:
-        groups.setdefault((row.run, row.variant), []).append(row)
-    first = next(iter(groups.values()), [])
+        groups.setdefault((row.run, row.variant, row.tolerance), []).append(row)
+    firsts: dict[str, list[Row]] = {}
     found = []
-    for (run, variant), group in groups.items():
+    for (run, variant, tolerance), group in groups.items():
+        first = firsts.setdefault(tolerance, group)
         known = [row for row in group if any(row.values.values())]
         settings = next((row.settings for row in group if row.settings), {})
         found.append(
             Average(
                 run=run,
                 variant=variant,
+                tolerance=tolerance,
                 settings={SETTING_FIELDS[name].key: _word(settings, name) for name in names},
                 drives=len(known),
                 means={
@@ -404,7 +429,7 @@ def averages_table(
 ) -> tuple[list[str], list[list[str | float | None]]]:
     """Return heading and cells of the averages, for a spreadsheet."""
     keys = list(found[0].settings) if found else []
-    head = ["run", "variant", *keys, "drive_pairs", *MEASURES]
+    head = ["run", "variant", *keys, "tolerance", "drive_pairs", *MEASURES]
     head += [f"{measure}_difference", "difference_low", "difference_high"]
     lines: list[list[str | float | None]] = []
     for one in found:
@@ -412,7 +437,8 @@ def averages_table(
         numbers = [*one.means.values()]
         numbers += [np.nan] * 3 if apart is None else [apart.mean, apart.low, apart.high]
         cells = [None if np.isnan(value) else value for value in numbers]
-        lines.append([one.run, one.variant, *one.settings.values(), one.drives, *cells])
+        named = [one.run, one.variant, *one.settings.values(), one.tolerance]
+        lines.append([*named, one.drives, *cells])
     return head, lines
 
 
@@ -431,17 +457,19 @@ def latex(found: Sequence[Average], measure: str) -> str:
     keys = list(found[0].settings) if found else []
     measures = [name for name in MEASURES if any(not np.isnan(one.means[name]) for one in found)]
     named = len({one.run for one in found}) > 1
-    head = ["run"] * named + (keys or ["variant"]) + ["drives"]
+    several = len({one.tolerance for one in found}) > 1
+    head = ["run"] * named + (keys or ["variant"]) + ["tolerance"] * several + ["drives"]
     head += [*(MEASURES[name] for name in measures), f"difference of {MEASURES[measure]}"]
     lines = []
     for one in found:
         names = [one.run] * named + (list(one.settings.values()) if keys else [one.variant])
+        names += [one.tolerance] * several
         cells = [printable(name, 200).translate(_LATEX) for name in [*names, f"{one.drives}"]]
         cells += ["--" if np.isnan(one.means[name]) else _number(one.means[name], name)
                   for name in measures]  # fmt: skip
         cells.append("--" if one.difference is None else _interval(one.difference, measure))
         lines.append(" & ".join(cells) + r" \\")
-    form = "l" * (named + max(1, len(keys))) + "r" * (2 + len(measures))
+    form = "l" * (named + max(1, len(keys)) + several) + "r" * (2 + len(measures))
     heading = " & ".join(text.translate(_LATEX) for text in head) + r" \\"
     body = [r"\toprule", heading, r"\midrule", *lines, r"\bottomrule"]
     return "\n".join([rf"\begin{{tabular}}{{{form}}}", *body, r"\end{tabular}"]) + "\n"
@@ -490,9 +518,11 @@ def draw_over(rows: Sequence[Row], measure: str, over: str) -> Figure:
         if numeric
         else [float(words.index(_word(row.settings, name))) for row in known]
     )
+    several = len({row.tolerance for row in known}) > 1
     lines: dict[str, dict[float, list[Floats]]] = {}
     for row, x in zip(known, at, strict=True):
         fixed = [f"{SETTING_FIELDS[each].key} {_word(row.settings, each)}" for each in others]
+        fixed += [f"tolerance {row.tolerance}"] * several
         line = lines.setdefault(", ".join([row.run, *fixed]), {})
         line.setdefault(x, []).append(np.array(row.values[measure]))
     with figure(7.5, 4.5 + 0.25 * len(lines)) as (drawing, axes):

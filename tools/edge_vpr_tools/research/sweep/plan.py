@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import edge_vpr
 from edge_vpr.errors import UsageError, did_you_mean
@@ -41,7 +41,7 @@ class PairOfDrives:
     query: str
     ground_truth: tuple[str, ...]  #: Files, as for `edge-vpr evaluate --ground-truth`.
     #: tolerance, rows, frame_period, offset: as the flags of `evaluate` with these names.
-    tolerance: float | None = None
+    tolerance: tuple[float, ...] = ()
     rows: str | None = None
     frame_period: str | None = None
     offset: tuple[float, float] | None = None
@@ -65,11 +65,14 @@ class PairOfDrives:
         return (self.reference, self.query, *self.ground_truth)
 
     @property
-    def truth(self) -> TruthFiles:
-        """Ground truth, which is read when it is called with the centres of windows."""
-        return TruthFiles(
-            self.ground_truth, self.tolerance, self.rows, self.frame_period, self.offset
-        )
+    def truths(self) -> dict[str, TruthFiles]:
+        """Ground truth by tolerance, which is read when it is called with centres of windows."""
+        return {
+            "" if each is None else f"{each:g}": TruthFiles(
+                self.ground_truth, each, self.rows, self.frame_period, self.offset
+            )
+            for each in self.tolerance or (None,)
+        }
 
     def open(self, which: int) -> Recording:
         """Open the reference (0) or the query (1).
@@ -118,13 +121,41 @@ class Trial:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrialResult:
-    """Result of a trial."""
+class Shares:
+    """Shares of correct matches by one tolerance."""
 
     precision_at_100_recall: float
     recall_at_99_precision: float
     average_precision: float
     recall_at_1: float
+    recall_at_5: float
+    recall_at_10: float
+
+    @classmethod
+    def of(cls, found: Evaluation, **more: Any) -> Self:
+        """Build from an evaluation."""
+        recall = {f"recall_at_{n}": found.recall_at[n] for n in (1, 5, 10)}
+        return cls(
+            precision_at_100_recall=found.precision_at_100_recall,
+            recall_at_99_precision=found.recall_at_99_precision,
+            average_precision=found.curve.average_precision,
+            **recall,
+            **more,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class OtherTolerance(Shares):
+    """Shares by a further tolerance of the drives."""
+
+    tolerance: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialResult(Shares):
+    """Result of a trial; the shares are by the first tolerance of the drives."""
+
+    others: tuple[OtherTolerance, ...] = ()
     queries: int
     places: int
     pixels: int
@@ -138,10 +169,9 @@ class TrialResult:
     microseconds_per_match: float
     elapsed_s: float  #: Time of the whole trial on its worker.
     #: operations, packed_bytes_per_window: number of differences or products to compare one query
-    #: window with the whole map, and size of the descriptors of the places that begin in a window;
-    #: None in results of earlier versions.
-    operations: int | None = None
-    packed_bytes_per_window: int | None = None
+    #: window with the whole map, and size of the descriptors of the places that begin in a window.
+    operations: int
+    packed_bytes_per_window: int
 
 
 def run_trial(trial: Trial) -> TrialResult:
@@ -166,22 +196,24 @@ def run_trial(trial: Trial) -> TrialResult:
             )
     settings = Settings.from_dict(trial.settings, "the trial")
     if trial.system is None:
-        found, costs = _run_method(drives, settings)
+        judged, costs = _run_method(drives, settings)
     else:
-        found, costs = _run_system(drives, settings, trial.system)
-    return TrialResult(
-        precision_at_100_recall=found.precision_at_100_recall,
-        recall_at_99_precision=found.recall_at_99_precision,
-        average_precision=found.curve.average_precision,
-        recall_at_1=found.recall_at[1],
-        queries=found.queries,
+        judged, costs = _run_system(drives, settings, trial.system)
+    first, *others = judged
+    further = zip(others, drives.tolerance[1:], strict=True)
+    return TrialResult.of(
+        first,
+        others=tuple(OtherTolerance.of(found, tolerance=each) for found, each in further),
+        queries=first.queries,
         **costs,
         elapsed_s=time.perf_counter() - start,
     )
 
 
-def _run_method(drives: PairOfDrives, settings: Settings) -> tuple[Evaluation, dict[str, Any]]:
-    """Map and match two drives; return their evaluation, and the costs of a `TrialResult`."""
+def _run_method(
+    drives: PairOfDrives, settings: Settings
+) -> tuple[list[Evaluation], dict[str, Any]]:
+    """Map and match two drives; return their evaluations, and the costs of a `TrialResult`."""
     # the times are of the work: a worker that is new would add those of compiling and loading
     warm_up(mapping_steps(settings))
     start = time.perf_counter()
@@ -191,8 +223,8 @@ def _run_method(drives: PairOfDrives, settings: Settings) -> tuple[Evaluation, d
     matched = reference.match(drives.open(1))
     matches, metrics = matched.matches, matched.metrics
     assert isinstance(metrics, MatchMetrics)
-    truth = drives.truth(reference.place_time_us, matched.query_time_us)
-    return evaluate(matches, truth), {
+    times = reference.place_time_us, matched.query_time_us
+    return [evaluate(matches, truth(*times)) for truth in drives.truths.values()], {
         "places": len(reference),
         "pixels": len(reference.pixel_map),
         "bytes_per_place": reference.bytes_per_place,
@@ -208,17 +240,18 @@ def _run_method(drives: PairOfDrives, settings: Settings) -> tuple[Evaluation, d
 
 def _run_system(
     drives: PairOfDrives, settings: Settings, system: str
-) -> tuple[Evaluation, dict[str, Any]]:
+) -> tuple[list[Evaluation], dict[str, Any]]:
     """Count two drives at all pixels, compare them by a baseline, and match its distances."""
     start = time.perf_counter()
     baseline = open_baseline(system, settings.seed)
-    truths = {system: drives.truth}
+    truths = drives.truths
     counted = Pair(system, drives.open(0), drives.open(1), settings, truths).counted()
     places, queries = counted.reference, counted.query
     counting_s = time.perf_counter() - start
     compared = compare(baseline, places.images, queries.images)
     matches, matching_s = fastest(partial(counted.match, compared.distances, settings))
-    return evaluate(matches, counted.truth()), {
+    times = places.centre_us, queries.centre_us
+    return [evaluate(matches, truth(*times)) for truth in truths.values()], {
         "places": len(places.images),
         "pixels": places.images[0].size,
         "bytes_per_place": compared.bytes_per_place,
@@ -408,6 +441,8 @@ def _drives(values: object, where: str, folder: Path) -> PairOfDrives:
             given[name] = [str(value) for value in given[name]]
     if isinstance(given.get("ground_truth"), str):
         given["ground_truth"] = [given["ground_truth"]]
+    if isinstance(given.get("tolerance"), int | float):
+        given["tolerance"] = [given["tolerance"]]
     try:
         drives = from_json(PairOfDrives, given)
     except RecordError as error:
