@@ -1,9 +1,14 @@
 #include "replay.h"
 
+#include <stddef.h>
+
+#define BATCH 32U /* events that are taken from a line at once */
+
 typedef struct {
     uint32_t *words;
     uint32_t size;
-    uint32_t used; /* beyond size once a word did not fit */
+    uint32_t used;          /* beyond size once a word did not fit */
+    const vpr_line_t *line; /* that the words go to, or NULL */
 } writer_t;
 
 /* Nothing may rest on what memory holds before it is written. */
@@ -25,10 +30,24 @@ static void copy(void *to, const void *from, uint32_t bytes)
 
 static void put(writer_t *w, uint32_t word)
 {
-    if (w->used < w->size) {
+    if (w->line != NULL) {
+        for (uint32_t shift = 0U; shift < 32U; shift += 8U) {
+            w->line->put((uint8_t)(word >> shift));
+        }
+    } else if (w->used < w->size) {
         w->words[w->used] = word;
+    } else {
+        /* counted alone */
     }
     w->used++;
+}
+
+/* A record of one value. */
+static void put_one(writer_t *w, uint32_t kind, uint32_t value)
+{
+    put(w, kind);
+    put(w, 1U);
+    put(w, value);
 }
 
 static void put_event(writer_t *w, const vpr_state_t *s, uint32_t number, uint32_t slot)
@@ -113,7 +132,7 @@ uint32_t vpr_replay(const uint32_t *image, uint32_t image_bytes, const vpr_event
 {
     vpr_design_t design;
     vpr_state_t state;
-    writer_t writer = {out, out_words, 0U};
+    writer_t writer = {out, out_words, 0U, NULL};
 
     if ((batch == 0U) || !vpr_open(&design, image, image_bytes) ||
         (vpr_ram_bytes(&design) > ram_bytes)) {
@@ -147,4 +166,86 @@ uint32_t vpr_replay(const uint32_t *image, uint32_t image_bytes, const vpr_event
         }
     }
     return (writer.used <= out_words) ? writer.used : 0U;
+}
+
+static uint32_t get_word(const vpr_line_t *line)
+{
+    uint32_t word = 0U;
+    for (uint32_t shift = 0U; shift < 32U; shift += 8U) {
+        word |= (uint32_t)line->get() << shift;
+    }
+    return word;
+}
+
+/* Ask for what comes next, and wait for it. */
+static void take(writer_t *w, uint32_t *to, uint32_t bytes)
+{
+    put_one(w, VPR_RECORD_READY, bytes);
+    for (uint32_t i = 0U; i < (bytes / 4U); i++) {
+        to[i] = get_word(w->line);
+    }
+}
+
+/* Take events from the line, and write what they do. */
+static void run_line(writer_t *w, const vpr_design_t *d, vpr_state_t *s, uint32_t event_count)
+{
+    vpr_event_t events[BATCH];
+    halves_t none = {{NULL, NULL}, 0U};
+    for (uint32_t number = 0U; number < event_count; number++) {
+        const uint32_t at = number % BATCH;
+        const uint32_t left = event_count - number;
+        if (at == 0U) {
+            /* an event is two words */
+            take(w, (uint32_t *)(void *)events, 8U * ((left < BATCH) ? left : BATCH));
+        }
+        const vpr_event_t *next = &events[at];
+        while (next == &events[at]) {
+            const vpr_status_t status = vpr_events(d, s, &next, &events[at + 1U]);
+            const uint32_t taken = number + ((next == &events[at]) ? 0U : 1U);
+            if (taken != number) {
+                put_event(w, s, number, vpr_slot(d, &events[at]));
+            }
+            if (status == VPR_WINDOW_ENDS) {
+                end_window(w, d, s, taken, &none);
+            }
+        }
+    }
+}
+
+void vpr_replay_line(const vpr_line_t *line, uint32_t *memory, uint32_t memory_bytes)
+{
+    writer_t writer = {NULL, 0U, 0U, line};
+    vpr_design_t design;
+    vpr_state_t state;
+    uint32_t begun = 0U;
+
+    while (begun != VPR_LINE_MAGIC) {
+        begun = (begun >> 8) | ((uint32_t)line->get() << 24);
+    }
+    const uint32_t number = get_word(line);
+    const uint32_t start = get_word(line);
+    const uint32_t image_bytes = get_word(line);
+    const uint32_t event_count = get_word(line);
+    put_one(&writer, VPR_RECORD_CASE, number);
+    if (image_bytes > memory_bytes) {
+        put_one(&writer, VPR_RECORD_REFUSED, image_bytes);
+        return;
+    }
+    take(&writer, memory, image_bytes);
+    if (!vpr_open(&design, memory, image_bytes)) {
+        put_one(&writer, VPR_RECORD_REFUSED, 0U);
+        return;
+    }
+    /* an image ends at a multiple of 16 bytes */
+    const uint32_t ram_bytes = vpr_ram_bytes(&design);
+    if (ram_bytes > (memory_bytes - image_bytes)) {
+        put_one(&writer, VPR_RECORD_REFUSED, image_bytes + ram_bytes);
+        return;
+    }
+    uint32_t *const ram = &memory[image_bytes / 4U];
+    spoil(&state, (uint32_t)sizeof state, 0xA5U);
+    spoil(ram, ram_bytes, 0xA5U);
+    vpr_reset(&design, &state, ram, start);
+    run_line(&writer, &design, &state, event_count);
+    put_one(&writer, VPR_RECORD_READY, 0U);
 }

@@ -21,4 +21,25 @@ uint32_t vpr_replay(const uint32_t *image, uint32_t image_bytes, const vpr_event
                     uint32_t event_count, uint32_t batch, uint32_t start, uint32_t *ram,
                     uint32_t ram_bytes, uint32_t *out, uint32_t out_words);
 
+/* Bytes to and from a host, in order. `get` waits for the next one, which comes only while it is
+ * called, so that a line needs no buffer. */
+typedef struct {
+    uint8_t (*get)(void);
+    void (*put)(uint8_t byte);
+} vpr_line_t;
+
+#define VPR_LINE_MAGIC 0x43525056U /* "VPRC": a case begins */
+
+/* Records on the line besides:
+ *   case:    its number
+ *   ready:   bytes that are taken next; 0: the case is over
+ *   refused: bytes of memory that the case needs; 0: the image is refused */
+enum { VPR_RECORD_CASE = 0, VPR_RECORD_READY = 4, VPR_RECORD_REFUSED = 5 };
+
+/* Wait for a case from `edge-vpr golden verify --port`, run it and send its records. The host sends
+ * VPR_LINE_MAGIC, the case's number, its start, the bytes of its image and the number of its events;
+ * then the image and the events, as far as the records say ready. `memory` takes image and state, and
+ * is aligned to 16 bytes. */
+void vpr_replay_line(const vpr_line_t *line, uint32_t *memory, uint32_t memory_bytes);
+
 #endif

@@ -1,5 +1,6 @@
 """Golden vectors: stimuli, memory images and expected results to test a device against."""
 
+from firmware_model.vectors.board import Returned, run_on_board
 from firmware_model.vectors.case import Case, from_binary, in_order, records, to_binary
 from firmware_model.vectors.corners import corner_cases
 from firmware_model.vectors.coverage import CORNERS, FILTER_CORNERS, coverage
@@ -14,6 +15,7 @@ __all__ = [
     "FILTER_CORNERS",
     "Case",
     "Manifest",
+    "Returned",
     "Verdict",
     "check_files",
     "corner_cases",
@@ -25,6 +27,7 @@ __all__ = [
     "random_cases",
     "read_results",
     "records",
+    "run_on_board",
     "smallest_cases",
     "standard_suites",
     "to_binary",

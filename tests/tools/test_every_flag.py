@@ -148,6 +148,7 @@ RUNS = [
     ("golden verify {f}/vectors", 0),
     # the results that it names are of another case
     ("golden verify {f}/vectors --results {f}/none.csv --case corners/none --only match", 2),
+    ("golden verify {f}/vectors --port {f}/none --baud 9600", 1),
     (f"{PROFILE} -o {{f}}/profile --sysroot {{f}}/board --sensor-name ina226@hwmon2 "
      "--shunt-mohm 20", 0),
     (f"{PROFILE} -o {{f}}/profile --overwrite --no-figures --sysroot {{f}}/none --meter "

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from edge_vpr.errors import EdgeVprError, UsageError
-from edge_vpr_tools.console import summary
+from edge_vpr_tools.console import note, status, summary
+
+if TYPE_CHECKING:
+    from firmware_model.vectors import Returned
 
 EXAMPLES = """\
   edge-vpr golden verify vectors
-  edge-vpr golden verify vectors --results device.csv --only match"""
+  edge-vpr golden verify vectors --results device.csv --only match
+  edge-vpr golden verify vectors --port /dev/ttyACM0"""
+#: after which a board that sends nothing is given up
+SILENCE_S = 10.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,8 +30,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "words (default: check the vectors only)",
     )  # fmt: skip
     group.add_argument(
-        "--case", metavar="SUITE/NAME", help="case that results without a `case` record belong to"
+        "--port", metavar="PORT",
+        help="serial port of a board that runs the reference firmware's vpr_replay_line: send it "
+        "the cases, and take its results",
+    )  # fmt: skip
+    group.add_argument(
+        "--baud", type=int, default=115_200, metavar="N", help="bits per second of the port"
     )
+    group.add_argument(
+        "--case", metavar="SUITE/NAME",
+        help="case that results without a `case` record belong to; with --port, the only one to "
+        "run",
+    )  # fmt: skip
     group.add_argument(
         "--only", metavar="KINDS", default="event,window,match",
         help="kinds of result that the device returns, separated by commas",
@@ -33,30 +50,59 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Verify vectors, and the results of a device if they are given."""
-    from firmware_model.vectors import check_files, read_results, verify
+    from firmware_model.vectors import Returned, check_files, read_results, verify
     from firmware_model.vectors.verify import COMPARED
 
     folder = Path(args.vectors)
     files = check_files(folder)
-    if args.results is None:
+    if args.results is not None and args.port is not None:
+        raise UsageError("--results are from a file, and --port from a board: give one of them")
+    source = args.results or args.port
+    if source is None:
         summary(f"{folder}: {files} files are as they were made")
         return
     kinds = tuple(args.only.split(","))
     if not set(kinds) <= set(COMPARED):
         raise UsageError(f"--only {args.only}: choose from {', '.join(COMPARED)}")
-    verdict = verify(folder, read_results(args.results), case=args.case, kinds=kinds)
+    found = _from_board(args, folder) if args.port else Returned(read_results(args.results))
+    verdict = verify(folder, found.records, case=args.case, kinds=kinds)
     compared = ", ".join(f"{number} of {kind}" for kind, number in verdict.compared.items())
     if verdict.differences:
         for difference in verdict.differences:
             summary(difference)
         raise EdgeVprError(
-            f"{args.results}: {len(verdict.differences)} of {verdict.cases} cases differ from the "
+            f"{source}: {len(verdict.differences)} of {verdict.cases} cases differ from the "
             f"vectors in {folder}, first in {verdict.differences[0]}"
         )
-    if verdict.missing and args.case is None:
+    if verdict.missing and args.case is None and args.port is None:
         raise EdgeVprError(
-            f"{args.results}: {verdict.cases} of {verdict.known} cases are equal, and "
+            f"{source}: {verdict.cases} of {verdict.known} cases are equal, and "
             f"{len(verdict.missing)} were not verified, such as {verdict.missing[0]}: return "
             "them too, or name the only one with --case"
         )
-    summary(f"{args.results}: {verdict.cases} of {verdict.known} cases, equal records: {compared}")
+    summary(f"{source}: {verdict.cases} of {verdict.known} cases, equal records: {compared}")
+    if found.too_large:
+        name, size = min(found.too_large.items(), key=lambda one: one[1])
+        note(
+            f"{len(found.too_large)} cases need more memory than the board has: the smallest, "
+            f"{name}, {size:,} bytes"
+        )
+
+
+def _from_board(args: argparse.Namespace, folder: Path) -> Returned:
+    """Run the cases on the board at the port."""
+    import serial
+
+    from firmware_model.vectors import run_on_board
+
+    try:
+        with (
+            serial.serial_for_url(args.port, args.baud, timeout=SILENCE_S) as line,
+            status("cases on the board") as show_case,
+        ):
+            line.reset_input_buffer()
+            return run_on_board(line, folder, args.case, show_case)
+    except (serial.SerialException, OSError, ValueError) as error:
+        raise EdgeVprError(
+            f"cannot talk to a board at {args.port}: {error}: edge-vpr ports lists the ports"
+        ) from error

@@ -1,0 +1,128 @@
+"""Cases on a board over its serial port, where `vpr_replay_line` of ``c/replay.c`` runs them."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from firmware_model.errors import VectorError
+from firmware_model.vectors.case import KINDS, Record
+from firmware_model.vectors.manifest import CaseEntry, load_manifest, read_case_file
+
+#: of ``c/replay.h``: the word with which a case begins, and records of the line alone
+MAGIC, READY, REFUSED = 0x43525056, 4, 5
+#: largest number of values in a record
+_LONGEST = 1 << 20
+
+
+class Line(Protocol):
+    """What is used of a `serial.Serial` with a time limit."""
+
+    def read(self, size: int, /) -> bytes:
+        """Return so many bytes, or fewer when the time is over."""
+
+    def write(self, data: Any, /) -> Any:
+        """Send bytes."""
+
+
+@dataclass
+class Returned:
+    """What a board returned.
+
+    Attributes
+    ----------
+    records : list
+        As `verify` takes them.
+    too_large : dict of str to int
+        Cases for which the board has too little memory, and the bytes that they need.
+    """
+
+    records: list[Record] = field(default_factory=list)
+    too_large: dict[str, int] = field(default_factory=dict)
+
+
+def run_on_board(
+    line: Line,
+    folder: str | Path,
+    case: str | None = None,
+    on_case: Callable[[str], None] = lambda name: None,
+) -> Returned:
+    """Send cases to a board, and return its records.
+
+    Cases beyond the reference firmware's limits are left out.
+
+    Parameters
+    ----------
+    line : serial.Serial
+        Open, with a time limit for reading.
+    folder : path
+        Folder of the vectors.
+    case : str, optional
+        The only case to run, as ``suite/name``.
+    on_case : callable, optional
+        Called with each case before it runs.
+
+    Raises
+    ------
+    VectorError
+        If the board is silent, sends what is no record, or refuses an image; or if there is no such
+        case.
+    """
+    cases = dict(load_manifest(folder).cases())
+    if case is not None and case not in cases:
+        raise VectorError(
+            f"{folder} has no case {case!r}: it has for example {next(iter(cases), 'none')!r}"
+        )
+    returned = Returned()
+    for name, entry in cases.items():
+        if case in (None, name) and "image.bin" in entry.files:
+            on_case(name)
+            _run(line, Path(folder), name, entry, returned)
+    return returned
+
+
+def _run(line: Line, folder: Path, name: str, entry: CaseEntry, returned: Returned) -> None:
+    image, events = (
+        read_case_file(folder, name, entry, file) for file in ("image.bin", "events.bin")
+    )
+    number = entry.number, entry.start % (1 << 32)
+    line.write(struct.pack("<5I", MAGIC, *number, len(image), len(events) // 8))
+    left = image + events
+    found: list[Record] = []
+    while True:
+        kind, count = struct.unpack("<2I", _read(line, 8, name))
+        if kind > REFUSED or count > _LONGEST:
+            raise VectorError(
+                f"{name}: the board sent {kind:#x} and {count:#x}, which begin no record: reset "
+                "it, and check --baud"
+            )
+        values = struct.unpack(f"<{count}I", _read(line, 4 * count, name))
+        if kind == REFUSED and values != (0,):
+            returned.too_large[name] = values[0] if values else 0
+            return
+        if kind == REFUSED:
+            raise VectorError(
+                f"{name}: the board refuses the image: it came damaged over the line, or the "
+                "firmware is of another version than the vectors"
+            )
+        if kind == READY and values == (0,):
+            returned.records += found
+            return
+        if kind == READY:
+            line.write(left[: values[0]])
+            left = left[values[0] :]
+        else:
+            found.append((KINDS[kind], values))
+
+
+def _read(line: Line, size: int, name: str) -> bytes:
+    data = line.read(size)
+    if len(data) < size:
+        raise VectorError(
+            f"{name}: the board is silent: check that it runs vpr_replay_line, reset it, and check "
+            "--baud"
+        )
+    return data

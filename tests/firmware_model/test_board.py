@@ -1,0 +1,132 @@
+"""Golden vectors on a board over its serial port: an emulated one, and boards that go wrong."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import struct
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from edge_vpr_tools.cli import main
+
+from firmware_model import Design, VectorError
+from firmware_model.vectors import run_on_board, smallest_cases, standard_suites, write_suites
+from firmware_model.vectors.board import MAGIC, READY, REFUSED
+
+M4 = Path(__file__).parents[2] / "examples" / "firmware-m4"
+DESIGN = Design(width=64, height=48, pixels=25, places=40, length=4, code_bits=3)
+FILTER = replace(DESIGN, matching="filter", length=1, code="contrast")
+
+
+@pytest.fixture(scope="module")
+def vectors(tmp_path_factory) -> Path:
+    """Some small cases of the filter."""
+    folder = tmp_path_factory.mktemp("vectors") / "v"
+    write_suites(folder, FILTER, smallest_cases(standard_suites(FILTER, 0, "filter"), 6e5), 0)
+    return folder
+
+
+def program(folder: Path, sources: Path | None = None) -> Path:
+    """The example's program, of changed sources of the firmware if they are given."""
+    zig = f"CC={sys.executable} -m ziglang cc -target thumb-freestanding-eabi"
+    compiler = [] if shutil.which("arm-none-eabi-gcc") else [zig, "CPU=-mcpu=cortex_m4", "LIBS="]
+    of_sources = [] if sources is None else [f"VPR={sources}"]
+    command = ["make", "-C", str(M4), "vectors", f"OUT={folder}", *of_sources, *compiler]
+    subprocess.run(command, check=True, capture_output=True)
+    return folder / "vectors.elf"
+
+
+@pytest.fixture
+def board():
+    """Start QEMU's MPS2 board with a program; return the pseudo-terminal that is its port."""
+    if shutil.which("qemu-system-arm") is None:
+        pytest.skip("qemu-system-arm is not installed: apt install qemu-system-arm")
+    pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
+    running = []
+
+    def start(elf: Path) -> str:
+        command = ["qemu-system-arm", "-M", "mps2-an386", "-kernel", str(elf)]
+        command += ["-display", "none", "-monitor", "none", "-serial", "pty"]
+        running.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        return re.search(r"/dev/\S+", running[-1].stdout.readline())[0]
+
+    yield start
+    for process in running:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+def test_a_board_runs_the_vectors_over_its_port(board, vectors, tmp_path, capsys):
+    """Whole cases, then one alone, without a reset between them."""
+    port = board(program(tmp_path))
+    assert main(["golden", "verify", str(vectors), "--port", port]) == 0
+    cases = len(list((vectors / "filter").iterdir()))
+    assert f"{port}: {cases} of {cases} cases, equal records:" in capsys.readouterr().out
+    one = f"filter/{next((vectors / 'filter').iterdir()).name}"
+    assert main(["golden", "verify", str(vectors), "--port", port, "--case", one]) == 0
+    assert f"{port}: 1 of {cases} cases" in capsys.readouterr().out
+
+
+def test_a_board_with_a_fault_is_found(board, vectors, tmp_path, capsys):
+    """Ties are not counted."""
+    sources = tmp_path / "c"
+    shutil.copytree(M4.parents[1] / "firmware_model" / "c", sources)
+    text = (sources / "filter.h").read_text("ascii")
+    wrong = text.replace("m->ties = ties;", "m->ties = ties + 1U;")
+    assert wrong != text
+    (sources / "filter.h").write_text(wrong, "ascii")
+    port = board(program(tmp_path / "out", sources))
+    assert main(["golden", "verify", str(vectors), "--port", port]) == 1
+    assert re.search(r"ties: expected \d+, got \d+", capsys.readouterr().out)
+
+
+class Scripted:
+    """A line whose board says these words to the first case, and nothing more."""
+
+    def __init__(self, *words: int) -> None:
+        self.said = struct.pack(f"<{len(words)}I", *words)
+        self.heard = b""
+
+    def read(self, size: int) -> bytes:
+        data, self.said = self.said[:size], self.said[size:]
+        return data
+
+    def write(self, data: bytes) -> None:
+        self.heard += data
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ((), "the board is silent"),
+        ((0, 1, 0, READY, 1, 64), "the board is silent"),
+        ((0x0D0A_0D0A, 7), "begin no record: reset it, and check --baud"),
+        ((0, 0x1000_0000), "begin no record"),
+        ((0, 1, 0, REFUSED, 1, 0), "the board refuses the image"),
+    ],
+)
+def test_a_board_that_goes_wrong_is_named_with_its_case(vectors, words, says):
+    name = f"filter/{next((vectors / 'filter').iterdir()).name}"
+    line = Scripted(*words)
+    with pytest.raises(VectorError, match=f"^{name}: .*{says}"):
+        run_on_board(line, vectors, name)
+    assert line.heard[:4] == struct.pack("<I", MAGIC)
+
+
+def test_a_case_too_large_for_the_board_is_left_out_and_said(vectors):
+    name = f"filter/{next((vectors / 'filter').iterdir()).name}"
+    returned = run_on_board(Scripted(0, 1, 0, REFUSED, 1, 70_000), vectors, name)
+    assert returned.too_large == {name: 70_000} and returned.records == []
+
+
+def test_a_port_that_is_none_is_said(vectors, tmp_path, capsys):
+    words = ["golden", "verify", str(vectors), "--port", str(tmp_path / "none")]
+    assert main(words) == 1
+    assert "cannot talk to a board at" in capsys.readouterr().err
+    assert main([*words, "--results", "a.csv"]) == 2
+    assert "give one of them" in capsys.readouterr().err
