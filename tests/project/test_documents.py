@@ -136,8 +136,8 @@ def source_files():
 @pytest.mark.parametrize("page", PAGES)
 def test_source_files_that_a_page_names_are_there(page):
     elsewhere = {  # of other projects, or generated
-        "baselines/get_baseline.py", "get_baseline.py", "case.h", "map.h", "include/map.h", "main.py",
-        "vpr_pkg.sv", "vpr_registers.h", "genx320_event_mode_streaming_on_cam.py",
+        "baselines/get_baseline.py", "get_baseline.py", "case.h", "map.h", "include/map.h",
+        "main.py", "vpr_pkg.sv", "vpr_registers.h", "genx320_event_mode_streaming_on_cam.py",
         "genx320_raw_event_mode_streaming_on_cam.py",
     }  # fmt: skip
     there = source_files()
