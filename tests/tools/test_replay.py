@@ -98,6 +98,30 @@ def test_each_frame_says_what_the_table_says(there):
     ]
 
 
+@pytest.mark.parametrize("name", ["whole", "live"])
+def test_a_film_of_an_evaluated_drive_shows_the_truth(there, tmp_path, name, capsys):
+    copy, truth = tmp_path / "results", tmp_path / "track.csv"
+    shutil.copytree(there / name, copy)
+    truth.write_text("time_s,x_m,y_m\n0,10,20\n3,55,-25\n")  # ever farther from the map's
+    words = ["evaluate", str(copy), "--ground-truth", "track.csv", str(truth), "--tolerance", "5"]
+    assert main(words) == 0
+    inputs, result = RecordedInputs(read_run(copy)), MatchResult.load(copy)
+    recording = inputs.recording("a test") if result.queries is None else None
+    files = inputs.truth(copy, result.reference)
+    film = replay_of(result, recording, inputs.odometry(), 1_000, truth=files)
+    time_us = film.outcome.matches.time_us
+    expected = np.column_stack([10 + 15e-6 * time_us, 20 - 15e-6 * time_us])
+    place = film.reference.route.position[film.outcome.matches.place]
+    correct = np.hypot(*(place - expected).T) <= 5
+    assert 0 < correct.sum() < correct.size
+    assert np.allclose(film.true, expected, atol=1e-6)
+    for text, right in zip(film.captions(), correct, strict=True):
+        assert text.endswith(", correct" if right else ", wrong")
+    truth.write_text(truth.read_text() + "4,70,-40\n")
+    assert inputs.truth(copy, result.reference) is None
+    assert "has moved or changed since the evaluation" in capsys.readouterr().err
+
+
 def test_a_part_and_fewer_frames_can_be_asked_for(there, tmp_path):
     film = tmp_path / "match.gif"
     words = ["replay", "whole", "-o", str(film), "--start", "0.5", "--end", "2", "--frames", "4"]

@@ -66,7 +66,7 @@ COMMANDS = (
     "edge-vpr match map.npz street/query.npz -o results",
     "edge-vpr match map.npz street/query.npz -o live --online --every window --precision 0.9",
     f"edge-vpr evaluate live --ground-truth {' '.join(TRACKS)} --tolerance {TOLERANCE_M}",
-    "edge-vpr replay results -o match.gif --all-events",
+    "edge-vpr replay live -o match.gif --all-events",
 )
 
 

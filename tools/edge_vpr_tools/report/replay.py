@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,16 +19,18 @@ from PIL import Image
 from edge_vpr.descriptors.counting import EventSource, WindowSource
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import UsageError
+from edge_vpr.evaluation.ground_truth import TruePositions
 from edge_vpr.evaluation.tracks import local_metres
 from edge_vpr.files import replacing
 from edge_vpr.map_record import describe_query
 from edge_vpr.matching.drive import middle_window, query_distances
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import MatchResult, ReferenceMap
-from edge_vpr.route import Odometry
+from edge_vpr.route import Odometry, Route
 from edge_vpr_tools.report.figures import Window, dot_sizes, draw_window, total_counts
-from edge_vpr_tools.report.style import BLUE, GREY, ORANGE, along_route, panels
+from edge_vpr_tools.report.style import BLUE, GREY, ORANGE, RED, along_route, panels
 from edge_vpr_tools.report.verdict import Outcome, outcome_of
+from edge_vpr_tools.truth_files import TruthFiles, truth_of
 
 _DPI = 100
 _WIDTH, _HEIGHT = 7.2, 4.5
@@ -51,6 +53,9 @@ class Replay:
     cost: Floats
     #: Shape (n, height, width): events of each window at every pixel.
     images: npt.NDArray[np.integer] | None = None
+    #: Shape (n, d): where the camera truly was in each frame, as the places are given; None before
+    #: an evaluation by positions, NaN where it is not known.
+    true: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.queries)
@@ -69,6 +74,8 @@ class Replay:
             if self.outcome.precision is not None:
                 accepted = "accepted" if self.outcome.accepted[i] else "not accepted"
                 text += f", {accepted} at {self.outcome.precision:g}"
+            if self.outcome.correct[i] or self.outcome.wrong[i]:
+                text += ", correct" if self.outcome.correct[i] else ", wrong"
             texts.append(text)
         return texts
 
@@ -97,7 +104,7 @@ def _palette_of(picture: Image.Image) -> Image.Image:
     """Return a palette of the most frequent colours, with those of paper and marks as they are."""
     palette = picture.quantize(_COLOURS)
     colours = np.array(palette.getpalette(), dtype=np.int64).reshape(-1, 3)
-    for name in ("#ffffff", BLUE, ORANGE):
+    for name in ("#ffffff", BLUE, ORANGE, RED):
         kept = np.array([int(name[i : i + 2], 16) for i in (1, 3, 5)])
         colours[np.abs(colours - kept).max(axis=1) <= _MIXED] = kept
         colours = np.concatenate([colours, kept[None]])
@@ -179,8 +186,24 @@ class _Film:
             axes.set(xlabel="time (s)", ylabel=label, xlim=self._span())
             axes.set_ylim(float(np.nanmin(self._x)), float(np.nanmax(self._x)))
         axes.xaxis.set_major_locator(MaxNLocator(4))
+        self._true = self._true_path(route)
+        self._truly = axes.scatter([], [], s=90, facecolors="none", edgecolors=GREY, zorder=4)
+        if self._true is not None:
+            axes.set_title("position; circle: the truth")
         self._trail = axes.scatter([], [], s=5, color=BLUE, zorder=2)
         self._now = axes.scatter([], [], s=45, color=ORANGE, zorder=3)
+
+    def _true_path(self, route: Route | None) -> Floats | None:
+        """Return where the camera truly was in each frame, in the coordinates of the panel."""
+        true = self._replay.true
+        if true is None or route is None:
+            return None
+        if true.shape[1] > 1:
+            origin = route.position[np.isfinite(route.position).all(axis=1)][0]
+            return local_metres(route.kind, true, origin)[:, :2]
+        apart = np.abs(route.position[None, :, 0] - true)
+        nearest = np.argmin(np.where(np.isnan(apart), np.inf, apart), axis=1)
+        return np.column_stack([self._replay.outcome.time_s, self._x[nearest]])
 
     def frame(self, i: int) -> Image.Image:
         """Draw the frame of the i-th window."""
@@ -194,6 +217,9 @@ class _Film:
         self._cheapest.set_offsets([(self._x[place], replay.cost[place, i])])
         self._trail.set_offsets(self._path[: i + 1])
         self._now.set_offsets(self._path[i : i + 1])
+        if self._true is not None:
+            self._truly.set_offsets(self._true[i : i + 1])
+        self._now.set_facecolor(RED if outcome.wrong[i] else ORANGE)
         probability = outcome.matches.probability[: i + 1]
         self._probability.set_data(outcome.time_s[: i + 1], probability)
         self._probability_now.set_offsets([(outcome.time_s[i], probability[-1])])
@@ -226,6 +252,7 @@ def replay_of(
     start_s: float | None = None,
     end_s: float | None = None,
     all_events: bool = False,
+    truth: TruthFiles | None = None,
 ) -> Replay:
     """Compute the cost of each place again, for the windows of a match.
 
@@ -235,6 +262,8 @@ def replay_of(
         Of the query, needed if it was matched online, or for `all_events`.
     most : int
         Largest number of frames: of more windows, some are left out, evenly.
+    truth : TruthFiles, optional
+        To show which matches are correct, and where the camera truly was.
 
     Raises
     ------
@@ -271,10 +300,29 @@ def replay_of(
             images = _window_images(recording, window)
         else:
             images = event_images(recording, queries.start_us[window], queries.end_us[window])
+    shown_matches, found, true = matches.take(row), None, None
+    if truth is not None:
+        judged = shown_matches
+        if result.queries is None:  # of a drive that was matched online, each match is a query
+            judged = replace(judged, query=np.arange(len(judged), dtype=np.int64))
+        some = replace(result, matches=judged)
+        found = some.evaluate(truth_of(some, truth))
+        positions = found.truth.positions
+        if positions is not None and _comparable(positions, reference.route):
+            true = positions.query[judged.query]
     return Replay(
-        reference, outcome_of(reference, matches.take(row)), queries.take(window),
-        cost[:, window], images,
+        reference, outcome_of(reference, shown_matches, found), queries.take(window),
+        cost[:, window], images, true,
     )  # fmt: skip
+
+
+def _comparable(positions: TruePositions, route: Route | None) -> bool:
+    """Return whether the truth is given in the coordinates of the places."""
+    return (
+        route is not None
+        and positions.unit == "m"
+        and (positions.kind, positions.query.shape[1]) == (route.kind, route.position.shape[1])
+    )
 
 
 def _windows_of(
