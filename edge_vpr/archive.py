@@ -109,7 +109,7 @@ def write_archive(
     """
     path = as_path(path, f"a {kind}")
     meta = {"kind": kind, "version": SCHEMA_VERSION, **meta}
-    checksum = _checksum(meta, arrays)
+    checksum = checksum_of(meta, arrays)
     header = json.dumps({**meta, "checksum": checksum})
     with replacing(path, overwrite) as temporary:
         for other in others:
@@ -129,7 +129,7 @@ def _link(other: str | Path, path: Path) -> bool:
     return False
 
 
-def _checksum(meta: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> str:
+def checksum_of(meta: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> str:
     """Return the SHA-256 of plain values and of arrays with their names, dtypes and shapes."""
     found = hashlib.sha256(json.dumps(meta).encode())
     for name in sorted(arrays):
@@ -197,7 +197,7 @@ def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
             f"{path} has schema version {version!r} and this edge-vpr reads version "
             f"{SCHEMA_VERSION}: make the file again, or install the edge-vpr that wrote it"
         )
-    if meta.pop("checksum", None) != _checksum(meta, arrays):
+    if meta.pop("checksum", None) != checksum_of(meta, arrays):
         raise MapError(
             f"{path} is damaged (its checksum does not fit): copy the {kind} again, or make it "
             "again"

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +49,19 @@ class PathPosition:
         self._ends: deque[tuple[int, int]] = deque(maxlen=MOST_WINDOWS + 1)  # time, place
         self._at = math.nan
         self._time_us = 0
+
+    def to_values(self) -> dict[str, Any]:
+        """Return the values that `resume` needs, of JSON."""
+        at = None if math.isnan(self._at) else self._at
+        return {
+            "jumps": self.jumps, "at": at, "time_us": self._time_us, "ends": list(self._ends)
+        }  # fmt: skip
+
+    def resume(self, values: dict[str, Any]) -> None:
+        """Restore the values of `to_values`."""
+        self.jumps, self._time_us = values["jumps"], values["time_us"]
+        self._at = math.nan if values["at"] is None else values["at"]
+        self._ends.extend((time_us, place) for time_us, place in values["ends"])
 
     def update(self, time_us: int, window_us: int, place: int) -> float:
         """Return the place where the robot is at the time of a match.

@@ -36,6 +36,14 @@ from edge_vpr.live.links import DescriptorLink, Link, LinkReader, SocketLink, Ur
 from edge_vpr.live.odometer import OdometerReader
 from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.live.protocols import EXACT, Decoder, Health, open_decoder
+from edge_vpr.live.state import (
+    LiveState,
+    Resumable,
+    StateWriter,
+    check_state_file,
+    read_state,
+    state_steps,
+)
 from edge_vpr.map_record import KIND as MAP_KIND
 from edge_vpr.online.localiser import MATCH_DTYPE, Localiser, MatchSchedule
 from edge_vpr.recordings import FORMATS, WRITTEN, writable_format, write_recording
@@ -165,6 +173,8 @@ class LiveLocaliser:
         self._losses = LossWatch(decoder.health)
         self._position: PathPosition | None = None
         self._time = 0  # time that the localiser has reached
+        self._heard_us = 0  # host's time of the newest bytes
+        self._unseen_us = 0  # for how long nothing was seen until the next event
         self.odometer_check = OdometerCheck()
         if reference is not None:
             sensor = reference.pixel_map.sensor
@@ -206,15 +216,33 @@ class LiveLocaliser:
         reopened : bool
             Whether the link was lost before them.
         """
-        decoder, early = self.decoder, []
+        decoder, early = self.decoder, _NO_EVENTS
         if lost or reopened:
-            early.append(decoder.gap(lost))
-            decoder.health.reopened += reopened
+            early = decoder.gap(lost)
+        if reopened:
+            decoder.health.reopened += 1
+            self._unseen_us = max(host_us - self._heard_us, 1)
+        self._heard_us = host_us
         events = decoder.feed(data, host_us)
-        if lost and events.size and self._localiser is not None:
-            # no matches of time in which nothing was seen
-            self._localiser.skip_ticks(int(events["t"][0]))
-        return self._match(join_events([*early, events]))
+        matched = 0
+        if events.size and self._localiser is not None:
+            begin_us = int(events["t"][0])
+            if self._unseen_us:
+                self._go_unseen(self._localiser, early, begin_us)
+                matched = early.size
+            elif lost:
+                # no matches of time in which nothing was seen
+                self._localiser.skip_ticks(begin_us)
+        return self._match(join_events([early, events]), matched)
+
+    def _go_unseen(self, localiser: Localiser, early: Events, begin_us: int) -> None:
+        """Match what came before a gap, and go on after it; of the gap there are no matches."""
+        assert self._bursts is not None
+        for piece in (*self._bursts.pieces(early), self._bursts.finish()):
+            self._update(localiser, piece, [])
+        localiser.skip_ticks(begin_us)
+        localiser.go_unseen(begin_us, max(begin_us - self._time, self._unseen_us))
+        self._time, self._unseen_us = begin_us, 0
 
     def read_odometer(self, distance_mm: int) -> tuple[int, int] | None:
         """Take a reading of the robot's odometer, at the time that the stream has reached.
@@ -250,6 +278,30 @@ class LiveLocaliser:
             jumps=found.jumps + held.jumps,
         )
 
+    def to_state(self) -> LiveState:
+        """Return what is known of the drive; matching goes on meanwhile, and changes it no more."""
+        localiser, position = self._localiser, self._position
+        assert localiser is not None and position is not None
+        run = localiser.run
+        arrays = {name: array.copy() for name, array in run.to_arrays().items() if name != "places"}
+        values = {
+            "now_us": run.now_us, "floor_us": run.floor_us, "time_us": self._time,
+            "clock": self.decoder.clock_values(), "position": position.to_values(),
+        }  # fmt: skip
+        return LiveState(arrays, values)
+
+    def resume(self, saved: Resumable, passed_us: int) -> None:
+        """Go on from a state, before the first bytes, which come `passed_us` after its newest."""
+        localiser, values = saved
+        assert self._position is not None
+        self._localiser, self._time = localiser, values["time_us"]
+        self.odometer_check = localiser.odometer_check or self.odometer_check
+        self._position.resume(values["position"])
+        self.decoder.resume_clock(values["clock"], passed_us)
+        # what was missed is of unknown size
+        self.decoder.health.reopened += 1
+        self._unseen_us = passed_us
+
     @property
     def filled(self) -> float:
         """Share of the first match's windows that has passed; there are matches from 1 on."""
@@ -260,13 +312,13 @@ class LiveLocaliser:
         """Windows that a match compares."""
         return self._settings.windows_per_match + self._settings.match_delay
 
-    def _match(self, events: Events, *, last: bool = False) -> LiveResult:
-        """Match the events that are known to be in no burst, up to the time that is known."""
+    def _match(self, events: Events, matched: int = 0, *, last: bool = False) -> LiveResult:
+        """Match the events after the `matched` ones that are known to be in no burst."""
         localiser, bursts, reached = self._localiser, self._bursts, self.decoder.reached_us
         if localiser is None or bursts is None:
             return LiveResult(events, _NO_MATCHES)
         matches: list[npt.NDArray[np.void]] = []
-        for piece in bursts.pieces(events):
+        for piece in bursts.pieces(events[matched:]):
             self._update(localiser, piece, matches)
         self._update(localiser, bursts.finish() if last else bursts.advance(reached), matches)
         known = min(reached, bursts.known_us)
@@ -468,10 +520,10 @@ class Message(NamedTuple):
     Attributes
     ----------
     kind : str
-        ``link`` (lost or opened), ``stalled`` (silence), ``lag`` (the host is too slow), ``misfit``
-        (another place or light), ``device`` and ``sender`` (remarks on the camera and on a second
-        one), ``senseless`` (bytes that do not decode), ``odometer``, ``compiling``, ``file`` (given
-        up), or ``drive`` (kept).
+        ``link`` (lost or opened), ``state`` (gone on from or not), ``stalled`` (silence), ``lag``
+        (the host is too slow), ``misfit`` (another place or light), ``device`` and ``sender``
+        (remarks on the camera and on a second one), ``senseless`` (bytes that do not decode),
+        ``odometer``, ``compiling``, ``file`` (given up), or ``drive`` (kept).
     text : str
         One sentence, which may quote a device or the system: pass it through `errors.printable`
         before it reaches a terminal.
@@ -565,6 +617,12 @@ class LiveSession:
         `ReferenceMap.update`). Without `reference`, or with other settings of windows, pixels or
         codes than it has, it is a new map of this drive. All the while, the drive is matched with
         `reference` as it was.
+    state : path, optional
+        A file with the suffix ``.state``, in which the session keeps what it knows of the drive,
+        every two seconds and at its end; a session with the same map and settings goes on from
+        there. A state that is older than a silence of the camera's clock may be (60 s; 600 s where
+        a checksum protects times), or is damaged, is not used, and a message says so. Not with a
+        delay or `learn`; files and pipes have none.
     settings : Settings or str, optional
         Of the map to write, or the name of a preset; by default those of `reference`.
     overwrite : bool
@@ -618,6 +676,7 @@ class LiveSession:
         burst_filter: Literal["exact", "causal"] = "exact",
         record: str | Path | Sequence[str | Path] = (),
         learn: str | Path | None = None,
+        state: str | Path | None = None,
         settings: Settings | str | None = None,
         overwrite: bool = False,
         on_overload: Literal["drop", "wait"] | None = None,
@@ -676,6 +735,14 @@ class LiveSession:
         for path in self._record:
             check_recorded(path, "record")
             check_output(path, [map_file])
+        self._state = None if state is None else as_path(state, "the state")
+        if self._state is not None:
+            if reference is None or reference.settings.match_delay or learn is not None:
+                raise UsageError(
+                    f"state {state}: it is of matching with a map at once: give reference=, and "
+                    "leave out delay= and learn="
+                )
+            check_state_file(self._state)
         source = Path(link) if isinstance(link, str | os.PathLike) else None
         seen: set[Path] = set()
         for path in filter(None, (*self._record, self._learn)):
@@ -696,6 +763,9 @@ class LiveSession:
         self.locator = None if reference is None else Locator(reference)
         self._live: LiveLocaliser | None = None
         self._given = self._jumps = 0
+        self._resumable: Resumable | str | None = None
+        self._keeper: StateWriter | None = None
+        self._unkept = ""
         self._files = contextlib.ExitStack()
         self._opened = self._closed = self._raised = False
         self._readings: dict[int, int] = {}
@@ -739,6 +809,8 @@ class LiveSession:
                 self.decoder, self.reference, self._every,
                 causal_bursts=self._causal, odometry=self._odometry is not None, show=progress,
             )  # fmt: skip
+            if self._state is not None and self.reference is not None:
+                warm_up(state_steps(self.reference, self._every), progress)
 
     def open(self) -> None:
         """Compile the kernels, open the link, then the files; again is harmless.
@@ -755,6 +827,10 @@ class LiveSession:
         if self._opened:
             return
         self.warm_up()
+        if self._state is not None and self.reference is not None:
+            localiser = Localiser(self.reference, every=self._every)
+            self._checksum = localiser.checksum()
+            self._resumable = read_state(self._state, localiser, self._checksum)
         decoder = self.decoder
         with contextlib.ExitStack() as stack:
             self._reader = LinkReader(
@@ -785,6 +861,8 @@ class LiveSession:
             for writer in self._writers:
                 stack.callback(writer.close)
             self._stack = stack.pop_all()
+        if self._state is not None and self._reader.live:
+            self._keeper = StateWriter(self._state)
         self._watch = _LineWatch(self._reader, self.decoder, self._say)
         window_us = SILENT_S * 1e6
         if self.reference is not None and self.reference.settings.window == "time":
@@ -935,17 +1013,20 @@ class LiveSession:
             return LiveStep(None, now, int(1e6 * time.time()), self._new_readings())
         for file in list(self._raw):  # first, so that errors can be reproduced
             self._write_raw(file, chunk.data)
+        host_us = int(1e6 * (time.time() - (now - chunk.at_s)))
+        since_us = int((chunk.at_s - self._begin_s) * 1e6)
+        if self._resumable is not None:
+            self._resume(host_us)
         result = self._live_or_raise().feed(
-            chunk.data, int((chunk.at_s - self._begin_s) * 1e6),
-            lost=chunk.lost, reopened=chunk.reopened,
-        )  # fmt: skip
+            chunk.data, since_us, lost=chunk.lost, reopened=chunk.reopened
+        )
+        self._heard_us = host_us
         # before the match is used: a program that fails then has a whole file
         self._write_events(result.events)
         self._lag.look(result.events, self.decoder.reached_us, time.monotonic())
         self._count_misfits(result)
         if result.matches.size:
             self._look_at_misfit(int(result.matches["misfit"][-1]))
-        host_us = int(1e6 * (time.time() - (time.monotonic() - chunk.at_s)))
         found = self._matches(result, host_us)
         return LiveStep(result, chunk.at_s, host_us, self._new_readings(), found)
 
@@ -987,6 +1068,7 @@ class LiveSession:
         decoder.health.line_errors = reader.line_errors
         if step.result is not None:
             self._watch.heard(step.at_s)
+            self._keep_state()
         if self._odometer is not None and (shown_mm := self._odometer.look()) is not None:
             self._read_odometer(shown_mm)
         self._watch.look(nothing_came=step.result is None)
@@ -1033,6 +1115,8 @@ class LiveSession:
         result = self._live_or_raise().finish()
         self._count_misfits(result)
         self._write_events(result.events)
+        if self._keeper is not None:
+            self._keeper.close(self._state_now() if self.health.bytes else None)
         self._stack.close()
         self.decoder.health.line_errors = self._reader.line_errors
         for writer in self._writers:
@@ -1065,6 +1149,40 @@ class LiveSession:
             self.on_message(message)
         elif not over:
             _LOG.warning("%s", printable(text))
+
+    # -- state
+
+    def _resume(self, host_us: int) -> None:
+        """Go on from the state of the file, now that the first bytes have come, or say why not."""
+        saved, self._resumable = self._resumable, None
+        limit_s = self.decoder.longest_silence_us / 1e6
+        if isinstance(saved, Resumable):
+            passed_us = host_us - saved.values["host_us"]
+            if not self._reader.live:
+                saved = "it is of a live line, and this is none"
+            elif passed_us < 0:
+                saved = "by this machine's clock it was kept later than now"
+            elif passed_us > 1e6 * limit_s:
+                saved = f"it is {passed_us / 1e6:,.0f} s old, of at most {limit_s:.0f} s"
+            else:
+                self._live_or_raise().resume(saved, passed_us)
+                self._say("state", f"goes on after {passed_us / 1e6:.1f} s", over=True)
+        if isinstance(saved, str):
+            self._say("state", f"{self._state} is not used, matching starts afresh: {saved}")
+
+    def _state_now(self) -> LiveState:
+        arrays, values = self._live_or_raise().to_state()
+        return LiveState(arrays, values | {"of": self._checksum, "host_us": self._heard_us})
+
+    def _keep_state(self) -> None:
+        """Hand the state to its writer now and then, and report once that it cannot be written."""
+        keeper = self._keeper
+        if keeper is None or not keeper.due():
+            return
+        keeper.offer(self._state_now())
+        if keeper.error and not self._unkept:
+            self._say("state", f"the state is not kept: {keeper.error}")
+        self._unkept = keeper.error
 
     # -- files
 

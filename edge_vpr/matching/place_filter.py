@@ -1370,6 +1370,14 @@ class PlaceFilter:
         self.state.prediction[:] = 0  # as before the first window
         self.state.numbers[0] = (*numbers, NOT_PREDICTED)
 
+    def spread(self, places: int) -> None:
+        """Let the robot be up to so many places further on, and nothing speak for any of them."""
+        metric = self.state.metric
+        for _ in range(min(places, len(metric))):
+            np.minimum(metric[1:], metric[:-1], out=metric[1:])
+        self.state.numbers[0].support = 0
+        self.state.numbers[0].predicted_for = NOT_PREDICTED
+
     def predict_travelled(self, travelled_mm: int, driven_mm: int) -> None:
         """Predict by odometry instead of steps until the window ends.
 

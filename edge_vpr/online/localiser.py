@@ -16,7 +16,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import Arrays, archive_errors, present, read_archive, write_archive
+from edge_vpr import __version__
+from edge_vpr.archive import (
+    Arrays,
+    archive_errors,
+    checksum_of,
+    present,
+    read_archive,
+    write_archive,
+)
 from edge_vpr.compiling import SharedState, plain, specialise
 from edge_vpr.confidence import Confidence, accept_match
 from edge_vpr.descriptors.counting import check_columns, window_of
@@ -942,6 +950,23 @@ class Localiser:
             last = until_us // interval * interval
             self.run.next_tick = max(self.run.next_tick, last)
 
+    def go_unseen(self, until_us: int, passed_us: int) -> None:
+        """Advance the time to `until_us` over a gap, in which the robot may have driven on.
+
+        Parameters
+        ----------
+        until_us : int
+            Of the first event after the gap.
+        passed_us : int
+            Length of the gap; the place filter takes any way forward for possible that a robot can
+            drive in it at twice the speed of the map.
+        """
+        self.advance(until_us)
+        if isinstance(self.run, FilterRun):
+            centres = self._reference.windows.centre_us
+            place_us = max(int(centres[-1] - centres[0]) // max(len(centres) - 1, 1), 1)
+            self.run.place_filter.spread(2 * passed_us // place_us + 1)
+
     def append(self, counts: npt.NDArray[np.integer]) -> int:
         """Add a place at the end of the map.
 
@@ -970,17 +995,23 @@ class Localiser:
         overwrite : bool
             Replace an existing file.
         """
-        run, reference = self.run, self._reference
-        arrays = map_arrays(reference) | run.to_arrays()
-        meta = {
-            "sensor": list(reference.pixel_map.sensor),
+        run = self.run
+        arrays = map_arrays(self._reference) | run.to_arrays()
+        meta = self._meta() | {"now_us": run.now_us, "floor_us": run.floor_us}
+        write_archive(path, KIND, arrays, meta, overwrite=overwrite)
+
+    def checksum(self) -> str:
+        """Return a checksum of the map, the settings and the version, which a state belongs to."""
+        arrays = map_arrays(self._reference) | {"places": self.run.places}
+        return checksum_of(self._meta() | {"edge_vpr": __version__}, arrays)
+
+    def _meta(self) -> dict[str, Any]:
+        return {
+            "sensor": list(self._reference.pixel_map.sensor),
             "settings": self.settings.to_dict(),
             "every": asdict(self.every),
             "recent": self._recent,
-            "now_us": run.now_us,
-            "floor_us": run.floor_us,
         }
-        write_archive(path, KIND, arrays, meta, overwrite=overwrite)
 
     @classmethod
     def load(cls, path: str | Path, *, check_every: int = 0) -> Localiser:

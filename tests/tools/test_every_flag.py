@@ -102,7 +102,7 @@ RUNS = [
     ("calibrate {f}/results --ground-truth {f}/truth.npy --rows reference "
      "-o {f}/calibrated.npz --overwrite", 0),
     (f"{STREAM} --map {{f}}/map.npz --once --sensor 16x12 --every 20ms --log {{f}}/run.jsonl "
-     "--max-age 2s "
+     "--max-age 2s --state {f}/run.state "
      "--record {f}/raw.bin --json --baud 115200 --flow-control --on-overload wait --max-lag 1s",
      0),
     (f"{STREAM} --map {{f}}/map.npz --once --log {{f}}/run.jsonl --overwrite -L 3 "

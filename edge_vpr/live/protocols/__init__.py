@@ -226,6 +226,12 @@ _STATE = np.dtype(
 )
 
 
+#: What of it another run goes on from.
+_KEPT = ("dated", "last", "now")
+#: A clock that has gone on is expected so much before the host's clock says.
+EARLY_US = 200_000
+
+
 class _FilterState(NamedTuple):
     """State of the kernel, held events, and limits, with times in ticks."""
 
@@ -278,6 +284,7 @@ class TimestampFilter:
             late = min(late, period // 64)
         self._period = period
         silence = VOUCHED_SILENCE_US if clock.confirm == 1 else SILENCE_US
+        self.longest_silence_us = silence
         self._state = np.zeros(1, dtype=_STATE)
         self._state["allowed"], self._state["heard_us"] = 1 << 62, -1
         self._held = np.empty(max(1, clock.confirm), dtype=EVENT_DTYPE)
@@ -317,6 +324,19 @@ class TimestampFilter:
         n = admit_columns(self.shared.kernel_state, t, x, y, p, out)
         self.report(t.size, n)
         return out[:n]
+
+    def to_values(self) -> dict[str, int]:
+        """Return the values that `resume` needs, of JSON."""
+        return {name: int(self._state[name][0]) for name in _KEPT}
+
+    def resume(self, values: dict[str, int], passed_us: int) -> None:
+        """Go on from the values of `to_values`, as much later as the host's clock says.
+
+        A clock that has gone on is exact all the same; any other begins at about the right time.
+        """
+        passed = max(0, passed_us - EARLY_US) // self._tick
+        self._state["dated"] = values["dated"]
+        self._state["last"], self._state["now"] = values["last"] + passed, values["now"] + passed
 
     def take_over_from(self, other: TimestampFilter) -> None:
         """Continue after `other`, which had another clock, in order of time."""
@@ -501,6 +521,19 @@ class Decoder:
     def reached_us(self) -> int:
         """Time up to which the stream is known: no later event is earlier than this."""
         return self._timestamps.reached_us
+
+    @property
+    def longest_silence_us(self) -> int:
+        """Step of the clock that is still one, and no restart."""
+        return self._timestamps.longest_silence_us
+
+    def clock_values(self) -> dict[str, int]:
+        """Return the state of the clock, of JSON."""
+        return self._timestamps.to_values()
+
+    def resume_clock(self, values: dict[str, int], passed_us: int) -> None:
+        """Go on from the clock of another decoder; see `TimestampFilter.resume`."""
+        self._timestamps.resume(values, passed_us)
 
     def warm_up(self) -> None:
         """Compile the kernels for decoding before the first bytes arrive, which can take seconds.

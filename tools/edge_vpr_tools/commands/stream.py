@@ -105,6 +105,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "window, or after each change of the place (default: 50ms; window with --delay)",
     )  # fmt: skip
     places.add_argument(
+        "--state", metavar="RUN.state",
+        help="keep what matching knows of the drive in this file, and go on from it when started "
+        "again within a minute (ten, where times have a checksum)",
+    )  # fmt: skip
+    places.add_argument(
         "--burst-filter", choices=("exact", "causal"), default="exact",
         help="exact: delay events by up to 4 ms and remove the same bursts as in a recording; "
         "causal: do not delay, and remove a burst only from the moment it is recognised",
@@ -228,7 +233,7 @@ def run(args: argparse.Namespace) -> None:
         reconnect=not args.once, odometry=args.odometry, burst_filter=args.burst_filter,
         record=args.record, learn=args.output, settings=learnt_with,
         overwrite=args.overwrite, on_overload=args.on_overload, max_lag=args.max_lag,
-        max_age=args.max_age,
+        max_age=args.max_age, state=args.state,
     )  # fmt: skip
     _show(args, session)
     if session.learnt is not None:

@@ -1,0 +1,329 @@
+"""A session that goes on from the state of the one before, as a service that is started again."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from devices import DEVICES
+
+from edge_vpr import LiveSession
+from edge_vpr.archive import read_archive, write_archive
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Sensor
+from edge_vpr.live import state as state_module
+from edge_vpr.live.bridge import Bridge, VirtualLink, open_device_link
+from edge_vpr.live.position import Locator
+from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.session import LiveLocaliser
+from edge_vpr.live.state import KIND, Resumable, StateWriter
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.simulation import simulate_pair
+
+ROOT = Path(__file__).parents[2]
+SENSOR = Sensor(128, 128)
+TYPICAL = [(each.host, each.sends) for each in DEVICES if each.typical]
+
+
+def street_of(folder, length_m):
+    """The file of a map with default settings, and another drive."""
+    first, second = simulate_pair(seed=0, length_m=length_m)
+    ReferenceMap.build(first, track=first.track).save(folder / "map.npz")
+    return folder / "map.npz", np.concatenate(list(second)), second.track
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory):
+    return street_of(tmp_path_factory.mktemp("street"), 200.0)
+
+
+def played(events, state, path, host="evpr", device="evpr", **changes):
+    """The matches of a session that gets these events at once, and what it says of its state."""
+    link = open_device_link("tcp://127.0.0.1:0")
+    bridge = Bridge(link, open_encoder(device, SENSOR), speed=0.0)
+
+    def play():
+        bridge.run([events[i : i + 1_000] for i in range(0, events.size, 1_000)])
+        link.close()
+
+    camera, said = threading.Thread(target=play, daemon=True), []
+    camera.start()
+    with LiveSession(
+        link.address, protocol=host, reference=path, state=state, reconnect=False,
+        on_overload="wait", on_message=said.append, **changes,
+    ) as session:  # fmt: skip
+        found = list(session)
+    camera.join(timeout=5)
+    return found, [message.text for message in said if message.kind == "state"]
+
+
+def between(events, begin_s, end_s):
+    return events[(events["t"] >= 1e6 * begin_s) & (events["t"] < 1e6 * end_s)].copy()
+
+
+@pytest.mark.parametrize("clock", ["goes on", "restarts"])
+@pytest.mark.parametrize(("host", "device"), TYPICAL)
+def test_a_session_goes_on_where_the_one_before_was(host, device, clock, street, tmp_path):
+    path, events, track = street
+    before, said = played(between(events, 0, 20), tmp_path / "run.state", path, host, device)
+    assert said == []
+    late = between(events, 20, 24)
+    true_m = track.at(late["t"][-1:])[0, 0]
+    late["t"] -= late["t"][0] if clock == "restarts" else 0
+    found, (said,) = played(late, tmp_path / "run.state", path, host, device)
+    assert "goes on" in said
+    assert found[0].time_s > before[-1].time_s
+    assert found[0].missing == 1.0
+    assert found[-1].missing == 0.0
+    assert not any(match.lost for match in found)
+    assert abs(found[-1].along_m - true_m) < 8.0
+    assert found[-1].probability > 0.8
+
+
+def test_without_a_state_it_takes_longer(street, tmp_path):
+    path, events, _ = street
+    state, late = tmp_path / "run.state", between(events, 20, 24)
+    played(between(events, 0, 20), state, path)
+    found, _ = played(late, state, path)
+    late["t"] -= late["t"][0]
+    fresh, said = played(late, tmp_path / "other.state", path)
+    assert said == []
+    kept, anew = (np.mean([m.probability for m in each[:40]]) for each in (found, fresh))
+    assert kept > anew
+
+
+@pytest.mark.parametrize("clock", ["goes on", "restarts"])
+@pytest.mark.parametrize("how", ["another run", "the same run"])
+def test_a_robot_that_drove_on_unseen_is_found_again(how, clock, street, tmp_path):
+    """It is within two windows, and no match before claims to be right and is not."""
+    path, events, track = street
+    reference, encoder = ReferenceMap.load(path), open_encoder("evpr", SENSOR)
+    late = between(events, 17, 22)
+    off_us = int(late["t"][0]) if clock == "restarts" else 0
+    late["t"] -= off_us
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference)
+    for piece in np.array_split(between(events, 0, 14), 700):
+        live.feed(encoder.encode(piece), int(piece["t"][-1]))
+    if how == "another run":
+        arrays, values = live.to_state()
+        localiser = Localiser(reference, every="50ms")
+        localiser.run.resume(arrays, values["now_us"], values["floor_us"])
+        live = LiveLocaliser(open_decoder("evpr", SENSOR), reference)
+        live.resume(Resumable(localiser, values), 3_000_000)
+    if clock == "restarts":
+        encoder = open_encoder("evpr:boot=1", SENSOR)
+    locator, rows = Locator(reference), []
+    for n, piece in enumerate(np.array_split(late, 250)):
+        reopened = how == "the same run" and n == 0
+        found = live.feed(
+            encoder.encode(piece), int(piece["t"][-1]) + 17_000_000, reopened=reopened
+        )
+        true_m = track.at(piece["t"][-1:] + off_us)[0, 0]
+        for match, at in zip(found.matches, found.at, strict=True):
+            off_m = abs(locator.locate(at).along_m - true_m)
+            rows.append((int(match["time_us"]), off_m, float(match["probability"])))
+    if how == "another run" or clock == "goes on":
+        assert 16_500_000 < rows[0][0] < 17_500_000
+    assert all(off_m < 8.0 for time_us, off_m, _ in rows if time_us > rows[0][0] + 2_100_000)
+    assert all(off_m < 8.0 for _, off_m, probability in rows if probability > 0.8)
+    assert rows[-1][2] > 0.8
+
+
+def spoilt(what, state):
+    """Make a state unusable, and return what is said of it."""
+    arrays, values = read_archive(state, KIND)
+    if what == "cut":
+        state.write_bytes(state.read_bytes()[:-100])
+        return "damaged"
+    if what == "flipped":
+        data = bytearray(state.read_bytes())
+        data[len(data) // 2] ^= 1
+        state.write_bytes(data)
+        return "damaged"
+    if what == "empty":
+        state.write_bytes(b"")
+        return "damaged"
+    if what == "of fewer arrays":
+        del arrays["filter_metric"]
+        write_archive(state, KIND, arrays, values)
+        return "damaged"
+    passed_s = {"old": -601, "of later": 3_600}[what]
+    write_archive(state, KIND, arrays, values | {"host_us": values["host_us"] + passed_s * 10**6})
+    return "at most 600 s" if what == "old" else "later than now"
+
+
+@pytest.mark.parametrize("what", ["cut", "flipped", "empty", "of fewer arrays", "old", "of later"])
+def test_a_state_that_cannot_be_used_is_told_and_costs_nothing_else(what, street, tmp_path):
+    path, events, _ = street
+    state, early = tmp_path / "run.state", between(events, 0, 3)
+    expected, _ = played(early, state, path)
+    says = spoilt(what, state)
+    found, (said,) = played(early, state, path)
+    assert "starts afresh" in said
+    assert says in said
+    assert "\n" not in said
+    assert [(m.time_s, m.place) for m in found] == [(m.time_s, m.place) for m in expected]
+    assert "goes on" in played(early, state, path)[1][0]
+
+
+def test_a_state_of_another_map_or_of_other_settings_is_not_used(street, tmp_path):
+    path, events, _ = street
+    state, early = tmp_path / "run.state", between(events, 0, 3)
+    played(early, state, path)
+    reference = ReferenceMap.load(path)
+    places = reference.places.take(slice(1, None))
+    other = ReferenceMap.build(simulate_pair(seed=3, length_m=40.0)[0])
+    assert len(other) < len(places)
+    for given, changes in ((other, {}), (reference, {"exclusion": 3})):
+        _, (said,) = played(early, state, given, **changes)
+        assert "of another map, of other settings" in said
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"state": "run.npz"}, "such as live.state"),
+        ({"state": "missing/run.state"}, "no folder missing"),
+        ({"delay": 2}, "leave out delay="),
+        ({"learn": "new.npz"}, "leave out delay="),
+        ({"reference": None, "sensor": SENSOR}, "give reference="),
+    ],
+)
+def test_a_state_that_cannot_be_kept_is_refused_before_the_line_is_opened(changes, says, street):
+    given = {"reference": street[0], "state": "run.state"} | changes
+    with pytest.raises(UsageError, match=says):
+        LiveSession("tcp://127.0.0.1:1", protocol="evpr", **given)
+
+
+def test_a_disk_that_is_slow_is_not_waited_for(monkeypatch, tmp_path):
+    written, free = [], threading.Event()
+
+    def write(path, kind, arrays, values):
+        free.wait()
+        written.append(values["n"])
+
+    monkeypatch.setattr(state_module, "write_archive", write)
+    writer = StateWriter(tmp_path / "run.state")
+    for n in range(9):
+        writer.offer(state_module.LiveState({}, {"n": n}))
+    free.set()
+    writer.close(state_module.LiveState({}, {"n": 9}))
+    assert written[0] == 0
+    assert written[-1] == 9
+    assert len(written) < 9
+
+
+def test_a_state_that_cannot_be_written_is_told_once_and_ends_nothing(
+    monkeypatch, street, tmp_path
+):
+    path, events, _ = street
+    monkeypatch.setattr(state_module, "KEEP_S", 0.0)
+    (tmp_path / "run.state").mkdir()
+    found, said = played(between(events, 0, 3), tmp_path / "run.state", path)
+    assert len(found) > 30
+    assert sum("not kept" in text for text in said) == 1
+
+
+class Camera:
+    """Sends events at their own pace to whoever listens, as a serial port does."""
+
+    def __init__(self, device, events):
+        self.link, self.device, self.events = VirtualLink(), device, events
+        self.encoder, self.listened, self.off_us = open_encoder(device, SENSOR), False, 0
+        self.ended = threading.Event()
+        self.thread = threading.Thread(target=self.play, daemon=True)
+        self.begun_us = 0
+        self.thread.start()
+
+    def play(self):
+        sent = 0
+        while not self.ended.is_set():
+            if self.link.read(0.002):
+                self.begun_us = self.begun_us or round(1e6 * time.time())
+                self.listened = True
+            if not self.begun_us:
+                continue
+            end = int(np.searchsorted(self.events["t"], 1e6 * time.time() - self.begun_us))
+            piece, sent = self.events[sent:end].copy(), end
+            piece["t"] -= self.off_us
+            if self.listened and piece.size:
+                self.link.write(self.encoder.encode(piece), 0.1)
+
+    def lose(self, *, clock_restarts):
+        """Send to nobody until somebody opens the port again."""
+        self.listened = False
+        if clock_restarts:
+            self.off_us = round(1e6 * time.time()) - self.begun_us
+
+    def close(self):
+        self.ended.set()
+        self.thread.join(timeout=5)
+        self.link.close()
+
+
+def stream(camera, path, state, protocol):
+    words = [sys.executable, "-m", "edge_vpr_tools.cli", "stream", "--port", camera.link.address]
+    words += ["--protocol", protocol, "--map", str(path), "--state", str(state), "--json"]
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"}
+    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment)
+
+
+def rows(process):
+    """Yield the rows of a process that is killed in any case."""
+    limit = threading.Timer(240, process.kill)
+    limit.start()
+    try:
+        yield from map(json.loads, process.stdout)
+    finally:
+        limit.cancel()
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+@pytest.mark.slow
+@pytest.mark.alone
+@pytest.mark.parametrize(
+    ("protocol", "device", "clock_restarts"),
+    [
+        ("evpr", "evpr", False),
+        ("evpr", "evpr", True),
+        ("edvs:format=E3,dialect=new,sync=1", "edvs:format=E3", False),
+    ],
+)
+def test_a_service_that_is_killed_goes_on_when_it_is_started_again(
+    protocol, device, clock_restarts, tmp_path
+):
+    """Killed as it drives, and started again 3 s later."""
+    path, events, track = street_of(tmp_path, 400.0)
+    camera, state = Camera(device, events), tmp_path / "run.state"
+    for row in rows(stream(camera, path, state, protocol)):
+        # the line is said to be lost before the process is gone, as a port that nobody reads
+        if row["kind"] == "match" and row["time_s"] > 16:
+            assert not row["lost"]
+            camera.lose(clock_restarts=clock_restarts)
+            break
+    assert state.exists()
+    time.sleep(3)
+    said, first_us = [], 0
+    for row in rows(stream(camera, path, state, protocol)):
+        if row["kind"] == "state":
+            said.append(row["text"])
+        if row["kind"] != "match":
+            continue
+        first_us = first_us or row["host_us"]
+        true_m = track.at(np.array([row["host_us"] - camera.begun_us]))[0, 0]
+        if not row["lost"] and row["missing"] == 0 and abs(row["along_m"] - true_m) < 8.0:
+            break
+    camera.close()
+    assert len(said) == 1
+    assert "goes on" in said[0]
+    assert row["host_us"] - first_us < 3_000_000
