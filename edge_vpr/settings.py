@@ -619,7 +619,10 @@ class Settings:
             else ("paper", "sequences of saturating counts")
         )
         wanted = ", ".join(f"{key} = {value}" for key, value in found.items())
-        return f"the settings are of no profile of a device: set {wanted} for {name}, {values}"
+        return (
+            "live matching and devices take two profiles: make the map with "
+            f"{wanted} for {name}, {values}"
+        )
 
     @property
     def _beyond_profiles(self) -> dict[str, str]:

@@ -27,7 +27,6 @@ from edge_vpr.matching.place_filter import (
     end_window,
     match_window,
 )
-from fixedpoint.codes import PixelCodes
 from fixedpoint.own_mean import LEVEL_BITS, OwnMeanCode
 
 # Vector kernels of online matching: change all sums by +-1, and find the smallest one.
@@ -318,6 +317,8 @@ def update_blocks(sums, columns, changes, arrivals, expiries, count):
 # exactly the last L windows of `edge_vpr.descriptors.windows`.
 
 
+#: without a limit, counts do not saturate
+UNLIMITED = np.iinfo(np.int64).max
 #: initial size of the ring buffer of events
 RING_EVENTS = 4096
 #: largest number of pending moves before the counters are updated
@@ -325,26 +326,24 @@ MAX_MOVES = 256
 
 #: A move of an event: its slot, and the lag that it left (-1 for a new event).
 MOVE = np.dtype([("slot", "<i4"), ("left", "<i4")])
-#: For each counter: its code table, and its smallest and largest count in the map.
-COUNTER = np.dtype([("table", "<i8"), ("low", "<i8"), ("high", "<i8")])
+#: For each counter: its smallest and largest count in the map.
+COUNTER = np.dtype([("low", "<i8"), ("high", "<i8")])
 #: Common part of all distances, number of pending moves, stride of `SlidingWindows.columns`, and
 #: number of sums in use.
 TOTALS = np.dtype([("common", "<i8"), ("moves", "<i8"), ("stride", "<i8"), ("sums", "<i8")])
 
 
-class OwnCodes(NamedTuple):
-    """Parameters and state of own-mean codes, which have no table.
+class ContrastCodes(NamedTuple):
+    """Parameters and state of contrast codes, each of which depends on the whole window.
 
     Attributes
     ----------
     levels : ndarray of int32, shape (size,)
-        Logarithm of each count, see `OwnMeanCode`; empty with other codes.
+        Logarithm of each count, see `OwnMeanCode`; empty where the windows hold counts.
     means : ndarray of int32, shape (J,)
         Mean logarithm of each counter, in units of 1/256 octave.
     codes : ndarray of int64, shape (2, J)
         Codes that the distances include, and scratch.
-    contrast : bool
-        See `OwnMeanCode`.
     bits : int
         See `OwnMeanCode`.
     """
@@ -352,7 +351,6 @@ class OwnCodes(NamedTuple):
     levels: npt.NDArray[np.int32]
     means: npt.NDArray[np.int32]
     codes: npt.NDArray[np.int64]
-    contrast: bool
     bits: int
 
 
@@ -374,9 +372,10 @@ class SlidingWindows(NamedTuple):
         Events in each lag, by slot.
     tau, n : int
         Length of a window in microseconds, or in events; the other is 0.
-    code : ndarray of uint16, shape (codes, size)
-        Code of each count, a table per row, non-decreasing; the last code is that of all larger
-        counts. Shape (1, 0): the count itself; (0, 0): see `own`.
+    saturation : int
+        Largest count of a counter, or `UNLIMITED`; 0 with contrast codes.
+    contrast : ContrastCodes
+        Of the place filter.
     counters : ndarray of COUNTER, shape (J,)
         State of each counter.
     columns : ndarray of uint8 or uint16
@@ -397,8 +396,8 @@ class SlidingWindows(NamedTuple):
     counts: npt.NDArray[np.int64]
     tau: int
     n: int
-    code: npt.NDArray[np.uint16]
-    own: OwnCodes
+    saturation: int
+    contrast: ContrastCodes
     counters: npt.NDArray[np.void]
     columns: npt.NDArray[np.unsignedinteger]
     sums: npt.NDArray[np.unsignedinteger]
@@ -433,7 +432,7 @@ def start(
     places: npt.NDArray[np.unsignedinteger],
     window: Window,
     length: int,
-    codes: PixelCodes | OwnMeanCode | None,
+    code: OwnMeanCode | int,
     mean: npt.NDArray[np.int32] | None = None,
 ) -> SlidingWindows:
     """Build the state before the first event.
@@ -441,24 +440,19 @@ def start(
     Parameters
     ----------
     places : ndarray of unsigned int, shape (K, J)
-        Map, in codes if it has codes.
+        Map, in its codes.
     length : int
         L.
-    codes : PixelCodes or OwnMeanCode, optional
-        Code of the counts of a window before they are compared.
+    code : OwnMeanCode or int
+        Contrast code of the counts; or the count at which they saturate, or `UNLIMITED`.
     mean : ndarray of int32, shape (J,), optional
-        Initial means of own-mean codes.
+        Initial means of contrast codes.
     """
     counters = places.shape[1]
-    levels, contrast, bits = np.empty(0, dtype=np.int32), False, 0
-    means, tables = np.zeros(counters, dtype=np.int32), np.empty((1, 0), dtype=np.uint16)
-    if isinstance(codes, OwnMeanCode) and mean is not None:
+    levels, means, bits = np.empty(0, dtype=np.int32), np.zeros(counters, dtype=np.int32), 0
+    if isinstance(code, OwnMeanCode) and mean is not None:
         # copies, because Numba gives read-only arrays another type
-        levels, contrast, bits = codes.levels.copy(), codes.contrast, codes.bits
-        means, tables = mean.copy(), np.empty((0, 0), dtype=np.uint16)
-    of_counters = np.zeros(counters, dtype=COUNTER).view(np.recarray)
-    if isinstance(codes, PixelCodes):
-        of_counters["table"], tables = codes.row, codes.tables
+        levels, means, bits = code.levels.copy(), mean.copy(), code.bits
     state = SlidingWindows(
         slot=np.zeros(RING_EVENTS, dtype=np.int32),
         time=np.zeros(RING_EVENTS, dtype=np.int64),
@@ -467,9 +461,9 @@ def start(
         counts=np.zeros((length, counters), dtype=np.int64),
         tau=window.tau_us if isinstance(window, FixedTime) else 0,
         n=0 if isinstance(window, FixedTime) else window.events,
-        code=tables,
-        own=OwnCodes(levels, means, np.zeros((2, counters), dtype=np.int64), contrast, bits),
-        counters=of_counters,
+        saturation=code if isinstance(code, int) else 0,
+        contrast=ContrastCodes(levels, means, np.zeros((2, counters), dtype=np.int64), bits),
+        counters=np.zeros(counters, dtype=COUNTER).view(np.recarray),
         columns=np.empty(0, dtype=np.uint8),
         sums=np.empty(0, dtype=np.uint16),
         changes=np.zeros((2, MAX_CHANGES), dtype=np.int64),
@@ -488,7 +482,7 @@ def with_distances(s: SlidingWindows, places: npt.NDArray[np.unsignedinteger]) -
     columns[: places.shape[1] * stride].reshape(-1, stride)[:, : len(places)] = places.T
     low, high = places.min(axis=0).astype(np.int64), places.max(axis=0).astype(np.int64)
 
-    s = s._replace(own=s.own._replace(codes=np.zeros_like(s.own.codes)))
+    s = s._replace(contrast=s.contrast._replace(codes=np.zeros_like(s.contrast.codes)))
     coded = _coded(s)
     # places with the smallest counts fill the last vector
     spare = np.broadcast_to(low.astype(places.dtype), (LANES, len(low)))
@@ -528,13 +522,11 @@ def _find_least(sums: npt.NDArray[np.unsignedinteger], count: int) -> None:
 
 
 def _coded(s: SlidingWindows) -> npt.NDArray[np.int64]:
-    """Return the codes of the counters of each lag, shape (L, J); own-mean codes are stored too."""
-    if s.own.levels.size:
-        plain(write_codes)(s.counts[0], s.own, s.own.codes[0])
-        return s.own.codes[:1]
-    if s.code.size == 0:
-        return s.counts
-    return s.code[s.counters["table"], np.minimum(s.counts, s.code.shape[1] - 1)].astype(np.int64)
+    """Return the codes of the counters of each lag, shape (L, J); contrast codes are stored too."""
+    if s.contrast.levels.size:
+        plain(write_codes)(s.counts[0], s.contrast, s.contrast.codes[0])
+        return s.contrast.codes[:1]
+    return np.minimum(s.counts, s.saturation)
 
 
 # Kernels of the sliding windows: add events, move them from lag to lag, update distances.
@@ -619,10 +611,10 @@ def note_changes(slot, column, before, now, noted, totals, counters, arrays):
 
 
 @kernel(inner=True)
-def take_moves(moves, totals, counts, code, counters, columns, sums, changes):
+def take_moves(moves, totals, counts, saturation, counters, columns, sums, changes):
     """Apply the pending moves to counters and distances; the arrays are those of the state.
 
-    Own-mean codes depend on more than one count: only the counters are updated, see `recode`.
+    With contrast codes, only the counters are updated; see `recode`.
     """
     total = totals[0]
     lags = counts.shape[0]
@@ -633,12 +625,9 @@ def take_moves(moves, totals, counts, code, counters, columns, sums, changes):
             before = counts[lag, slot]
             now = before + (-1 if lag == left else 1)
             counts[lag, slot] = now
-            if len(code) == 0:
+            if saturation == 0:
                 continue
-            if code.size > 0:
-                table = counters[slot].table
-                before = np.int64(code[table, min(before, code.shape[1] - 1)])
-                now = np.int64(code[table, min(now, code.shape[1] - 1)])
+            before, now = min(before, saturation), min(now, saturation)
             arrays = columns, sums, changes
             column = lags - 1 - lag
             noted = note_changes(slot, column, before, now, noted, totals, counters, arrays)
@@ -648,16 +637,16 @@ def take_moves(moves, totals, counts, code, counters, columns, sums, changes):
 
 
 @kernel(inner=True)
-def recode(own, counts, totals, counters, columns, sums, changes):
-    """Update own-mean codes and distances from the counters; the arrays are those of the state.
+def recode(contrast, counts, totals, counters, columns, sums, changes):
+    """Update contrast codes and distances from the counters; the arrays are those of the state.
 
     Most codes stay the same; only changed ones take a pass over the places.
     """
-    write_codes(counts[0], own, own.codes[1])
+    write_codes(counts[0], contrast, contrast.codes[1])
     noted = (0, 0)
-    for slot in range(own.codes.shape[1]):
-        before, now = own.codes[0, slot], own.codes[1, slot]
-        own.codes[0, slot] = now
+    for slot in range(contrast.codes.shape[1]):
+        before, now = contrast.codes[0, slot], contrast.codes[1, slot]
+        contrast.codes[0, slot] = now
         arrays = columns, sums, changes
         noted = note_changes(slot, 0, before, now, noted, totals, counters, arrays)
     if noted[0] + noted[1] > 0:
@@ -667,9 +656,9 @@ def recode(own, counts, totals, counters, columns, sums, changes):
 @kernel
 def settle(s):
     """Apply the pending moves to counters and distances of the state."""
-    take_moves(s.moves, s.totals, s.counts, s.code, s.counters, s.columns, s.sums, s.changes)
-    if s.own.levels.size > 0:
-        recode(s.own, s.counts, s.totals, s.counters, s.columns, s.sums, s.changes)
+    take_moves(s.moves, s.totals, s.counts, s.saturation, s.counters, s.columns, s.sums, s.changes)
+    if s.saturation == 0:
+        recode(s.contrast, s.counts, s.totals, s.counters, s.columns, s.sums, s.changes)
 
 
 @kernel
@@ -681,8 +670,8 @@ def advance(s, until):
 
 
 @kernel(inline="always")
-def write_codes(counts, own, out):
-    """Compute the own-mean codes of a window, as `OwnMeanCode.encode` does.
+def write_codes(counts, contrast, out):
+    """Compute the contrast codes of a window, as `OwnMeanCode.encode` does.
 
     Parameters
     ----------
@@ -691,14 +680,12 @@ def write_codes(counts, own, out):
     out : ndarray of int64, shape (J,)
         Codes.
     """
-    levels, means, bits = own.levels, own.means, own.bits
+    levels, means, bits = contrast.levels, contrast.means, contrast.bits
     half, total = np.int64(1 << (bits - 1)), np.int64(0)
     for j in range(out.size):
         out[j] = levels[min(counts[j], levels.size - 1)] - means[j]
         total += out[j]
-    offset = np.int64(1 << (LEVEL_BITS - 1))
-    if own.contrast:
-        offset -= (2 * total + out.size) // (2 * out.size)
+    offset = np.int64(1 << (LEVEL_BITS - 1)) - (2 * total + out.size) // (2 * out.size)
     for j in range(out.size):
         out[j] = min(max((out[j] + offset) >> LEVEL_BITS, -half), half - 1) + half
 
@@ -824,7 +811,7 @@ def match_now(state, filter_table, rows, sums, total, c, length, events, over, r
 
 
 @kernel
-def selected_in_order(table, events, floor, off_slots, slots, times):
+def selected_in_order(table, events, floor, slots, times):
     """Write the events at selected pixels, unless any event is out of order or off the sensor.
 
     Parameters
@@ -835,8 +822,6 @@ def selected_in_order(table, events, floor, off_slots, slots, times):
         Unchecked events.
     floor : int
         Earliest allowed time.
-    off_slots : int
-        First slot of OFF events; 0 if polarity is ignored.
     slots : ndarray of int32, shape (n or more,)
         Output: slots of the selected events.
     times : ndarray of int64, shape (n or more,)
@@ -856,7 +841,7 @@ def selected_in_order(table, events, floor, off_slots, slots, times):
         last = t
         slot = table[y, x]
         if slot >= 0:
-            slots[n] = slot + (0 if event["p"] else off_slots)
+            slots[n] = slot
             times[n] = t
             n += 1
     return n
@@ -913,10 +898,9 @@ CONTROL = np.dtype(
         ("recent", "<i8"),  # number of the newest places that are not searched
         ("least_trust", "<i8"),  # of a match that is not lost
         # place filter
-        ("window_end", "<i8"),  # of the present window: a time, or the number of an event
+        ("window_end", "<i8"),  # end of the current window; `NEVER` with sequences
         ("paused", "<i8"),  # whether the window that ended last was a pause
         # events
-        ("off_slots", "<i8"),  # first slot of OFF events, 0 without polarity
         ("floor", "<i8"),  # earliest time that the next event may have
         ("now", "<i8"),  # T: all earlier events have been processed, except for these:
         ("read", "<i8"),  # first selected event of the chunk that is not processed yet
@@ -1003,7 +987,7 @@ def follow(kernel_state, events, until):
     s, c, out = SlidingWindows(*f.windows), f.control[0], f.out
     if events.size > 0:
         last = events[events.size - 1]["t"]
-        selected = selected_in_order(f.table, events, c.floor, c.off_slots, f.slots, f.times)
+        selected = selected_in_order(f.table, events, c.floor, f.slots, f.times)
         if selected < 0 or (c.interval > 0 and (last - c.next_tick) // c.interval > MAX_WINDOWS):
             return 0, REFUSED
         c.floor, c.until, c.now, c.read, c.selected = last, last, last + 1, 0, selected
@@ -1011,9 +995,9 @@ def follow(kernel_state, events, until):
         c.floor, c.until, c.now, c.read, c.selected = until, until, max(c.now, until), 0, 0
     slots, times, until = f.slots, f.times, c.until
     ring_slot, ring_time, bound = s.slot, s.time, s.bound
-    moves, totals, counts, code, counters = s.moves, s.totals, s.counts, s.code, s.counters
+    moves, totals, counts, counters = s.moves, s.totals, s.counts, s.counters
+    saturation, contrast = s.saturation, ContrastCodes(*s.contrast)
     columns, sums, changes = s.columns, s.sums, s.changes
-    own = OwnCodes(*s.own)
     state, filter_table, rows, length = f.filter, f.filter_table, f.rows, f.length
     tau, n, windows, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
     given, i, end = 0, c.read, c.selected
@@ -1026,7 +1010,7 @@ def follow(kernel_state, events, until):
         now = c.next_tick if tick else now
         seen_until = now if tick else now + 1
         # a tick at the end of a window belongs to it; an event at the same time to the next window
-        over = seen_until > c.window_end if tau > 0 else bound[0] >= c.window_end
+        over = seen_until > c.window_end
         why = DONE
         if over:
             seen_until = c.window_end
@@ -1040,7 +1024,7 @@ def follow(kernel_state, events, until):
             age(ring_time, ring_slot, bound, moves, totals, tau, room, seen_until)
             and totals[0].moves < len(moves)
         ):
-            take_moves(moves, totals, counts, code, counters, columns, sums, changes)
+            take_moves(moves, totals, counts, saturation, counters, columns, sums, changes)
         if tick and not over:
             c.next_tick += c.interval
         elif not over:
@@ -1059,9 +1043,9 @@ def follow(kernel_state, events, until):
         complete = seen_until >= windows * tau if tau > 0 else bound[0] >= windows * n
         if not complete:
             continue
-        take_moves(moves, totals, counts, code, counters, columns, sums, changes)
-        if own.levels.size > 0:
-            recode(own, counts, totals, counters, columns, sums, changes)
+        take_moves(moves, totals, counts, saturation, counters, columns, sums, changes)
+        if saturation == 0:
+            recode(contrast, counts, totals, counters, columns, sums, changes)
         row, in_window = out[given], bound[0] - bound[1]
         if match_now(state, filter_table, rows, sums, totals[0], c, length, in_window, over, row):
             row["time_us"], row["events"] = now, in_window

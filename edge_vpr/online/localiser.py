@@ -49,6 +49,7 @@ from edge_vpr.online.kernels import (
     NEVER,
     REFUSED,
     RING_FULL,
+    UNLIMITED,
     WINDOW_OVER,
     OnlineState,
     SlidingWindows,
@@ -65,7 +66,7 @@ from edge_vpr.online.kernels import (
 )
 from edge_vpr.route import MOST_MM, Odometer, OdometerCheck, Odometry
 from edge_vpr.settings import Settings, duration_us
-from fixedpoint.own_mean import RunningMean
+from fixedpoint.own_mean import OwnMeanCode, RunningMean
 
 # Schedule of matches: after a number of events, at times, or when the place changes.
 
@@ -231,7 +232,6 @@ def _state_before(
     first.next_tick, first.last_reported = schedule.interval_us, -1
     first.recent, first.window_end = recent, NEVER
     first.least_trust = -2 * TIME_LIMIT_US
-    first.off_slots = len(reference.pixel_map) if settings.polarity else 0
     trust, probability = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.float64)
     if acceptance.confidence is not None:
         # copies, because Numba gives read-only arrays another type
@@ -298,11 +298,15 @@ class MatchRun:
         recent: int = 0,
         place_filter: PlaceFilter | None = None,
     ) -> None:
-        self.places, self._codes = reference.places.counts, reference.codes
-        windows = start(
-            self.places, window, reference.settings.windows_per_match,
-            reference.own_mean_code or self._codes, reference.mean,
-        )  # fmt: skip
+        self.places, settings = reference.places.counts, reference.settings
+        #: largest count of a place
+        self._most = np.iinfo(np.int32).max
+        code: OwnMeanCode | int | None = reference.own_mean_code
+        if code is None:
+            shared = settings.shared_code
+            code = UNLIMITED if shared is None else shared.top
+            self._most = min(self._most, code)
+        windows = start(self.places, window, settings.windows_per_match, code, reference.mean)
         state = _state_before(reference, windows, schedule, recent, place_filter)
         # not a record array, whose field access takes 1 us
         self._control = np.asarray(state.control).view(CONTROL)[0]
@@ -406,11 +410,9 @@ class MatchRun:
                 f"descriptor of {counts.dtype} and shape {counts.shape}: expected "
                 f"{self.places.shape[1]} whole numbers, as `DescriptorStream` gives them"
             )
-        most = np.iinfo(np.int32).max if self._codes is None else int(self._codes.tables.max())
-        if counts.min() < 0 or counts.max() > most:
+        if counts.min() < 0 or counts.max() > self._most:
             raise MapError(
-                f"descriptor holds {counts.min()} to {counts.max()}: expected 0 to {most}, in "
-                "codes where the map has a code"
+                f"descriptor holds {counts.min()} to {counts.max()}: expected 0 to {self._most}"
             )
         wide = np.promote_types(self.places.dtype, narrow(counts).dtype)
         self.places = np.concatenate([self.places.astype(wide), counts[None].astype(wide)])
@@ -477,8 +479,8 @@ class FilterRun(MatchRun):
     ----------
     odometer_check : OdometerCheck
         Check of live odometer readings.
-    mean : RunningMean or None
-        Of own-mean codes.
+    mean : RunningMean
+        Of contrast codes.
     """
 
     schedule_name = "filter_schedule"
@@ -490,10 +492,8 @@ class FilterRun(MatchRun):
         super().__init__(reference, window, schedule, place_filter=self.place_filter)
         self.odometer = Odometer(self.place_filter.transitions.spacing_mm)
         self.odometer_check = OdometerCheck(*_means_per_s(reference))
-        self._code = reference.own_mean_code
-        self.mean = None
-        if self._code is not None and reference.mean is not None:
-            self.mean = RunningMean(reference.mean)
+        assert reference.own_mean_code is not None and reference.mean is not None
+        self._code, self.mean = reference.own_mean_code, RunningMean(reference.mean)
         self._windows = 0  # finished
         self._silence: tuple[object, ...] = ()  # the filter after a window without events
         self._set_window_end()
@@ -510,17 +510,16 @@ class FilterRun(MatchRun):
             self.place_filter.predict_travelled(travelled, self.odometer.driven_mm)
 
     def _set_window_end(self) -> None:
-        s = self.state.windows
-        self._control["window_end"] = (self._windows + 1) * (s.tau or s.n)
+        self._control["window_end"] = (self._windows + 1) * self.state.windows.tau
 
     def _window_over(self) -> None:
         s, read = self.state.windows, self.odometer.fresh
         self._windows += 1
         self.odometer.end_window()
-        if self.mean is not None and self._code is not None and not self._control["paused"]:
+        if not self._control["paused"]:
             self.mean.update(self._code.level(s.counts[0]))
-            s.own.means[:] = self.mean.mean
-        if s.tau and s.bound[0] == s.bound[1]:
+            s.contrast.means[:] = self.mean.mean
+        if s.bound[0] == s.bound[1]:
             self._skip_silence(read)
         else:
             self._silence = ()
@@ -551,9 +550,8 @@ class FilterRun(MatchRun):
             state = [meter.latest, meter.anchor, meter.fresh, meter.anchored, meter.before]
             arrays["filter_odometer"] = np.array(state, dtype=np.int64)
             arrays["odometer_check"] = self.odometer_check.to_array()
-        if self.mean is not None:
-            arrays["filter_mean"] = self.mean.total
-            arrays["filter_mean_windows"] = np.array([self.mean.windows], dtype=np.int64)
+        arrays["filter_mean"] = self.mean.total
+        arrays["filter_mean_windows"] = np.array([self.mean.windows], dtype=np.int64)
         return arrays
 
     def resume(self, arrays: Arrays, now_us: int, floor_us: int) -> None:
@@ -570,10 +568,9 @@ class FilterRun(MatchRun):
             self.odometer_check.resume(arrays["odometer_check"])
             self._travel()
         self._set_window_end()
-        if self.mean is not None:
-            self.mean.total = arrays["filter_mean"].copy()
-            self.mean.windows = int(arrays["filter_mean_windows"][0])
-            self.state.windows.own.means[:] = self.mean.mean
+        self.mean.total = arrays["filter_mean"].copy()
+        self.mean.windows = int(arrays["filter_mean_windows"][0])
+        self.state.windows.contrast.means[:] = self.mean.mean
         super().resume(arrays, now_us, floor_us)
 
 
@@ -694,7 +691,7 @@ class Localiser:
     Parameters
     ----------
     reference : MapRecord
-        Map, with its settings.
+        Map, whose settings are those of a profile (`Settings.profile`).
     every : str or MatchSchedule, optional
         Schedule of matches: ``"event"``, a number of events such as ``"100"``, a time such as
         ``"50ms"``, ``"window"``, or ``"change"`` of the place. By default after each event; with a
@@ -719,6 +716,8 @@ class Localiser:
         if reference.settings.smooth:  # which needs later windows
             reference = reference.matched_with(replace(reference.settings, smooth=False))
         self.settings = settings = reference.settings
+        if settings.profile is None:
+            raise UsageError(settings.beyond_profile)
         if every is not None:
             expect(every, (str, MatchSchedule), "every", "a text such as '50ms' or 'window'")
         self.every = MatchSchedule.parse(every, settings, "event")
@@ -728,11 +727,6 @@ class Localiser:
         places, counters = reference.places.counts.shape
         check_extent(places, counters, length, recent, self._window)
         filtered = settings.matching == "filter"
-        if reference.own_mean_code is not None and not filtered:
-            raise UsageError(
-                "own-mean codes follow the mean of a drive, which sequences after every event do "
-                "not: set matching to filter, or counter_scaling to shared when the map is made"
-            )
         if recent and filtered:
             raise UsageError(
                 f"{recent} recent places are left out by sequences only: set matching to sequence"
@@ -789,7 +783,7 @@ class Localiser:
 
         Parameters
         ----------
-        events : ndarray with fields t, x, y and, for polarity, p; shape (n,)
+        events : ndarray with fields t, x and y, shape (n,)
             In time order, and not earlier than previous events.
 
         Returns
@@ -839,12 +833,9 @@ class Localiser:
 
     def _plain(self, events: Events) -> Events:
         """Return events of another layout as an array of EVENT_DTYPE."""
-        p = events["p"] if self.settings.polarity else None
-        check_columns(events["x"], events["y"], p)
+        check_columns(events["x"], events["y"], None)
         plain = np.zeros(events.shape, dtype=EVENT_DTYPE)
         plain["t"], plain["x"], plain["y"] = events["t"], events["x"], events["y"]
-        if p is not None:
-            plain["p"] = p
         return plain
 
     @property
@@ -1073,7 +1064,7 @@ class OdometryFeed:
 
         Parameters
         ----------
-        events : ndarray with fields t, x, y and, for polarity, p; shape (n,)
+        events : ndarray with fields t, x and y, shape (n,)
             See `Localiser.update`.
 
         Returns
@@ -1105,7 +1096,6 @@ def map_arrays(reference: MapRecord) -> Arrays:
     arrays = present(
         pixel_x=reference.pixel_map.x,
         pixel_y=reference.pixel_map.y,
-        full_scale=reference.full_scale,
         mean=reference.mean,
         jumps=reference.jumps,
     )
@@ -1136,7 +1126,6 @@ def searched_map(arrays: Arrays, meta: Mapping[str, Any]) -> MapRecord:
         Descriptors(arrays["places"], no_times, no_times, no_times, arrays.get("activity")),
         saliency=figures,
         hot=np.broadcast_to(np.False_, figures.shape),
-        full_scale=arrays.get("full_scale"),
         mean=arrays.get("mean"),
         confidence=Confidence.from_arrays(arrays),
         jumps=arrays.get("jumps"),
@@ -1159,7 +1148,7 @@ def check_extent(places: int, counters: int, length: int, recent: int, window: W
     Parameters
     ----------
     places, counters, length, recent : int
-        K, J (2 J with polarity), L, and the number of newest places that are not searched.
+        K, J, L, and the number of newest places that are not searched.
     """
     if type(recent) is not int or recent < 0 or places < length + recent:
         raise UsageError(

@@ -41,6 +41,7 @@ from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import auroc, evaluate_rejection
 from edge_vpr.events import Sensor
 from edge_vpr.live.protocols import open_encoder
+from edge_vpr.map_record import coded_map
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
@@ -231,15 +232,19 @@ def a_map(settings, **more):
     pixels = PixelMap(SENSOR, np.array([0, 5, 2]), np.array([0, 4, 3]))
     figures = np.zeros((SENSOR.height, SENSOR.width), dtype=np.float32)
     places = descriptors(rng.integers(0, 6, (20, 3)))
-    return ReferenceMap(settings, pixels, places, figures, figures > 0, **more)
+    counted = ReferenceMap(settings.uncoded, pixels, places, figures, figures > 0)
+    return replace(coded_map(counted, settings), **more)
 
 
-COUNTED = Settings(pixels=3, tau_us=100_000, matching="filter", remove_bursts=False)
+CODED = Settings(
+    pixels=3, tau_us=100_000, matching="filter", remove_bursts=False, counter_code="log",
+    counter_scaling="contrast",
+)  # fmt: skip
 
 
 def test_a_table_travels_with_its_map_and_with_the_state_of_a_localiser(tmp_path):
     own = table((0, 0.25, 8), (8, 0.75, 8))
-    reference = a_map(COUNTED.replaced({"precision": 0.7}, "test"), confidence=own)
+    reference = a_map(CODED.replaced({"precision": 0.7}, "test"), confidence=own)
     reference.save(tmp_path / "map.npz")
     loaded = ReferenceMap.load(tmp_path / "map.npz")
     assert loaded.confidence is not None
@@ -256,7 +261,7 @@ def test_a_table_travels_with_its_map_and_with_the_state_of_a_localiser(tmp_path
 
 
 def test_a_table_is_not_used_with_settings_that_give_trust_another_scale():
-    reference = a_map(COUNTED, confidence=table((0, 0.25, 8)))
+    reference = a_map(CODED, confidence=table((0, 0.25, 8)))
     other_query = reference.settings.replaced({"stays_on_map": True}, "test")
     assert reference.matched_with(other_query).confidence is reference.confidence
     for changes in ({"filter_restart": 9}, {"exclusion": 1}, {"matching": "sequence"}):
@@ -288,7 +293,7 @@ COLUMNS = ("place", "probability", "lost")
 def robot(tmp_path_factory):
     """A folder with a map of the place filter, and a query as a recording and as sent bytes."""
     folder, rng = tmp_path_factory.mktemp("robot"), np.random.default_rng(0)
-    settings = COUNTED.replaced({"pixels": 5, "sigma": 1.0, "precision": 0.99}, "test")
+    settings = CODED.replaced({"pixels": 5, "sigma": 1.0, "precision": 0.99}, "test")
     drive = random_events(rng, 6_000, SENSOR, 6_000_000)
     ReferenceMap.build(Drive(drive, SENSOR), settings).save(folder / "map.npz")
     # the second half of the route is another one, whose matches are improbable
@@ -484,7 +489,7 @@ def test_a_spliced_drive_keeps_the_truth_of_each_window():
 @pytest.mark.parametrize("matching", ["filter", "sequence"])
 def test_a_table_of_an_earlier_rule_of_trust_is_not_used(tmp_path, monkeypatch, matching):
     """That of sequences is, as their margin has the scale that it had."""
-    settings = COUNTED.replaced({"matching": matching, "sequence_length": 1}, "test")
+    settings = CODED.replaced({"matching": matching, "sequence_length": 1}, "test")
     reference = a_map(settings, confidence=table((0, 0.25, 8)))
     path = tmp_path / "map.npz"
     reference.save(path)

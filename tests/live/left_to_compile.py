@@ -18,7 +18,7 @@ from edge_vpr import LiveSession
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import Settings
+from edge_vpr.settings import PRESETS
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from streams import Drive, random_events
@@ -64,11 +64,12 @@ def main():
     """Run a session of each kind of matching, burst filter and protocol."""
     rng = np.random.default_rng(0)
     drive = random_events(rng, 60_000, SENSOR, 3_000_000)
-    for matching, window in (("sequence", "time"), ("filter", "time"), ("filter", "count")):
-        settings = Settings(
-            pixels=20, sigma=1.0, tau_us=100_000, matching=matching, window=window,
-            events_per_pixel=1.0,
-        )  # fmt: skip
+    small = {"pixels": 20, "sigma": 1.0, "tau": "100ms"}
+    for preset, changes in (
+        ("paper", {}), ("paper", {"window": "count", "events_per_pixel": 1.0}),
+        ("default", {}), ("default", {"places_per_window": 1}),
+    ):  # fmt: skip
+        settings = PRESETS[preset].replaced(small | changes, "the test")
         reference = ReferenceMap.build(Drive(drive, SENSOR), settings)
         for burst_filter in ("exact", "causal"):
             for protocol in sys.argv[1:]:
@@ -90,7 +91,7 @@ def main():
                     assert all(match.place >= 0 for match in session)
                 late = compiled() - before
                 assert session.health.events > 5_000, (protocol, session.health)
-                assert not late, (matching, window, burst_filter, protocol, late)
+                assert not late, (preset, changes, burst_filter, protocol, late)
 
 
 if __name__ == "__main__":

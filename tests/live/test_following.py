@@ -90,8 +90,8 @@ def a_map(rng, kind, window, remove_bursts):
     counts = rng.integers(0, 6, (30, len(PIXELS)))
     if kind == "delayed":
         changes |= {"smooth": False, "delay": 1}
-    if kind != "sequence":
-        return filtered_map(counts, **changes)
+    if kind != "sequence":  # of windows of fixed time
+        return filtered_map(counts, **changes | {"window": "time"})
     return map_of(counts, sequence_length=2, **changes)
 
 

@@ -92,13 +92,15 @@ def drive(tmp_path_factory):
     folder = tmp_path_factory.mktemp("odometry")
     rng = np.random.default_rng(3)
     events = random_events(rng, 60_000, SENSOR, 3_000_000)
-    settings = Settings(pixels=20, sigma=1.0, tau_us=100_000, matching="filter")
+    settings = Settings(
+        pixels=20, sigma=1.0, tau_us=100_000, matching="filter", counter_code="log",
+        counter_scaling="contrast",
+    )  # fmt: skip
     reference = ReferenceMap.build(Drive(events, SENSOR), settings)
     places = np.arange(len(reference), dtype=np.int64)
     replace(reference, odometer_mm=500 * places).save(folder / "map.npz")
-    replace(reference, settings=replace(settings, matching="sequence", sequence_length=2)).save(
-        folder / "by_sequence.npz"
-    )
+    by_sequence = replace(settings.uncoded, matching="sequence", sequence_length=2)
+    ReferenceMap.build(Drive(events, SENSOR), by_sequence).save(folder / "by_sequence.npz")
     write_recording(
         folder / "query.npz", random_events(rng, 40_000, SENSOR, 2_000_000), sensor=SENSOR
     )

@@ -36,7 +36,7 @@ from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
-from edge_vpr.settings import Settings
+from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulation import simulate_pair
 
 ROOT = Path(__file__).parents[2]
@@ -640,12 +640,15 @@ def test_a_precision_marks_the_matches_below_it_as_lost(street, tmp_path):
         LiveSession(sent, protocol="evpr", reference=known, tau_us=1)
 
 
-def test_a_delay_gives_a_match_per_window_without_being_told_when(route, query, tmp_path):
+def test_a_delay_gives_a_match_per_window_without_being_told_when(query, tmp_path):
     """Also with a map that smooths recordings, which a live session never does."""
     sent, encoder = tmp_path / "sent.bin", open_encoder("evpr", SENSOR)
     sent.write_bytes(encoder.start() + encoder.encode(query))
     found = []
-    asked = {"protocol": "evpr", "reference": route, "matching": "filter", "delay": 2}
+    coded = PRESETS["default"].replaced({"pixels": 20, "sigma": 1.0, "tau": "100ms"}, "test")
+    events = random_events(np.random.default_rng(0), 60_000, SENSOR, 3_000_000)
+    reference = ReferenceMap.build(Drive(events, SENSOR), coded)
+    asked = {"protocol": "evpr", "reference": reference, "delay": 2}
     for settings in ({"smooth": True}, {"smooth": False, "every": "window"}):
         with LiveSession(sent, **asked, **settings) as session:
             found.append([(match.place, match.time_s, match.host_us) for match in session])

@@ -28,6 +28,7 @@ from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.session import LiveLocaliser, LiveMatch, LiveStatus, LiveStep
+from edge_vpr.map_record import coded_map
 from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
@@ -748,9 +749,12 @@ def test_json_rows_have_the_position_of_a_map_with_a_track(sent, tmp_path, capsy
 
 def test_after_a_loss_the_place_filter_is_flagged_for_one_window_alone(reference, events):
     """Its matches compare one window, whatever the length of a sequence is."""
-    changed = {"matching": "filter", "sequence_length": 20}
+    changed = {
+        "matching": "filter", "sequence_length": 20, "counter_code": "log",
+        "counter_scaling": "contrast",
+    }  # fmt: skip
     settings = reference.settings.replaced(changed, "the test")
-    reference = dataclasses.replace(reference, settings=settings)
+    reference = coded_map(reference, settings)
     live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
     encoder = open_encoder("evpr:frame=256", SENSOR)
     live.feed(encoder.start() + encoder.encode(events[:5_000]), 0)

@@ -35,7 +35,7 @@ from firmware_model.design import Design
 
 SENSOR = Sensor(6, 5)
 PIXELS = PixelMap(SENSOR, np.array([0, 5, 2, 1]), np.array([0, 4, 3, 0]))
-#: settings of the saved maps: sequences, polarity, the place filter, and its default codes
+#: settings of the saved maps: sequences, polarity, the place filter, and the default codes
 VARIANTS: tuple[dict[str, object], ...] = (
     {},
     {"window": "count", "events_per_pixel": 2.0, "polarity": True, "clip": 3},

@@ -228,7 +228,7 @@ def test_settings_belong_to_a_profile_or_say_what_to_change(preset, changes, pro
     if profile is not None:
         assert found.beyond_profile == ""
         return
-    asked = found.beyond_profile.partition("set ")[2].partition(" for ")[0].split(", ")
+    asked = found.beyond_profile.partition(" map with ")[2].partition(" for ")[0].split(", ")
     wanted = dict(one.split(" = ") for one in asked)
     assert wanted
     # what it names is all that there is to change

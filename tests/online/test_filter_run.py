@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import naive
 import numpy as np
@@ -27,19 +26,14 @@ from firmware_model.specification_drive import running_misfits, typical_distance
 
 #: in plain Python, which takes a hundred times as long, the same properties with fewer draws
 EXAMPLES = 10 if config.DISABLE_JIT else 40
-CODES = [
-    {},
-    {"counter_code": "log", "counter_bits": 3},
-    {"counter_code": "log", "counter_scaling": "own-mean"},
-    {"counter_code": "log", "counter_scaling": "contrast"},
-]
 
 
 def map_of(counts, **changes):
     figures = np.zeros((SENSOR.height, SENSOR.width))
-    chosen = Settings(pixels=len(PIXELS), remove_bursts=False, matching="filter").replaced(
-        changes, "test"
-    )
+    chosen = Settings(
+        pixels=len(PIXELS), remove_bursts=False, matching="filter", counter_code="log",
+        counter_scaling="contrast",
+    ).replaced(changes, "test")  # fmt: skip
     counted = ReferenceMap(
         chosen.uncoded, PIXEL_MAP, descriptors(counts), figures.astype(np.float32), figures > 0
     )
@@ -49,25 +43,19 @@ def map_of(counts, **changes):
 def oracle_after_each_event(reference, events):
     """Everything counted, coded, compared and filtered anew after each selected event."""
     chosen, places = reference.settings, reference.places.counts.tolist()
-    tau = chosen.tau_us if chosen.window == "time" else 0
-    n = 0 if tau else chosen.events_per_window
-    counters = len(PIXELS)
+    tau, counters = chosen.tau_us, len(PIXELS)
     selected, rows = [], []
     for t, x, y, _ in as_tuples(events):
         if (x, y) not in PIXELS:
             continue
         selected.append((t, PIXELS.index((x, y))))
-        if (t + 1 < tau) if tau else (len(selected) < n):
+        if t + 1 < tau:
             continue
-        # windows that are over: an event at the end of a window of fixed time is in the next
-        ended = t // tau if tau else (len(selected) - 1) // n
-        if tau:
-            spans = [[e for e in selected if e[0] // tau == w] for w in range(ended)]
-        else:
-            spans = [selected[w * n : (w + 1) * n] for w in range(ended)]
+        # windows that are over: an event at the end of a window is in the next one
+        spans = [[e for e in selected if e[0] // tau == w] for w in range(t // tau)]
         counted = [naive.lagged_counts(span, 0, 1, counters, 0, 10**9)[0] for span in spans]
-        counted.append(naive.lagged_counts(selected, t + 1, 1, counters, tau, n)[0])
-        coded = in_code(reference, counted)
+        counted.append(naive.lagged_counts(selected, t + 1, 1, counters, tau, 0)[0])
+        coded = running_codes(reference, counted, begin_of(reference))
         drive = drive_of(reference, coded, list(map(sum, counted)))
         expected = drive.delayed()
         of_windows = drive.misfits([one.place for one in expected], typical_distances(places))
@@ -75,17 +63,6 @@ def oracle_after_each_event(reference, events):
         misfit = running_misfits(of_windows)[-1]
         rows.append((t, *match, sum(counted[-1]), trust, misfit))
     return rows
-
-
-def in_code(reference, counted):
-    """The oracle's codes of windows, each against the mean of those before it."""
-    chosen = reference.settings
-    if chosen.counter_code == "none":
-        return counted
-    if chosen.counter_scaling == "shared":
-        code = partial(naive.counter_code, "log", chosen.counter_bits, 127)
-        return [list(map(code, row)) for row in counted]
-    return running_codes(reference, counted, begin_of(reference))
 
 
 def without_ratio(matches):
@@ -103,22 +80,20 @@ def random_map(rng, places, largest, **changes):
     n=st.integers(0, 90),
     places=st.integers(1, 80),
     largest=st.sampled_from([2, 9, 300]),
-    window=st.sampled_from(["time", "count"]),
     tau=st.sampled_from([40, 300, 700]),
-    per_pixel=st.sampled_from([0.4, 1.0, 3.0]),
-    code=st.sampled_from(CODES),
+    bits=st.integers(1, 8),
     exclusion=st.integers(0, 4),
     per_window=st.sampled_from([1, 2]),
     pieces=st.integers(1, 7),
 )
 @settings(max_examples=40)
 def test_every_match_equals_the_oracle_however_the_stream_is_cut(
-    seed, n, places, largest, window, tau, per_pixel, code, exclusion, per_window, pieces
+    seed, n, places, largest, tau, bits, exclusion, per_window, pieces
 ):
     rng = np.random.default_rng(seed)
     reference = random_map(
-        rng, places, largest, window=window, tau_us=tau, events_per_pixel=per_pixel,
-        exclusion=exclusion, places_per_window=per_window, **code,
+        rng, places, largest, tau_us=tau, counter_bits=bits, exclusion=exclusion,
+        places_per_window=per_window,
     )  # fmt: skip
     events = random_events(rng, n, SENSOR, 2_000)
     found = feed(Localiser(reference, check_every=7), cut_up(rng, events, pieces))
@@ -127,18 +102,15 @@ def test_every_match_equals_the_oracle_however_the_stream_is_cut(
 
 @given(
     seed=st.integers(0, 2**32),
-    window=st.sampled_from(["time", "count"]),
-    code=st.sampled_from(CODES),
     delay=st.sampled_from([0, 0, 1, 3, 50]),
     per_window=st.sampled_from([1, 2]),
     pieces=st.integers(1, 5),
 )
 @settings(max_examples=EXAMPLES)
-def test_at_window_ends_it_says_what_the_batch_says(seed, window, code, delay, per_window, pieces):
+def test_at_window_ends_it_says_what_the_batch_says(seed, delay, per_window, pieces):
     rng = np.random.default_rng(seed)
     reference = random_map(
-        rng, 30, 9, window=window, tau_us=100, events_per_pixel=1.0, delay=delay,
-        places_per_window=per_window, **code,
+        rng, 30, 9, tau_us=100, delay=delay, places_per_window=per_window,
     )  # fmt: skip
     # from time to time the camera stands
     times = np.sort(rng.choice(rng.choice(2_000, 1_200, replace=False), 800))
@@ -179,30 +151,17 @@ def with_ways(rng, reference):
 
 @given(
     seed=st.integers(0, 2**32),
-    window=st.sampled_from(["time", "count"]),
-    code=st.sampled_from(CODES),
     delay=st.sampled_from([0, 2]),
     per_window=st.sampled_from([1, 2]),
     pieces=st.integers(1, 5),
 )
 @settings(max_examples=EXAMPLES)
 def test_with_odometry_and_jumps_it_says_at_window_ends_what_the_batch_says(
-    seed, window, code, delay, per_window, pieces
+    seed, delay, per_window, pieces
 ):
     rng = np.random.default_rng(seed)
     reference = with_ways(
-        rng,
-        random_map(
-            rng,
-            30,
-            9,
-            window=window,
-            tau_us=100,
-            events_per_pixel=1.0,
-            delay=delay,
-            places_per_window=per_window,
-            **code,
-        ),
+        rng, random_map(rng, 30, 9, tau_us=100, delay=delay, places_per_window=per_window)
     )
     events = random_events(rng, 800, SENSOR, 2_000)
     odometry = random_odometry(rng, 2_000)
@@ -220,7 +179,7 @@ def test_with_odometry_and_jumps_it_says_at_window_ends_what_the_batch_says(
 
 def test_with_odometry_the_cut_of_the_stream_and_a_saved_state_change_nothing(tmp_path):
     rng = np.random.default_rng(8)
-    reference = with_ways(rng, random_map(rng, 20, 9, tau_us=100, events_per_pixel=1.0))
+    reference = with_ways(rng, random_map(rng, 20, 9, tau_us=100))
     events = random_events(rng, 900, SENSOR, 2_000)
     odometry = random_odometry(rng, 2_000)
     whole = np.concatenate(OdometryFeed(Localiser(reference), odometry).update(events))
@@ -253,21 +212,17 @@ def test_a_reading_without_a_use_is_refused():
     moving = with_ways(rng, bare)
     with pytest.raises(UsageError, match="odometer at nan m"):
         Localiser(moving).read_odometer(0, float("nan"))
-    by_sequence = replace(bare.settings, matching="sequence", sequence_length=1)
+    by_sequence = replace(bare.settings.uncoded, matching="sequence", sequence_length=1)
     with pytest.raises(UsageError, match="odometry is for the place filter"):
         Localiser(replace(bare, settings=by_sequence)).read_odometer(0, 1.0)
     with pytest.raises(UsageError, match="a map with jumps is for the place filter"):
         Localiser(replace(moving, settings=by_sequence))
 
 
-@pytest.mark.parametrize("code", CODES)
-@pytest.mark.parametrize(("window", "per_window"), [("time", 1), ("time", 2), ("count", 1)])
-def test_a_saved_state_goes_on_as_if_it_had_not_been_saved(tmp_path, code, window, per_window):
+@pytest.mark.parametrize("per_window", [1, 2])
+def test_a_saved_state_goes_on_as_if_it_had_not_been_saved(tmp_path, per_window):
     rng = np.random.default_rng(5)
-    reference = random_map(
-        rng, 20, 9, window=window, tau_us=130, events_per_pixel=1.0, places_per_window=per_window,
-        **code,
-    )  # fmt: skip
+    reference = random_map(rng, 20, 9, tau_us=130, places_per_window=per_window)
     events = random_events(rng, 900, SENSOR, 2_000)
     whole = Localiser(reference).update(events)
     for cut in (0, 1, 333, 899):
@@ -297,7 +252,7 @@ def test_a_silence_of_a_year_is_passed_over_at_once():
 def test_a_silence_says_the_same_whether_it_is_passed_over_or_not():
     """A tick within the silence ends what is passed over, and says what the windows say."""
     rng = np.random.default_rng(7)
-    reference = random_map(rng, 20, 9, tau_us=100, counter_code="log", counter_scaling="own-mean")
+    reference = random_map(rng, 20, 9, tau_us=100)
     events = np.concatenate([random_events(rng, 500, SENSOR, 1_000) for _ in range(2)])
     events["t"][500:] += 300_000
     expected = [
@@ -332,10 +287,9 @@ def test_ticks_that_are_skipped_give_no_match():
     assert 90 < localiser.update(later).size < 110
 
 
-@pytest.mark.parametrize("window", ["time", "count"])
-def test_a_match_that_comes_late_is_given_as_soon_as_its_last_window_has_ended(window):
+def test_a_match_that_comes_late_is_given_as_soon_as_its_last_window_has_ended():
     rng = np.random.default_rng(10)
-    reference = random_map(rng, 20, 9, window=window, tau_us=100, events_per_pixel=1.0, delay=3)
+    reference = random_map(rng, 20, 9, tau_us=100, delay=3)
     every = MatchSchedule.window(reference.settings)
     events = random_events(rng, 900, SENSOR, 2_000)
     at_once = Localiser(
@@ -381,9 +335,17 @@ def test_a_delay_is_of_whole_windows_and_is_not_saved(tmp_path):
     assert not (tmp_path / "state.npz").exists()
 
 
-def test_own_mean_codes_are_not_compared_with_counts_by_sequences_event_by_event():
-    """A map of such codes matched as if they were counts, without a word."""
-    with pytest.raises(
-        UsageError, match=r"own-mean codes follow the mean .* set matching to filter"
-    ):
-        Localiser(random_map(np.random.default_rng(0), 9, 9, matching="sequence", **CODES[2]))
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"window": "count"}, "map with window = time for robot"),
+        ({"counter_scaling": "own-mean"}, "map with counter_scaling = contrast for robot"),
+        ({"polarity": True}, "map with polarity = false for robot"),
+        ({"matching": "sequence"}, "counter_code = linear, counter_scaling = shared for paper"),
+    ],
+)
+def test_settings_of_neither_profile_are_refused_with_what_to_change(changes, says):
+    counters = len(PIXELS) * (2 if changes.get("polarity") else 1)
+    reference = map_of(np.ones((9, counters), dtype=np.int64), **changes)
+    with pytest.raises(UsageError, match=f"live matching and devices take two profiles.* {says}"):
+        Localiser(reference)

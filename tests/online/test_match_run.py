@@ -22,7 +22,7 @@ from edge_vpr.events import EVENT_DTYPE, make_events
 from edge_vpr.matching.matches import margin_to_second, ratio_to_second
 from edge_vpr.online.kernels import (
     CHUNK_EVENTS,
-    OwnCodes,
+    ContrastCodes,
     follow,
     selected_in_order,
     write_codes,
@@ -46,12 +46,9 @@ SCHEDULES = [
 def a_map(rng, kind, window, code, **changes):
     counts = rng.integers(0, 6, (30, len(PIXELS)))
     changes |= {"window": window, "tau_us": 90, "events_per_pixel": 2.0}
-    if kind == "filter":
-        scaling = "own-mean" if code else "shared"
-        kind_of = {"counter_code": "log", "counter_scaling": scaling} if code else {}
-        return with_ways(rng, filtered_map(counts, **kind_of, **changes))
-    full_scale = np.array([1, 3, 7, 15, 3], dtype=np.uint16)
-    return map_of(counts, full_scale, sequence_length=2, **changes, **code)
+    if kind == "filter":  # of windows of fixed time and contrast codes
+        return with_ways(rng, filtered_map(counts, **changes | {"window": "time"}))
+    return map_of(counts, sequence_length=2, **changes, **code)
 
 
 def of_another_layout(events):
@@ -96,18 +93,13 @@ def test_events_one_by_one_give_the_matches_of_one_chunk(seed, kind, window, cod
     cut.verify()
 
 
-@given(seed=st.integers(0, 2**32), n=st.integers(0, 300), polarity=st.booleans())
-def test_selected_events_are_those_at_the_pixels_of_the_table(seed, n, polarity):
+@given(seed=st.integers(0, 2**32), n=st.integers(0, 300))
+def test_selected_events_are_those_at_the_pixels_of_the_table(seed, n):
     rng = np.random.default_rng(seed)
     events = random_events(rng, n, SENSOR, 1_000)
     slots, times = np.empty(n, dtype=np.int32), np.empty(n, dtype=np.int64)
-    off = len(PIXELS) if polarity else 0
-    found = selected_in_order(PIXEL_MAP.table(), events, 0, off, slots, times)
-    expected = [
-        (PIXELS.index((x, y)) + (0 if p else off), t)
-        for t, x, y, p in as_tuples(events)
-        if (x, y) in PIXELS
-    ]
+    found = selected_in_order(PIXEL_MAP.table(), events, 0, slots, times)
+    expected = [(PIXELS.index((x, y)), t) for t, x, y, _ in as_tuples(events) if (x, y) in PIXELS]
     assert list(zip(slots[:found].tolist(), times[:found].tolist(), strict=True)) == expected
 
 
@@ -199,16 +191,14 @@ def test_a_silence_with_more_ticks_than_the_kernel_gives_at_once_has_them_all():
 @given(
     seed=st.integers(0, 2**32),
     bits=st.integers(1, 8),
-    full_scale=st.sampled_from([1, 7, 1_023]),
-    contrast=st.booleans(),
 )
 @settings(max_examples=20)
-def test_codes_are_written_in_place_as_windows_are_coded(seed, bits, full_scale, contrast):
-    code, rng = OwnMeanCode(bits, full_scale, contrast), np.random.default_rng(seed)
+def test_codes_are_written_in_place_as_windows_are_coded(seed, bits):
+    code, rng = OwnMeanCode(bits, contrast=True), np.random.default_rng(seed)
     counts, mean = rng.integers(0, 2_000, 6), rng.integers(0, 4_000, 6).astype(np.int32)
     written = np.full(6, 999, dtype=np.int64)
-    own = OwnCodes(code.levels.copy(), mean, np.zeros((2, 6), dtype=np.int64), contrast, bits)
-    write_codes(counts, own, written)
+    contrast = ContrastCodes(code.levels.copy(), mean, np.zeros((2, 6), dtype=np.int64), bits)
+    write_codes(counts, contrast, written)
     assert written.tolist() == code.encode(counts, mean).tolist()
 
 

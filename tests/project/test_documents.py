@@ -26,7 +26,7 @@ from edge_vpr.map_record import map_traverse
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import OnlineMetrics, ReferenceMap
 from edge_vpr.run_log import log_warning, logged_run
-from edge_vpr.settings import Settings
+from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 
 ROOT = Path(__file__).parents[2]
@@ -61,7 +61,7 @@ def names_for(page: str) -> dict[str, Any]:
         pytest.importorskip("ziglang", reason="Zig's C compiler is an extra")
     if page == "docs/live.md":
         events = random_events(np.random.default_rng(3), 4_000, Sensor(32, 24), 2_000_000)
-        settings = Settings(pixels=20, sigma=1.0, tau_us=100_000, matching="filter")
+        settings = PRESETS["default"].replaced({"pixels": 20, "sigma": 1.0, "tau": "100ms"}, "")
         encoder = open_encoder("evpr", Sensor(32, 24))
         Path("sent.bin").write_bytes(encoder.start() + encoder.encode(events))
         map_traverse(Drive(events, Sensor(32, 24)), settings).save("map.npz")

@@ -103,7 +103,7 @@ def check_kernels() -> Iterator[Found]:
 
 
 def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
-    """Compile all kernels of a live run, with every preset and protocol, into Numba's cache.
+    """Compile all kernels, with every preset and protocol, into Numba's cache.
 
     Kernels of an older source, which are not loaded any more, and damaged ones are removed first.
     """
@@ -140,6 +140,8 @@ def _run(
     settings = resolve_settings(preset, flags={"tau_us": 200_000, "pixels": pixels})
     reference = ReferenceMap.build(first, settings)
     reference.match(second)
+    if reference.settings.profile is None:
+        return  # for recordings only
     decoder = open_decoder("evpr", first.sensor)
     schedule = MatchSchedule(interval_us=50_000)
     for causal_bursts in (False, True):
