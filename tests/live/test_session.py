@@ -673,7 +673,7 @@ def test_files_are_looked_at_before_the_link_is_opened(what, tmp_path):
     """Also the map to learn, which would replace that of another drive."""
     (tmp_path / "here.npz").touch()
     for name, says in (
-        ("here.npz", "exists: name another, or replace it with --overwrite"),
+        ("here.npz", "exists: name another, or replace it with overwrite=True"),
         ("no/new.npz", "is not a folder"),
     ):
         with pytest.raises(UsageError, match=says):
