@@ -101,11 +101,6 @@ def write_archive(
         Files that were read: of the first with the same contents, a hard link is made instead, as
         compressing takes long. Archives are only ever replaced whole, so that no change of one
         reaches the other.
-
-    Raises
-    ------
-    UsageError
-        If it exists and may not be replaced, or cannot be written.
     """
     path = as_path(path, f"a {kind}")
     meta = {"kind": kind, "version": SCHEMA_VERSION, **meta}

@@ -382,11 +382,6 @@ class MapRecord(EqualByValue):
             Replace a file that exists.
         others : iterable of path
             Files that were read: one that holds this map is linked instead.
-
-        Raises
-        ------
-        UsageError
-            If it exists and may not be replaced, or cannot be written.
         """
         arrays = {
             "pixel_x": self.pixel_map.x,

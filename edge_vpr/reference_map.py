@@ -794,11 +794,6 @@ class MatchResult:
             Write each figure as such files too.
         overwrite : bool
             Replace an older folder of results.
-
-        Raises
-        ------
-        UsageError
-            See `save`.
         """
         self._check_evaluation(evaluation)
         target = as_path(folder, "a folder of results")

@@ -134,11 +134,6 @@ def estimate_shift(
         smallest shift.
     likeness, unmoved : ndarray of float64, shape (n - L + 1,)
         Of each sequence of the query, at this shift and at none.
-
-    Raises
-    ------
-    UsageError
-        If fewer than `LEAST_PIXELS` of the map stay on the sensor at every shift.
     """
     pixel_map = reference.pixel_map
     reach = reach_of(pixel_map.sensor)
@@ -180,11 +175,6 @@ def moved_map(reference: AnyMap, dx: int, dy: int) -> AnyMap:
     -------
     MapRecord
         The same one for no shift.
-
-    Raises
-    ------
-    UsageError
-        If no pixel is left.
     """
     if (dx, dy) == (0, 0):
         return reference

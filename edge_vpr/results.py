@@ -103,11 +103,6 @@ def check_new_file(path: Path, inputs: Iterable[str | Path | None], overwrite: b
         What the run reads, see `check_output`.
     overwrite : bool
         Whether an existing file may be replaced.
-
-    Raises
-    ------
-    UsageError
-        If it exists and may not be replaced, its folder does not, or an input would be lost.
     """
     check_output(path, inputs)
     check_parent(path)
@@ -133,13 +128,7 @@ def _can_create(folder: Path) -> bool:
 def results_folder(
     path: Path, overwrite: bool, inputs: Iterable[str | Path | None] = ()
 ) -> Iterator[Path]:
-    """Yield an empty folder that becomes `path` if the block succeeds, see `replacing_folder`.
-
-    Raises
-    ------
-    UsageError
-        See `check_output_folder`.
-    """
+    """Yield an empty folder that becomes `path` if the block succeeds, see `replacing_folder`."""
     check_output_folder(path, overwrite, inputs)
     with replacing_folder(path, overwrite) as folder:
         yield folder
@@ -183,13 +172,7 @@ def read_record(kind: type[T], path: Path, what: str, remedy: str) -> T:
 
 
 def read_run(folder: Path) -> RunRecord:
-    """Read the record of the run that wrote a folder of results.
-
-    Raises
-    ------
-    UsageError
-        As `read_record` does.
-    """
+    """Read the record of the run that wrote a folder of results."""
     return read_record(RunRecord, folder / RUN, "the run", "match again")
 
 

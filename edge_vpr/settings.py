@@ -61,13 +61,7 @@ MOST_COST = 254
 
 
 def duration_us(text: str) -> int:
-    """Read ``1s``, ``250ms``, ``500us`` or ``0.5`` (seconds) as whole microseconds.
-
-    Raises
-    ------
-    UsageError
-        If the text has another form, or is not a positive whole number of microseconds.
-    """
+    """Read ``1s``, ``250ms``, ``500us`` or ``0.5`` (seconds) as whole microseconds."""
     form = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(us|ms|s|)\s*", text)
     if form:
         microseconds = Fraction(form[1]) * _MICROSECONDS[form[2]]
@@ -216,11 +210,6 @@ class SettingField:
         ----------
         given : object
             A key of `words`, a text that `read` accepts, or the value itself, as in JSON and TOML.
-
-        Raises
-        ------
-        UsageError
-            If a word is unknown.
         """
         if isinstance(given, list) and self.kind is tuple:
             return tuple(given)
@@ -253,13 +242,7 @@ class SettingField:
         return f"{value:g}" if isinstance(value, float) else str(value)
 
     def check(self, value: Any) -> None:
-        """Check the type and the range of a value.
-
-        Raises
-        ------
-        UsageError
-            If the type is wrong or the value is out of range.
-        """
+        """Check the type and the range of a value."""
         if value is None and None in self.words.values():
             return
         integer_for_float = self.kind is float and type(value) is int
@@ -726,13 +709,7 @@ class Settings:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], source: str = "settings") -> Settings:
-        """Build settings from plain values.
-
-        Raises
-        ------
-        UsageError
-            If a name is unknown or a value out of range; the message names `source`.
-        """
+        """Build settings from plain values."""
         return cls().replaced(values, source)
 
     def replaced(self, values: Mapping[str, Any], source: str) -> Settings:
@@ -744,11 +721,6 @@ class Settings:
             See `values_by_name`.
         source : str
             Where the values come from, for error messages.
-
-        Raises
-        ------
-        UsageError
-            If a name is unknown or a value out of range.
         """
         known = values_by_name(values, source)
         try:
@@ -820,11 +792,6 @@ def values_by_name(values: Mapping[str, Any], source: str) -> dict[str, Any]:
     -------
     dict
         Values by the name of the attribute of `Settings`.
-
-    Raises
-    ------
-    UsageError
-        If a name is unknown or given twice, or a word is unknown.
     """
     if not isinstance(values, Mapping):
         raise UsageError(f"{source} is a {type(values).__name__}: expected names and values")

@@ -132,11 +132,6 @@ class Design:
     lookup_depth : int
         Entries of the pixel look-up, a power of two and not less than `width`; 0 takes the smallest
         that is also at least twice `pixels`.
-
-    Raises
-    ------
-    DesignError
-        If a parameter is out of its range.
     """
 
     width: int
@@ -281,13 +276,7 @@ class Design:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], source: str = "design") -> Self:
-        """Build from plain values.
-
-        Raises
-        ------
-        DesignError
-            If a name is unknown or missing, or a value out of range; `source` is named.
-        """
+        """Build from plain values."""
         known = {field.name for field in fields(cls)}
         unknown = sorted(set(values) - known)
         if unknown:
@@ -312,13 +301,7 @@ class Design:
         return "".join(f"{name} = {json.dumps(value)}\n" for name, value in values)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write as a TOML file.
-
-        Raises
-        ------
-        DesignError
-            If it exists and may not be replaced.
-        """
+        """Write as a TOML file."""
         try:
             with Path(path).open("w" if overwrite else "x", encoding="utf-8") as file:
                 file.write(self.to_toml())

@@ -158,11 +158,6 @@ def image(memories: Memories) -> bytes:
     -------
     bytes
         Little-endian: the words of `Word`, and the tables of `Table`.
-
-    Raises
-    ------
-    DesignError
-        If the design is beyond the firmware's limits.
     """
     design = memories.design
     check_limits(design)

@@ -59,11 +59,6 @@ class Memories:
     place_activity : sequence of int, length K, optional
         Of the filter, the logarithm of each place's events less that of the mean number, in units
         of 1/16 octave, -128 to 127; by default 0.
-
-    Raises
-    ------
-    DesignError
-        If they are not of the design's size, or a pixel lies off the sensor or occurs twice.
     """
 
     design: Design

@@ -56,11 +56,6 @@ class CounterCode:
         Largest count that is told apart, 1 to 65,535; 0 takes ``2**bits - 1`` for a linear code, 63
         for a square root, 127 for a logarithm.
 
-    Raises
-    ------
-    FixedPointError
-        If a parameter is out of range.
-
     Examples
     --------
     >>> CounterCode("log", 3).table[[0, 1, 2, 5, 20, 127]]
@@ -155,11 +150,6 @@ class PixelCodes:
         The tables, all different.
     row : ndarray of uint8, shape (J,)
         Which of them each counter uses.
-
-    Raises
-    ------
-    FixedPointError
-        If a row is not there, or the codes differ in kind or width.
     """
 
     codes: tuple[CounterCode, ...]
@@ -189,13 +179,7 @@ class PixelCodes:
 
     @classmethod
     def scaled(cls, kind: CodeKind, bits: int, full_scale: Iterable[int]) -> PixelCodes:
-        """Return codes with a full scale for each counter, for example from `learn_full_scale`.
-
-        Raises
-        ------
-        FixedPointError
-            If a full scale is out of range, or there are more than 256 different ones.
-        """
+        """Return codes with a full scale for each counter, for example from `learn_full_scale`."""
         scales, row = np.unique(np.asarray(list(full_scale), dtype=np.int64), return_inverse=True)
         if scales.size > MAX_CODES:
             raise FixedPointError(

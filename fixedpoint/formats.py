@@ -19,11 +19,6 @@ class UnsignedFormat:
     width : int
         Bits, at least 1.
 
-    Raises
-    ------
-    FixedPointError
-        If `width` is no integer of 1 or more.
-
     Examples
     --------
     >>> counter = UnsignedFormat(4)
@@ -60,24 +55,13 @@ class UnsignedFormat:
         An absolute difference is no wider than its operands, so that this is also the format of a
         SAD of n counters. The width is that of the largest sum. Adding the logarithm of n, rounded
         up, would waste bits: the sum of three numbers of one bit is at most 3, which needs 2 bits.
-
-        Raises
-        ------
-        FixedPointError
-            If `n` is less than 1.
         """
         if index(n) < 1:
             raise FixedPointError(f"sum of {n} numbers: expected 1 or more")
         return self.holding(n * self.highest)
 
     def numpy_dtype(self) -> np.dtype[np.unsignedinteger]:
-        """Return the narrowest NumPy dtype that holds the integers.
-
-        Raises
-        ------
-        FixedPointError
-            If they have more than 64 bits.
-        """
+        """Return the narrowest NumPy dtype that holds the integers."""
         if self.width > 64:
             raise FixedPointError(
                 f"{self.width} bits have no container of at most 64 bits: take a narrower format"

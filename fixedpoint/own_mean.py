@@ -53,11 +53,6 @@ class OwnMeanCode:
         Largest count that is told apart, 1 to 65,535; 0 takes 1,023.
     contrast : bool
         Subtract the mean over the counters of a window too: codes are then relative to the window.
-
-    Raises
-    ------
-    FixedPointError
-        If a parameter is out of range.
     """
 
     bits: int = 3

@@ -426,11 +426,6 @@ def load_pixels(path: str | Path, sensor: Sensor, what: str) -> npt.NDArray[np.i
     -------
     ndarray of int64, shape (n, 2)
         Column and row of each, in the order of the file.
-
-    Raises
-    ------
-    RecordingError
-        As `load_hot_pixels` does.
     """
     sensor, path = Sensor.of(sensor), as_path(path, f"a {what}")
     try:

@@ -56,11 +56,6 @@ def learn_confidence(trust: npt.NDArray[np.integer], correct: npt.NDArray[np.boo
         Of each match.
     correct : ndarray of bool, shape (n,)
         Whether each match is correct.
-
-    Raises
-    ------
-    UsageError
-        If there is no match.
     """
     if trust.size == 0 or trust.shape != correct.shape:
         raise UsageError(

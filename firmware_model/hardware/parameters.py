@@ -67,11 +67,6 @@ def package_with(values: Mapping[str, int]) -> str:
     ----------
     values : mapping of str to int
         Values by name, also of what otherwise follows from the design.
-
-    Raises
-    ------
-    ToolError
-        If the package has no such constant.
     """
     text = sources.text_of(f"{PACKAGE}.sv")
     for name, value in values.items():

@@ -170,11 +170,6 @@ def run_bench(
         Further words for the program.
     seconds : int, optional
         Processor seconds after which a simulation that has not ended is a fault.
-
-    Raises
-    ------
-    ToolError
-        Same as for `replay`.
     """
     arguments = {"case": name, "results": results.resolve(), **conditions._asdict()}
     del arguments["slow_blocks"]

@@ -59,11 +59,6 @@ def sample(trace: str, names: Sequence[str]) -> Samples:
     -------
     list of dict of str to str
         ``0``, ``1`` or ``x`` of each signal, for each rising edge.
-
-    Raises
-    ------
-    VectorError
-        If a signal is not in the trace.
     """
     codes: dict[str, list[str]] = {}
     now = dict.fromkeys(names, "x")
@@ -87,13 +82,7 @@ def sample(trace: str, names: Sequence[str]) -> Samples:
 
 
 def around(samples: Samples, name: str, before: int, after: int, most: dict[str, str]) -> Samples:
-    """Return the clocks around a rise of a signal, the rise with the most clocks like `most`.
-
-    Raises
-    ------
-    VectorError
-        If the signal never rises.
-    """
+    """Return the clocks around a rise of a signal, the rise with the most clocks like `most`."""
     rises = [
         samples[at - before : at + after]
         for at in range(before, len(samples) - after)

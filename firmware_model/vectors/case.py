@@ -59,13 +59,7 @@ class Case:
         return trace(self.memories, self.events, self.start)
 
     def event_bytes(self) -> bytes:
-        """Pack the events as the reference firmware takes them, eight bytes each.
-
-        Raises
-        ------
-        VectorError
-            If the clock has more than 32 bits.
-        """
+        """Pack the events as the reference firmware takes them, eight bytes each."""
         if self.design.timestamp_bits > 32:
             raise VectorError(f"times of {self.design.timestamp_bits} bits: the firmware has 32")
         packed = (struct.pack("<IHH", e.t, e.x, e.y | e.on << 15) for e in self.events)

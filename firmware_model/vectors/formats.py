@@ -39,13 +39,7 @@ class Table(NamedTuple):
 
 
 def pack(fields: Fields, rows: Iterable[Sequence[int]]) -> Table:
-    """Pack each row, of a value for each field, into a word.
-
-    Raises
-    ------
-    ValueError
-        If there are too many or too few values, or one does not fit.
-    """
+    """Pack each row, of a value for each field, into a word."""
     words = []
     for row in rows:
         packed, at = 0, 0

@@ -169,7 +169,7 @@ def _manifest(given: Mapping[str, Any]) -> Manifest:
         seed=_get(given, "seed", int),
         corners=_get(given, "corners", dict),
         design=Design.from_dict(_get(given, "design", dict), "the manifest"),
-        rtl=tuple(map(str, given.get("rtl") or ())),  # absent from older manifests
+        rtl=tuple(map(str, _get(given, "rtl", list))),
         suites=tuple(_suite(suite) for suite in _get(given, "suites", list)),
     )
 

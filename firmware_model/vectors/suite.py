@@ -284,11 +284,6 @@ def write_suites(
         Add the hardware core's sources and testbench, and add the core's parameters to each case.
     on_case : callable, optional
         Called with the name of each case before it is computed.
-
-    Raises
-    ------
-    VectorError
-        If the folder is not empty.
     """
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):

@@ -406,13 +406,7 @@ class LongWindow(NamedTuple):
     repeats: int
 
     def records(self) -> bytes:
-        """Return the records of its windows and matches.
-
-        Raises
-        ------
-        VectorError
-            If the repeated events would end a window by their number.
-        """
+        """Return the records of its windows and matches."""
         machine, (first, *_) = Machine(self.case.memories, self.case.start), self.case.events
         design = self.case.design
         if design.window == "count" and design.window_events <= self.repeats:

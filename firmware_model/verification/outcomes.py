@@ -24,11 +24,6 @@ def mutants_at(every: Sequence[AnyMutant], places: Sequence[str], expected: str)
     ----------
     expected : str
         What names a place, for the error.
-
-    Raises
-    ------
-    ToolError
-        If a place has no mutant.
     """
     for place in places:
         if not any(place in mutant.places for mutant in every):

@@ -153,15 +153,7 @@ def _end_of(windows: int, design: Design, events: Events, selected: npt.NDArray[
 
 
 def check_vectors_folder(path: Path, overwrite: bool) -> None:
-    """Refuse a folder that must not be replaced, or that holds files other than vectors.
-
-    Raises
-    ------
-    UsageError
-        If it is such a folder.
-    VectorError
-        If it holds no manifest.
-    """
+    """Refuse a folder that must not be replaced, or that holds files other than vectors."""
     check_parent(path)
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         return

@@ -26,11 +26,6 @@ def open_from(
     """Open a recording with the flags of :func:`add_reading_arguments`.
 
     Prints a warning if something in the recording is implausible.
-
-    Raises
-    ------
-    EdgeVprError
-        If a flag is wrong or the recording cannot be opened.
     """
     recording = open_recording(
         path,
@@ -58,11 +53,6 @@ def open_source(
     ----------
     default_period : Fraction, optional
         Seconds a frame, if neither the file nor the flag says; as of the map.
-
-    Raises
-    ------
-    EdgeVprError
-        If a flag is wrong or the file cannot be opened.
     """
     if not args.frames_as_windows:
         return open_from(args, path, default_period=default_period)

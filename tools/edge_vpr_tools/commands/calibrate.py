@@ -50,13 +50,7 @@ class Calibrated(NamedTuple):
 
 
 def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> Calibrated:
-    """Learn the probability that a match is correct.
-
-    Raises
-    ------
-    EdgeVprError
-        If there is nothing to learn from.
-    """
+    """Learn the probability that a match is correct."""
     from edge_vpr.evaluation.calibration import learn_confidence, reliability
     from edge_vpr.evaluation.metrics import evaluate
 

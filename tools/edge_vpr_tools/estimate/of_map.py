@@ -55,13 +55,7 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
 
 
 def design_by(settings: Settings, **others: Any) -> Design:
-    """Take from settings how a design cuts windows and matches them, and the rest from `others`.
-
-    Raises
-    ------
-    DesignError
-        If the device could not be.
-    """
+    """Take from settings how a design cuts windows and matches them, and the rest from `others`."""
     filters = settings.matching == "filter"
     if filters and settings.window == "count":
         raise DesignError(settings.beyond_profile)

@@ -99,11 +99,6 @@ def read_rows(path: Path) -> list[dict[str, str]]:
 def table_of(rows: Sequence[Row], view: TableView | None = None) -> str:
     """Return a Markdown table with the trials of each row joined.
 
-    Raises
-    ------
-    UsageError
-        If the rows do not have what the view names.
-
     Examples
     --------
     >>> two = [{"pixels": "25", "seed": "0", "P": "0.5"}, {"pixels": "25", "seed": "1", "P": "0.7"}]

@@ -98,13 +98,7 @@ _STAMP_END_US = 2**31 * 1_000_000
 
 
 def host_us_of(row: Mapping[str, Any]) -> int | None:
-    """Return when a row was written, in microseconds; None for rows without a time of their own.
-
-    Raises
-    ------
-    ValueError
-        If no header can have it.
-    """
+    """Return when a row was written, in microseconds; None for rows without a time of their own."""
     host_us = row.get("host_us")
     if host_us is None:
         return None
@@ -151,11 +145,6 @@ def variance_m2(row: Mapping[str, Any]) -> float | None:
     ----------
     row : mapping
         Of a match on a map with positions.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of its range.
     """
     needed = ("along_m", "along_from_m", "along_to_m", "route_m", "probability")
     numbers = [number for name in needed if (number := _number(row, name)) is not None]

@@ -155,13 +155,7 @@ def _channels(folder: Path, chip: str) -> list[_Channel]:
 
 
 def with_shunt(sensor: Sensor, mohm: float) -> Sensor:
-    """Correct a power monitor for its real shunt, if its driver assumes another one.
-
-    Raises
-    ------
-    UsageError
-        If the sensor has no shunt, or its driver does not state which one it assumes.
-    """
+    """Correct a power monitor for its real shunt, if its driver assumes another one."""
     about = sensor.about
     if not isinstance(sensor, PowerFiles) or about.shunt_mohm is None or not mohm > 0:
         raise UsageError(

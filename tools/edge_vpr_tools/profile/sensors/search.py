@@ -41,11 +41,6 @@ def choose_sensor(
     -------
     sensor : Sensor or None
         Must be closed by the caller.
-
-    Raises
-    ------
-    UsageError
-        If there is no sensor of this name, or no monitor with a shunt.
     """
     sensors, missing = find_sensors(root)
     if name is not None:
