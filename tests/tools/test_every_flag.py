@@ -61,7 +61,7 @@ RUNS = [
     (f"map {{f}}/reference.npz -o {{f}}/filter_map.npz {FILTER} --pixels 5 --tau 100ms --sigma 1 "
      "--track {f}/track.csv --track-offset 0.1 --longest-gap 9 --odometry {f}/odometry.csv "
      "--jumps {f}/jumps.csv --places-per-window 2", 0),
-    ("map {f}/map.npz {f}/reference.npz -o {f}/two.npz --same-route", 0),
+    ("map {f}/map.npz {f}/reference.npz -o {f}/two.npz --same-route --json", 0),
     (f"map {{f}}/frames.npz -o {{f}}/frames_map.npz {SMALL} --frame-period 1/10 "
      "--frames-as-windows", 0),
     (f"map {{f}}/table.txt -o {{f}}/table_map.npz {SMALL} {TABLE} --no-smooth "
@@ -70,7 +70,7 @@ RUNS = [
     (f"map {{f}}/query.h5 -o {{f}}/topic_map.npz --sensor 16x12 {SMALL} --topic left", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/results -L 3 --exclusion 1 "
      "--figures png,pdf,svg --matrix {f}/distances.npy", 0),
-    ("match {f}/map.npz {f}/query.npz -o {f}/results --no-figures --overwrite", 0),
+    ("match {f}/map.npz {f}/query.npz -o {f}/results --no-figures --overwrite --json", 0),
     ("match {f}/map.npz {f}/query.npz -o {f}/online --online --every 50ms", 0),
     (f"match {{f}}/filter_map.npz {{f}}/query.npz -o {{f}}/filtered {FILTER} --smooth "
      "--odometry {f}/odometry.csv --export {f}/matched.tum", 0),
@@ -92,7 +92,7 @@ RUNS = [
      "--recall-denominator all-with-place --thresholds 20", 0),
     ("evaluate {f}/results --ground-truth {f}/frames.csv --tolerance 2 --frame-period 1/10 "
      "--figures pdf", 0),
-    ("evaluate {f}/results --ground-truth {f}/truth.npy --rows reference", 0),
+    ("evaluate {f}/results --ground-truth {f}/truth.npy --rows reference --json", 0),
     ("evaluate {f}/filtered --ground-truth {f}/track.csv {f}/track.csv --tolerance 1 "
      "--longest-gap 9 --offset 0 0.05", 0),
     ("calibrate {f}/filtered --ground-truth {f}/track.csv {f}/track.csv --tolerance 1 "
@@ -151,7 +151,7 @@ RUNS = [
     ("golden verify {f}/vectors --port {f}/none --baud 9600", 1),
     (f"{PROFILE} -o {{f}}/profile --sysroot {{f}}/board --sensor-name ina226@hwmon2 "
      "--shunt-mohm 20", 0),
-    (f"{PROFILE} -o {{f}}/profile --overwrite --no-figures --sysroot {{f}}/none --meter "
+    (f"{PROFILE} -o {{f}}/profile --overwrite --no-figures --json --sysroot {{f}}/none --meter "
      "--seed 1", 0),
     # 2: there is no such sensor
     (f"{PROFILE.replace('query.npz', 'table.txt')} {TABLE} -o {{f}}/refused --sysroot {{f}}/none "
@@ -177,7 +177,7 @@ RUNS = [
     ("sweep {f}/sweep.toml -o {f}/swept --workers 1 --retry-failed", 0),
     # 2: an address without a port
     ("sweep {f}/sweep.toml -o {f}/swept --scheduler nowhere", 2),
-    ("compare {f}/swept -o {f}/compared", 0),
+    ("compare {f}/swept -o {f}/compared --json", 0),
     # 2: these runs differ in no setting
     ("compare {f}/swept -o {f}/compared --overwrite --over pixels", 2),
     ("compare {f}/swept -o {f}/compared --overwrite --figures pdf,svg --measure recall_at_1", 0),

@@ -379,3 +379,24 @@ def test_the_points_of_the_curve_are_a_table_and_its_picture_is_always_there(str
             accepted = result.matches.trust >= row.threshold
             assert (accepted & found.correct).sum() == row.tp
     assert not (found.evaluated & ~found.correct).any()
+
+
+def test_json_on_standard_output_is_what_the_files_hold_and_nothing_else(street, tmp_path, capsys):
+    def printed(*words):
+        capsys.readouterr()
+        run(*words, "--json")
+        return json.loads(capsys.readouterr().out)
+
+    out, new = tmp_path / "out", tmp_path / "map.npz"
+    tracks = [street / "reference.csv", street / "query.csv"]
+    made = printed("map", street / "pair/reference.npz", "-o", new, "--track", tracks[0])
+    record = json.loads(new.with_suffix(".run.json").read_text())
+    assert {name: made[name] for name in record} == record
+    assert {name: made[name] for name in printed("info", new)} == printed("info", new)
+    metrics = out / "metrics.json"
+    matched = printed("match", street / "map.npz", street / "pair/query.npz", "-o", out)
+    assert matched == json.loads(metrics.read_text())
+    judged = printed("evaluate", out, "--ground-truth", *tracks, "--tolerance", 3)
+    assert judged == json.loads(metrics.read_text())
+    compared = printed("compare", out, "-o", tmp_path / "compared")
+    assert compared == json.loads((tmp_path / "compared/compare.json").read_text())

@@ -975,8 +975,9 @@ def test_two_profiles_are_compared_by_their_intervals(profile, tmp_path, capsys)
         sides = [str(tmp_path / name) for name in ("a", other)]
         assert main(["profile", "compare", *sides, "--csv", str(both)]) == 0
         shown = " ".join(capsys.readouterr().out.split())
-        line = shown[shown.index("matches_per_joule") :].partition("idle_w")[0]
+        line = shown[shown.index("matches per joule") :].partition("events per second")[0]
         assert "952 (870 to 1,050)" in line and says in line
+        assert "_" not in shown.partition("intervals are of")[0].replace(str(tmp_path), "")
         with both.open(newline="") as file:
             (row,) = (one for one in csv.DictReader(file) if one["quantity"] == "matches_per_joule")
         assert row["intervals"] == says

@@ -473,7 +473,7 @@ def run(argv: Sequence[str]) -> None:
     args = parser.parse(words)
     level = Verbosity.QUIET if args.quiet else Verbosity(args.verbose)
     with (
-        verbosity(level, argv, parser.flags),
+        verbosity(level, argv, parser.flags, json=getattr(args, "json", None) is True),
         compiling_noted("" if verb == "doctor" else COMPILE_ALL),
     ):
         try:

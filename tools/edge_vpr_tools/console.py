@@ -39,11 +39,12 @@ class Verbosity(IntEnum):
 
 _now = [Verbosity.NORMAL]
 _flags: list[Container[str]] = [()]
+_json = [False]
 
 
 @contextmanager
 def verbosity(
-    level: Verbosity, command: Sequence[str], flags: Container[str] = ()
+    level: Verbosity, command: Sequence[str], flags: Container[str] = (), *, json: bool = False
 ) -> Iterator[None]:
     """Print as much as `level` allows while a command runs, which has its own list of warnings.
 
@@ -51,15 +52,19 @@ def verbosity(
     ----------
     flags : container of str
         Of the command; messages name them, see `in_flags`.
+    json : bool
+        Leave standard output to one JSON object: no summary, table or paragraph is printed.
     """
     _now.append(level)
     _flags.append(flags)
+    _json.append(json)
     try:
         with logged_run(command):
             yield
     finally:
         _now.pop()
         _flags.pop()
+        _json.pop()
 
 
 #: Flags of arguments that have another name.
@@ -105,8 +110,8 @@ def is_verbose() -> bool:
 
 
 def summary(text: str) -> None:
-    """Print a line of a command's result on standard output; not if quiet."""
-    if not is_quiet():
+    """Print a line of a command's result on standard output; not if quiet, or with ``--json``."""
+    if not (is_quiet() or _json[-1]):
         print(escaped(in_flags(text)), flush=True)
 
 
@@ -316,7 +321,8 @@ def _plain(text: str) -> Text:
 def _console(width: int) -> Console:
     from rich.console import Console
 
-    return Console(width=None if Console().is_terminal else width, quiet=is_quiet())
+    silent = is_quiet() or _json[-1]
+    return Console(width=None if Console().is_terminal else width, quiet=silent)
 
 
 # Note that kernels are being compiled, which takes long, or that compiled ones were damaged.

@@ -344,6 +344,17 @@ def add_output_flags(
     return group
 
 
+def add_json_flag(group: argparse._ActionsContainer, what: str) -> None:
+    """Add ``--json``, with which standard output is one JSON object and nothing else.
+
+    Parameters
+    ----------
+    what : str
+        What the object has the keys of.
+    """
+    group.add_argument("--json", action="store_true", help=f"print JSON with the keys of {what}")
+
+
 def add_figures_flag(group: argparse._ActionsContainer, default: str) -> None:
     """Add the flag that `figure_formats` reads."""
     group.add_argument(

@@ -7,7 +7,12 @@ from pathlib import Path
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import summary
-from edge_vpr_tools.flags import add_figures_flag, add_output_flags, figure_formats
+from edge_vpr_tools.flags import (
+    add_figures_flag,
+    add_json_flag,
+    add_output_flags,
+    figure_formats,
+)
 from edge_vpr_tools.research.sweep import MEASURES
 
 EXAMPLES = """\
@@ -29,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         required=False,
     )
     add_figures_flag(output, "png")
+    add_json_flag(output, "compare.json")
     output.add_argument(
         "--measure", choices=tuple(MEASURES), default=next(iter(MEASURES)),
         help="measure of the figure, and of the differences from the first variant",
@@ -43,7 +49,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Print the table, and write it with the figure if asked."""
     from edge_vpr import results
-    from edge_vpr_tools.research.sweep.comparison import markdown, rows_of, write_comparison
+    from edge_vpr_tools.research.sweep.comparison import (
+        comparison_record,
+        markdown,
+        rows_of,
+        write_comparison,
+    )
 
     runs, formats = [Path(run) for run in args.runs], figure_formats(args.figures)
     output = None if args.output is None else Path(args.output)
@@ -52,6 +63,8 @@ def run(args: argparse.Namespace) -> None:
     if output is not None:
         results.check_output_folder(output, args.overwrite, runs)
     rows = rows_of(runs)
+    if args.json:
+        print(results.json_text(comparison_record(rows)))
     for line in markdown(rows).splitlines():
         summary(line)
     if output is not None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from edge_vpr.errors import UsageError
 from edge_vpr.run_log import warnings_so_far
 from edge_vpr_tools.console import summary, table
-from edge_vpr_tools.flags import add_figures_flag, add_truth_flags, figure_formats
+from edge_vpr_tools.flags import add_figures_flag, add_json_flag, add_truth_flags, figure_formats
 
 if TYPE_CHECKING:
     from edge_vpr.evaluation.ground_truth import GroundTruth
@@ -34,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_truth_flags(parser.add_argument_group("ground truth"), several=True)
     output = parser.add_argument_group("output")
     add_figures_flag(output, "svg")
+    add_json_flag(output, "metrics.json")
     metrics = parser.add_argument_group("metrics")
     metrics.add_argument(
         "--score", choices=("distance", "ratio", "margin", "trust"),
@@ -60,7 +61,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr import results
     from edge_vpr.evaluation.tracks import with_positions
     from edge_vpr.files import read_json
-    from edge_vpr.results import run_record, write_json
+    from edge_vpr.results import json_text, run_record, write_json
     from edge_vpr_tools.report.page import MISSED
     from edge_vpr_tools.report.traverse import tolerance_table, write_report
     from edge_vpr_tools.report.verdict import outcome_of
@@ -109,6 +110,8 @@ def run(args: argparse.Namespace) -> None:
     metrics["verdict"] = outcome.sentence()
     write_report(folder, result, outcome, formats, route, warnings_so_far(), by_tolerance)
     write_json(folder / results.METRICS, metrics)
+    if args.json:
+        print(json_text(metrics))
 
     summary(outcome.sentence())
     summary(

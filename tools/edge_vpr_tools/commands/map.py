@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from edge_vpr_tools.console import (
 )
 from edge_vpr_tools.flags import (
     add_gap_flag,
+    add_json_flag,
     add_map_flags,
     add_output_flags,
     add_reading_arguments,
@@ -79,7 +81,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the further drives are known to be of the route: learn what can be aligned, however "
         "little it is",
     )
-    add_output_flags(parser, "MAP.npz", "file to write")
+    add_json_flag(
+        add_output_flags(parser, "MAP.npz", "file to write"), "info --json and NAME.run.json"
+    )
     track = parser.add_argument_group("positions")
     track.add_argument(
         "--track",
@@ -129,7 +133,14 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.evaluation.track_files import load_track
     from edge_vpr.map_record import KIND
     from edge_vpr.reference_map import ReferenceMap, removed_record
-    from edge_vpr.results import check_new_file, check_new_map, run_record, write_json
+    from edge_vpr.results import (
+        check_new_file,
+        check_new_map,
+        json_text,
+        run_record,
+        to_json,
+        write_json,
+    )
     from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, tracked
 
     output = Path(args.output)
@@ -184,7 +195,11 @@ def run(args: argparse.Namespace) -> None:
     reference.save(output, overwrite=args.overwrite)
     hot_pixels = int(reference.hot.sum())
     left_out = removed_record(removed, hot_pixels)
-    write_json(run_file, run_record(reference.settings.to_dict(), inputs, left_out))
+    record = run_record(reference.settings.to_dict(), inputs, left_out)
+    write_json(run_file, record)
+    if args.json:
+        held = {"path": str(output), "format": "map", **asdict(reference.info())}
+        print(json_text({**held, **to_json(record)}))
 
     places = reference.places
     summary(

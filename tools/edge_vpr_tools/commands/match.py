@@ -19,6 +19,7 @@ from edge_vpr_tools.console import (
 )
 from edge_vpr_tools.flags import (
     add_figures_flag,
+    add_json_flag,
     add_match_flags,
     add_output_flags,
     add_reading_arguments,
@@ -60,6 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output = add_output_flags(parser)
     output.add_argument("--no-figures", action="store_true", help="write no figures and no report")
     add_figures_flag(output, "svg")
+    add_json_flag(output, "metrics.json")
     output.add_argument(
         "--matrix", metavar="FILE.npy",
         help="also write the distance of every place (row) to every query window (column)",
@@ -161,6 +163,8 @@ def run(args: argparse.Namespace) -> None:
             from edge_vpr_tools.report.verdict import outcome_of
 
             write_report(folder, found, outcome_of(found.reference, matches), formats)
+    if args.json:
+        print(results.json_text({} if metrics is None else metrics))
     removed = describe_removed(found.removed, asked.settings)
     if isinstance(metrics, OnlineMetrics):
         duration_s = metrics.times_real_time * metrics.localising_s

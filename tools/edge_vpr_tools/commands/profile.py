@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import check_interrupted, is_quiet, summary, terminated_as_interrupted
-from edge_vpr_tools.flags import add_output_flags, add_reading_arguments
+from edge_vpr_tools.flags import add_json_flag, add_output_flags, add_reading_arguments
 
 if TYPE_CHECKING:
     from edge_vpr_tools.profile.workload import Load
@@ -34,6 +34,7 @@ MAIN_FLAGS = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     output = add_output_flags(parser, required=False, default="results/profile")
+    add_json_flag(output, "profile.json")
     output.add_argument("--no-figures", action="store_true", help="write no report")
     load = parser.add_argument_group("load", "a simulated street, or a map and a recording")
     load.add_argument("--map", metavar="MAP.npz", help="reference map from edge-vpr map")
@@ -123,6 +124,8 @@ def run(args: argparse.Namespace) -> None:
         with results.results_folder(output, args.overwrite) as folder:
             write_json(folder / results.RUN, found.run)
             write_profile(found, folder, report=not args.no_figures)
-    if not is_quiet():
+    if args.json:
+        print(results.json_text(found))
+    elif not is_quiet():
         show(found)
     summary(f"see {output / (PROFILE if args.no_figures else results.REPORT)}")

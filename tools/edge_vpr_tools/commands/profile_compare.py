@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("first", metavar="A", help="a profile, by its folder or file")
     parser.add_argument("second", metavar="B", help="another profile")
     output = parser.add_argument_group("output")
-    output.add_argument("--csv", metavar="FILE", help="also write the table as CSV")
+    output.add_argument("--csv", metavar="FILE", help="also write all figures as CSV")
 
 
 #: verdicts of a comparison of two intervals
@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> None:
     """Print both profiles, with the ratio of what both have, and write them as CSV if asked to."""
     from edge_vpr_tools.console import say, table
     from edge_vpr_tools.profile.profiling import NOT_MEASURED, Number, Profile, numbers
-    from edge_vpr_tools.profile.show import WIDTH, check_shown, notes
+    from edge_vpr_tools.profile.show import COMPARED, WIDTH, cell, check_shown, notes
     from edge_vpr_tools.report.tables import write_spreadsheet
 
     paths = [Path(args.first), Path(args.second)]
@@ -37,17 +37,19 @@ def run(args: argparse.Namespace) -> None:
     for path, one in zip(paths, found, strict=True):
         check_shown(one, path)
     sides = [{number.name: number for number in numbers(one)} for one in found]
-    lines, cells = [], []
+    lines: dict[str, tuple[str, ...]] = {}
+    cells = []
     for name in dict.fromkeys(name for side in sides for name in side):
         a, b = (side.get(name, Number(name, None, why=NOT_MEASURED)) for side in sides)
         ratio = b.value / a.value if a.value and b.value is not None else None
         overlap = _overlap(a, b)
         cells.append((name, *a[1:4], *b[1:4], ratio, overlap))
-        lines.append(
-            (name, _cell(a), _cell(b), "-" if ratio is None else f"{ratio:.3g}", overlap or "-")
-        )
+        if name in COMPARED:
+            times = "-" if ratio is None else f"{ratio:.3g}"
+            lines[name] = (COMPARED[name][0], cell(a), cell(b), times, overlap or "-")
     first, second = map(str, paths)
-    table(("", first, second, "times", "intervals"), lines, width=WIDTH)
+    ordered = [lines[name] for name in COMPARED if name in lines]
+    table(("", first, second, "times", "intervals"), ordered, width=WIDTH)
     if any(cell[-1] == OVERLAP for cell in cells):
         say(
             "intervals are of 95 %; where they overlap, the two profiles show no difference",
@@ -62,14 +64,6 @@ def run(args: argparse.Namespace) -> None:
             second, f"{second} low", f"{second} high", "times", "intervals",
         )  # fmt: skip
         write_spreadsheet(Path(args.csv), header, cells)
-
-
-def _cell(of: Number) -> str:
-    if of.value is None:
-        return of.why
-    if of.low is None or of.high is None:
-        return f"{of.value:,.6g}"
-    return f"{of.value:,.4g} ({of.low:,.4g} to {of.high:,.4g})"
 
 
 def _overlap(a: Number, b: Number) -> str | None:

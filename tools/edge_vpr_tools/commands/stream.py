@@ -241,11 +241,10 @@ def run(args: argparse.Namespace) -> None:
         update = session.update
         for concern in () if update is None else update.warnings:
             warning(concern)
-        if not args.json:
-            learnt = session.learnt
-            pixels = len(learnt.pixel_map)
-            text = f"{printable(args.output)}: {learnt.places_text} at {pixels} pixels"
-            summary(text if update is None else f"{text}; {update}")
+        learnt = session.learnt
+        pixels = len(learnt.pixel_map)
+        text = f"{printable(args.output)}: {learnt.places_text} at {pixels} pixels"
+        summary(text if update is None else f"{text}; {update}")
 
 
 def _show(args: argparse.Namespace, session: LiveSession) -> None:

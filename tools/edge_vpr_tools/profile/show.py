@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -17,6 +18,7 @@ from edge_vpr_tools.profile.profiling import (
     NOT_RESOLVED,
     PROFILE,
     VOID,
+    Number,
     Profile,
     Provenance,
     numbers,
@@ -30,20 +32,42 @@ from edge_vpr_tools.report.tables import write_spreadsheet
 
 #: one over the marginal energy: the headline
 PER_JOULE = "matches per joule"
+#: Speed and memory by their names in `numbers`: names in a table, and units.
+SPEED: Mapping[str, tuple[str, str]] = {
+    "events_per_s": ("events per second", ""),
+    "matches_per_s": ("matches per second", ""),
+    "times_real_time": ("times real time", ""),
+    "latency_p50_s": ("latency of a call with a match, p50", "s"),
+    "latency_p99_s": ("latency of a call with a match, p99", "s"),
+    "cpu_s_per_match": ("processor time per match, with its events", "s"),
+    "peak_memory_bytes": ("peak memory of the process", "MiB"),
+}
+#: What two profiles are compared by: the headline, speed, and energy.
+COMPARED: Mapping[str, tuple[str, str]] = {
+    "matches_per_joule": (PER_JOULE, ""),
+    **SPEED,
+    "marginal_j_per_match": ("marginal energy of a match, with its events", "J"),
+    "idle_w": ("power at rest", "W"),
+}
+
+
+def cell(of: Number) -> str:
+    """Return a figure of `COMPARED` with its unit and interval, or why it is missing."""
+    if of.value is None:
+        return of.why
+    unit = COMPARED[of.name][1]
+    if unit == "MiB":
+        return f"{of.value / 2**20:,.1f} MiB"
+    if unit:
+        return quantity(of.value, unit, of.low, of.high, digits=3 if unit == "s" else 4)
+    if of.low is not None and of.high is not None:
+        return f"{of.value:,.4g} ({of.low:,.4g} to {of.high:,.4g})"
+    return f"{of.value:,.0f}" if of.value >= 10_000 else f"{of.value:,.1f}"
 
 
 def rows(found: Profile) -> list[tuple[str, str]]:
     """Return the figures of a profile as pairs of name and value; missing ones are marked."""
-    speed = found.throughput
-    lines = [
-        ("events per second", f"{speed.events_per_s:,.0f}"),
-        ("matches per second", f"{speed.matches_per_s:,.1f}"),
-        ("times real time", f"{speed.times_real_time:,.1f}"),
-        ("latency of a call with a match, p50", quantity(speed.latency_p50_s, "s")),
-        ("latency of a call with a match, p99", quantity(speed.latency_p99_s, "s")),
-        ("processor time per match, with its events", quantity(speed.cpu_s_per_match, "s")),
-        ("peak memory of the process", f"{speed.peak_memory_bytes / 2**20:,.1f} MiB"),
-    ]
+    lines = [(SPEED[one.name][0], cell(one)) for one in numbers(found) if one.name in SPEED]
     # the headline first
     energy = _energy_rows(found)
     return energy[:1] + lines + energy[1:]

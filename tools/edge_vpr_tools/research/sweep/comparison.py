@@ -551,6 +551,11 @@ def draw_over(rows: Sequence[Row], measure: str, over: str) -> Figure:
 NAME = "compare"
 
 
+def comparison_record(rows: Sequence[Row]) -> dict[str, Any]:
+    """Return the contents of ``compare.json``."""
+    return {"schema": 1, "measures": MEASURES, "rows": list(rows)}
+
+
 def write_comparison(
     folder: Path,
     rows: Sequence[Row],
@@ -582,6 +587,6 @@ def write_comparison(
         temporary.write_text(latex(means, measure), encoding="utf-8")
     with replacing(folder / f"{NAME}.md") as temporary:
         temporary.write_text(markdown(rows), encoding="utf-8")
-    write_json(folder / f"{NAME}.json", {"schema": 1, "measures": MEASURES, "rows": list(rows)})
+    write_json(folder / f"{NAME}.json", comparison_record(rows))
     write_json(folder / RUN, run_record({}, []))
     save(drawing, *(folder / f"{NAME}.{kind}" for kind in formats))
