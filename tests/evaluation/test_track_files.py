@@ -309,7 +309,7 @@ def test_unix_times_suggest_the_offsets_with_which_the_tracks_cover_the_drives()
     second = straight(10, 100, start_us=(UNIX_S + 900) * S)
     with pytest.raises(GroundTruthError) as raised:
         from_tracks(first, second, centres(10), centres(10), 5.0)
-    offsets = re.search(r"pass --offset (\S+) (\S+), if each track", str(raised.value))
+    offsets = re.search(r"shift by (\S+) (\S+) s .*, if each track", str(raised.value))
     assert offsets
     shifted = [
         track.shifted(float(at))

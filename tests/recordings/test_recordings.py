@@ -187,7 +187,7 @@ def test_a_missing_or_empty_file_is_one_line(name, tmp_path):
     ("name", "content", "words"),
     [
         ("a.xyz", b"what is this?", "has no known format"),
-        ("a.raw", b"\x00\x01\x02\x03", "--format evt2, evt21 or evt3"),
+        ("a.raw", b"\x00\x01\x02\x03", "format=, one of evt2, evt21 and evt3"),
         ("a.npz", b"PK\x03\x04 cut", "damaged or cut-off .npz"),
         ("a.npy", b"\x93NUMPY\x01\x00", "no readable NumPy array"),
         ("a.csv", b"\x00\x01\x02\x03" * 9, "has no known format"),

@@ -161,7 +161,7 @@ def test_the_longest_gap_can_be_set(drives, judge):
     assert judge(texts, "csv", tolerance=20.0)[1] < 50
     correct, queries, _ = judge(texts, "csv", tolerance=20.0, longest_gap=9.0)
     assert correct == queries >= 55
-    with pytest.raises(EdgeVprError, match="of 0 s: expected seconds such as 20"):
+    with pytest.raises(EdgeVprError, match=r"of 0 s .*: expected seconds such as 20"):
         judge(texts, "csv", longest_gap=0.0)
 
 

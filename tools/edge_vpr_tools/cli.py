@@ -17,7 +17,7 @@ import threading
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from types import FrameType, ModuleType
 from typing import Any, NoReturn
@@ -200,7 +200,7 @@ class VerbParser(argparse.ArgumentParser):
         return args
 
     @property
-    def flags(self) -> Container[str]:
+    def flags(self) -> Collection[str]:
         """All flags of the verb."""
         return self._option_string_actions.keys()
 

@@ -6,7 +6,7 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import IntEnum
 from types import FrameType
@@ -38,19 +38,19 @@ class Verbosity(IntEnum):
 
 
 _now = [Verbosity.NORMAL]
-_flags: list[Container[str]] = [()]
+_flags: list[Collection[str]] = [()]
 _json = [False]
 
 
 @contextmanager
 def verbosity(
-    level: Verbosity, command: Sequence[str], flags: Container[str] = (), *, json: bool = False
+    level: Verbosity, command: Sequence[str], flags: Collection[str] = (), *, json: bool = False
 ) -> Iterator[None]:
     """Print as much as `level` allows while a command runs, which has its own list of warnings.
 
     Parameters
     ----------
-    flags : container of str
+    flags : collection of str
         Of the command; messages name them, see `in_flags`.
     json : bool
         Leave standard output to one JSON object: no summary, table or paragraph is printed.
@@ -73,6 +73,9 @@ _FLAGS_OF = {
     "reference": ["--map"],
     "Track.shifted": ["--offset", "--track-offset"],
 }
+#: Flags that are named as those of map where the command has none, since the map is to be made
+#: in another way.
+_OF_MAP = ("--track", "--odometry", "--tau", "--hot-pixels")
 #: An argument as messages of the library name it: ``sensor=``, ``sensor='346x260'``, ``delay=0``.
 _ARGUMENT = re.compile(
     r"(?<![\w/.-])([a-z][a-z_]*)=(?:'([^']*)'|(True|False|[0-9]+))?(?=[\s,;:)]|$)|(Track\.shifted)\b"
@@ -85,8 +88,10 @@ def in_flags(text: str) -> str:
     def flag(found: re.Match[str]) -> str:
         name, quoted, plain, method = found.groups()
         name = name or method
-        known = _FLAGS_OF.get(name, ["--" + name.replace("_", "-")])
-        known = [each for each in known if each in _flags[-1]]
+        possible = _FLAGS_OF.get(name, ["--" + name.replace("_", "-")])
+        known = [each for each in possible if each in _flags[-1]]
+        if not known and _flags[-1]:
+            known = [f"edge-vpr map {each}" for each in possible if each in _OF_MAP]
         if not known:
             return found[0]
         if plain == "False":
