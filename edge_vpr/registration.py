@@ -29,7 +29,7 @@ from edge_vpr.descriptors.windows import FixedCount, FixedTime, WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.map_record import AnyMap, MapRecord
-from fixedpoint.own_mean import OwnMeanCode, mean_level
+from fixedpoint.own_mean import FULL_SCALE, OwnMeanCode, mean_level
 
 #: number of windows of the query that are used, and the smallest number that is enough
 WINDOWS, LEAST_WINDOWS = 128, 16
@@ -213,7 +213,7 @@ def _first_images(
         )
         stream = DescriptorStream(PixelMap.all_of(sensor), window)
         found = event_windows(recording, stream, settings, None)
-    most = OwnMeanCode().full_scale
+    most = FULL_SCALE
     images = [np.minimum(w.counts, most).astype(np.uint16) for w in islice(found, windows)]
     return np.array(images, np.uint16).reshape(-1, sensor.height, sensor.width)
 

@@ -1,7 +1,7 @@
 """What a device computes between an event and a match: docs/specification.md as a program.
 
-Sections and symbols are those of the page. Functions are pure; `Machine` keeps what a device keeps.
-Golden vectors are made by it, and every other implementation is held equal to it.
+Sections and symbols are those of the page. Functions are pure; `Machine` has the state of a device.
+It generates the golden vectors, and every other implementation is tested against it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from firmware_model.design import (
 from firmware_model.memories import Codes, Memories
 from fixedpoint.activity import ACTIVITY_COSTS, EVENTS_TOP, SAME_ROW
 
-#: origin, target and cost of each way from one place to another in a window
+#: origin, target and cost of each transition between places in a window
 Transitions = list[tuple[int, int, int]]
 
 
@@ -35,7 +35,7 @@ class Event(NamedTuple):
     on: bool
 
 
-# Section 9: records, and what is shown of a window's computation for debugging.
+# Section 9: records, and intermediate results of a window for debugging.
 
 
 class EventResult(NamedTuple):
@@ -73,18 +73,18 @@ class MatchResult(NamedTuple):
 
 
 class WindowState(NamedTuple):
-    """What a design with pauses has computed of a window, beside its codes and its match."""
+    """Intermediate results of a window of a design with pauses, for debugging."""
 
     window: int
     counted: int  #: Events at selected pixels.
     mean_activity: int  #: Mean number of events before this window, in units of 1/256 event.
     activity: int
     paused: bool
-    mean_shift: int | None  #: Of contrast codes.
-    window_mean: int  #: Of contrast codes; else 0.
+    mean_shift: int | None  #: With contrast codes.
+    window_mean: int  #: With contrast codes; else 0.
     # of the filter
     weight: int | None = None
-    reciprocal: int | None = None  #: By which the evidence is scaled; None in a pause.
+    reciprocal: int | None = None  #: Scale of the evidence; None in a pause.
     spread: int | None = None  #: Of the distances of this window; None in a pause.
     least: int | None = None  #: Least metric.
     margin: int | None = None
@@ -142,7 +142,7 @@ def own_mean_code(difference: int, bits: int) -> int:
 
 
 def mean_shift(moves: int) -> int:
-    """Return the shift by which means move after so many windows without pause."""
+    """Return the shift of the update of the means after a number of windows that are no pause."""
     return min((16 + moves).bit_length() - 1, 8)
 
 
@@ -246,7 +246,7 @@ def spread_of(distances: Sequence[int]) -> int:
 
 
 def weight_of(activity: int, most: int = 8) -> int:
-    """Return how many eighths of a window's evidence count, step 2."""
+    """Return the weight of a window's evidence in eighths, step 2."""
     return min(max((activity + 48) >> 1, 0), most)
 
 
@@ -269,7 +269,7 @@ def support_after(kept: int, margin: int, stands: bool) -> int:
 
 
 class Filter(NamedTuple):
-    """What the place filter keeps from one window to the next."""
+    """State of the place filter between two windows."""
 
     metrics: Sequence[int]
     reciprocal: int = 0  #: Of the spread of the last window that was no pause; 0 before one.
@@ -301,7 +301,7 @@ def advance(
 
 
 class Trust(NamedTuple):
-    """Trust in a match, and what it is made of, step 4."""
+    """Trust in a match, and its terms, step 4."""
 
     trust: int
     margin: int

@@ -1,4 +1,4 @@
-"""What only a computer does with a drive: section 10 of docs/specification.md as a program.
+"""Section 10 of docs/specification.md as a program: matching of drives on a computer only.
 
 Smoothing, delay, odometry, jumps and misfit extend the place filter of `specification`, and the
 codes of a recorded drive are taken against its own means.
@@ -78,7 +78,7 @@ def spacing_of(along: Sequence[int]) -> int:
 
 
 def anchored(driven: Sequence[int | None], spacing: int) -> list[int | None]:
-    """Return the distances that count: short ones once they add up to a place.
+    """Return the counted distances: short ones accumulate until they reach a place.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def anchored(driven: Sequence[int | None], spacing: int) -> list[int | None]:
 def transitions_by_distance(
     along: Sequence[int], driven: int, per_window: int, jumps: Sequence[tuple[int, int]]
 ) -> Transitions:
-    """Return the ways from every place to every place, with costs by the distance driven."""
+    """Return the transitions between all places, with costs by the driven distance."""
     spacing, last = spacing_of(along), len(along) - 1
     rate = (1 << 19) // (spacing * per_window)
 
@@ -120,7 +120,7 @@ def transitions_by_distance(
 
 
 def most_weight(along: Sequence[int], driven: int, per_window: int) -> int:
-    """Return the largest weight of the evidence after a distance driven."""
+    """Return the largest weight of the evidence after a driven distance."""
     window = spacing_of(along) * per_window
     return min((8 * abs(driven) + window - 1) // window, 8)
 
@@ -174,7 +174,7 @@ def smoothed_misfits(of_windows: Sequence[int | None]) -> list[int]:
 
 
 def confidence_of(trust: int, misfit: int) -> int:
-    """Return what the probability of a match depends on; sequences have a misfit of -1."""
+    """Return the net trust, which determines the probability; sequences have a misfit of -1."""
     return trust if misfit < 0 else min(trust, 368) - 4 * misfit
 
 
@@ -193,7 +193,7 @@ class Drive:
     counted : sequence of int, length n
         Events of each window.
     mean_activity : int
-        Before the first window.
+        Mean activity before the first window.
     place_activity : sequence of int, length K
     per_window : {1, 2}
         Places per window.
@@ -202,7 +202,7 @@ class Drive:
     driven : sequence of int or None, length n, optional
         Distance between the newest readings of the odometer in a window and in the one before.
     begin : Filter, optional
-        What was kept of windows before these.
+        State of the filter before these windows.
 
     Attributes
     ----------
@@ -231,7 +231,7 @@ class Drive:
         self.metrics: list[Sequence[int]] = []
         self.evidence: list[list[int]] = []
         self.transitions: list[Transitions] = []
-        #: reciprocal times weight of each window, and how many eighths of it odometry leaves
+        #: reciprocal times weight of each window, and the share that odometry leaves, in eighths
         self.scales: list[tuple[int, int]] = []
         state, mean = self.begin, mean_activity
         for row, count, of_anchor, mm in zip(distances, counted, self.driven, raw, strict=True):
@@ -309,7 +309,7 @@ class Drive:
         return found
 
     def delayed(self, delay: int = 0) -> list[DriveMatch]:
-        """Return the match of each window by so many later ones; by none: as section 6."""
+        """Return the match of each window by `delay` later ones; without any, as in section 6."""
         n = len(self.metrics)
         costs = [self.whole(w, min(w + delay, n - 1)) for w in range(n)]
         state, found = self.begin, []

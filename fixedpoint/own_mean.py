@@ -10,14 +10,14 @@ octave, and the running mean is updated by a shift.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from operator import index
 
 import numpy as np
 import numpy.typing as npt
 
 from fixedpoint.errors import FixedPointError
-from fixedpoint.limits import MAX_FULL_SCALE, OWN_MEAN_BITS
+from fixedpoint.limits import OWN_MEAN_BITS
 
 #: fraction bits of a logarithm: units of 1/256 octave
 LEVEL_BITS = 8
@@ -25,17 +25,17 @@ LEVEL_BITS = 8
 MEAN_BITS = 8
 #: the running mean moves by 1 / 2**shift of the difference: 1/16 at first, 1/256 in the end
 FIRST_SHIFT, LAST_SHIFT = 4, 8
-#: default full scale: the count at which the code saturates
+#: count at which the code saturates
 FULL_SCALE = 1023
 
 Integers = npt.NDArray[np.integer]
 
 
-@lru_cache(maxsize=8)
-def _levels(full_scale: int) -> npt.NDArray[np.int32]:
-    """Return ``round(256 log2(1 + c))`` of each count; 1,024 of them take 10 ms."""
+@cache
+def _levels() -> npt.NDArray[np.int32]:
+    """Return ``round(256 log2(1 + c))`` of each count up to `FULL_SCALE`, in 10 ms."""
     # floor(x + 1/2) = floor((floor(2 x) + 1) / 2), and floor(log2 n) is the bit length less 1
-    counts = range(1, full_scale + 2)
+    counts = range(1, FULL_SCALE + 2)
     levels = np.array([(n ** (2 << LEVEL_BITS)).bit_length() // 2 for n in counts], np.int32)
     levels.setflags(write=False)
     return levels
@@ -49,14 +49,11 @@ class OwnMeanCode:
     ----------
     bits : int
         1 to 8. A code is stored plus ``2**(bits - 1)``: 0 to ``2**bits - 1``.
-    full_scale : int
-        Largest count that is told apart, 1 to 65,535; 0 takes 1,023.
     contrast : bool
         Subtract the mean over the counters of a window too: codes are then relative to the window.
     """
 
     bits: int = 3
-    full_scale: int = FULL_SCALE
     contrast: bool = False
 
     def __post_init__(self) -> None:
@@ -64,21 +61,15 @@ class OwnMeanCode:
             raise FixedPointError(
                 f"own-mean code of {self.bits} bits: expected 1 to {OWN_MEAN_BITS}"
             )
-        if not 0 <= index(self.full_scale) <= MAX_FULL_SCALE:
-            raise FixedPointError(
-                f"own-mean code up to a count of {self.full_scale}: expected 1 to {MAX_FULL_SCALE}"
-            )
-        if self.full_scale == 0:
-            object.__setattr__(self, "full_scale", FULL_SCALE)
 
     @property
     def levels(self) -> npt.NDArray[np.int32]:
-        """``round(256 log2(1 + c))`` of each count c, shape (full_scale + 1,); exact."""
-        return _levels(self.full_scale)
+        """``round(256 log2(1 + c))`` of each count c up to `FULL_SCALE`, shape (1_024,); exact."""
+        return _levels()
 
     def level(self, counts: Integers) -> npt.NDArray[np.int32]:
         """Return the logarithm of ``1 + count`` in units of 1/256 octave, of the same shape."""
-        return self.levels[np.minimum(counts, np.uint16(self.full_scale))]
+        return self.levels[np.minimum(counts, np.uint16(FULL_SCALE))]
 
     def encode(self, counts: Integers, mean: Integers) -> npt.NDArray[np.uint8]:
         """Code counts, each against the mean of its counter.
@@ -139,7 +130,7 @@ class OwnMeanCode:
         """
         octaves = codes.astype(np.float64) - (1 << (self.bits - 1)) + mean / (1 << LEVEL_BITS)
         counts = np.rint(np.exp2(octaves) - 1)
-        return np.clip(counts, 0, self.full_scale).astype(np.int64)
+        return np.clip(counts, 0, FULL_SCALE).astype(np.int64)
 
 
 def mean_level(levels: Integers) -> npt.NDArray[np.int32]:

@@ -284,7 +284,7 @@ static void trust(const vpr_design_t *d, vpr_state_t *s, uint32_t residual, vpr_
     const uint32_t stood = kept - (kept >> STANDING_SHIFT);
     s->support = moved(kept, lesser(margin, MARGIN_TOP) << TRUST_BITS, TRUST_SHIFT);
     if (m->place == s->place) {
-        s->support = lesser(s->support, stood); /* the same view again says nothing new */
+        s->support = lesser(s->support, stood); /* repeated views add no information */
     }
     s->place = m->place;
     uint32_t worst = (s->residual > s->residual_before) ? s->residual : s->residual_before;

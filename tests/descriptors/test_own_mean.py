@@ -23,9 +23,9 @@ from fixedpoint.errors import FixedPointError
 from fixedpoint.own_mean import OwnMeanCode, RunningMean, mean_level
 
 
-def codes_of(counts, means, bits, full_scale, contrast):
+def codes_of(counts, means, bits, contrast):
     """Codes of the specification; means are in units of 1/65,536 octave."""
-    differences = differences_of([level_of(min(c, full_scale)) for c in counts], means)
+    differences = differences_of([level_of(min(c, 1023)) for c in counts], means)
     shared = window_mean(differences) if contrast else 0
     return [own_mean_code(one - shared, bits) for one in differences]
 
@@ -43,7 +43,8 @@ def rounded(means):
 
 
 def test_the_table_of_logarithms_is_exact():
-    code = OwnMeanCode(full_scale=3000)
+    code = OwnMeanCode()
+    assert code.levels.size == 1_024
     for count, level in enumerate(code.levels.tolist()):
         assert level == level_of(count)
         # the nearest, from the middle up
@@ -55,16 +56,15 @@ def test_the_table_of_logarithms_is_exact():
     seed=st.integers(0, 2**32),
     counters=st.integers(1, 8),
     bits=st.integers(1, 8),
-    full_scale=st.sampled_from([1, 127, 1023, 4000]),
     contrast=st.booleans(),
 )
-def test_codes_equal_the_oracle(seed, counters, bits, full_scale, contrast):
+def test_codes_equal_the_oracle(seed, counters, bits, contrast):
     rng = np.random.default_rng(seed)
     counts = rng.integers(0, rng.choice([3, 300, 5000]), (6, counters))
     means = rng.integers(-300, 3000, counters)
-    found = OwnMeanCode(bits, full_scale, contrast).encode(counts, means)
+    found = OwnMeanCode(bits, contrast).encode(counts, means)
     assert found.tolist() == [
-        codes_of(row, (256 * means).tolist(), bits, full_scale, contrast) for row in counts.tolist()
+        codes_of(row, (256 * means).tolist(), bits, contrast) for row in counts.tolist()
     ]
     assert found.max() < 2**bits
 
@@ -120,7 +120,7 @@ def test_a_robot_codes_each_window_by_what_came_before_it(seed, windows, cut, co
     levels = [[level_of(c) for c in column] for column in counts.T.tolist()]
     means = means_before(levels, mean.tolist())
     for row, coded, now in zip(counts.tolist(), found.tolist(), means, strict=False):
-        assert coded == codes_of(row, now, 3, 1023, contrast)
+        assert coded == codes_of(row, now, 3, contrast)
     # later windows change no earlier code
     first = encode_running(descriptors(counts[: max(cut, 1)]), code, mean, 0).counts
     assert np.array_equal(first, found[: len(first)])
@@ -140,7 +140,7 @@ def test_the_mean_of_levels_is_rounded_to_the_nearest():
     assert mean_level(np.array([[-1, 1], [0, 1], [0, 2]])).tolist() == [0, 1]
 
 
-@pytest.mark.parametrize("wrong", [{"bits": 0}, {"bits": 9}, {"full_scale": -1}])
+@pytest.mark.parametrize("wrong", [{"bits": 0}, {"bits": 9}])
 def test_codes_out_of_range_are_refused(wrong):
     with pytest.raises(FixedPointError, match="expected 1 to"):
         OwnMeanCode(**wrong)
