@@ -658,7 +658,6 @@ class MatchResult:
         *,
         score: Score | None = None,
         recall_denominator: RecallDenominator = "rejected-correct",
-        thresholds: int | None = None,
     ) -> Evaluation:
         """Compare the matches with the ground truth.
 
@@ -668,7 +667,7 @@ class MatchResult:
             Of two tracks, that of the reference comes first.
         tolerance_m : float, optional
             Needed with two tracks: see `truth`.
-        score, recall_denominator, thresholds
+        score, recall_denominator
             See `edge_vpr.evaluate`.
 
         Raises
@@ -693,7 +692,6 @@ class MatchResult:
             truth,
             score=score,
             recall_denominator=recall_denominator,
-            thresholds=thresholds,
         )
 
     def to_frame(self, evaluation: Evaluation | None = None) -> pandas.DataFrame:

@@ -158,9 +158,8 @@ def precision_recall(
     has_place: npt.NDArray[np.bool_],
     *,
     recall_denominator: RecallDenominator = "rejected-correct",
-    thresholds: int | None = None,
 ) -> PrecisionRecall:
-    """Sweep a threshold over the scores of the best matches.
+    """Sweep a threshold over the scores of the best matches, of which every distinct one is one.
 
     Parameters
     ----------
@@ -174,10 +173,6 @@ def precision_recall(
         What counts as missed (fn). ``rejected-correct``: a rejected query whose best match was
         correct, as in the released code; recall reaches 1 when everything is accepted.
         ``all-with-place``: a query that has a true place in the map and did not get it.
-    thresholds : int, optional
-        So many thresholds, evenly spaced from the smallest to the largest score, in float32 as in
-        the released code (there: 100); rounding may leave the least confident match out. By default
-        every distinct score is one.
     """
     if recall_denominator not in get_args(RecallDenominator):
         raise UsageError(
@@ -189,20 +184,10 @@ def precision_recall(
             f"scores, correct and has_place have shapes {scores.shape}, {correct.shape} and "
             f"{has_place.shape}: expected one entry per query"
         )
-    if thresholds is not None:
-        expect(thresholds, int, "thresholds", "a whole number, or None for all scores")
-    if thresholds is not None and thresholds < 1:
-        raise UsageError(f"{thresholds} thresholds: expected 1 or more")
     scores = np.where(np.isnan(scores), np.inf, scores)
     order = np.argsort(scores, kind="stable")
     ascending = scores[order]
-    if thresholds is None:
-        cuts = np.unique(ascending)
-    else:
-        finite = ascending[np.isfinite(ascending)]
-        least, most = (finite[0], finite[-1]) if finite.size else (0.0, 0.0)
-        spaced = np.linspace(least, most, thresholds)
-        cuts = spaced.astype(np.float32).astype(np.float64)
+    cuts = np.unique(ascending)
     accepted = np.searchsorted(ascending, cuts, side="right")
     tp = np.concatenate([[0], np.cumsum(correct[order])])[accepted]
     missable = correct if recall_denominator == "rejected-correct" else has_place
@@ -338,7 +323,6 @@ def evaluate(
     *,
     score: Score | None = None,
     recall_denominator: RecallDenominator = "rejected-correct",
-    thresholds: int | None = None,
 ) -> Evaluation:
     """Compare matches with the ground truth.
 
@@ -349,7 +333,7 @@ def evaluate(
     score : {"distance", "ratio", "margin", "trust"}, optional
         Score of the thresholds of the precision-recall curve. By default the trust of the place
         filter, and of sequences the distance, or the ratio with codes other than linear ones.
-    recall_denominator, thresholds
+    recall_denominator
         As for `precision_recall`.
     """
     expect(matches, Matches, "matches", "Matches, as result.matches of ReferenceMap.match")
@@ -376,7 +360,6 @@ def evaluate(
         correct[evaluated],
         has_place[evaluated],
         recall_denominator=recall_denominator,
-        thresholds=thresholds,
     )
     some = matches.candidates >= 0
     hit = truth.correct[matches.candidates, matches.query[:, None]] & some

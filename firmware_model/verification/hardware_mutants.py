@@ -16,19 +16,17 @@ one by one.
 from __future__ import annotations
 
 import argparse
-import hashlib
 import re
 import shutil
 import sys
 import tempfile
-from collections import Counter
 from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from itertools import accumulate, count, takewhile
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -37,12 +35,10 @@ from firmware_model.errors import ToolError, VectorError
 from firmware_model.hardware import simulation, sources
 from firmware_model.hardware.parameters import PACKAGE
 from firmware_model.hardware.simulation import Conditions
-from firmware_model.vectors.formats import csv_text
-from firmware_model.vectors.manifest import MANIFEST
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import standard_suites, write_suites
 from firmware_model.vectors.verify import read_results, verify
-from firmware_model.verification.outcomes import Outcomes, mutants_at
+from firmware_model.verification.mutants import mutants_at
 
 #: Processor seconds of a simulation, after which the mutant counts as found. The longest case takes
 #: four; the testbench itself detects a core that has stopped.
@@ -140,9 +136,6 @@ class Mutant(NamedTuple):
     def places(self) -> set[str]:
         """Names of where it is: its file, and its line, counted from 1."""
         return {self.file, f"{self.file}:{self.line + 1}"}
-
-
-Kind = Literal["found", "survives"]
 
 
 def mutants(file: str, source: str) -> Iterator[Mutant]:
@@ -385,21 +378,12 @@ class Bench:
                 short = self._short(folder, suite, design, events)
                 first += [short.under(reset_at=clock) for clock in clocks]
         self.cases = list(dict.fromkeys([*first, *self.cases]))
-        self._hash = hashlib.sha256(repr([case[1:] for case in self.cases]).encode())
-        for path in sorted([*self._rtl.iterdir(), *folder.glob(f"*/{MANIFEST}")]):
-            self._hash.update(path.read_bytes())
 
     def _short(self, folder: Path, suite: str, design: Design, events: int) -> Trial:
         """Write a suite of one random case, to be replayed without stalls."""
         cases = random_cases(design, np.random.default_rng(self._seed), 1, events)
         write_suites(folder / suite, design, {suite: cases}, self._seed, rtl=True)
         return Trial(folder / suite, f"{suite}/{cases[0].name}", Conditions(self._seed, resets=1))
-
-    def fingerprint(self, mutant: Mutant) -> str:
-        """Return a hash of what the outcome of a mutant depends on: sources and vectors."""
-        found = self._hash.copy()
-        found.update("\0".join(map(str, mutant)).encode())
-        return found.hexdigest()
 
     def found_by(self, mutant: Mutant | None) -> str | None:
         """Return the case that finds a mutant, or fails without a mutant; None if there is none."""
@@ -520,29 +504,18 @@ class Bench:
             return False
 
 
-def outcomes(
-    bench: Bench, mutants: Sequence[Mutant], kept: Path | None = None, jobs: int = 1
-) -> Iterator[tuple[Mutant, str]]:
-    """Yield each mutant, and the case that finds it; an empty text if it survives.
+def survivors(bench: Bench, mutants: Sequence[Mutant], jobs: int = 1) -> Iterator[Mutant]:
+    """Yield the mutants that no case finds.
 
     Programs of Verilator with all mutants find most of them. Then each of the others is compiled by
     Icarus Verilog, which finds what is undefined too. What a compiler refuses is found.
-
-    Parameters
-    ----------
-    kept : path, optional
-        File of `Outcomes`.
     """
-    known = Outcomes(kept)
-    keys = {mutant: bench.fingerprint(mutant) for mutant in mutants}
-    left = dict.fromkeys(mutant for mutant in mutants if keys[mutant] not in known)
-    for mutant, case in bench.find(list(left), jobs) if left else ():
+    left = dict.fromkeys(mutants)
+    for mutant, _ in bench.find(mutants, jobs) if mutants else ():
         del left[mutant]
-        known.keep(keys[mutant], case)
     for mutant in left:
-        known.keep(keys[mutant], bench.found_by(mutant) or "")
-    for mutant in mutants:
-        yield mutant, known[keys[mutant]]
+        if bench.found_by(mutant) is None:
+            yield mutant
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -554,43 +527,19 @@ def main(words: Sequence[str] | None = None) -> int:
     )  # fmt: skip
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="programs at a time")
-    parser.add_argument(
-        "--outcomes", type=Path, metavar="FILE",
-        help="add what is found to this file, and run no mutant again that it has",
-    )  # fmt: skip
-    parser.add_argument("--table", type=Path, metavar="FILE.csv", help="numbers by unit")
     args = parser.parse_args(words)
+    number = 0
     try:
         every = chosen(all_mutants(), args.only)
+        with tempfile.TemporaryDirectory() as folder:
+            for mutant in survivors(Bench(Path(folder), args.seed), every, args.jobs):
+                number += 1
+                print(f"{mutant.file}:{mutant.line + 1}: {mutant.text.strip()}", flush=True)
     except ToolError as error:
-        parser.error(str(error))
-    counts: Counter[tuple[str, str]] = Counter()
-    with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(Path(folder), args.seed)
-        try:
-            for mutant, case in outcomes(bench, every, args.outcomes, args.jobs):
-                counts[mutant.file, "found" if case else "survives"] += 1
-                where = f"{mutant.file}:{mutant.line + 1}"
-                outcome = f"found by {case}" if case else "SURVIVES"
-                print(f"{where}: {mutant.text.strip()}: {outcome}", flush=True)
-        except ToolError as error:
-            print(error, file=sys.stderr)
-            return 1
-    if args.table is not None:
-        args.table.write_text(_table(counts), encoding="ascii")
-    left = sum(number for (_, kind), number in counts.items() if kind == "survives")
-    print(f"{len(every)} mutants, {left} survive")
+        print(error, file=sys.stderr)
+        return 1
+    print(f"{len(every)} mutants, {number} survive")
     return 0
-
-
-def _table(counts: Counter[tuple[str, str]]) -> str:
-    """Return the numbers of mutants by unit and outcome as CSV."""
-    kinds = get_args(Kind)
-    files = [file for file in sources.UNITS if any((file, kind) in counts for kind in kinds)]
-    numbers = {Path(file).stem: [counts[file, kind] for kind in kinds] for file in files}
-    numbers["all"] = [sum(counts[file, kind] for file in files) for kind in kinds]
-    rows = ([name, sum(each), *each] for name, each in numbers.items())
-    return csv_text(["unit", "mutants", *kinds], rows)
 
 
 if __name__ == "__main__":

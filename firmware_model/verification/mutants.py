@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
 import importlib.util
 import re
 import resource
@@ -17,7 +16,7 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import Literal, Protocol, TypeVar
 
 from firmware_model.design import Design
 from firmware_model.emulation.build import SOURCES
@@ -26,7 +25,6 @@ from firmware_model.vectors.corners import corner_cases
 from firmware_model.vectors.filter_corners import filter_cases
 from firmware_model.verification.images import bundle, image_cases
 from firmware_model.verification.large_cases import large_cases, long_windows
-from firmware_model.verification.outcomes import Outcomes, mutants_at
 
 # Mutants of the C sources: one operator, constant, type or statement is changed in each.
 
@@ -294,20 +292,11 @@ class Bench:
                 long_windows(FILTER),
             )
         )
-        self._hash = hashlib.sha256(" ".join((*_compiler(), *_OPTIONS)).encode())
-        for path in (self._bundle, *sorted(self._sources.glob("*.[ch]"))):
-            self._hash.update(hashlib.sha256(path.read_bytes()).digest())
         if not all(map(self._compiles, _AROUND)):
             raise ToolError("the program that runs the vectors does not compile")
         outcome = self._run()
         if outcome != "survives":
             raise ToolError(f"the firmware without a fault fails the vectors: {outcome}")
-
-    def fingerprint(self, mutant: Mutant) -> str:
-        """Return a hash of what the outcome of a mutant depends on: sources, vectors, compiler."""
-        found = self._hash.copy()
-        found.update(f"{mutant.file}\0{mutant.text}".encode())
-        return found.hexdigest()
 
     def run(self, mutant: Mutant) -> Outcome:
         """Compile a mutant, and run the vectors up to the first difference."""
@@ -366,26 +355,39 @@ def all_mutants() -> list[Mutant]:
     return [m for file in FILES for m in mutants(file, (SOURCES / file).read_text("ascii"))]
 
 
-def survey(
-    bench: Bench, every: Sequence[Mutant], outcomes: Path | None = None
-) -> dict[Mutant, Outcome]:
-    """Run mutants, and print how many have been run, because all of them take an hour.
-
-    Parameters
-    ----------
-    outcomes : path, optional
-        File of `Outcomes`.
-    """
-    found: dict[Mutant, Outcome] = {}
-    known = Outcomes(outcomes)
+def survey(bench: Bench, every: Sequence[Mutant]) -> Iterator[tuple[Mutant, Outcome]]:
+    """Run mutants, and print how many have been run, because all of them take an hour."""
     for i, mutant in enumerate(every):
         if i and i % 50 == 0:
             sys.stderr.write(f"{i:,} of {len(every):,} mutants\n")
-        key = bench.fingerprint(mutant)
-        if known.get(key) not in get_args(Outcome):
-            known.keep(key, bench.run(mutant))
-        found[mutant] = cast("Outcome", known[key])
-    return found
+        yield mutant, bench.run(mutant)
+
+
+class _Placed(Protocol):
+    @property
+    def places(self) -> set[str]: ...
+
+
+AnyMutant = TypeVar("AnyMutant", bound=_Placed)
+
+
+def mutants_at(every: Sequence[AnyMutant], places: Sequence[str], expected: str) -> list[AnyMutant]:
+    """Select mutants, in their order; all if there are no places.
+
+    Parameters
+    ----------
+    expected : str
+        What names a place, for the error.
+
+    Raises
+    ------
+    ToolError
+        If a place has no mutant.
+    """
+    for place in places:
+        if not any(place in mutant.places for mutant in every):
+            raise ToolError(f"no mutant is at {place!r}: give {expected}")
+    return [mutant for mutant in every if not places or not mutant.places.isdisjoint(places)]
 
 
 def chosen(every: Sequence[Mutant], places: Sequence[str]) -> list[Mutant]:
@@ -400,24 +402,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--only", nargs="+", default=[], metavar="PLACE",
         help="run the mutants of these lines (vpr.c:300) or functions alone",
     )  # fmt: skip
-    parser.add_argument(
-        "--outcomes", type=Path, metavar="FILE",
-        help="add each outcome to this file, and run no mutant again whose outcome it has",
-    )  # fmt: skip
     options = parser.parse_args(arguments)
     try:
         every = chosen(all_mutants(), options.only)
     except ToolError as error:
         parser.error(str(error))
+    number: Counter[Outcome] = Counter()
     with tempfile.TemporaryDirectory() as folder:
-        outcomes = survey(Bench(folder), every, options.outcomes)
-    for mutant in every:
-        if outcomes[mutant] == "survives":
-            sys.stdout.write(
-                f"{mutant.file}:{mutant.number} {mutant.function}: survives\n"
-                f"  - {mutant.line}\n  + {mutant.becomes}\n"
-            )
-    number = Counter(outcomes.values())
+        for mutant, outcome in survey(Bench(folder), every):
+            number[outcome] += 1
+            if outcome == "survives":
+                sys.stdout.write(
+                    f"{mutant.file}:{mutant.number} {mutant.function}: survives\n"
+                    f"  - {mutant.line}\n  + {mutant.becomes}\n"
+                )
     sys.stdout.write(
         f"{len(every)} mutants, {number['does not compile']} of which do not compile; "
         f"{number['found']} found, {number['survives']} survive\n"

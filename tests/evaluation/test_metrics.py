@@ -73,14 +73,6 @@ def test_average_precision_is_the_sum_of_steps():
     assert curve.average_precision == pytest.approx(0.5 * 1.0 + 0.5 * 2 / 3)
 
 
-def test_a_hundred_even_thresholds_are_there_for_parity_with_the_released_code():
-    rng = np.random.default_rng(0)
-    scores, correct = rng.integers(0, 1000, 500).astype(float), rng.random(500) < 0.7
-    curve = precision_recall(scores, correct, correct, thresholds=100)
-    levels = np.linspace(scores.min(), scores.max(), 100).astype(np.float32)
-    assert curve.tp.tolist() == [int((correct & (scores <= level)).sum()) for level in levels]
-
-
 def test_a_match_without_a_second_is_the_least_sure_by_ratio():
     curve = precision_recall(
         np.array([np.nan, 0.5]), np.array([False, True]), np.ones(2, dtype=bool)
@@ -168,11 +160,3 @@ def test_unknown_choices_are_wrong_use():
         evaluate(matches, truth_of(np.eye(2)), score="likelihood")
     with pytest.raises(UsageError, match="choose from rejected-correct, all-with-place"):
         evaluate(matches, truth_of(np.eye(2)), recall_denominator="all")
-
-
-def test_no_thresholds_are_wrong_use_and_doubts_without_end_leave_the_even_ones_finite():
-    correct = np.array([True, False])
-    with pytest.raises(UsageError, match="expected 1 or more"):
-        precision_recall(np.array([1.0, 2.0]), correct, correct, thresholds=0)
-    curve = precision_recall(np.array([np.nan, 0.5]), correct, correct, thresholds=3)
-    assert np.isfinite(curve.threshold).all()

@@ -22,8 +22,8 @@ from edge_vpr.settings import PRESETS
 
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 3}, "test")
 BUILT_IN = [
-    *("paper", "seed-code", "all-pixels", "patch-normalised", "active-pixels", "active-overlap"),
-    *("hog", "ensemble-windows", "ensemble-descriptors"),
+    *("paper", "seed-code", "all-pixels", "patch-normalised", "active-pixels"),
+    *("hog", "patch-normalised@1,2,4", "all-pixels+hog"),
 ]
 
 

@@ -372,7 +372,8 @@ def test_an_ensemble_is_the_mean_of_its_members_scaled_distances():
 
 def test_a_name_says_windows_and_members_of_an_ensemble():
     baseline = open_baseline("patch-normalised@1,2,4")
-    own = open_baseline("ensemble-windows")
+    members = [Member(PatchNormalised(), windows) for windows in (1, 2, 4)]
+    own = Ensemble("own", members)
     images = places_of(np.random.default_rng(5), 5)
     for one in (baseline, own):
         one.prepare(images)

@@ -231,8 +231,7 @@ def test_an_output_of_ours_is_replaced_when_told(drive, tmp_path):
         "golden --map {d}/map.npz --suite random --vectors 10kB",
         "hardware --map {d}/map.npz --vectors 10kB",
         "compare {d}/results",
-        "profile --map {d}/map.npz --recording {d}/query.npz --quick --window-s 0.1 --pairs 5 "
-        "--sysroot {d} --no-figures",
+        "profile --map {d}/map.npz --recording {d}/query.npz --quick --window-s 0.1 --pairs 5",
     ],
     ids=lambda line: line.split()[0] + "-online" * ("--online" in line),
 )

@@ -74,7 +74,7 @@ RUNS = [
     ("match {f}/map.npz {f}/query.npz -o {f}/online --online --every 50ms", 0),
     (f"match {{f}}/filter_map.npz {{f}}/query.npz -o {{f}}/filtered {FILTER} --smooth "
      "--odometry {f}/odometry.csv --export {f}/matched.tum", 0),
-    ("replay {f}/results -o {f}/match.gif --frames 3 --fps 5 --start 0.5 --end 1.5", 0),
+    ("replay {f}/results -o {f}/match.gif --frames 3 --start 0.5 --end 1.5", 0),
     ("replay {f}/filtered -o {f}/all_events.gif --frames 2 --all-events", 0),
     ("replay {f}/filtered -o {f}/match.gif --frames 2 --overwrite", 0),
     ("map {f}/reference.npz -o {f}/wide_map.npz --pixels 60 --sigma 0 --tau 100ms", 0),
@@ -89,7 +89,7 @@ RUNS = [
     ("match {f}/frames_map.npz {f}/frames.npz -o {f}/windows --no-figures --frame-period 1/10 "
      "--frames-as-windows", 0),
     ("evaluate {f}/results --ground-truth {f}/truth.csv --tolerance 0.2 --score ratio "
-     "--recall-denominator all-with-place --thresholds 20", 0),
+     "--recall-denominator all-with-place", 0),
     ("evaluate {f}/results --ground-truth {f}/frames.csv --tolerance 2 --frame-period 1/10 "
      "--figures pdf", 0),
     ("evaluate {f}/results --ground-truth {f}/truth.npy --rows reference --json", 0),
@@ -149,21 +149,19 @@ RUNS = [
     # the results that it names are of another case
     ("golden verify {f}/vectors --results {f}/none.csv --case corners/none --only match", 2),
     ("golden verify {f}/vectors --port {f}/none --baud 9600", 1),
-    (f"{PROFILE} -o {{f}}/profile --sysroot {{f}}/board --sensor-name ina226@hwmon2 "
+    (f"{PROFILE} -o {{f}}/profile --sensor-name ina226@hwmon2 "
      "--shunt-mohm 20", 0),
-    (f"{PROFILE} -o {{f}}/profile --overwrite --no-figures --json --sysroot {{f}}/none --meter "
-     "--seed 1", 0),
+    (f"{PROFILE} -o {{f}}/profile --overwrite --json --meter --seed 1", 0),
     # 2: there is no such sensor
-    (f"{PROFILE.replace('query.npz', 'table.txt')} {TABLE} -o {{f}}/refused --sysroot {{f}}/none "
-     "--sensor-name none", 2),
+    (f"{PROFILE.replace('query.npz', 'table.txt')} {TABLE} -o {{f}}/refused --sensor-name none", 2),
     (f"{PROFILE.replace('query.npz', 'query.h5')} --sensor 16x12 --topic left "
-     "-o {f}/refused --sysroot {f}/none --sensor-name none", 2),
+     "-o {f}/refused --sensor-name none", 2),
     (f"{PROFILE.replace('query.npz', 'frames.npz')} --frame-period 1/10 -o {{f}}/refused "
-     "--sysroot {f}/none --sensor-name none", 2),
+     "--sensor-name none", 2),
     ("profile compare {f}/profile/profile.json {f}/profile/profile.json --csv {f}/both.csv", 0),
     # 2: the meter's three readings need not follow the load
     ("profile trace {f}/profile/profile.json {f}/meter.csv --voltage 5 "
-     "--column time_s --no-figures", (0, 2)),
+     "--column time_s", (0, 2)),
     # 2: nothing was resolved in so short a time
     ("estimate --calibrate {f}/profile/profile.json --target raspberry-pi-4", (0, 2)),
     ("experiment codes --data {f} --seeds 1 --workers 1 -o {f}/codes", 0),
@@ -281,9 +279,10 @@ def small_loads(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("small_loads")
-def test_every_command_line_ends_as_it_should(folder, capsys):
+def test_every_command_line_ends_as_it_should(folder, capsys, monkeypatch):
     """In their order, as later ones read what earlier ones write; tells all that end otherwise."""
     wrong = []
+    monkeypatch.setattr("edge_vpr_tools.profile.sensors.sensor.ROOT", folder / "board")
     for line, code in RUNS:
         found = cli.main(line.format(f=folder).split())
         err = capsys.readouterr().err

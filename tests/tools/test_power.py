@@ -724,6 +724,9 @@ def test_power_that_no_board_takes_is_refused(tmp_path):
 
 
 PROFILE = ["profile", "--quick", "--window-s", "0.1"]
+#: the folder that holds /sys
+SENSOR = "edge_vpr_tools.profile.sensors.sensor"
+ROOT = f"{SENSOR}.ROOT"
 
 
 @pytest.fixture(scope="module")
@@ -736,8 +739,9 @@ def load(drive):  # noqa: F811
 def profile(load, tmp_path_factory):
     """A profile of a small map, on a machine without a sensor."""
     folder = tmp_path_factory.mktemp("profile")
-    nowhere = ["--sysroot", str(folder), "-o", str(folder / "out"), "--no-figures"]
-    assert main([*PROFILE, *load, *nowhere]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ROOT, folder)
+        assert main([*PROFILE, *load, "-o", str(folder / "out")]) == 0
     return folder / "out"
 
 
@@ -822,11 +826,14 @@ def board(root):
 
 
 @pytest.mark.slow
-def test_a_profile_with_a_sensor_has_joules_figures_and_provenance(load, tmp_path, capsys):
+def test_a_profile_with_a_sensor_has_joules_figures_and_provenance(
+    load, tmp_path, capsys, monkeypatch
+):
     """Of the map; the report holds the power over time, all figures drawn."""
     power, out = board(tmp_path), tmp_path / "out"
     with Follower(power):
-        flags = ["--sysroot", str(tmp_path), "--shunt-mohm", "20", "-o", str(out)]
+        monkeypatch.setattr(ROOT, tmp_path)
+        flags = ["--shunt-mohm", "20", "-o", str(out)]
         flags += ["--window-s", "0.3"]  # the meter follows within some 50 ms
         assert main([*PROFILE, *load, *flags]) == 0
     shown = capsys.readouterr()
@@ -852,8 +859,8 @@ def test_a_sensor_that_vanishes_leaves_the_rest_of_the_profile(load, tmp_path, c
     monkeypatch.setattr(
         measurement, "take_turns", lambda plan, run: (gone.start(), turns(plan, run))[1]
     )
-    flags = ["--sysroot", str(tmp_path), "-o", str(out), "--no-figures"]
-    assert main([*PROFILE, *load, *flags]) == 0
+    monkeypatch.setattr(ROOT, tmp_path)
+    assert main([*PROFILE, *load, "-o", str(out)]) == 0
     gone.join()
     found = json.loads((out / "profile.json").read_text())
     assert found["throughput"]["matches_per_s"] > 0
@@ -867,11 +874,12 @@ def test_another_cameras_map_is_found_before_minutes_of_measuring(load, tmp_path
     assert "sensor" in capsys.readouterr().err
 
 
-def test_a_throttled_run_is_void(load, tmp_path, capsys):
+def test_a_throttled_run_is_void(load, tmp_path, capsys, monkeypatch):
     """What was read stays, and no figure does."""
     board(tmp_path)
     pi(tmp_path, throttled=0x4)
-    flags = ["--sysroot", str(tmp_path), "-o", str(tmp_path / "out"), "--sensor-name"]
+    monkeypatch.setattr(ROOT, tmp_path)
+    flags = ["-o", str(tmp_path / "out"), "--sensor-name"]
     assert main([*PROFILE, *load, *flags, "ina226@hwmon2"]) == 0
     found = json.loads((tmp_path / "out/profile.json").read_text())
     assert found["conditions"]["void_because"] == "throttled"
@@ -892,9 +900,10 @@ def test_an_interrupted_profile_leaves_nothing(load, tmp_path):
     # a shell that starts the tests in the background has Ctrl-C ignored, by its children as well
     listening = (
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        f"from pathlib import Path; {SENSOR}.ROOT = Path({str(tmp_path)!r}); "
         "from edge_vpr_tools.cli import main; sys.exit(main())"
     )
-    command = [sys.executable, "-c", listening, "profile", *load, "--sysroot", str(tmp_path), "-o"]
+    command = [sys.executable, "-c", f"import {SENSOR}; {listening}", "profile", *load, "-o"]
     numbers = (signal.SIGINT, signal.SIGTERM)
     for number in numbers:  # one after the other: it must still be measuring when it is its turn
         words = [*command, str(tmp_path / f"{number}/out")]
@@ -1074,13 +1083,14 @@ def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
         (["--pairs", "2"], "5 pairs"),
         (["--window-s", "3"], "--quick"),
         (["--window-s", "0"], "0 s"),
-        (["--shunt-mohm", "100", "--sysroot", "/nowhere"], "no power monitor"),
+        (["--shunt-mohm", "100"], "no power monitor"),
         (["compare", "a.json"], "required: B"),
         (["compare", "a.json", "b.json"], "cannot read a profile"),
     ],
 )
-def test_bad_use_is_one_line(capsys, arguments, says):
+def test_bad_use_is_one_line(capsys, arguments, says, tmp_path, monkeypatch):
     """What was wrong, with which value, and what to do."""
+    monkeypatch.setattr(ROOT, tmp_path)
     assert main(["profile", *arguments]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1 and says in lines[0]

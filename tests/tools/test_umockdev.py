@@ -67,7 +67,7 @@ def test_the_command_finds_and_reads_a_power_monitor(drive, tmp_path, flags, nam
     load = ["--map", str(drive / "map.npz"), "--recording", str(drive / "query.npz")]
     done = subprocess.run(
         [UMOCKDEV, "-d", devices, "--", sys.executable, "-m", "edge_vpr_tools.cli", "profile",
-         "--quick", "--window-s", "0.1", "--no-figures", *load, *flags, "-o", tmp_path / "out"],
+         "--quick", "--window-s", "0.1", *load, *flags, "-o", tmp_path / "out"],
         capture_output=True, text=True, check=False, timeout=120,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -81,5 +81,5 @@ def test_the_command_finds_and_reads_a_power_monitor(drive, tmp_path, flags, nam
 def test_without_it_this_machine_has_no_such_monitor(drive, tmp_path):  # noqa: F811
     """What the other test finds is umockdev's."""
     load = ["--map", str(drive / "map.npz"), "--recording", str(drive / "query.npz")]
-    flags = ["--quick", "--window-s", "0.1", "--no-figures", "--sensor-name", "ina226@hwmon5"]
+    flags = ["--quick", "--window-s", "0.1", "--sensor-name", "ina226@hwmon5"]
     assert main(["profile", *load, *flags, "-o", str(tmp_path / "out")]) == 2

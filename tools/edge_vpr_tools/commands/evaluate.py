@@ -50,10 +50,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(rejected-correct, as in the authors' released code), or all that have a true place in "
         "the map and did not get it (all-with-place)",
     )
-    metrics.add_argument(
-        "--thresholds", type=int, metavar="N",
-        help="use N evenly spaced thresholds (default: every value that occurs)",
-    )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> None:
@@ -81,7 +77,6 @@ def run(args: argparse.Namespace) -> None:
             truth,
             score=args.score,
             recall_denominator=args.recall_denominator,
-            thresholds=args.thresholds,
         )
 
     found = judged(truth)

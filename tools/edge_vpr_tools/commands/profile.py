@@ -35,7 +35,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     output = add_output_flags(parser, required=False, default="results/profile")
     add_json_flag(output, "profile.json")
-    output.add_argument("--no-figures", action="store_true", help="write no report")
     load = parser.add_argument_group("load", "a simulated street, or a map and a recording")
     load.add_argument("--map", metavar="MAP.npz", help="reference map from edge-vpr map")
     load.add_argument("--recording", metavar="QUERY", help="recording of the query drive")
@@ -66,9 +65,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--meter", action="store_true",
         help="measure with an external meter, whose recording edge-vpr profile trace reads",
     )  # fmt: skip
-    sensor.add_argument(
-        "--sysroot", metavar="DIR", default="/", help="folder that holds /sys, for tests"
-    )
     add_reading_arguments(parser)
 
 
@@ -100,8 +96,9 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr import results
     from edge_vpr.results import write_json
     from edge_vpr_tools.profile.measurement import Plan
-    from edge_vpr_tools.profile.profiling import PROFILE, profile
+    from edge_vpr_tools.profile.profiling import profile
     from edge_vpr_tools.profile.sensors.search import choose_sensor
+    from edge_vpr_tools.profile.sensors.sensor import ROOT
     from edge_vpr_tools.profile.show import show, write_profile
 
     if (args.map is None) != (args.recording is None):
@@ -111,11 +108,10 @@ def run(args: argparse.Namespace) -> None:
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
     results.check_output_folder(output, args.overwrite, [args.map, args.recording])
     with terminated_as_interrupted():
-        root = Path(args.sysroot)
-        sensor, missing = choose_sensor(root, name=args.sensor_name, shunt_mohm=args.shunt_mohm)
+        sensor, missing = choose_sensor(ROOT, name=args.sensor_name, shunt_mohm=args.shunt_mohm)
         try:
             found = profile(
-                load_of(args), plan, sensor, missing, meter=args.meter, root=root
+                load_of(args), plan, sensor, missing, meter=args.meter, root=ROOT
             )  # fmt: skip
         finally:
             if sensor is not None:
@@ -123,9 +119,9 @@ def run(args: argparse.Namespace) -> None:
         check_interrupted()
         with results.results_folder(output, args.overwrite) as folder:
             write_json(folder / results.RUN, found.run)
-            write_profile(found, folder, report=not args.no_figures)
+            write_profile(found, folder)
     if args.json:
         print(results.json_text(found))
     elif not is_quiet():
         show(found)
-    summary(f"see {output / (PROFILE if args.no_figures else results.REPORT)}")
+    summary(f"see {output / results.REPORT}")

@@ -34,7 +34,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--column", action="append", metavar="NAME", default=[],
         help="column to read where the file has several of one quantity; may be repeated",
     )  # fmt: skip
-    group.add_argument("--no-figures", action="store_true", help="write no report")
 
 
 _MOST_VOLTS = 60.0
@@ -52,7 +51,7 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError(f"--voltage {args.voltage:g}: expected volts, such as 5")
     found = with_meter(path, Path(args.trace), args.voltage, args.column)
     check_shown(found, path)
-    write_profile(found, path.parent, report=not args.no_figures, name=path.name)
+    write_profile(found, path.parent, name=path.name)
     if not is_quiet():
         show(found)
     summary(f"see {path.parent / results.REPORT}")

@@ -36,7 +36,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--frames", type=int, default=150, metavar="N",
         help="largest number of frames; with more windows, some are left out, evenly",
     )  # fmt: skip
-    output.add_argument("--fps", type=float, default=10.0, help="frames per second")
     shown = parser.add_argument_group("what is shown")
     shown.add_argument(
         "--start",
@@ -154,15 +153,13 @@ def run(args: argparse.Namespace) -> None:
     """Compute the costs again, draw the frames and write the film."""
     from edge_vpr.reference_map import MatchResult
     from edge_vpr.results import check_new_file, read_run
-    from edge_vpr_tools.report.replay import frames, replay_of, write_gif
+    from edge_vpr_tools.report.replay import FPS, frames, replay_of, write_gif
 
     output = Path(args.output)
     if output.suffix != ".gif":
         raise UsageError(f"output {output} does not end in .gif: name it for example match.gif")
     if args.frames < 1:
         raise UsageError(f"--frames {args.frames}: expected 1 or more")
-    if not 0.1 <= args.fps <= 50:
-        raise UsageError(f"--fps {args.fps:g}: expected 0.1 to 50 frames per second")
     check_new_file(output, [], args.overwrite)
     folder = Path(args.results)
     with status("reading the matches") as show:
@@ -186,6 +183,6 @@ def run(args: argparse.Namespace) -> None:
         for picture in frames(replay):
             pictures.append(picture)
             show(f"frame {len(pictures)} of {len(replay)}")
-        write_gif(output, pictures, args.fps)
+        write_gif(output, pictures)
     size = output.stat().st_size / 1e6
-    summary(f"{output}: {len(pictures)} frames, {len(pictures) / args.fps:.0f} s, {size:.1f} MB")
+    summary(f"{output}: {len(pictures)} frames, {len(pictures) / FPS:.0f} s, {size:.1f} MB")

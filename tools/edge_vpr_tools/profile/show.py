@@ -203,13 +203,12 @@ def check_shown(found: Profile, path: Path) -> None:
 # The files of a profile.
 
 
-def write_profile(found: Profile, folder: Path, *, report: bool, name: str = PROFILE) -> None:
-    """Write a profile to a file of this name, with its spreadsheet, and if asked with a report."""
+def write_profile(found: Profile, folder: Path, *, name: str = PROFILE) -> None:
+    """Write a profile to a file of this name, with its spreadsheet and its report."""
     write_json(folder / name, found)
     header = ("quantity", "value", "low", "high")
     write_spreadsheet(folder / "profile.csv", header, [one[:4] for one in numbers(found)])
-    if report:
-        write_report(found, folder)
+    write_report(found, folder)
 
 
 def write_report(found: Profile, folder: Path) -> None:

@@ -231,12 +231,16 @@ class _Film:
         return Image.fromarray(pixels).convert("RGB")
 
 
-def write_gif(path: Path, pictures: Sequence[Image.Image], fps: float) -> None:
-    """Write an animated GIF that is repeated for ever, atomically."""
+#: frames per second of a film
+FPS = 10
+
+
+def write_gif(path: Path, pictures: Sequence[Image.Image]) -> None:
+    """Write an animated GIF of `FPS` that is repeated for ever, atomically."""
     with replacing(path) as temporary:
         pictures[0].save(
             temporary, format="GIF", save_all=True, append_images=pictures[1:],
-            duration=round(1000 / fps), loop=0,
+            duration=1000 // FPS, loop=0,
         )  # fmt: skip
 
 

@@ -216,16 +216,3 @@ def summed(images: Images, windows: int) -> Images:
     for shift in range(windows):
         total += padded[shift : shift + len(images)]
     return total
-
-
-def windows_ensemble(seed: int) -> Ensemble:
-    """Make the ensemble of patch-normalised 1, 2 and 4 windows; it draws no random numbers."""
-    members = [Member(PatchNormalised(), windows) for windows in (1, 2, 4)]
-    return Ensemble("ensemble of 1, 2 and 4 windows, patch-normalised", members)
-
-
-def descriptors_ensemble(seed: int) -> Ensemble:
-    """Make the ensemble of all pixels, patch-normalised and HOG; it draws no random numbers."""
-    members = [Member(AbsoluteDifferences()), Member(PatchNormalised())]
-    members.append(Member(OrientedGradients()))
-    return Ensemble("ensemble of all pixels, patch-normalised and HOG", members)

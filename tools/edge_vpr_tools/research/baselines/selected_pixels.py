@@ -166,17 +166,3 @@ class ActivePixels(VectorBaseline):
     def operations_per_place(self, places: Described) -> int:
         """Return the number of 64-bit words to combine."""
         return -(-places.shape[1] // 8)
-
-
-class ActiveOverlap(ActivePixels):
-    """The same frames; distance is the largest overlap of the query less this one.
-
-    Without the activity's normalisation: the more pixels are active, the more overlap.
-    """
-
-    title = "active pixels, overlap alone"
-
-    def distances(self, places: Described, queries: Described) -> npt.NDArray[np.float64]:
-        """Return the largest overlap of each query less that with each place, shape (K, Q)."""
-        overlap = self._overlap(places, queries)
-        return (overlap.max(axis=0) - overlap).astype(np.float64)

@@ -151,7 +151,7 @@ def rivals_of(draw: Draw) -> Iterator[System]:
 #: baselines that draw pixels, so that several draws differ
 DRAWN = ("paper", "seed-code")
 #: rivals on drives of which only some pixels were published
-_ANYWHERE = ("all-pixels", "all-pixels@1,2,4", "active-pixels", "active-overlap")
+_ANYWHERE = ("all-pixels", "all-pixels@1,2,4", "active-pixels")
 
 
 def _baselines(pair: CountedPair, draw: Draw) -> Iterator[tuple[str, Baseline]]:
