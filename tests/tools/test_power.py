@@ -786,7 +786,7 @@ def test_a_profile_says_where_it_was_made(profile, capsys):
     assert found["kernel"] == platform.release()
     assert {"python", "edge-vpr", "numpy", "numba"} <= set(found["versions"])
     for name in ("board", "clock_hz", "sensor", "shunt_mohm", "governor"):
-        assert found[name] is None  # nothing is told below this --sysroot
+        assert found[name] is None  # nothing is told below this folder
 
 
 class Follower(threading.Thread):

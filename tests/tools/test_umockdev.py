@@ -1,4 +1,4 @@
-"""Power monitors as the kernel shows them, by umockdev, to the command as it is: no --sysroot."""
+"""Power monitors as the kernel shows them, by umockdev, to the command as it is."""
 
 from __future__ import annotations
 
