@@ -980,6 +980,7 @@ class LiveSession:
         health = self.decoder.health
         if self._opened and not self.ended:
             health.silent_s = self._watch.silent_s
+            health.cut_off = bool(self._reader.lost_link)
         return health
 
     @property
@@ -1111,6 +1112,7 @@ class LiveSession:
         nothing = LiveStep(None, now, int(1e6 * time.time()), self._new_readings())
         if self.ended:
             return nothing
+        self.decoder.health.cut_off = bool(self._reader.lost_link)
         self.ended = True
         result = self._live_or_raise().finish()
         self._count_misfits(result)

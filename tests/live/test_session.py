@@ -450,6 +450,7 @@ def test_a_link_that_dies_and_returns_is_told_and_costs_what_was_sent_meanwhile(
         encoder.encode(meanwhile)
         assert all(match.lost for match in wait_until(lambda: said, session))
         assert session.status.lost_link
+        assert "is not known" in session.health.describe_losses()
         device = plug_in(device.address)
         wait_until(lambda: len(said) > 1, session)
         send(encoder.encode(after))
@@ -459,7 +460,24 @@ def test_a_link_that_dies_and_returns_is_told_and_costs_what_was_sent_meanwhile(
     assert "trying again" in said[0].text
     health = session.health
     assert (health.decoded, health.lost, health.reopened) == (30_000, 10_000, 1)
+    assert health.describe_losses() == "10,000 events lost on the way"
     assert any(match.incomplete for match in found if match.place >= 0)
+
+
+def test_a_camera_that_comes_back_under_another_name_is_told_to_the_end(route, query, any_baud):
+    """Nobody can count what it sends there."""
+    device = open_device_link("virtual")
+    with LiveSession(device.address, protocol="evpr", reference=route) as session:
+        encoder = open_encoder("evpr", SENSOR)
+        device.write(encoder.start() + encoder.encode(query[:500]), 5.0)
+        wait_until(lambda: session.health.decoded == 500, session)
+        device.close()
+        wait_until(lambda: session.status.lost_link, session)
+    assert session.health.cut_off
+    assert session.health.lost == 0
+    said = session.health.describe_losses()
+    assert said.startswith("at least 0 events lost on the way")
+    assert said.endswith("what was sent after the link was lost is not known")
 
 
 class Board:

@@ -42,7 +42,7 @@ __all__ = [
 EXACT, BOUND, UNKNOWN = "exact", "bound", "unknown"
 # counts that are no faults, or are included in other counts
 _NO_FAULTS = {"accounting", "bytes", "decoded_bytes", "pending_bytes", "frames", "decoded"}
-_NO_FAULTS |= {"events", "held", "wraps", "lag_us", "longest_lag_us", "silent_s"}
+_NO_FAULTS |= {"events", "held", "wraps", "lag_us", "longest_lag_us", "silent_s", "cut_off"}
 
 
 @dataclass
@@ -109,6 +109,9 @@ class Health:
     lag_us: int = 0
     longest_lag_us: int = 0
     silent_s: float = 0.0  #: Seconds since the newest bytes.
+    #: Whether the link is lost and has not returned, such as that of a camera which has come back
+    #: under another name. What is sent meanwhile is in no count.
+    cut_off: bool = False
 
     @property
     def rejected(self) -> int:
@@ -165,8 +168,12 @@ class Health:
 
     def describe_losses(self) -> str:
         """Return the number of lost events as text, and how exactly it is known."""
+        until = "; what was sent after the link was lost is not known" if self.cut_off else ""
+        return self._known_losses() + until
+
+    def _known_losses(self) -> str:
         dropped = f", {self.device_dropped:,} dropped by the device" if self.device_dropped else ""
-        restarts = "at least " if self.device_resets else ""
+        restarts = "at least " if self.device_resets or self.cut_off else ""
         whole = self.frames if self.accounting == EXACT else self.decoded_bytes
         if self.accounting in (EXACT, BOUND) and not whole and self.skipped_bytes:
             return "no frame came whole, so that nothing is known of the events lost"

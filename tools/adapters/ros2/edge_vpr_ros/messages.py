@@ -74,7 +74,8 @@ OK, WARN, ERROR = 0, 1, 2
 _SILENT_S = 2.0
 #: Counts of a health row that are no faults.
 _NO_FAULTS = {"accounting", "bytes", "decoded_bytes", "pending_bytes", "frames", "decoded"}
-_NO_FAULTS |= {"events", "held", "wraps", "rate", "silent_s", "dead_s", "kind", "matches"}
+_NO_FAULTS |= {"events", "held", "wraps", "rate", "silent_s", "dead_s", "cut_off"}
+_NO_FAULTS |= {"kind", "matches"}
 
 
 #: Largest distance in metres, and largest time in seconds.
