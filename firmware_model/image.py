@@ -120,7 +120,7 @@ class Table(Enum):
     )  # fmt: skip
     LOOKUP = (
         "II", (Word.LOOKUP_DEPTH,), None,
-        "pixel of the entry (bits 16 to 30 row, 0 to 15 column; 0xFFFFFFFF: none), and its slot. "
+        "pixel of the entry (bits 17 to 31 row, 1 to 16 column; 0xFFFFFFFF: none), and its slot. "
         "The entry of pixel (x, y) is at `(x + displacement[y]) mod LOOKUP_DEPTH`",
     )  # fmt: skip
     PLACES = "B", (Word.PLACES, Word.STRIDE), None, "codes of each place, and zeros behind them"
@@ -164,7 +164,7 @@ def image(memories: Memories) -> bytes:
     lookup, row = memories.lookup(), stride(design)
     entries = [(0xFFFF_FFFF, 0)] * design.lookup_depth
     for slot, (x, y) in enumerate(memories.pixels):
-        entries[(x + lookup.displacement[y]) % design.lookup_depth] = y << 16 | x, slot
+        entries[(x + lookup.displacement[y]) % design.lookup_depth] = (y << 16 | x) << 1, slot
     values = {
         Table.DISPLACEMENT: lookup.displacement,
         Table.LOOKUP: tuple(chain.from_iterable(entries)),

@@ -198,13 +198,13 @@ static vpr_event_t random_event(const vpr_design_t *d, const vpr_state_t *s)
         e.pixel = (below(2U) << 31) | (below(d->height + 1U) << 16) | below(d->lookup_mask + 2U);
         break;
     case 2U:
-        e.pixel = d->lookup[entry].pixel ^ (1U << below(32U));
+        e.pixel = (d->lookup[entry].pixel >> 1) ^ (1U << below(32U));
         break;
     default:
         for (uint32_t i = 0U; i <= d->lookup_mask; i++) { /* the next one that is somebody's */
             const uint32_t pixel = d->lookup[(entry + i) & d->lookup_mask].pixel;
             if (pixel != VPR_NONE) {
-                e.pixel = (below(2U) << 31) | pixel;
+                e.pixel = (below(2U) << 31) | (pixel >> 1);
                 break;
             }
         }

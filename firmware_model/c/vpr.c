@@ -11,7 +11,8 @@
 #define HALF_PERIOD 0x80000000U /* of the scaled clock */
 #define COLUMN_MASK 0xFFFFU
 #define ROW_SHIFT 16U
-#define PIXEL_MASK 0x7FFFFFFFU
+#define ROW_MASK 0x7FFFU
+#define POLARITY_BITS 1U /* that an entry of the look-up has not */
 #define CONTRAST_COUNT_MAX 1023U /* at which counters of contrast codes saturate */
 #define LEVEL_MAX 2560U           /* its logarithm in units of 1/256 octave */
 #define LEVEL_BITS 8U
@@ -154,12 +155,13 @@ static bool lookup_sound(const vpr_design_t *d, uint32_t width, uint32_t pixels)
     }
     for (uint32_t at = 0U; at <= d->lookup_mask; at++) {
         const vpr_entry_t *const entry = &d->lookup[at];
-        const uint32_t column = entry->pixel & COLUMN_MASK;
-        const uint32_t y = entry->pixel >> ROW_SHIFT;
+        const uint32_t pixel = entry->pixel >> POLARITY_BITS;
+        const uint32_t column = pixel & COLUMN_MASK;
+        const uint32_t y = pixel >> ROW_SHIFT;
         if (entry->pixel == VPR_NONE) {
             continue;
         }
-        if ((column >= width) || (y >= d->height) ||
+        if ((entry->pixel != (pixel << POLARITY_BITS)) || (column >= width) || (y >= d->height) ||
             (((column + d->displacement[y]) & d->lookup_mask) != at) ||
             (entry->slot >= pixels)) {
             return false;
@@ -307,14 +309,13 @@ bool vpr_resume(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram)
  * names its owner. It also tells pixels beyond the sensor's width from those within. */
 uint32_t vpr_slot(const vpr_design_t *d, const vpr_event_t *e)
 {
-    const uint32_t pixel = e->pixel & PIXEL_MASK;
-    const uint32_t y = pixel >> ROW_SHIFT;
+    const uint32_t y = (e->pixel >> ROW_SHIFT) & ROW_MASK;
     if (y >= d->height) {
         return VPR_NONE;
     }
     const uint32_t column = e->pixel & COLUMN_MASK;
     const vpr_entry_t *const entry = &d->lookup[(column + d->displacement[y]) & d->lookup_mask];
-    if (entry->pixel != pixel) {
+    if (entry->pixel != (e->pixel << POLARITY_BITS)) {
         return VPR_NONE;
     }
     return entry->slot;
@@ -339,19 +340,21 @@ vpr_status_t vpr_events(const vpr_design_t *d, vpr_state_t *s, const vpr_event_t
     while (e != end) {
         /* What is left of the window, modulo 2^timestamp_bits, read as a signed number: the clock
          * may wrap, and an event that is late counts in the open window. */
-        if ((int32_t)(window_end - (e->t * time_scale)) <= 0) {
+        const bool ended = (int32_t)(window_end - (e->t * time_scale)) <= 0;
+        const uint32_t pixel = e->pixel;
+        const uint32_t y = (pixel >> ROW_SHIFT) & ROW_MASK;
+        /* asked first and of both, so that a compiler loads both words of an event at once */
+        if ((y >= height) && !ended) {
+            e = &e[1];
+            continue;
+        }
+        if (ended) {
             status = VPR_WINDOW_ENDS;
             break;
         }
-        const uint32_t pixel_on = e->pixel;
-        const uint32_t pixel = pixel_on & PIXEL_MASK;
-        const uint32_t y = pixel >> ROW_SHIFT;
         e = &e[1];
-        if (y >= height) {
-            continue;
-        }
-        const uint32_t at = ((pixel_on & COLUMN_MASK) + displacement[y]) & lookup_mask;
-        if (lookup[at].pixel != pixel) {
+        const uint32_t at = ((pixel & COLUMN_MASK) + displacement[y]) & lookup_mask;
+        if (lookup[at].pixel != (pixel << POLARITY_BITS)) {
             continue;
         }
         const uint32_t slot = lookup[at].slot;

@@ -40,7 +40,7 @@ typedef struct {
 
 /* An entry of the look-up: its pixel, and the slot of that pixel. */
 typedef struct {
-    uint32_t pixel; /* bits 30..16: row; bits 15..0: column; all ones: no pixel */
+    uint32_t pixel; /* as of an event, times 2: bits 31..17: row; 16..1: column; all ones: no pixel */
     uint32_t slot;
 } vpr_entry_t;
 

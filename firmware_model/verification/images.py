@@ -345,10 +345,10 @@ def _refused_tables() -> Named:
     for which, at in (("first", first), ("last", last)):
         pixel, slot = struct.unpack_from("<II", table, 8 * at)
         for name, entry in {
-            "column_beyond": (pixel | 0xFFFF, slot),
-            "row_beyond": (5 << 16 | pixel & 0xFFFF, slot),
-            "polarity_set": (pixel | 1 << 31, slot),
-            "column_of_another": (pixel ^ 1, slot),
+            "column_beyond": (pixel | 0x1_FFFE, slot),
+            "row_beyond": (5 << 17 | pixel & 0x1_FFFF, slot),
+            "lowest_bit_set": (pixel | 1, slot),
+            "column_of_another": (pixel ^ 2, slot),
             "slot_beyond": (pixel, 6),
             "slot_far_beyond": (pixel, 0x1_0000),
             "missing": (NOBODY, slot),
@@ -358,7 +358,7 @@ def _refused_tables() -> Named:
             yield f"{which}_entry_{name}", draft.pack()
     # an additional pixel, in the row whose displacement leads to the empty entry
     extra = base().poke(displacement, "H", 4, empty)
-    struct.pack_into("<II", extra.tables[lookup], 8 * empty, 4 << 16, 3)
+    struct.pack_into("<II", extra.tables[lookup], 8 * empty, 4 << 17, 3)
     yield "one_pixel_too_many", extra.pack()
     nothing = base().header(code_bits=0)
     nothing.tables[Table.PLACES][:] = bytes(len(nothing.tables[Table.PLACES]))
