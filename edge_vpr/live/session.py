@@ -93,6 +93,8 @@ class LossWatch:
         self._health = health
         # noticed losses, lost bytes so far, and the number of events in them
         self._losses = self._bytes = self._of_bytes = 0
+        self._in_loss = False  # whether no event has come since a loss was noticed
+        self._decoded = 0
         # time, events received, events lost, and losses of unknown size, each of them until then
         self._seen: list[tuple[int, int, int, int]] = [(-1, 0, 0, 0)]
 
@@ -128,10 +130,13 @@ class LossWatch:
         if health.accounting != EXACT:
             before = self._bytes
             self._bytes = health.skipped_bytes + health.overrun_bytes + health.line_errors
-            # a device may send other things than events
-            if health.losses != self._losses:
+            # a device may send other things than events, but not before a loss is over
+            noticed = health.losses != self._losses
+            if noticed or self._in_loss:
                 events = (self._bytes - before) * health.decoded
                 self._of_bytes += -(-events // max(health.decoded_bytes, 1))
+            self._in_loss = noticed or (self._in_loss and health.decoded == self._decoded)
+            self._decoded = health.decoded
             self._losses = health.losses
             lost = max(lost, self._of_bytes)
         lost += health.device_dropped + health.rejected
