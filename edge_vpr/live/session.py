@@ -691,90 +691,79 @@ class LiveSession:
         **changes: Unpack[MatchingChanges],
     ) -> None:
         expect(protocol, str, "protocol", "its name, such as 'edvs'")
-        for name, text in (
-            ("every", every), ("heartbeat", heartbeat), ("max_lag", max_lag), ("max_age", max_age)
-        ):  # fmt: skip
-            if text is not None and not isinstance(text, MatchSchedule):
-                expect(text, str, name, "a text such as '500ms'")
-        if odometry is not None:
-            expect(odometry, str, "odometry", "the odometer's port as text")
-            if Path(odometry).is_file():
-                raise UsageError(
-                    f"odometry {odometry} is a file, and a live odometer is read as the robot "
-                    "drives: match a recording with edge-vpr match --odometry"
-                )
-        map_file = None
-        if isinstance(reference, str | Path):
-            map_file, reference = reference, ReferenceMap.load(reference)
-        if reference is not None:
-            expect(reference, ReferenceMap, "reference", "a ReferenceMap or the path of one")
-            settings = reference.settings if settings is None else settings
-            if changes:
-                reference = reference.changed(changes, "LiveSession")
-            reference = reference.causal()
-        elif changes:
-            raise UsageError(f"{', '.join(changes)}: nothing is matched without reference=")
-        self.reference = reference
-        self.sensor = _sensor_of(sensor, reference)
-        self.decoder = open_decoder(protocol, self.sensor)
-        self._every = None
-        if reference is not None:
-            self._every = MatchSchedule.parse(every, reference.settings)
-        self._causal = burst_filter == "causal"
+        _check_odometry(odometry)
         if burst_filter not in ("exact", "causal"):
             raise UsageError(f"burst_filter={burst_filter!r}: expected 'exact' or 'causal'")
         if on_overload not in (None, "drop", "wait"):
             raise UsageError(f"on_overload={on_overload!r}: expected 'drop', 'wait' or None")
+        map_file = reference if isinstance(reference, str | Path) else None
+        known = _loaded(reference)
+        if settings is None:
+            settings = "default" if known is None else known.settings
+        if known is None and changes:
+            raise UsageError(f"{', '.join(changes)}: nothing is matched without reference=")
+        if known is not None and changes:
+            known = known.changed(changes, "LiveSession")
+        self.reference = None if known is None else known.causal()
+        self.sensor = _sensor_of(sensor, known)
+        self.decoder = open_decoder(protocol, self.sensor)
+        if not isinstance(every, MatchSchedule | None):
+            expect(every, str, "every", _SUCH_AS)
+        self.locator, self._every = None, None
+        if self.reference is not None:
+            self.locator = Locator(self.reference)
+            self._every = MatchSchedule.parse(every, self.reference.settings)
+        self._settings = settings if isinstance(settings, Settings) else resolve_settings(settings)
+        self._causal = burst_filter == "causal"
         self._drop = None if on_overload is None else on_overload == "drop"
         self._open_link, reopens = _opener(link, baud or self.decoder.baud, flow_control)
-        self._address = str(link)
+        self._address, self._odometry = str(link), odometry
         self._reconnect = reconnect and reopens
-        self._odometry = odometry
-        self._heartbeat_s = math.inf if heartbeat is None else duration_us(heartbeat) / 1e6
-        self._max_lag_s = duration_us(max_lag) / 1e6
-        self._max_age_s = None if max_age is None else duration_us(max_age) / 1e6
+        self._heartbeat_s = _seconds(heartbeat, "heartbeat") or math.inf
+        self._max_lag_s = _seconds(max_lag, "max_lag") or 0.0
+        self._max_age_s = _seconds(max_age, "max_age")
         paths = list(record) if isinstance(record, list | tuple) else [record]
         self._record = [as_path(path, "a file to record") for path in paths]
-        self._overwrite = overwrite
         self._learn = None if learn is None else as_path(learn, "the map to learn")
+        self._state = None if state is None else as_path(state, "the state")
+        self._overwrite = overwrite
+        source = Path(link) if isinstance(link, str | os.PathLike) else None
+        self._check_files(source, map_file)
+        self.on_message = on_message
+        self.stopping = threading.Event()
+        self.ended, self.unwritten, self._unkept = False, "", ""
+        self.learnt: ReferenceMap | None = None
+        self.update: MapUpdate[ReferenceMap] | None = None
+        self.removed = Removed()
+        self._live: LiveLocaliser | None = None
+        self._given = self._jumps = 0
+        self._resumable: Resumable | str | None = None
+        self._keeper: StateWriter | None = None
+        self._files = contextlib.ExitStack()
+        self._opened = self._closed = self._raised = False
+        self._readings: dict[int, int] = {}
+        self._fresh: list[tuple[int, float]] = []
+
+    def _check_files(self, source: Path | None, map_file: str | Path | None) -> None:
+        """Check, before the link is opened, that the files can be written and replace no other."""
         for path in self._record:
             check_recorded(path, "record")
             check_output(path, [map_file])
-        self._state = None if state is None else as_path(state, "the state")
         if self._state is not None:
-            if reference is None or reference.settings.match_delay or learn is not None:
+            reference = self.reference
+            if reference is None or reference.settings.match_delay or self._learn is not None:
                 raise UsageError(
-                    f"state {state}: it is of matching with a map at once: give reference=, and "
-                    "leave out delay= and learn="
+                    f"state {self._state}: it is of matching with a map at once: give reference=, "
+                    "and leave out delay= and learn="
                 )
             check_state_file(self._state)
-        source = Path(link) if isinstance(link, str | os.PathLike) else None
         seen: set[Path] = set()
         for path in filter(None, (*self._record, self._learn)):
             if path.resolve() in seen:
                 raise UsageError(f"{path} is named twice: give each file another name")
             seen.add(path.resolve())
             check = check_new_map if path is self._learn else check_new_file
-            check(path, [source], overwrite)
-        if not isinstance(settings, Settings):
-            settings = resolve_settings("default" if settings is None else settings)
-        self._settings = settings
-        self.on_message = on_message
-        self.stopping = threading.Event()
-        self.ended, self.unwritten = False, ""
-        self.learnt: ReferenceMap | None = None
-        self.update: MapUpdate[ReferenceMap] | None = None
-        self.removed = Removed()
-        self.locator = None if reference is None else Locator(reference)
-        self._live: LiveLocaliser | None = None
-        self._given = self._jumps = 0
-        self._resumable: Resumable | str | None = None
-        self._keeper: StateWriter | None = None
-        self._unkept = ""
-        self._files = contextlib.ExitStack()
-        self._opened = self._closed = self._raised = False
-        self._readings: dict[int, int] = {}
-        self._fresh: list[tuple[int, float]] = []
+            check(path, [source], self._overwrite)
 
     # -- opening and closing
 
@@ -1462,6 +1451,35 @@ def _senseless_bytes(health: Health) -> str:
             "sensor=, or the map"
         )
     return ""
+
+
+_SUCH_AS = "a text such as '500ms'"
+
+
+def _seconds(text: str | None, name: str) -> float | None:
+    if text is None:
+        return None
+    expect(text, str, name, _SUCH_AS)
+    return duration_us(text) / 1e6
+
+
+def _check_odometry(odometry: str | None) -> None:
+    if odometry is None:
+        return
+    expect(odometry, str, "odometry", "the odometer's port as text")
+    if Path(odometry).is_file():
+        raise UsageError(
+            f"odometry {odometry} is a file, and a live odometer is read as the robot drives: "
+            "match a recording with edge-vpr match --odometry"
+        )
+
+
+def _loaded(reference: ReferenceMap | str | Path | None) -> ReferenceMap | None:
+    if isinstance(reference, str | Path):
+        return ReferenceMap.load(reference)
+    if reference is not None:
+        expect(reference, ReferenceMap, "reference", "a ReferenceMap or the path of one")
+    return reference
 
 
 def _heartbeat(given: int, jumps: int) -> LiveMatch:
