@@ -56,7 +56,7 @@ Score = Literal["distance", "ratio", "margin", "trust"]
 
 
 _MICROSECONDS = {"us": 1, "ms": 1_000, "s": 1_000_000, "": 1_000_000}
-#: a cost of the place filter is one byte, and 255 marks a step that is not allowed
+#: of a restart, in units of evidence; devices have 10 bits for four times as much
 MOST_COST = 254
 
 

@@ -147,6 +147,23 @@ def test_source_files_that_a_page_names_are_there(page):
         assert any(path.endswith(f"/{name}") for path in there), f"{page} names {name}"
 
 
+@cache
+def words_of_the_source() -> frozenset[str]:
+    """Return every word of the project's source files."""
+    files = [*source_files(), ROOT / "pyproject.toml"]
+    found = (re.findall(r"\w+", Path(file).read_text(encoding="utf-8")) for file in files)
+    return frozenset(word for words in found for word in words)
+
+
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/architecture.md", "docs/testing.md"])
+def test_names_that_a_page_for_developers_has_are_in_the_source(page):
+    text = re.sub(r"```.*?```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.DOTALL)
+    names = re.findall(r"`([A-Za-z_][\w.]*)(?:\(\))?`", text)
+    assert len(names) > 20
+    gone = [name for name in names if name.split(".")[-1] not in words_of_the_source()]
+    assert gone == []
+
+
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "toml")])
 def test_toml_that_a_page_shows_is_toml(page):
     for block in blocks(page, "toml"):

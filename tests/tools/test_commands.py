@@ -135,7 +135,7 @@ def test_a_match_reads_its_recording_once(drive, tmp_path, monkeypatch, more):
 def test_matches_online_say_what_the_localiser_says(drive, tmp_path, every):
     arguments = ["match", str(drive / "map.npz"), str(drive / "query.npz"), "--online"]
     output = tmp_path / "results"
-    assert main([*arguments, "--every", every, "-o", str(output)]) == 0
+    assert main([*arguments, "--every", every, "--exclusion", "1", "-o", str(output)]) == 0
     assert {path.name for path in output.iterdir()} == {
         "map.npz",
         "matches.npz",
@@ -152,6 +152,8 @@ def test_matches_online_say_what_the_localiser_says(drive, tmp_path, every):
     header, *lines = (output / "matches.csv").read_text().splitlines()
     assert header == (drive / "results" / "matches.csv").read_text().splitlines()[0]
     assert [int(line.split(",")[2]) for line in lines] == place.tolist()
+    given, kept = (ReferenceMap.load(folder / "map.npz") for folder in (drive, output))
+    assert kept.settings == given.settings  # what is asked of one run is no part of the map
     if every == "window":
         batch = Matches.load(drive / "results" / "matches.npz")
         assert place.tolist() == (batch.place + 1 - 2 // 2).tolist()

@@ -137,7 +137,7 @@ def run(args: argparse.Namespace) -> None:
     detail_settings(asked.settings.to_dict())
     recording: Recording | PublishedWindows
     if args.online:
-        recording, found = _match_online(args, asked, odometry)
+        recording, found = _match_online(args, reference, asked, odometry)
     else:
         recording = open_source(args, args.recording, reference.frame_period)
         with_odometry = odometry is not None
@@ -201,16 +201,25 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _match_online(
-    args: argparse.Namespace, reference: ReferenceMap, odometry: Odometry | None
+    args: argparse.Namespace,
+    reference: ReferenceMap,
+    asked: ReferenceMap,
+    odometry: Odometry | None,
 ) -> tuple[Recording, MatchResult]:
-    """Feed the recording to a localiser event by event, as a device does."""
+    """Feed the recording to a localiser event by event, as a device does.
+
+    Parameters
+    ----------
+    asked : ReferenceMap
+        The map with the settings of this run.
+    """
     from edge_vpr.descriptors.cleaning import BurstFilter
     from edge_vpr.warm_up import localising_steps
     from edge_vpr_tools.inputs import open_from, tracked
 
     if args.frames_as_windows:
         raise UsageError("--online needs events: leave --frames-as-windows out")
-    causal = reference.causal()
+    causal = asked.causal()
     every = args.every or ("window" if causal.settings.match_delay else "event")
     recording = open_from(args, args.recording, default_period=reference.frame_period)
     bursts = BurstFilter(reference.pixel_map.sensor)
@@ -220,7 +229,11 @@ def _match_online(
         )
     )
     return recording, reference.match(
-        tracked(recording, "localising"), every=every, odometry=odometry, registered=args.register
+        tracked(recording, "localising"),
+        every=every,
+        odometry=odometry,
+        registered=args.register,
+        **match_flags(args),
     )
 
 
