@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import errno
 import json
+import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Literal, Self, get_args
 
@@ -106,6 +107,10 @@ class Design:
     window : {"time", "count"}
         A window is of `tau_us` microseconds, ``[start, start + tau_us)``, or ends with its
         `window_events`-th event at a selected pixel.
+    tau_us : int
+        Length of a window by time in microseconds.
+    window_events : int
+        Events at selected pixels of a window by count.
     timestamp_bits : int
         Of the device's clock, in microseconds, which wraps. What is left of a window at some time
         is their difference modulo 2 to this power, read as a signed number.
@@ -410,3 +415,20 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
 def widths_of(design: Design) -> dict[str, int]:
     """Return the number of bits of every quantity by its name."""
     return {name: form.width for name, form in formats_of(design).items()}
+
+
+def page() -> str:
+    """Return the keys of a design's file in Markdown: defaults, ranges, and what `Design` says."""
+    texts: dict[str, str] = {}
+    entry = re.compile(r"^    (\w+(?:, \w+)*) : .*\n((?:        .*\n)+)", re.MULTILINE)
+    for names, text in entry.findall(Design.__doc__ or ""):
+        texts |= dict.fromkeys(names.split(", "), " ".join(text.split()))
+    lines = ["| key | default | range | |", "| --- | --- | --- | --- |"]
+    for key in fields(Design):
+        default = "needed" if key.default is MISSING else f"`{json.dumps(key.default)}`"
+        if key.name in _RANGES:
+            span = "{:,} to {:,}".format(*_RANGES[key.name])
+        else:
+            span = ", ".join(f'`"{choice}"`' for choice in get_args(_CHOICES[key.name]))
+        lines.append(f"| `{key.name}` | {default} | {span} | {texts[key.name]} |")
+    return "\n".join(lines)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import shutil
 import struct
 import subprocess
@@ -416,3 +417,15 @@ def test_the_page_has_the_layout_of_the_image():
     """Words and tables, as `image` lays them out."""
     page_file = Path(__file__).parents[2] / "docs" / "firmware.md"
     assert page() in page_file.read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("cppcheck") is None, reason="apt install cppcheck")
+def test_the_page_names_every_rule_of_misra_that_the_firmware_deviates_from():
+    """As cppcheck reports them."""
+    command = ["cppcheck", "-q", "--enable=style", "--addon=misra", str(SOURCES / "vpr.c")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    rules = set(re.findall(r"misra-c2012-([\d.]+)", done.stderr))
+    text = (Path(__file__).parents[2] / "docs" / "firmware.md").read_text(encoding="utf-8")
+    (said,) = re.findall(r"\*\*MISRA C:2012\*\*.*?\n\n", text, re.DOTALL)
+    assert rules and rules <= set(re.findall(r"\b\d+\.\d+\b", said))

@@ -12,6 +12,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model import Design, VectorError
+from firmware_model.design import page
 from firmware_model.emulation.build import EMULATED, SOURCES, build
 from firmware_model.emulation.emulator import Emulator
 from firmware_model.image import kept_bytes, ram_bytes
@@ -672,3 +674,9 @@ def test_quiet_prints_nothing_but_errors(vectors, tmp_path, capsys):
     assert main(["golden", "verify", str(vectors), "--results", str(results), "-q"]) == 1
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1 and "first in corners/" in err
+
+
+def test_the_page_has_every_key_of_a_design():
+    """With its default, its range, and what it is."""
+    page_file = Path(__file__).parents[2] / "docs" / "vectors.md"
+    assert page() in page_file.read_text(encoding="utf-8")
