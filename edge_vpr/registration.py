@@ -29,7 +29,7 @@ from edge_vpr.descriptors.windows import FixedCount, FixedTime, WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.map_record import AnyMap, MapRecord
-from fixedpoint.own_mean import FULL_SCALE, OwnMeanCode, mean_level
+from fixedpoint.own_mean import FULL_SCALE, OwnMeanCode
 
 #: number of windows of the query that are used, and the smallest number that is enough
 WINDOWS, LEAST_WINDOWS = 128, 16
@@ -226,8 +226,8 @@ def _folded(counts: npt.NDArray[np.integer], pixels: int) -> npt.NDArray[np.int6
 
 def _levels(counts: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
     """Return logarithms of counts less the mean of each counter, in whole 1/16 octaves."""
-    level = OwnMeanCode().level(counts)
-    return ((level - mean_level(level)) >> _ROUGH).astype(np.float64)
+    code = OwnMeanCode()
+    return ((code.level(counts) - code.mean(counts)) >> _ROUGH).astype(np.float64)
 
 
 def _likeness(places: Floats, windows: Floats) -> Floats:

@@ -28,6 +28,9 @@ FIRST_SHIFT, LAST_SHIFT = 4, 8
 #: count at which the code saturates
 FULL_SCALE = 1023
 
+#: windows that are coded at once: their logarithms take eight times the memory of codes
+_ROWS = 1 << 12
+
 Integers = npt.NDArray[np.integer]
 
 
@@ -85,8 +88,30 @@ class OwnMeanCode:
         -------
         ndarray of uint8, of the shape of `counts`
         """
-        rounded = self.fine(counts, mean) + (1 << (LEVEL_BITS - 1))
-        return (rounded >> LEVEL_BITS).astype(np.uint8)
+        codes = np.empty(counts.shape, np.uint8)
+        rows, coded = (each.reshape(-1, counts.shape[-1]) for each in (counts, codes))
+        for first in range(0, len(rows), _ROWS):
+            part = slice(first, first + _ROWS)
+            rounded = self.fine(rows[part], mean) + (1 << (LEVEL_BITS - 1))
+            coded[part] = rounded >> LEVEL_BITS
+        return codes
+
+    def mean(self, counts: Integers) -> npt.NDArray[np.int32]:
+        """Return the mean of each counter's logarithms over a drive, rounded to the nearest.
+
+        Parameters
+        ----------
+        counts : ndarray of int, shape (n, J)
+            n of at least 1.
+
+        Returns
+        -------
+        ndarray of int32, shape (J,)
+        """
+        n, total = len(counts), np.zeros(counts.shape[1], np.int64)
+        for first in range(0, n, _ROWS):
+            total += self.level(counts[first : first + _ROWS]).sum(axis=0, dtype=np.int64)
+        return ((2 * total + n) // (2 * n)).astype(np.int32)
 
     def window_mean(self, deviations: Integers) -> npt.NDArray[np.int64]:
         """Return the mean of each window's deviations, rounded to the nearest; 0 without contrast.
@@ -131,22 +156,6 @@ class OwnMeanCode:
         octaves = codes.astype(np.float64) - (1 << (self.bits - 1)) + mean / (1 << LEVEL_BITS)
         counts = np.rint(np.exp2(octaves) - 1)
         return np.clip(counts, 0, FULL_SCALE).astype(np.int64)
-
-
-def mean_level(levels: Integers) -> npt.NDArray[np.int32]:
-    """Return the mean of each counter's logarithms over a drive, rounded to the nearest.
-
-    Parameters
-    ----------
-    levels : ndarray of int, shape (n, J)
-        n of at least 1.
-
-    Returns
-    -------
-    ndarray of int32, shape (J,)
-    """
-    n = len(levels)
-    return ((2 * levels.sum(axis=0, dtype=np.int64) + n) // (2 * n)).astype(np.int32)
 
 
 class RunningMean:

@@ -16,7 +16,7 @@ from edge_vpr.descriptors.windows import Descriptors, find_pauses
 from edge_vpr.errors import MapError
 from edge_vpr.settings import Settings
 from fixedpoint.codes import PixelCodes
-from fixedpoint.own_mean import OwnMeanCode, RunningMean, mean_level
+from fixedpoint.own_mean import OwnMeanCode, RunningMean
 
 FullScale = npt.NDArray[np.uint16]
 
@@ -74,7 +74,7 @@ def drive_mean(
     """
     paused = find_pauses(windows.selected_events, mean_activity)
     moving = windows.counts if paused.all() else windows.counts[~paused]
-    return mean_level(code.level(moving))
+    return code.mean(moving)
 
 
 def encode_own(counted: Descriptors, code: OwnMeanCode, mean_activity: int) -> Descriptors:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -311,7 +312,8 @@ class PixelStatistics:
         self._events = np.zeros(sensor.pixels, dtype=np.int64)
         self._sum = np.zeros(sensor.pixels, dtype=np.int64)
         self._sum_of_squares = np.zeros(sensor.pixels, dtype=np.int64)
-        self._spooled: list[tuple[np.dtype[np.unsignedinteger], tuple[int, int, int]]] = []
+        #: of each window in the temporary file: bytes of a count, start, end and events
+        self._spooled = array("q")
         self._room = spool_bytes
         self.windows = 0
         self._spool = tempfile.TemporaryFile(prefix="edge-vpr-")  # noqa: SIM115  # closed by close()
@@ -336,7 +338,7 @@ class PixelStatistics:
         if self._room >= 0:
             image = narrow(window.counts)
             self._room -= image.nbytes
-            self._spooled.append((image.dtype, window[1:]))
+            self._spooled.extend((image.itemsize, *window[1:]))
             self._spool.write(image.data)
 
     @property
@@ -377,16 +379,18 @@ class PixelStatistics:
             return None
         flat = pixel_map.y.astype(np.int64) * self._sensor.width + pixel_map.x
         self._spool.seek(0)
+        spooled = iter(self._spooled)
         return collect(
             (
-                WindowCounts(self._read_image(dtype)[flat].astype(np.int64), *span)
-                for dtype, span in self._spooled
+                WindowCounts(self._read_image(size)[flat].astype(np.int64), *span)
+                for size, *span in zip(spooled, spooled, spooled, spooled, strict=True)
             ),
             len(pixel_map),
         )
 
-    def _read_image(self, dtype: np.dtype[np.unsignedinteger]) -> npt.NDArray[np.unsignedinteger]:
-        return np.frombuffer(self._spool.read(self._sensor.pixels * dtype.itemsize), dtype=dtype)
+    def _read_image(self, item_bytes: int) -> npt.NDArray[np.unsignedinteger]:
+        image = self._spool.read(self._sensor.pixels * item_bytes)
+        return np.frombuffer(image, dtype=f"u{item_bytes}")
 
     def _checked_windows(self) -> int:
         if self.windows == 0:

@@ -237,13 +237,20 @@ def narrow(counts: npt.NDArray[np.integer]) -> npt.NDArray[np.unsignedinteger]:
     return counts.astype(np.uint64)
 
 
+#: windows that are narrowed at once
+_BLOCK = 1 << 12
+
+
 def collect(windows: Iterable[WindowCounts], counters: int) -> Descriptors:
     """Collect windows of `counters` counts each as descriptors in the narrowest dtype."""
-    taken = list(windows)
-    counts = [narrow(window.counts) for window in taken]
-    spans = np.array([window[1:] for window in taken], dtype=np.int64).reshape(-1, 3)
-    stacked = np.stack(counts) if counts else np.zeros((0, counters), dtype=np.uint8)
-    return Descriptors(stacked, spans[:, 0], spans[:, 1], spans[:, 2])
+    counts = [np.zeros((0, counters), dtype=np.uint8)]
+    spans = [np.zeros((0, 3), dtype=np.int64)]
+    rest = iter(windows)
+    while block := list(itertools.islice(rest, _BLOCK)):
+        counts.append(narrow(np.stack([window.counts for window in block])))
+        spans.append(np.array([window[1:] for window in block], dtype=np.int64))
+    start_us, end_us, events = np.concatenate(spans).T.copy()
+    return Descriptors(np.concatenate(counts), start_us, end_us, events)
 
 
 # Activity of a window: how many events it has against the mean number, and whether it is a pause.

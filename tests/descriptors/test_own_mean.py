@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from filter_oracle import level_of
@@ -10,7 +13,8 @@ from hypothesis import strategies as st
 from streams import descriptors
 
 from edge_vpr.descriptors.codes import encode_own, encode_running
-from edge_vpr.descriptors.windows import find_pauses
+from edge_vpr.descriptors.windows import PublishedWindows, find_pauses
+from edge_vpr.reference_map import ReferenceMap
 from firmware_model.specification import (
     differences_of,
     mean_shift,
@@ -20,7 +24,7 @@ from firmware_model.specification import (
 )
 from firmware_model.specification_drive import drive_codes
 from fixedpoint.errors import FixedPointError
-from fixedpoint.own_mean import OwnMeanCode, RunningMean, mean_level
+from fixedpoint.own_mean import OwnMeanCode, RunningMean
 
 
 def codes_of(counts, means, bits, contrast):
@@ -73,7 +77,7 @@ def test_contrast_codes_are_those_of_a_drive_at_any_speed():
     rng = np.random.default_rng(2)
     fast = rng.integers(32, 256, (50, 40)) * 4 - 1  # log2(1 + c) falls by exactly 2 at low speed
     slow = (fast + 1) // 4 - 1
-    mean = mean_level(OwnMeanCode().level(fast))
+    mean = OwnMeanCode().mean(fast)
     codes = [OwnMeanCode(contrast=True).encode(counts, mean) for counts in (fast, slow)]
     assert np.array_equal(codes[0], codes[1])
     assert not np.array_equal(*(OwnMeanCode().encode(counts, mean) for counts in (fast, slow)))
@@ -131,16 +135,36 @@ def test_other_light_moves_the_mean_and_not_the_codes():
     bright = rng.integers(32, 256, (50, 5)) * 4 - 1  # log2(1 + c) falls by exactly 2 in dim light
     dim = (bright + 1) // 4 - 1
     code = OwnMeanCode()
-    codes = [code.encode(c, mean_level(code.level(c))) for c in (bright, dim)]
+    codes = [code.encode(c, code.mean(c)) for c in (bright, dim)]
     assert np.count_nonzero(codes[0] != codes[1]) <= 2  # one unit of 1/256 may round otherwise
 
 
 def test_the_mean_of_levels_is_rounded_to_the_nearest():
-    assert mean_level(np.array([[1, 2], [2, 2]])).tolist() == [2, 2]
-    assert mean_level(np.array([[-1, 1], [0, 1], [0, 2]])).tolist() == [0, 1]
+    # levels of 0 and 256: 85.3 and 170.7
+    assert OwnMeanCode().mean(np.array([[0, 0], [0, 1], [1, 1]])).tolist() == [85, 171]
 
 
 @pytest.mark.parametrize("wrong", [{"bits": 0}, {"bits": 9}])
 def test_codes_out_of_range_are_refused(wrong):
     with pytest.raises(FixedPointError, match="expected 1 to"):
         OwnMeanCode(**wrong)
+
+
+def test_memory_of_a_map_of_windows_grows_by_few_bytes_a_code(tmp_path):
+    """Of a million windows, counts of 8 bytes and their logarithms would take gigabytes."""
+
+    def peak(windows):
+        path = tmp_path / f"{windows}.npz"
+        counts = np.random.default_rng(0).poisson(3, (windows, 150)).astype(np.uint8)
+        x, y = np.arange(150) % 15, np.arange(150) // 15
+        np.savez(path, counts=counts, pixel_x=x, pixel_y=y, sensor_width=15, sensor_height=10)
+        tracemalloc.start()
+        try:
+            made = ReferenceMap.build(PublishedWindows(path, period=Fraction(1)))
+            return tracemalloc.get_traced_memory()[1], made.places.counts.nbytes
+        finally:
+            tracemalloc.stop()
+
+    (few, few_codes), (many, codes) = peak(6_000), peak(18_000)
+    assert codes == 18_000 * 150
+    assert many - few < 6 * (codes - few_codes)
