@@ -265,8 +265,8 @@ static void search_places(const vpr_design_t *d, const uint16_t *metric, vpr_mat
     search_second(metric, best + d->exclusion + 1U, d->place_count, m);
 }
 
-/* Evidence against a place in a window that does not pause. It is not limited, as above 23 it takes
- * all trust anyway, which 255 of any weight is. */
+/* Evidence against a place in a window that does not pause, 0 to 255. The specification limits it
+ * to 23, which leaves no trust: any larger number does the same. */
 static uint32_t residual_of(const vpr_state_t *s, const scale_t *scale, uint32_t place)
 {
     return ((((s->distance[place] - scale->nearest) * scale->reciprocal) >> EVIDENCE_SHIFT) *

@@ -110,8 +110,8 @@ typedef struct {
     uint32_t least;       /* metric, 0 to 1023 */
     uint32_t place;       /* of the match before, or VPR_NONE */
     uint32_t support;     /* of that match, 0 to 368 */
-    uint32_t residual;    /* evidence against that match, 0 to 23 */
-    uint32_t residual_before; /* evidence against the match before that one, 0 to 23 */
+    uint32_t residual;    /* evidence against that match, 0 to 255; from 23 on, no trust is left */
+    uint32_t residual_before; /* evidence against the match before that one, 0 to 255 */
     uint32_t checksum;    /* of the image of the design that it belongs to */
 } vpr_state_t;
 
