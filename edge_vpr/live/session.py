@@ -180,6 +180,7 @@ class LiveLocaliser:
         self._time = 0  # time that the localiser has reached
         self._heard_us = 0  # host's time of the newest bytes
         self._unseen_us = 0  # for how long nothing was seen until the next event
+        self._seen_us = 0  # time of the device until which something was seen before
         self.odometer_check = OdometerCheck()
         if reference is not None:
             sensor = reference.pixel_map.sensor
@@ -227,15 +228,17 @@ class LiveLocaliser:
         if reopened:
             decoder.health.reopened += 1
             self._unseen_us = max(host_us - self._heard_us, 1)
+            self._seen_us = decoder.reached_us
         self._heard_us = host_us
         events = decoder.feed(data, host_us)
         matched = 0
-        if events.size and self._localiser is not None:
-            begin_us = int(events["t"][0])
-            if self._unseen_us:
+        if self._localiser is not None:
+            # a frame without events, or a state that was kept, tells the time too
+            begin_us = int(events["t"][0]) if events.size else decoder.reached_us
+            if self._unseen_us and (events.size or begin_us > self._seen_us):
                 self._go_unseen(self._localiser, early, begin_us)
                 matched = early.size
-            elif lost:
+            elif lost and events.size:
                 # no matches of time in which nothing was seen
                 self._localiser.skip_ticks(begin_us)
         return self._match(join_events([early, events]), matched)
@@ -305,7 +308,7 @@ class LiveLocaliser:
         self.decoder.resume_clock(values["clock"], passed_us)
         # what was missed is of unknown size
         self.decoder.health.reopened += 1
-        self._unseen_us = passed_us
+        self._unseen_us, self._seen_us = passed_us, self._time
 
     @property
     def filled(self) -> float:

@@ -88,6 +88,31 @@ def test_a_session_goes_on_where_the_one_before_was(host, device, clock, street,
     assert found[-1].probability > 0.8
 
 
+@pytest.mark.parametrize("how", ["another run", "the same run"])
+@pytest.mark.parametrize("first", ["events", "a frame without events"])
+def test_the_time_in_which_nothing_was_seen_gives_no_matches(first, how, street):
+    path, events, _ = street
+    reference, encoder = ReferenceMap.load(path), open_encoder("evpr", SENSOR)
+    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, "50ms")
+    for piece in np.array_split(between(events, 0, 4), 100):
+        live.feed(encoder.encode(piece), int(piece["t"][-1]))
+    if how == "another run":
+        arrays, values = live.to_state()
+        localiser = Localiser(reference, every="50ms")
+        localiser.run.resume(arrays, values["now_us"], values["floor_us"])
+        live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, "50ms")
+        live.resume(Resumable(localiser, values), 40_000_000)
+    late, reopened, matches = between(events, 4, 6), how == "the same run", 0
+    late["t"] += 40_000_000
+    pieces = [encoder.encode(piece) for piece in np.array_split(late, 100)]
+    if first != "events":
+        pieces.insert(0, encoder.idle(int(late["t"][0]) - 10))
+    for n, data in enumerate(pieces):
+        found = live.feed(data, 44_000_000, reopened=reopened and n == 0)
+        matches += found.matches.size
+    assert 30 <= matches <= 2 / 0.05 + 10
+
+
 def test_without_a_state_it_takes_longer(street, tmp_path):
     path, events, _ = street
     state, late = tmp_path / "run.state", between(events, 20, 24)

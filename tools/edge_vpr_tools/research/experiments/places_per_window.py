@@ -145,7 +145,7 @@ def _figures(drive: MappedPair, found: Matches, truths: Sequence[GroundTruth]) -
     wide = truths[-1].correct[found.place, found.query]
     confidence = reference.acceptance.confidence
     assert confidence is not None
-    accepted = known & (found.trust >= confidence.least_trust(PRECISION))
+    accepted = known & (found.net_trust >= confidence.least_trust(PRECISION))
     place_bytes = reference.packed_bytes_per_place
     error = reliability(found.probability[known], wide[known]).expected_calibration_error
     row = {
