@@ -64,7 +64,7 @@ COMMANDS = (
     "edge-vpr simulate -o street",
     "edge-vpr map street/reference.npz -o map.npz --track street/reference_track.csv",
     "edge-vpr match map.npz street/query.npz -o results",
-    "edge-vpr match map.npz street/query.npz -o live --online --every window --precision 0.9",
+    "edge-vpr match map.npz street/query.npz -o live --online --every window --precision 0.99",
     f"edge-vpr evaluate live --ground-truth {' '.join(TRACKS)} --tolerance {TOLERANCE_M}",
     "edge-vpr replay live -o match.gif --all-events",
 )
