@@ -470,6 +470,9 @@ TABLE = _PIXELS | _WINDOWS | _COUNTERS | _MATCHING | _CLEANING
 class Settings:
     """All settings that determine a map and its matches; stored with both.
 
+    Values that are not given are those of the paper, as in ``PRESETS["paper"]``; commands and
+    `ReferenceMap.build` begin with ``PRESETS["default"]``.
+
     >>> settings = Settings(pixels=50, window="count")
     >>> settings.events_per_window
     150

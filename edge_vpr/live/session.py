@@ -442,7 +442,7 @@ class LiveMatch(NamedTuple):
     place : int
         Best place of the map: that whose middle looks most like the newest window.
     distance : float
-        Distance to it, per window.
+        With sequences, distance to it per window; with the place filter, its cost.
     second : int
         Best place outside the exclusion zone of `place`; -1: there is none.
     second_distance : float
