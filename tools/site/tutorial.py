@@ -1,6 +1,7 @@
 """Run the commands of docs/tutorial.md, and put what they print, and their pictures, into the page.
 
-python tools/site/tutorial.py, with edge-vpr on the path; the tests run the page word for word.
+python tools/site/tutorial.py, with edge-vpr on the path; the tests run the page word for word. It
+also runs the notebook, which holds what its cells show (nbclient and ipykernel, extra `test`).
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-DOCS = Path(__file__).parents[2] / "docs"
+ROOT = Path(__file__).parents[2]
+DOCS, NOTEBOOK = ROOT / "docs", ROOT / "examples" / "street.ipynb"
 PAGE = DOCS / "tutorial.md"
 #: pictures of the page, and the files of the run that they are
 PICTURES = {
@@ -70,6 +72,19 @@ def main() -> None:
         PAGE.write_text(rerun(PAGE.read_text(encoding="utf-8"), folder), encoding="utf-8")
         for picture, made in PICTURES.items():
             shutil.copy(folder / made, DOCS / "images" / picture)
+        run_notebook(folder)
+
+
+def run_notebook(folder: Path) -> None:
+    """Put what its cells show into the notebook, without the times of the run."""
+    import nbformat
+    from nbclient import NotebookClient
+
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    NotebookClient(notebook, resources={"metadata": {"path": str(folder)}}).execute()
+    for cell in notebook.cells:
+        cell.metadata.pop("execution", None)
+    nbformat.write(notebook, NOTEBOOK)
 
 
 if __name__ == "__main__":
