@@ -447,6 +447,8 @@ def test_the_rovers_question_is_one_command(tmp_path, capsys):
     own = ["estimate", "--design", str(tmp_path / "mine.toml"), "--target", "cortex-m4"]
     assert main([*own, "--fit", "8KiB"]) == 0
     assert "Over its limits: Cortex-M4 (8KiB)" in joined(capsys.readouterr().out)
+    assert main([*own, "--fit", "8MiB"]) == 0
+    assert "Within the limits." in joined(capsys.readouterr().out)
 
 
 def parsed(words):

@@ -272,7 +272,7 @@ def run(args: argparse.Namespace) -> None:
                 rate: cost(found[target].design, target, mission.at_rate(rate, design), measured)
                 for rate in EVENT_RATES
             }
-        show.show_design(found, at_rates, rate_is, unknown)
+        show.show_design(found, at_rates, rate_is, unknown, limited=bool(budgets))
         costs = {of: one.cost for of, one in found.items()}
         values |= {
             "design": design,

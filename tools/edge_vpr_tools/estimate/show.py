@@ -64,6 +64,8 @@ def show_design(
     at_rates: Mapping[Target, Mapping[float, Cost]],
     rate_is: str,
     unknown: Sequence[Target] = (),
+    *,
+    limited: bool = False,
 ) -> None:
     """Print what a match of a design takes on each target, against the rate of events.
 
@@ -75,6 +77,8 @@ def show_design(
         Whose rate the columns of time and energy are for.
     unknown : sequence of Target
         Those whose power is not known, where a budget of it was given.
+    limited : bool
+        Whether limits were given.
     """
     rates = list(next(iter(at_rates.values())))
     rows = [
@@ -99,6 +103,8 @@ def show_design(
     )
     if over:
         text += f" Over its limits: {', '.join(over)}."
+    elif limited:
+        text += " Within the limits."
     if unknown:
         text += f" Power {UNKNOWN}: {', '.join(map(_short, unknown))} (--calibrate)."
     if len(found) == 1:
