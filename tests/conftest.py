@@ -31,7 +31,7 @@ def pytest_configure(config: pytest.Config) -> None:
 WITHOUT_KERNELS = (
     *("test_board", "test_core_area", "test_evpr_firmware", "test_firmware", "test_fixedpoint"),
     *("test_fuzz_images", "test_golden", "test_hardware", "test_mutants", "test_packages"),
-    *("test_rooms", "test_security", "test_site"),
+    *("test_rooms", "test_security", "test_site", "test_vectors_on_a_board"),
 )
 
 

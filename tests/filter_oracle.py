@@ -23,6 +23,7 @@ from firmware_model.specification import (
 )
 from firmware_model.specification_drive import Drive, DriveMatch
 from fixedpoint.activity import COSTS_BY_ACTIVITY, EVENTS_TOP
+from fixedpoint.own_mean import FULL_SCALE
 
 Rows = list[list[int]]
 
@@ -82,9 +83,8 @@ def zone_of(settings: Settings) -> int:
 
 def levels_of(reference: ReferenceMap, counted: Rows) -> Rows:
     """Logarithms of all counts."""
-    code = reference.own_mean_code
-    assert code is not None
-    return [[level_of(min(count, code.full_scale)) for count in row] for row in counted]
+    assert reference.own_mean_code is not None
+    return [[level_of(min(count, FULL_SCALE)) for count in row] for row in counted]
 
 
 def level_of(count: int) -> int:

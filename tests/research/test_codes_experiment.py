@@ -67,7 +67,7 @@ def test_all_codes_of_a_pair_see_the_same_counts(shared_data):
     assert score(pair, 0, everything)["all", 16] == score(pair, 0, plain)["none", 0]
 
 
-def test_every_code_is_a_row_and_those_with_a_learnt_scale_are_drawn():
+def test_every_code_is_a_row_and_is_drawn():
     values = iter(np.linspace(0.2, 0.9, 1000))
     mapped = SimpleNamespace(coded=lambda changes: SimpleNamespace(correct=lambda: next(values)))
     settings = PRESETS["tiny"]
@@ -75,8 +75,8 @@ def test_every_code_is_a_row_and_those_with_a_learnt_scale_are_drawn():
         settings=settings, drawn_with=lambda seed: settings, mapped=lambda settings: mapped
     )
     rows = [{"drives": "pair", **row} for row in codes.measure(Draw(pair, 0, True))]
-    bits, scales = len(codes.BITS), len(codes.FULL_SCALES)
-    assert len(rows) == len(codes.CODES) * bits + 2 * scales
+    bits = len(codes.BITS)
+    assert len(rows) == len(codes.CODES) * bits
     (axes,) = codes.figure(rows).axes
     assert [bars.get_label() for bars in axes.containers] == list(codes.CODES)
     drawn = axes.containers[0].lines[0].get_ydata().tolist()

@@ -140,7 +140,6 @@ def test_the_camera_of_published_traverses_is_moved(downloads, small):
 
 def test_codes_and_probabilities_are_judged_on_published_traverses(downloads, small, monkeypatch):
     monkeypatch.setattr(codes, "BITS", (3, 8))
-    monkeypatch.setattr(codes, "FULL_SCALES", (63,))
     rows = rows_of(codes, downloads, 1)
     assert {row["drives"] for row in rows} == {f"{PAIR}, 25 px"}
     rows = rows_of(trust, downloads, 1)
