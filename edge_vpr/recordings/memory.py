@@ -39,6 +39,8 @@ FORMAT = "memory"
 
 def is_event_data(given: object) -> bool:
     """Return whether an object is events in memory, or a data set of them, and no recording."""
+    if hasattr(given, "sensor"):  # an `EventSource`, which can be a named tuple
+        return False
     return (
         isinstance(given, np.ndarray | tuple | list)
         or _column_names(given) is not None

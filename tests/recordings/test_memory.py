@@ -1,11 +1,13 @@
 """Events in memory are recordings: each form of them gives the map that their file gives."""
 
+from typing import Any, NamedTuple
+
 import numpy as np
 import pytest
 
 from edge_vpr import ReferenceMap, open_recording, write_recording
 from edge_vpr.errors import EdgeVprError, RecordingError, UsageError
-from edge_vpr.events import EVENT_DTYPE
+from edge_vpr.events import EVENT_DTYPE, Sensor
 from edge_vpr.simulation import simulate_pair
 
 
@@ -147,3 +149,20 @@ def test_a_result_of_events_in_memory_is_saved_without_naming_a_file(drives, eve
         result = made.match(held)
         assert result.inputs == ()
         result.save(tmp_path / "out", overwrite=True)
+
+
+class Drive(NamedTuple):
+    """A recording of one's own."""
+
+    sensor: Sensor
+    events: Any
+
+    def __iter__(self):
+        return iter([self.events[:10], self.events[10:]])
+
+
+def test_a_recording_that_is_a_tuple_is_taken_as_the_recording_that_it_is(drives):
+    settings = {"pixels": 10, "sigma": 1.0}
+    drive = Drive(drives[0].sensor, np.concatenate(list(drives[0])))
+    expected = ReferenceMap.build(drives[0], **settings)
+    assert ReferenceMap.build(drive, **settings).places == expected.places

@@ -608,7 +608,7 @@ def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys):
     words = f"sweep {plan_file} -o {folder} --workers 1".split()
     assert cli.main(words) == 0
     said = capsys.readouterr().out
-    assert "| out | pixels=3 | evening | 2 |" in said
+    assert "| out | pixels=3 | evening | 0.2 | 2 |" in said
     assert "0 were known, 4 computed now" in said
     assert cli.main(words) == 0
     assert "4 were known, 0 computed now" in capsys.readouterr().out
