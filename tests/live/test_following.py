@@ -67,7 +67,7 @@ class Separate:
         """What of the losses has a size, or means a gap."""
         h = self.decoder.health
         sized = h.lost + h.device_dropped + h.rejected
-        if h.accounting != "exact":
+        if h.accounting != "exact" and h.losses:  # what precedes all events is no loss
             sized += h.skipped_bytes + h.overrun_bytes
         return sized + h.device_resets + h.clock_resets + h.clock_jumps + h.reopened
 
