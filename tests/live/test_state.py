@@ -88,6 +88,16 @@ def test_a_session_goes_on_where_the_one_before_was(host, device, clock, street,
     assert found[-1].probability > 0.8
 
 
+def resumed(live, reference, passed_us):
+    """A localiser that goes on from the state of another one, so much later."""
+    arrays, values = live.to_state()
+    localiser = Localiser(reference, every="50ms")
+    localiser.run.resume(arrays, values["now_us"], values["floor_us"])
+    later = LiveLocaliser(open_decoder("evpr", SENSOR), reference, "50ms")
+    later.resume(Resumable(localiser, values), passed_us)
+    return later
+
+
 @pytest.mark.parametrize("how", ["another run", "the same run"])
 @pytest.mark.parametrize("first", ["events", "a frame without events"])
 def test_the_time_in_which_nothing_was_seen_gives_no_matches(first, how, street):
@@ -97,11 +107,7 @@ def test_the_time_in_which_nothing_was_seen_gives_no_matches(first, how, street)
     for piece in np.array_split(between(events, 0, 4), 100):
         live.feed(encoder.encode(piece), int(piece["t"][-1]))
     if how == "another run":
-        arrays, values = live.to_state()
-        localiser = Localiser(reference, every="50ms")
-        localiser.run.resume(arrays, values["now_us"], values["floor_us"])
-        live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, "50ms")
-        live.resume(Resumable(localiser, values), 40_000_000)
+        live = resumed(live, reference, 40_000_000)
     late, reopened, matches = between(events, 4, 6), how == "the same run", 0
     late["t"] += 40_000_000
     pieces = [encoder.encode(piece) for piece in np.array_split(late, 100)]
@@ -138,11 +144,7 @@ def test_a_robot_that_drove_on_unseen_is_found_again(how, clock, street, tmp_pat
     for piece in np.array_split(between(events, 0, 14), 700):
         live.feed(encoder.encode(piece), int(piece["t"][-1]))
     if how == "another run":
-        arrays, values = live.to_state()
-        localiser = Localiser(reference, every="50ms")
-        localiser.run.resume(arrays, values["now_us"], values["floor_us"])
-        live = LiveLocaliser(open_decoder("evpr", SENSOR), reference)
-        live.resume(Resumable(localiser, values), 3_000_000)
+        live = resumed(live, reference, 3_000_000)
     if clock == "restarts":
         encoder = open_encoder("evpr:boot=1", SENSOR)
     locator, rows = Locator(reference), []
