@@ -41,6 +41,11 @@ class TruePositions:
     unit: str  #: Of distances between positions: metres ("m"), or the unit of an alignment.
     tolerance: float  #: Largest error of a correct match, in this unit.
 
+    def are_like(self, kind: Kind, position: Floats) -> bool:
+        """Return whether positions (K, d) of this kind are in the same coordinates, in metres."""
+        form = (self.kind, self.query.shape[1])
+        return self.unit == "m" and form == (kind, position.shape[1])
+
 
 @dataclass(frozen=True, eq=False)
 class TrueCells(EqualByValue):

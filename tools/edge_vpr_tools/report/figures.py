@@ -138,8 +138,7 @@ class RouteView:
         places, query = outcome.matches.place, outcome.matches.query
         positions = None if outcome.truth is None else outcome.truth.positions
         if route is not None and route.position.shape[1] > 1:
-            form = None if positions is None else (positions.kind, positions.query.shape[1])
-            if positions is not None and form == (route.kind, route.position.shape[1]):
+            if positions is not None and positions.are_like(route.kind, route.position):
                 text = "a line leads to the place that a wrong match gave"
                 text = f"The route from above. Each mark is where the camera was; {text}."
                 return cls(positions.query[query], text, "", route.position, route.kind)

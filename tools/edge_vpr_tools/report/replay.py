@@ -19,7 +19,6 @@ from PIL import Image
 from edge_vpr.descriptors.counting import EventSource, WindowSource
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.ground_truth import TruePositions
 from edge_vpr.evaluation.tracks import local_metres
 from edge_vpr.files import replacing
 from edge_vpr.map_record import describe_query
@@ -311,22 +310,17 @@ def replay_of(
             judged = replace(judged, query=np.arange(len(judged), dtype=np.int64))
         some = replace(result, matches=judged)
         found = some.evaluate(truth_of(some, truth))
-        positions = found.truth.positions
-        if positions is not None and _comparable(positions, reference.route):
+        positions, route = found.truth.positions, reference.route
+        if (
+            positions is not None
+            and route is not None
+            and positions.are_like(route.kind, route.position)
+        ):
             true = positions.query[judged.query]
     return Replay(
         reference, outcome_of(reference, shown_matches, found), queries.take(window),
         cost[:, window], images, true,
     )  # fmt: skip
-
-
-def _comparable(positions: TruePositions, route: Route | None) -> bool:
-    """Return whether the truth is given in the coordinates of the places."""
-    return (
-        route is not None
-        and positions.unit == "m"
-        and (positions.kind, positions.query.shape[1]) == (route.kind, route.position.shape[1])
-    )
 
 
 def _windows_of(
