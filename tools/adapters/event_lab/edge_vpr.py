@@ -1,22 +1,29 @@
 """The baseline `edge_vpr` of Event-LAB, to be copied into its ``baselines/`` (docs/event_lab.md).
 
-Event-LAB calls the methods of the class in the order in which they stand here.
+Event-LAB calls `format_data`, `build_execute`, `run`, `parse_results` and `cleanup` in this order.
+It pins NumPy 1, and edge-vpr needs NumPy 2: edge-vpr runs in a process of its own environment.
 """
 
 from __future__ import annotations
 
 import datetime
-from decimal import Decimal
+import subprocess
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
-from baselines.edge_vpr_matrix import Drive, EdgeVprFailedError, Request, write_distance_matrix
 from baselines.EventBaselineLab import EventBaseline
 
 CONFIG = Path(__file__).with_name("edge_vpr.yaml")
 MATRIX = "edge_vpr.npy"
+#: units of times in the configuration of a data set, which also states them in ticks a second
+UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
+
+
+class EdgeVprFailedError(RuntimeError):
+    """edge-vpr, or what Event-LAB asks of it, fails; the text is one line."""
 
 
 class EdgeVprBaseline(EventBaseline):  # type: ignore[misc]
@@ -34,61 +41,65 @@ class EdgeVprBaseline(EventBaseline):  # type: ignore[misc]
         self, config: dict[str, Any], dataset_config: dict[str, Any], reference: Any, query: Any,
         timewindow: float,
     ) -> None:  # fmt: skip
-        """Find the two recordings; nothing is converted.
-
-        Frames (``frame_*.npy``) of both drives are taken if they are there and the configuration
-        says ``frames: true``; the HDF5 files of events otherwise.
+        """Prepare to map one recording and to match the other; nothing is converted.
 
         Raises
         ------
         EdgeVprFailedError
-            If the windows are numbers of events, or the data set states a unit that is not known.
+            If the windows are numbers of events, or a unit of times is not known.
         """
         if config.get("frame_accumulator") == "eventcount":
             raise EdgeVprFailedError(
                 f"windows of {timewindow} events are not covered: set frame_accumulator to polarity"
             )
+        drives = [drive.get_dataset_info() for drive in (reference, query)]
         self.config = config
-        about = [drive.get_dataset_info() for drive in (reference, query)]
-        names = [info["sequence_name"] for info in about]
-        self.ref_query = "_".join(names)
-        other = dataset_config.get("other") or {}
-        offsets, scale = other.get("offset") or {}, other.get("offset_time_scale", "s")
-        folders = [_frames_of(info, timewindow) for info in about]
-        by_frames = bool(self.baseline_config.get("frames")) and None not in folders
-        drives = [
-            Drive(folder)
-            if by_frames and folder is not None
-            else Drive(Path(info["hdf5_path"]), _seconds(offsets.get(info["sequence_name"]), scale))
-            for info, folder in zip(about, folders, strict=True)
-        ]
-        width, height = dataset_config["dataset"]["resolution"]
-        self.request = Request(
-            *drives,
-            window_ms=float(timewindow),
-            resolution=(int(width), int(height)),
-            time_unit=self.baseline_config.get("time_unit") or _time_unit(dataset_config),
-            settings=self.baseline_config.get("settings") or {},
-            program=tuple(self.baseline_config.get("program", ["edge-vpr"])),
-        )
-        folder = f"{config['frame_generator']}_{timewindow}"
-        self.output_dir = self.outdir / about[0]["dataset_name"] / self.ref_query / folder
+        self.ref_query = "_".join(drive["sequence_name"] for drive in drives)
+        self.output_dir = (
+            self.outdir / drives[0]["dataset_name"] / self.ref_query
+            / f"{config['frame_generator']}_{timewindow}"
+        )  # fmt: skip
+        self.reference, self.query = (_recording(drive, dataset_config) for drive in drives)
+        # Event-LAB's truth has a row for each window
+        self.mapping = ["--tau", f"{float(timewindow):g}ms", "--places-per-window", "1"]
 
     def build_execute(
         self, config: dict[str, Any], data_config: dict[str, Any], ground_truth: str
     ) -> None:
-        """Do nothing: `format_data` has all that `run` needs."""
+        """Check that `format_data` was called.
+
+        Raises
+        ------
+        EdgeVprFailedError
+            If it was not: some versions of Event-LAB call it only with ``stream: true``.
+        """
+        if not hasattr(self, "reference"):
+            raise EdgeVprFailedError(
+                "format_data was not called: set stream to true in Event-LAB's config.yaml"
+            )
 
     def run(self) -> None:
-        """Write the distance matrix, references x queries, into the output folder."""
-        write_distance_matrix(self.request, self.output_dir / MATRIX)
+        """Write the distance matrix, references x queries, into the output folder.
+
+        Raises
+        ------
+        EdgeVprFailedError
+            If edge-vpr is not there or ends with an error.
+        """
+        self.output_dir.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix="edge_vpr_") as folder:
+            map_file, matches = f"{folder}/map.npz", f"{folder}/matches"
+            settings = _flags(self.baseline_config.get("settings") or {})
+            self._call("map", *self.reference, "-o", map_file, *self.mapping, *settings)
+            self._call("match", map_file, *self.query, "-o", matches, "--no-figures",
+                       "--overwrite", "--matrix", str(self.output_dir / MATRIX))  # fmt: skip
 
     def parse_results(self, GT: str) -> None:  # Event-LAB passes it by this name
         """Evaluate with Event-LAB's metrics."""
         matrix, truth = np.load(self.output_dir / MATRIX), np.load(GT)
         now = datetime.datetime.now(datetime.UTC).replace(tzinfo=None).isoformat()
         rows, curves = self.run_metrics(
-            ["edge_vpr"], [matrix], truth, now, self.name, self.ref_query,
+            [self.name], [matrix], truth, now, self.name, self.ref_query,
             matrix_type=self.matrix_type, outdir=str(self.output_dir),
             tolerance=self.config.get("ground_truth_tolerance", 0.0),
         )  # fmt: skip
@@ -97,38 +108,55 @@ class EdgeVprBaseline(EventBaseline):  # type: ignore[misc]
     def cleanup(self) -> None:
         """Do nothing: what `run` needs in between is removed as it ends."""
 
+    def _call(self, *words: str) -> None:
+        program = self.baseline_config.get("program") or ["edge-vpr"]
+        try:
+            run = subprocess.run(
+                [*program, *words, "--quiet"], capture_output=True, text=True, check=False
+            )
+        except OSError as error:
+            raise EdgeVprFailedError(
+                f"{program[0]} cannot be started ({error.strerror}): install edge-vpr in an "
+                "environment of its own, and name its program in edge_vpr.yaml"
+            ) from error
+        if run.returncode:
+            lines = run.stderr.strip().splitlines()
+            raise EdgeVprFailedError(
+                lines[-1] if lines else f"{program[0]} ended with {run.returncode}"
+            )
 
-def _frames_of(info: dict[str, Any], timewindow: float) -> Path | None:
-    """Return the folder of frames of this time window, if it is there."""
-    for name, path in info.get("file_path", {}).items():
-        if name.endswith(f"-{timewindow}") and any(Path(path).glob("frame_*.npy")):
-            return Path(path)
-    return None
 
-
-#: names of the units of times in the configuration of a data set, and units in a second
-_UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
-
-
-def _time_unit(dataset_config: dict[str, Any]) -> str:
-    """Return the unit of the times in the HDF5 files of a data set."""
+def _recording(drive: dict[str, Any], dataset_config: dict[str, Any]) -> list[str]:
+    """Return the words that name a recording and say how it is read."""
+    width, height = dataset_config["dataset"]["resolution"]
     stated = (dataset_config.get("format") or {}).get("data", {}).get("timestamp_val") or "ns"
-    return _unit(stated, "timestamp_val")
+    unit = next((unit for unit, ticks in UNITS.items() if stated in (unit, ticks)), None)
+    if unit is None:
+        raise EdgeVprFailedError(
+            f"timestamp_val of the data set is {stated!r}: expected {', '.join(UNITS)}, or the "
+            "ticks in a second of one of them"
+        )
+    words = [str(drive["hdf5_path"]), "--sensor", f"{width}x{height}", "--time-unit", unit]
+    other = dataset_config.get("other") or {}
+    offset = (other.get("offset") or {}).get(drive["sequence_name"])
+    if offset is not None:
+        scale = other.get("offset_time_scale", "s")
+        if scale != "s":
+            raise EdgeVprFailedError(
+                f"offset_time_scale of the data set is {scale!r}: state other.offset in seconds "
+                "and offset_time_scale as s"
+            )
+        words += ["--start-offset", str(offset)]
+    return words
 
 
-def _unit(stated: object, name: str) -> str:
-    for unit, in_a_second in _UNITS.items():
-        if stated in (unit, in_a_second):
-            return unit
-    raise EdgeVprFailedError(
-        f"{name} of the data set is {stated!r}: expected {', '.join(_UNITS)}, or as many in a "
-        "second; name the unit of the files as time_unit in edge_vpr.yaml"
-    )
-
-
-def _seconds(offset: object, scale: object) -> str | None:
-    """Return an offset on the file's clock in seconds, as text that loses no digit."""
-    if offset is None:
-        return None
-    unit = _unit(scale, "offset_time_scale")
-    return str(offset) if unit == "s" else str(Decimal(str(offset)) / _UNITS[unit])
+def _flags(settings: dict[str, object]) -> list[str]:
+    """Return settings as flags of the same names."""
+    words = []
+    for name, value in settings.items():
+        flag = name.replace("_", "-")
+        if isinstance(value, bool):
+            words.append(f"--{flag}" if value else f"--no-{flag}")
+        else:
+            words += [f"--{flag}", str(value)]
+    return words
