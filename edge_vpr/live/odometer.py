@@ -6,7 +6,8 @@ import math
 import time
 from collections.abc import Callable
 
-from edge_vpr.live.links import LinkReader, open_link
+from edge_vpr.live.links import open_link
+from edge_vpr.live.reader import LinkReader
 from edge_vpr.route import MOST_MM
 
 #: Largest length of a reading, in bytes.

@@ -1,8 +1,9 @@
 """State of a live session in a file, from which a program that is started again goes on.
 
-A state is what matching has learnt of the drive: the events of the newest windows, the place
-filter, the running mean, the position, and the camera's clock. It belongs to one map with its
-settings. To go on from it is like a link that was lost and opened again.
+`StateFile` reads it when a session begins, and keeps it until the session ends. A state is what
+matching has learnt of the drive: the events of the newest windows, the place filter, the running
+mean, the position, and the camera's clock. It belongs to one map with its settings. To go on from
+it is like a link that was lost and opened again.
 """
 
 from __future__ import annotations
@@ -11,11 +12,13 @@ import contextlib
 import queue
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from edge_vpr.archive import Arrays, archive_errors, read_archive, write_archive
 from edge_vpr.errors import EdgeVprError, UsageError, printable
+from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.map_record import MapRecord
 from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.warm_up import WarmUpStep
@@ -30,7 +33,7 @@ KEEP_S = 2.0
 class LiveState(NamedTuple):
     """State of a session at one time."""
 
-    arrays: Arrays  #: See `MatchRun.to_arrays`; without the places, which are the map's.
+    arrays: Arrays  #: See `LiveLocaliser.to_state`.
     values: dict[str, Any]  #: Of JSON.
 
 
@@ -87,6 +90,79 @@ def read_state(path: Path, localiser: Localiser, checksum: str) -> Resumable | s
     return Resumable(localiser, values)
 
 
+class StateFile:
+    """Goes on from the state of a file, and keeps the state of a live line there.
+
+    Parameters
+    ----------
+    reference : MapRecord
+        Map of the session.
+    every : MatchSchedule or None
+        Its schedule.
+    say : callable
+        Takes the kind and the text of a message, and `over`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        reference: MapRecord,
+        every: MatchSchedule | None,
+        say: Callable[..., None],
+    ) -> None:
+        localiser = Localiser(reference, every=every)
+        self._path, self._say = path, say
+        self._checksum = localiser.checksum()
+        self._saved = read_state(path, localiser, self._checksum)
+        self._writer: StateWriter | None = None
+        self._reported = ""
+
+    def resume(self, live: LiveLocaliser, host_us: int, *, live_line: bool) -> None:
+        """Go on from the state of the file when the first bytes come, or say why not."""
+        saved, self._saved = self._saved, None
+        limit_us = live.decoder.longest_silence_us
+        if isinstance(saved, Resumable):
+            passed_us = host_us - saved.values["host_us"]
+            if not live_line:
+                saved = "it is of a live line, and this is none"
+            elif passed_us < 0:
+                saved = "by this machine's clock it was kept later than now"
+            elif passed_us > limit_us:
+                saved = f"it is {passed_us / 1e6:,.0f} s old, of at most {limit_us / 1e6:.0f} s"
+            else:
+                live.resume(*saved, passed_us)
+                self._say("state", f"goes on after {passed_us / 1e6:.1f} s", over=True)
+        if isinstance(saved, str):
+            self._say("state", f"{self._path} is not used, matching starts afresh: {saved}")
+        if live_line and self._writer is None:
+            self._writer = StateWriter(self._path)
+
+    def keep(self, live: LiveLocaliser, host_us: int) -> None:
+        """Hand the state to its writer now and then, and report once that it cannot be written.
+
+        Parameters
+        ----------
+        host_us : int
+            When the newest bytes came.
+        """
+        writer = self._writer
+        if writer is None or not writer.due():
+            return
+        writer.offer(self._state(live, host_us))
+        if writer.error and not self._reported:
+            self._say("state", f"the state is not kept: {writer.error}")
+        self._reported = writer.error
+
+    def close(self, live: LiveLocaliser, host_us: int) -> None:
+        """Keep the last state."""
+        if self._writer is not None:
+            self._writer.close(self._state(live, host_us))
+
+    def _state(self, live: LiveLocaliser, host_us: int) -> LiveState:
+        arrays, values = live.to_state()
+        return LiveState(arrays, values | {"of": self._checksum, "host_us": host_us})
+
+
 class StateWriter:
     """Writes states to a file in a thread, each in place of the one before."""
 
@@ -112,10 +188,10 @@ class StateWriter:
         with contextlib.suppress(queue.Full):
             self._waiting.put_nowait(state)
 
-    def close(self, last: LiveState | None) -> None:
+    def close(self, last: LiveState) -> None:
         """Write the last state, and end."""
-        for state in (last, None) if last is not None else (None,):
-            self._waiting.put(state)
+        self._waiting.put(last)
+        self._waiting.put(None)
         self._thread.join()
 
     def _run(self) -> None:

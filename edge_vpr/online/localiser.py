@@ -31,7 +31,7 @@ from edge_vpr.descriptors.counting import check_columns, window_of
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import MAX_WINDOWS, Descriptors, FixedTime, Window, narrow
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError, expect
-from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Events, Sensor, check_event_array
+from edge_vpr.events import EVENT_DTYPE, NO_EVENTS, TIME_LIMIT_US, Events, Sensor, check_event_array
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.place_filter import (
     FilterMatch,
@@ -199,9 +199,16 @@ MATCH_DTYPE = np.dtype(
 
 
 Found = list[npt.NDArray[np.void]]
-_NO_EVENTS = np.empty(0, dtype=EVENT_DTYPE)
+NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
 #: Number of matches after which the kernel returns.
 MATCHES_AT_ONCE = 4_096
+
+
+def join_matches(found: Found) -> npt.NDArray[np.void]:
+    """Concatenate arrays of matches; one alone is returned as it is."""
+    if len(found) == 1:
+        return found[0]
+    return np.concatenate(found) if found else NO_MATCHES
 
 
 def _state_before(
@@ -315,7 +322,7 @@ class MatchRun:
 
     def _hold(self, state: OnlineState) -> None:
         self.state, self.kernel_state = state, SharedState(state).kernel_state
-        self._follow: Callable[..., Stop] = specialise(follow, self.kernel_state, _NO_EVENTS, GO_ON)
+        self._follow: Callable[..., Stop] = specialise(follow, self.kernel_state, NO_EVENTS, GO_ON)
 
     @property
     def next_tick(self) -> int:
@@ -346,7 +353,7 @@ class MatchRun:
 
     def advance(self, until_us: int) -> Found:
         """Advance the time without events."""
-        return self.go_on(self._follow(self.kernel_state, _NO_EVENTS, until_us))
+        return self.go_on(self._follow(self.kernel_state, NO_EVENTS, until_us))
 
     def go_on(self, stop: Stop) -> Found:
         """Call the kernel until all events are processed, and return all matches.
@@ -371,7 +378,7 @@ class MatchRun:
                 self._hold(self.state._replace(windows=grown(self.state.windows)))
             elif why == WINDOW_OVER:
                 self._window_over()
-            stop = self._follow(self.kernel_state, _NO_EVENTS, GO_ON)
+            stop = self._follow(self.kernel_state, NO_EVENTS, GO_ON)
 
     def finish(self) -> Found:
         """Return the matches that a delay still holds, at the end of a drive."""
@@ -670,7 +677,6 @@ class DelayedRun(FilterRun):
 __all__ = ["MATCH_DTYPE", "Localiser"]
 
 KIND = "localiser state"
-NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
 
 
 class Localiser:
@@ -813,7 +819,7 @@ class Localiser:
         stop = self.run.follow(events)
         if stop[1] == REFUSED:
             self._check(events)
-        return _joined(self.run.go_on(stop))
+        return join_matches(self.run.go_on(stop))
 
     def _verified(self, events: Events) -> npt.NDArray[np.void]:
         """Process events in parts, and verify the state after each part."""
@@ -824,7 +830,7 @@ class Localiser:
         for part in np.split(events, ends[ends < events.size]):
             found += self.run.go_on(self.run.follow(part))
             self.verify()
-        return _joined(found)
+        return join_matches(found)
 
     def _check(self, events: Events) -> None:
         """Raise the error of events of EVENT_DTYPE, if there is one."""
@@ -866,7 +872,7 @@ class Localiser:
                 f"time {until_us} us lies beyond {TIME_LIMIT_US}: check the clock's unit"
             )
         self.every.check_ticks(self.run.next_tick, until_us)
-        found = _joined(self.run.advance(until_us))
+        found = join_matches(self.run.advance(until_us))
         if self._check_every:
             self.verify()
         return found
@@ -880,7 +886,7 @@ class Localiser:
             Matches of the last windows, which fewer windows than the delay follow; m is 0 without
             a delay.
         """
-        return _joined(self.run.finish())
+        return join_matches(self.run.finish())
 
     def read_odometer(
         self, time_us: int, distance_m: float, *, checked: bool = True
@@ -1033,12 +1039,6 @@ class Localiser:
             If anything differs, which indicates a fault of edge-vpr.
         """
         self.run.verify()
-
-
-def _joined(found: Found) -> npt.NDArray[np.void]:
-    if len(found) == 1:
-        return found[0]
-    return np.concatenate(found) if found else NO_MATCHES
 
 
 # Feeding of events and odometer readings to a localiser in time order.

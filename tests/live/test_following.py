@@ -13,8 +13,9 @@ from test_localiser import PIXELS, SENSOR, map_of
 
 from edge_vpr.descriptors.cleaning import CausalBurstFilter
 from edge_vpr.events import Sensor, join_events, make_events
+from edge_vpr.live.localiser import JUMP_US, MOST_TICKS, LiveLocaliser
+from edge_vpr.live.losses import LOSS_STEP_US
 from edge_vpr.live.protocols import open_decoder, open_encoder
-from edge_vpr.live.session import JUMP_US, LOSS_STEP_US, MOST_TICKS, LiveLocaliser
 from edge_vpr.online.localiser import Localiser, MatchSchedule
 
 #: a camera that has more pixels than the map's sensor, with fields of the same widths

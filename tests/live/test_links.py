@@ -20,17 +20,16 @@ from edge_vpr.events import Sensor
 from edge_vpr.live import links
 from edge_vpr.live.bridge import Bridge, open_device_link
 from edge_vpr.live.links import (
-    Chunk,
     Link,
     LinkAbsent,
     LinkClosed,
     LinkError,
-    LinkReader,
     SerialLink,
     UrlLink,
     open_link,
 )
 from edge_vpr.live.protocols import open_encoder
+from edge_vpr.live.reader import Chunk, LinkReader
 
 
 class Script(Link):

@@ -18,7 +18,7 @@ from streams import Drive, from_first, random_events
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
-from edge_vpr.live.links import LinkReader, open_link
+from edge_vpr.live.links import open_link
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.protocols.openmv import PATIENCE_S, PERIOD_US, record_encoder
 from edge_vpr.live.protocols.openmv_camera import Camera, CameraEncoder
@@ -31,6 +31,7 @@ from edge_vpr.live.protocols.openmv_packets import (
     crc,
     pack,
 )
+from edge_vpr.live.reader import LinkReader
 
 SENSOR = Sensor(320, 320)
 CHANNELS = [

@@ -31,7 +31,8 @@ from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.links import LinkError
 from edge_vpr.live.position import Locator, PathPosition
-from edge_vpr.live.protocols import open_encoder
+from edge_vpr.live.protocols import Health, open_encoder
+from edge_vpr.live.watches import MisfitWatch
 from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
@@ -848,12 +849,11 @@ def test_another_place_is_counted_in_the_health(street, tmp_path):
 
 
 def test_it_says_once_that_this_place_or_light_is_not_the_map_s():
-    session, said = LiveSession.__new__(LiveSession), []
-    session.on_message, session._strange = said.append, False
+    health, said = Health(), []
+    watch = MisfitWatch(health, lambda kind, text, over=False: said.append((kind, text, over)))
     for misfit in (-1, 63, 64, 200, 32, 64, 31, 0):
-        session._look_at_misfit(misfit)
-    assert [(message.kind, message.over) for message in said] == [
-        ("misfit", False),
-        ("misfit", True),
-    ]
-    assert "not the map's" in said[0].text
+        watch.look(np.array([0, misfit]))
+    watch.look(np.array([], dtype=np.int64))
+    assert [(kind, over) for kind, _, over in said] == [("misfit", False), ("misfit", True)]
+    assert "not the map's" in said[0][1]
+    assert health.misfits == 3

@@ -20,10 +20,10 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.live import state as state_module
 from edge_vpr.live.bridge import Bridge, VirtualLink, open_device_link
+from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.position import Locator
 from edge_vpr.live.protocols import open_decoder, open_encoder
-from edge_vpr.live.session import LiveLocaliser
-from edge_vpr.live.state import KIND, Resumable, StateWriter
+from edge_vpr.live.state import KIND, StateWriter
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
@@ -94,7 +94,7 @@ def resumed(live, reference, passed_us):
     localiser = Localiser(reference, every="50ms")
     localiser.run.resume(arrays, values["now_us"], values["floor_us"])
     later = LiveLocaliser(open_decoder("evpr", SENSOR), reference, "50ms")
-    later.resume(Resumable(localiser, values), passed_us)
+    later.resume(localiser, values, passed_us)
     return later
 
 

@@ -26,8 +26,10 @@ from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
+from edge_vpr.live.localiser import LiveLocaliser
+from edge_vpr.live.match import LiveMatch
 from edge_vpr.live.protocols import open_decoder, open_encoder
-from edge_vpr.live.session import LiveLocaliser, LiveMatch, LiveStatus, LiveStep
+from edge_vpr.live.session import LiveStatus, LiveStep
 from edge_vpr.map_record import coded_map
 from edge_vpr.online.localiser import Localiser, MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording
@@ -686,7 +688,7 @@ def test_events_that_cannot_be_recorded_are_matched_all_the_same(
         next(events)
         raise RecordingError(f"{path} cannot be written: No space left on device")
 
-    monkeypatch.setattr("edge_vpr.live.session.write_recording", write_recording)
+    monkeypatch.setattr("edge_vpr.live.recorder.write_recording", write_recording)
     words = ["--port", sent, "--map", drive / "map.npz", "--record", tmp_path / "e.npz"]
     assert streamed(*words) == 1
     told = capsys.readouterr()
@@ -867,7 +869,7 @@ def step_of(result, late_s=0.0):
         shared = {name: row[name].item() for name in row.dtype.names if name in LiveMatch._fields}
         rest = {"missing": missing, "time_s": 0.0, "start_s": 0.0, "age_s": 0.0}
         matches.append(LiveMatch(**shared, **rest, query=0, host_us=0, jumps=0))
-    return LiveStep(result, time.monotonic() - late_s, 0, matches=tuple(matches))
+    return LiveStep(result, time.monotonic() - late_s, matches=tuple(matches))
 
 
 def test_the_terminal_shows_where_we_are_and_what_is_wrong(sent, monkeypatch, reference):

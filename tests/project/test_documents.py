@@ -20,8 +20,8 @@ from edge_vpr_tools.report.tables import with_tables
 from streams import Drive, random_events
 
 from edge_vpr.events import Sensor
+from edge_vpr.live.match import LiveMatch
 from edge_vpr.live.protocols import Health, open_encoder
-from edge_vpr.live.session import LiveMatch
 from edge_vpr.map_record import map_traverse
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import OnlineMetrics, ReferenceMap

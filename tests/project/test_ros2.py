@@ -25,7 +25,7 @@ import pytest
 from edge_vpr_tools.live_view import row_of
 from edge_vpr_tools.publish import MatchServer
 
-from edge_vpr.live.session import LiveMatch
+from edge_vpr.live.match import LiveMatch
 
 ADAPTER = Path(__file__).parents[2] / "tools/adapters/ros2"
 

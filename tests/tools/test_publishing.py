@@ -30,8 +30,8 @@ from streams import Drive, random_events
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.live.links import LinkError
+from edge_vpr.live.match import LiveMatch
 from edge_vpr.live.protocols import open_encoder
-from edge_vpr.live.session import LiveMatch
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings

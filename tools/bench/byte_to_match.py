@@ -25,8 +25,8 @@ from soak import a_map
 
 from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.live.bridge import Bridge, VirtualLink
+from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.protocols import open_decoder, open_encoder
-from edge_vpr.live.session import LiveLocaliser
 from edge_vpr.online.localiser import MatchSchedule
 
 SENSOR = Sensor(346, 260)

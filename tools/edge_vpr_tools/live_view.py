@@ -23,8 +23,11 @@ from rich.text import Text
 
 from edge_vpr.confidence import OFF_MAP_MISFIT, OFF_MAP_TEXT
 from edge_vpr.errors import printable
+from edge_vpr.live.match import LiveMatch
 from edge_vpr.live.position import Locator
-from edge_vpr.live.session import SILENT_S, LiveMatch, LiveStatus, LiveStep, ends_early
+from edge_vpr.live.recorder import ends_early
+from edge_vpr.live.session import LiveStatus, LiveStep
+from edge_vpr.live.watches import SILENT_S
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.console import in_flags, is_quiet, warning
 from edge_vpr_tools.publish import MatchServer

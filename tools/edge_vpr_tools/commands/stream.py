@@ -189,7 +189,7 @@ def _check_odometry(args: argparse.Namespace) -> None:
 
 
 def _check_files(args: argparse.Namespace) -> None:
-    from edge_vpr.live.session import check_recorded
+    from edge_vpr.live.recorder import check_recorded
     from edge_vpr.results import check_new_file
 
     of_events = [name for name in args.record if Path(name).suffix != ".bin"]
@@ -287,7 +287,7 @@ def tell_systemd(state: str) -> None:
 def _show_steps(session: LiveSession, view: View) -> None:
     """Show each step of a session, and then what it lost."""
     from edge_vpr.descriptors.counting import Removed
-    from edge_vpr.live.session import nothing_valid
+    from edge_vpr.live.watches import nothing_valid
 
     session.on_message = lambda message: view.say(message.kind, message.text, over=message.over)
     alive_s = 0.0

@@ -1,0 +1,286 @@
+"""From bytes to matches: a decoder, a burst filter and a localiser as one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.archive import Arrays
+from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
+from edge_vpr.errors import MapError
+from edge_vpr.events import NO_EVENTS, Events, Sensor, join_events
+from edge_vpr.live.losses import LossWatch
+from edge_vpr.live.position import PathPosition
+from edge_vpr.live.protocols import Decoder
+from edge_vpr.online.localiser import NO_MATCHES, Found, Localiser, MatchSchedule, join_matches
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.route import OdometerCheck
+from edge_vpr.warm_up import WarmUpStep, localising_steps, warm_up
+
+_NEVER_US = 1 << 62
+#: A step of the clock is a jump if it is longer than this time and than this number of ticks.
+JUMP_US, MOST_TICKS = 1_000_000, 10_000
+#: Time over which losses are remembered for windows by number, which may last for any time.
+_MOST_LOSS_US = 60_000_000
+
+
+class LiveResult(NamedTuple):
+    """Events and matches of one chunk of bytes."""
+
+    events: Events  #: Shape (n,): as decoded.
+    matches: npt.NDArray[np.void]  #: Shape (m,): in the order of their windows.
+    #: Time up to which the stream is known; with a delay, matches are of earlier windows.
+    reached_us: int
+    #: Of each match, the share of the events of its windows that is known to be lost.
+    missing: tuple[float, ...] = ()
+    #: Of each match, the place where the robot is at its time, see `PathPosition`.
+    at: tuple[float, ...] = ()
+    #: Of each match, how often the position has jumped until then.
+    jumps: tuple[int, ...] = ()
+
+
+class LiveLocaliser:
+    """Decodes a stream of bytes, and matches its events with a map.
+
+    Parameters
+    ----------
+    reference : ReferenceMap, optional
+        Without a map, events are decoded but not matched.
+    every : MatchSchedule, optional
+        When to give a match.
+    causal_bursts : bool
+        Remove bursts, if the map's settings ask for it, without waiting for their end: a match
+        comes 2 ms earlier, and is no longer to the bit that of the recording.
+    odometry : bool
+        Whether readings of an odometer are to come.
+    show : callable
+        Takes the name of what is compiled now; all kernels are compiled before the first bytes.
+    """
+
+    def __init__(
+        self,
+        decoder: Decoder,
+        reference: ReferenceMap | None = None,
+        every: MatchSchedule | None = None,
+        *,
+        causal_bursts: bool = False,
+        odometry: bool = False,
+        show: Callable[[str], object] = lambda text: None,
+    ) -> None:
+        self.decoder = decoder
+        self._localiser: Localiser | None = None
+        self._bursts = _burst_filter(reference, causal_bursts)
+        self._losses = LossWatch(decoder.health)
+        self._time = 0  # time that the localiser has reached
+        self._heard_us = 0  # host's time of the newest bytes
+        self._unseen_us = 0  # for how long nothing was seen until the next event
+        self._seen_us = 0  # time of the device until which something was seen before
+        self.odometer_check = OdometerCheck()
+        steps = [WarmUpStep("decoder", decoder.warm_up)]
+        if reference is None:
+            warm_up(steps, show)
+            return
+        sensor, settings = reference.pixel_map.sensor, reference.settings
+        if sensor != decoder.sensor:
+            raise MapError(
+                f"the stream is of a {decoder.sensor} sensor and the map of a {sensor} one: "
+                "use the map of this camera"
+            )
+        filters = _burst_filter(reference, causal_bursts)
+        warm_up([*localising_steps(reference, every, filters, odometry=odometry), *steps], show)
+        self._localiser = Localiser(reference, every=every)
+        self.odometer_check = self._localiser.odometer_check or self.odometer_check
+        self._position = PathPosition(settings.window_parts)
+        # longest time that is matched in one step
+        self._most_us = MOST_TICKS * self._localiser.every.interval_us or _NEVER_US
+        #: windows that a match compares, and how far back from a match its losses may lie
+        self._windows = settings.windows_per_match + settings.match_delay
+        span_us = settings.tau_us if settings.window == "time" else _MOST_LOSS_US
+        self._horizon_us = (self._windows + 1) * span_us
+
+    @property
+    def bursts_removed(self) -> int:
+        """Events removed as bursts."""
+        return self._bursts.removed
+
+    @property
+    def filled(self) -> float:
+        """Share of the first match's windows that has passed; there are matches from 1 on."""
+        return 0.0 if self._localiser is None else self._localiser.filled
+
+    def feed(
+        self, data: bytes, host_us: int, *, lost: int = 0, reopened: bool = False
+    ) -> LiveResult:
+        """Decode and match the next bytes.
+
+        Parameters
+        ----------
+        host_us : int
+            When they came.
+        lost : int
+            Bytes that the host dropped before them.
+        reopened : bool
+            Whether the link was lost before them.
+        """
+        decoder, early = self.decoder, NO_EVENTS
+        if lost or reopened:
+            early = decoder.gap(lost)
+        if reopened:
+            decoder.health.reopened += 1
+            self._unseen_us = max(host_us - self._heard_us, 1)
+            self._seen_us = decoder.reached_us
+        self._heard_us = host_us
+        events = decoder.feed(data, host_us)
+        matched = 0
+        if self._localiser is not None:
+            # a frame without events, or a state that was kept, tells the time too
+            begin_us = int(events["t"][0]) if events.size else decoder.reached_us
+            if self._unseen_us and (events.size or begin_us > self._seen_us):
+                self._go_unseen(self._localiser, early, begin_us)
+                matched = early.size
+            elif lost and events.size:
+                # no matches of time in which nothing was seen
+                self._localiser.skip_ticks(begin_us)
+        return self._match(join_events([early, events]), matched)
+
+    def finish(self) -> LiveResult:
+        """End the stream, and return the matches of what was held."""
+        return self._match(self.decoder.finish(), last=True)
+
+    def read_odometer(self, distance_mm: int) -> tuple[int, int] | None:
+        """Take a reading of the robot's odometer, at the time that the stream has reached.
+
+        Returns
+        -------
+        tuple of int, optional
+            That time, in microseconds, and the distance without leaps; None if the odometer cannot
+            be right, see `OdometerCheck`.
+        """
+        check, localiser = self.odometer_check, self._localiser
+        if localiser is None:
+            time_us = self.decoder.reached_us
+            check.read(time_us, distance_mm, 0)
+        else:
+            time_us = self._time
+            # all matches due until then have been given
+            localiser.read_odometer(time_us, distance_mm / 1e3)
+        health = self.decoder.health
+        health.odometer_leaps, health.odometer_unused = check.leaps, check.unused
+        return None if check.wrong else (time_us, check.distance_mm)
+
+    def to_state(self) -> tuple[Arrays, dict[str, Any]]:
+        """Return what is known of the drive; matching goes on meanwhile, and changes it no more.
+
+        Returns
+        -------
+        arrays : dict of str to ndarray
+            See `MatchRun.to_arrays`; without the places, which are the map's.
+        values : dict
+            Of JSON.
+        """
+        assert self._localiser is not None
+        run = self._localiser.run
+        arrays = {name: array.copy() for name, array in run.to_arrays().items() if name != "places"}
+        values = {
+            "now_us": run.now_us, "floor_us": run.floor_us, "time_us": self._time,
+            "clock": self.decoder.clock_values(), "position": self._position.to_values(),
+        }  # fmt: skip
+        return arrays, values
+
+    def resume(self, localiser: Localiser, values: dict[str, Any], passed_us: int) -> None:
+        """Go on from a state, before the first bytes, which come `passed_us` after its newest.
+
+        Parameters
+        ----------
+        localiser : Localiser
+            With the arrays of `to_state`.
+        """
+        self._localiser, self._time = localiser, values["time_us"]
+        self.odometer_check = localiser.odometer_check or self.odometer_check
+        self._position.resume(values["position"])
+        self.decoder.resume_clock(values["clock"], passed_us)
+        # what was missed is of unknown size
+        self.decoder.health.reopened += 1
+        self._unseen_us, self._seen_us = passed_us, self._time
+
+    def _go_unseen(self, localiser: Localiser, early: Events, begin_us: int) -> None:
+        """Match what came before a gap, and go on after it; of the gap there are no matches."""
+        for piece in (*self._bursts.pieces(early), self._bursts.finish()):
+            self._update(localiser, piece, [])
+        localiser.skip_ticks(begin_us)
+        localiser.go_unseen(begin_us, max(begin_us - self._time, self._unseen_us))
+        self._time, self._unseen_us = begin_us, 0
+
+    def _match(self, events: Events, matched: int = 0, *, last: bool = False) -> LiveResult:
+        """Match the events after the `matched` ones that are known to be in no burst."""
+        localiser, bursts, reached = self._localiser, self._bursts, self.decoder.reached_us
+        if localiser is None:
+            return LiveResult(events, NO_MATCHES, reached)
+        found: Found = []
+        for piece in bursts.pieces(events[matched:]):
+            self._update(localiser, piece, found)
+        self._update(localiser, bursts.finish() if last else bursts.advance(reached), found)
+        known = min(reached, bursts.known_us)
+        if known > self._time:
+            # held events are later than this; the device may have reported that nothing happened
+            self._catch_up(localiser, known, found)
+            if localiser.every.interval_us and localiser.next_match_us <= known:
+                # without a tick, the windows age with the next event
+                found.append(localiser.advance(known))
+            self._time = known
+        if last:
+            found.append(localiser.finish())
+        self._losses.note(reached, self._horizon_us)
+        matches = join_matches(found)
+        return LiveResult(events, matches, reached, *self._located(matches))
+
+    def _located(
+        self, matches: npt.NDArray[np.void]
+    ) -> tuple[tuple[float, ...], tuple[float, ...], tuple[int, ...]]:
+        """Return what is missing of each match, where the robot is, and its number of jumps."""
+        position, missing, at, jumps = self._position, [], [], []
+        if matches.size:
+            columns = (matches[name].tolist() for name in ("time_us", "start_us", "place"))
+            for time_us, start_us, place in zip(*columns, strict=True):
+                span_us = time_us - start_us
+                missing.append(self._losses.missing(time_us - self._windows * span_us))
+                at.append(position.update(time_us, span_us, place))
+                jumps.append(position.jumps)
+        return tuple(missing), tuple(at), tuple(jumps)
+
+    def _update(self, localiser: Localiser, events: Events, found: Found) -> None:
+        """Match events in parts that each span less than `MOST_TICKS`."""
+        while events.size:
+            taken, last = events.size, int(events["t"][-1])
+            if last - self._time > self._most_us:
+                self._catch_up(localiser, int(events["t"][0]), found)
+                taken = int(np.searchsorted(events["t"], self._time + self._most_us, "right"))
+                last = int(events["t"][taken - 1])
+            found.append(localiser.update(events if taken == events.size else events[:taken]))
+            self._time = last
+            events = events[taken:]
+
+    def _catch_up(self, localiser: Localiser, time_us: int, found: Found) -> None:
+        """Advance the time until `time_us` is less than `MOST_TICKS` ahead.
+
+        Each tick gives a match. In a jump, however, only the last tick does, so that no clock and
+        no silence can stop the run; the jump is counted.
+        """
+        if time_us - self._time > max(self._most_us, JUMP_US):
+            self.decoder.health.clock_jumps += 1
+            localiser.skip_ticks(time_us)
+            self._time = time_us
+        while time_us - self._time > self._most_us:
+            self._time += self._most_us
+            found.append(localiser.advance(self._time))
+
+
+def _burst_filter(reference: ReferenceMap | None, causal: bool) -> BurstFilter | CausalBurstFilter:
+    """Return what removes bursts live; without pixels, it removes nothing."""
+    if reference is None or not reference.settings.remove_bursts:
+        return CausalBurstFilter(Sensor(0, 0))
+    sensor = reference.pixel_map.sensor
+    return CausalBurstFilter(sensor) if causal else BurstFilter(sensor)
