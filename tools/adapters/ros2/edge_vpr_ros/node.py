@@ -195,8 +195,7 @@ class DdsBackend:
 
     def publish(self, message: Message) -> None:
         """See `Backend.publish`."""
-        sample = self._build(self._types[message.kind], dict(message.fields))
-        self._writers[message.topic].write(sample)
+        self._writers[message.topic].write(self._build(message.kind, message.fields))
 
     def stamp_us(self, host_us: int) -> int:
         """See `Backend.stamp_us`."""
