@@ -38,11 +38,6 @@ def test_shellcheck_finds_nothing_in_a_script(script):
     assert run.returncode == 0, run.stdout
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
-def test_every_shell_of_posix_reads_a_script(script):
-    assert subprocess.run([tool("sh"), "-n", str(script)]).returncode == 0
-
-
 def test_systemd_finds_nothing_in_the_unit(tmp_path):
     unit = tmp_path / "edge-vpr.service"
     # systemd looks whether the program is there

@@ -1,9 +1,8 @@
-"""What `in_debian.sh` runs on other processors and Pythons, leaves out there, and says."""
+"""What `in_debian.sh` runs on other processors and Pythons, and leaves out there."""
 
 from __future__ import annotations
 
 import ast
-import os
 import re
 import shutil
 import subprocess
@@ -18,16 +17,6 @@ SCRIPT = Path(__file__).parents[1] / "in_debian.sh"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 # of a requirement, what is imported
 MODULES = {"tonic": "tonic", "cyclonedds": "cyclonedds"}
-
-
-def said(*words: str, **environment: str) -> str:
-    run = subprocess.run(
-        [shutil.which("sh") or "sh", str(SCRIPT), *words],
-        env={**os.environ, **environment}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert (run.returncode, run.stdout) == (1, "")
-    (line,) = run.stderr.splitlines()
-    return line
 
 
 def imported_at_once(path: Path) -> set[str]:
@@ -63,7 +52,8 @@ def test_what_cannot_be_installed_everywhere_is_imported_by_no_module_that_is_co
         path
         for folder in options["testpaths"]
         for path in (ROOT / folder).rglob("*.py")
-        if imported_at_once(path) & set(MODULES.values())
+        if any(name in path.read_text() for name in MODULES.values())
+        and imported_at_once(path) & set(MODULES.values())
     ]
     assert importing, "nothing to leave out"
     for path in importing:
@@ -75,33 +65,6 @@ def test_shellcheck_finds_nothing_in_the_script():
         pytest.skip("shellcheck is not installed")
     run = subprocess.run(["shellcheck", str(SCRIPT)], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stdout
-
-
-def test_a_wrong_argument_is_told_in_one_line():
-    assert "riscv64, which is neither amd64 nor arm64" in said("riscv64", "3.13")
-    assert "no Debian has Python 3.12" in said("amd64", "3.12")
-    assert "PART=all is neither" in said("amd64", "3.13", PART="all")
-
-
-def test_what_the_machine_lacks_is_told_in_one_line(tmp_path):
-    tools = tmp_path / "bin"
-    tools.mkdir()
-    for name in ("dirname", "uname"):
-        (tools / name).symlink_to(str(shutil.which(name)))
-    path = {"PATH": str(tools), "CACHE": str(tmp_path / "cache")}
-    if not Path("/usr/sbin/debootstrap").exists():
-        assert "apt install debootstrap" in said("arm64", "3.13", **path)
-    (tools / "debootstrap").symlink_to(tools / "uname")
-    (tools / "unshare").write_text("#!/bin/sh\nexit 1\n")
-    (tools / "unshare").chmod(0o755)
-    assert "may not make namespaces" in said("arm64", "3.13", **path)
-    (tools / "unshare").write_text("#!/bin/sh\nexit 0\n")
-    if (
-        os.uname().machine == "x86_64"
-        and not Path("/proc/sys/fs/binfmt_misc/qemu-aarch64").exists()
-    ):
-        assert "apt install qemu-user-static" in said("arm64", "3.13", **path)
-    assert not (tmp_path / "cache").exists()
 
 
 def test_each_part_names_tests_that_there_are():

