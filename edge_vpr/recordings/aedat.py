@@ -350,7 +350,7 @@ _LONGEST_AEDAT4_HEADER = 1 << 22
 class Stream(NamedTuple):
     """One stream of a file."""
 
-    kind: str  #: Four letters: ``EVTS`` for events, ``FRME`` for frames.
+    kind: str  #: Four letters: ``EVTS`` for events.
     name: str
     sensor: Sensor | None  #: None if the file does not state it.
 
@@ -394,10 +394,10 @@ class Aedat4File(PacketFile):
         self._end = table if self._start <= table <= file_size else file_size
         self._decompress = _decompressor(compression, path)
 
-    def choose(self, kind: str, what: str, wanted: str | None) -> int:
-        """Return the number of a stream of a kind; messages call its content `what`."""
-        names = {number: each.name for number, each in self.streams.items() if each.kind == kind}
-        wording = Wording(f"stream of {what}", f"streams of {what}", f"record {what}")
+    def choose(self, wanted: str | None) -> int:
+        """Return the number of a stream of events."""
+        names = {number: each.name for number, each in self.streams.items() if each.kind == "EVTS"}
+        wording = Wording("stream of events", "streams of events", "record events")
         return choose_stream(self.path, names, wanted, wording)
 
     def packets(self, stream: int, log: FaultLog) -> Iterator[tuple[int, bytes]]:
@@ -511,7 +511,7 @@ class Aedat4Source(Source):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._file = Aedat4File(path)
-        self._stream = self._file.choose("EVTS", "events", options.topic)
+        self._stream = self._file.choose(options.topic)
         super().__init__(path, options, self._file.streams[self._stream].sensor)
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:

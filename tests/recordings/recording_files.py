@@ -238,19 +238,6 @@ def aedat4_packet(stream: int, events: list[Event], compression: int = 0) -> byt
     return struct.pack("<ii", stream, len(buffer)) + buffer
 
 
-def aedat4_frame(stream: int, time_us: int, layout: int, pixels: np.ndarray) -> bytes:
-    """Packet with one frame; `layout` is 0 for grey, 16 for BGR and 24 for BGRA."""
-    height, width = pixels.shape[:2]
-    # a table of time, format, width, height and pixels, in fields 0, 5, 6, 7 and 10 of the vtable
-    vtable = struct.pack("<13H2x", 26, 24, 4, 0, 0, 0, 0, 12, 14, 16, 0, 0, 20)
-    table = struct.pack("<iqbxhh2xI", len(vtable), time_us, layout, width, height, 4)
-    data = pixels.tobytes()
-    buffer = struct.pack("<I", 4 + len(vtable)) + vtable + table
-    buffer += struct.pack("<I", len(data)) + data
-    buffer = struct.pack("<I", len(buffer)) + buffer
-    return struct.pack("<ii", stream, len(buffer)) + buffer
-
-
 def mcap(messages: list[bytes], a_chunk: int, compression: str = "") -> tuple[bytes, list[int]]:
     """MCAP file of messages of one topic; return where the chunks, or messages, end, too.
 

@@ -7,19 +7,17 @@ from functools import partial
 import numpy as np
 import pytest
 import recording_files as files
-from edge_vpr_tools.research.datasets import published_pairs
 from edge_vpr_tools.research.experiments import drives, frames
 from edge_vpr_tools.research.experiments.experiment import Draw
 from edge_vpr_tools.research.experiments.pairs import SIMULATED, CountedDrive, CountedPair
 from in_process import rows_of
 from PIL import Image
-from test_datasets import brisbane, write_bag, write_log, write_parquet
+from test_datasets import brisbane, write_log
 from test_intensity import IMAGE, ros_image
 from test_intensity import write_bag as write_messages
 from test_rivals import TRUTHS
 
-from edge_vpr.errors import GroundTruthError, UsageError
-from edge_vpr.evaluation.ground_truth import from_tracks
+from edge_vpr.errors import UsageError
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 
@@ -152,42 +150,6 @@ def test_frames_are_compared_with_further_systems():
     rows = {(row["seen"], row["system"]): row for row in frames.measure(draw)}
     for seen in ("events", "frames"):
         assert rows[seen, "all-pixels@1,2"]["P@100R"] == 1
-
-
-@pytest.mark.parametrize("kind", ["parquet", "bag"])
-def test_published_pairs_are_those_whose_files_are_there(kind, tmp_path):
-    assert list(published_pairs(tmp_path)) == []
-    write = write_parquet if kind == "parquet" else write_bag
-    zero = {}
-    for name in ("morning", "sunset1"):
-        traverse = brisbane(name)
-        log = f"{traverse.recording}.nmea" if kind == "parquet" else f"{traverse.video}_concat.nmea"
-        zero[name] = round(traverse.logs[log] * SECOND)
-        t = zero[name] + np.arange(-30, 120) * 100_000
-        write(tmp_path / traverse.file_name(kind), t)
-        if name == "sunset1":
-            write_log(tmp_path / log, 10)
-    with pytest.raises(GroundTruthError, match="no GPS log of morning"):
-        list(published_pairs(tmp_path))
-
-    traverse = brisbane("morning")
-    log = f"{traverse.recording}.nmea" if kind == "parquet" else f"{traverse.video}_concat.nmea"
-    write_log(tmp_path / log, 10)
-    (pair,) = published_pairs(tmp_path)
-    assert pair.name == "Brisbane, morning against sunset1" and pair.tolerance_m == 70
-    for drive in (pair.reference, pair.query):
-        assert drive.recording.start_us == zero[drive.name]
-        events = np.concatenate(list(drive.recording))
-        # the log spans 9 s, from its own beginning on
-        assert events["t"].tolist() == list(range(0, 9 * SECOND, 100_000))
-    counted = drives.whole_pairs(tmp_path)[0].counted()
-    assert counted.name == pair.name and len(counted.query.images) >= 8
-    truth = counted.truth()
-    expected = from_tracks(
-        pair.reference.track, pair.query.track, counted.reference.centre_us,
-        counted.query.centre_us, 70,
-    )  # fmt: skip
-    assert np.array_equal(truth.correct, expected.correct)
 
 
 def test_a_folder_without_drives_has_streets_only(tmp_path):

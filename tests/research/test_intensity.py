@@ -1,28 +1,26 @@
-"""Intensity images of AEDAT 4, ROS bags, folders and the simulator, against what was written."""
+"""Intensity images of ROS bags, folders and the simulator, against what was written."""
 
 from __future__ import annotations
 
 import json
 import struct
 from dataclasses import replace
-from fractions import Fraction
 
 import numpy as np
 import pytest
 import recording_files as files
-from edge_vpr_tools.research.intensity import frames_at, open_intensity
-from edge_vpr_tools.research.intensity.frames import (
+from edge_vpr_tools.research.intensity import (
     MEAN_GREY,
     IntensityFrame,
     exposed,
+    frames_at,
+    open_intensity,
     simulated_images,
-    to_grey,
 )
 from PIL import Image
 
 from edge_vpr.errors import EdgeVprError, RecordingError, UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.recordings import open_recording
 from edge_vpr.simulation import CAMERAS, QUERY, SimulatedRecording, World
 
 rng = np.random.default_rng(0)
@@ -37,64 +35,9 @@ def luma(red, green, blue):
 LUMA = np.array([[luma(*pixel) for pixel in row] for row in COLOUR])
 
 
-def aedat4(frames, events=()):
-    """A file with a stream of events and one of frames: (time, format, pixels)."""
-    streams = [(0, "events", 6, 4)] if events else []
-    data = files.aedat4_header(*streams, (1, "frames", 6, 4))
-    data = data.replace(
-        b'name="1"><attr key="originalOutputName">frames</attr><attr key="typeIdentifier">EVTS',
-        b'name="1"><attr key="originalOutputName">frames</attr><attr key="typeIdentifier">FRME',
-    )
-    for packet in events:
-        data += files.aedat4_packet(0, packet)
-    return data + b"".join(files.aedat4_frame(1, *frame) for frame in frames)
-
-
 def times_and_images(frames):
     found = list(frames)
     return [f.time_us for f in found], [f.image.tolist() for f in found]
-
-
-def test_frames_of_aedat4_are_those_written_and_count_from_the_first_event(tmp_path):
-    path = tmp_path / "a.aedat4"
-    bgr = np.ascontiguousarray(COLOUR[..., ::-1])
-    bgra = np.dstack([bgr, np.full((4, 6), 9, np.uint8)])
-    frames = [(100, 0, GREY[0]), (200, 16, bgr), (300, 24, bgra)]
-    path.write_bytes(aedat4(frames, events=[[(150, 1, 2, True)]]))
-    found = open_intensity(path)
-    assert found.has_events and found.start_us == 150 == open_recording(path).start_us
-    assert times_and_images(found) == (
-        [100, 200, 300],
-        [GREY[0].tolist(), LUMA.tolist(), LUMA.tolist()],
-    )
-    assert times_and_images(found) == times_and_images(found)
-    path.write_bytes(aedat4(frames))
-    assert not open_intensity(path).has_events and open_intensity(path).start_us == 100
-
-
-@pytest.mark.parametrize(
-    ("frame", "says"),
-    [
-        ((1, 7, GREY[0]), "pixel format 7 is not grey"),
-        ((1, 16, GREY[0]), "24 bytes for 6x4 pixels of 3 bytes"),
-    ],
-)
-def test_a_damaged_frame_of_aedat4_names_its_packet(frame, says, tmp_path):
-    path = tmp_path / "a.aedat4"
-    path.write_bytes(aedat4([(1, 0, GREY[0]), frame]))
-    with pytest.raises(RecordingError, match=f"damaged in the packet at byte .*{says}"):
-        list(open_intensity(path))
-
-
-def test_the_frames_of_a_real_davis_show_a_scene(shared_data):
-    path = shared_data / "recordings" / "aedat4_davis346.aedat4"
-    frames = list(open_intensity(path))
-    assert len(frames) == 4
-    assert {frame.image.shape for frame in frames} == {(260, 346)}
-    assert np.diff([frame.time_us for frame in frames]).tolist() == [40_000] * 3
-    # the camera stands still: frames differ by noise, pixels of one frame by the scene
-    first, second = (frame.image.astype(float) for frame in frames[:2])
-    assert abs(first - second).mean() < 5 and first.std() > 30
 
 
 def ros_image(ros, encoding, pixels, stamp_us, big_endian=False, padding=0):
@@ -191,18 +134,15 @@ def test_a_damaged_image_of_a_bag_names_its_number_and_topic(data, says, tmp_pat
         list(open_intensity(path))
 
 
-def test_a_bag_with_two_topics_of_images_asks_which(tmp_path):
+def test_a_bag_needs_one_topic_of_images(tmp_path):
     image = ros_image(1, "mono8", GREY[0], START)
-    path = write_bag(tmp_path / "a.bag", 1, [("/left", IMAGE, image), ("/right", IMAGE, image)])
-    with pytest.raises(UsageError, match="images on /left, /right: name one"):
-        open_intensity(path)
-    assert len(list(open_intensity(path, topic="/right"))) == 1
-    with pytest.raises(RecordingError, match="no images on /up"):
-        open_intensity(path, topic="/up")
-    (tmp_path / "none").mkdir()
-    empty = write_bag(tmp_path / "none" / "b.bag", 1, [("/other", "std_msgs/msg/Empty", b"")])
-    with pytest.raises(RecordingError, match="no topic of sensor_msgs/Image"):
-        open_intensity(empty)
+    for name, messages, says in (
+        ("two", [("/left", IMAGE, image), ("/right", IMAGE, image)], "Image on /left, /right: "),
+        ("none", [("/other", "std_msgs/msg/Empty", b"")], "Image on no topic: record one"),
+    ):
+        path = write_bag(tmp_path / f"{name}.bag", 1, messages)
+        with pytest.raises(RecordingError, match=says):
+            open_intensity(path)
 
 
 def test_a_folder_of_png_named_by_their_seconds_is_read_in_their_order(tmp_path):
@@ -215,16 +155,15 @@ def test_a_folder_of_png_named_by_their_seconds_is_read_in_their_order(tmp_path)
     assert found.start_us == times[0] and not found.has_events
 
 
-def test_a_folder_takes_its_times_from_a_list_or_a_period(tmp_path):
+def test_a_folder_takes_its_times_from_a_list(tmp_path):
     for i, image in enumerate([*GREY, COLOUR]):
         Image.fromarray(image).save(tmp_path / f"image_{i + 8}.png")  # 10 is after 9
     with pytest.raises(RecordingError, match=r"does not say when .* write timestamps.txt"):
         open_intensity(tmp_path)
-    found = open_intensity(tmp_path, frame_period=Fraction(1, 30))
-    expected = [*(image.tolist() for image in GREY), LUMA.tolist()]
-    assert times_and_images(found) == ([0, 33_333, 66_667, 100_000], expected)
     (tmp_path / "timestamps.txt").write_text("0.5\n0.75\n1.0\n1.125\n")
-    assert times_and_images(open_intensity(tmp_path))[0] == [500_000, 750_000, 1_000_000, 1_125_000]
+    expected = [*(image.tolist() for image in GREY), LUMA.tolist()]
+    times = [500_000, 750_000, 1_000_000, 1_125_000]
+    assert times_and_images(open_intensity(tmp_path)) == (times, expected)
     (tmp_path / "metadata.json").write_text(json.dumps({"start_time_ns": 250_000_000}))
     assert open_intensity(tmp_path).start_us == 250_000
     for text, says in (("0.5\n", "1 times for 4 images"), ("1\n2\nx\n3", "'x' is no time")):
@@ -279,11 +218,6 @@ def test_a_moment_without_a_frame_is_an_error():
         frames_at(several, np.array([0]), 10)
 
 
-def test_grey_is_left_as_it_is():
-    grey = GREY[0]
-    assert to_grey(grey, blue_first=True) is grey
-
-
 def test_simulated_images_show_the_light_that_makes_the_events():
     """Brightness that rises between two images has made more ON than OFF events, and conversely."""
     camera = replace(CAMERAS["tiny"], noise_hz=0.0, hot_pixels=0, bursts_per_minute=0.0)
@@ -316,13 +250,11 @@ def test_an_image_is_exposed_to_a_mean_whatever_the_light():
     assert images.shape == (2, *reversed(Sensor(32, 32))) and images.std() > 10
 
 
-@pytest.mark.parametrize("kind", ["aedat4", "bag", "png"])
+@pytest.mark.parametrize("kind", ["bag", "png"])
 def test_damaged_images_raise_our_errors_alone(kind, tmp_path):
     """Bytes of a good file changed at random, some hundred times."""
     path = tmp_path / f"a.{kind}"
-    if kind == "aedat4":
-        path.write_bytes(aedat4([(5, 0, GREY[0]), (9, 16, COLOUR)], events=[[(1, 1, 2, True)]]))
-    elif kind == "bag":
+    if kind == "bag":
         images = [ros_image(1, "mono8", GREY[0], START), ros_image(1, "rgb8", COLOUR, START)]
         write_bag(path, 1, [("/image", IMAGE, image) for image in images])
     else:

@@ -65,12 +65,6 @@ STAGES = {
         packages=("edge_vpr.recordings",),
         exported=("events", "errors"),
     ),
-    "intensity": Stage(
-        "Intensity images",
-        "Frames of a conventional camera, beside events or alone; "
-        "[compared](../results_methods.md#conventional-frames).",
-        packages=("edge_vpr_tools.research.intensity",),
-    ),
     "pipeline": Stage(
         "Maps and matches of whole drives",
         "From a recording to a map, and from a map and a recording to matches.",

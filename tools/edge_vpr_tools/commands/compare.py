@@ -29,8 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     output = add_output_flags(
         parser,
-        help="folder for the tables (CSV of rows, of single results and of means over drives; "
-        "JSON; Markdown; LaTeX) and for the figure",
+        help="folder for the tables (CSV of single results and of means over drives; JSON; "
+        "Markdown; LaTeX) and for the figure",
         required=False,
     )
     add_figures_flag(output, "png")

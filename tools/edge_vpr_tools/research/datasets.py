@@ -20,7 +20,7 @@ from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from edge_vpr.errors import GroundTruthError, UsageError
+from edge_vpr.errors import GroundTruthError
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Sensor
@@ -131,7 +131,6 @@ Files = Literal["parquet", "bag"]
 KINDS: tuple[Files, ...] = ("parquet", "bag")
 #: of files that do not state theirs
 TIME_UNITS = {".parquet": "us"}
-Landmarks = Literal["common", "released-code"]
 
 
 @dataclass(frozen=True)
@@ -229,32 +228,20 @@ class QCRTraverse:
         """Return the landmarks as a track, and the time at which the robot set off."""
         return self.track(), start_us + round(self.start_s * 1e6)
 
-    def track(self, landmarks: Landmarks = "common") -> Track:
+    def track(self) -> Track:
         """Return the metres along the route, from the times at which the landmarks were passed.
 
-        Parameters
-        ----------
-        landmarks : {"common", "released-code"}
-            Positions of the landmarks, which were not published. "common": the same for all
-            traverses, the median over traverses of the landmark's share of time, times 160 m.
-            "released-code": each traverse's own share of time, so that the landmarks in between
-            have no effect; the positions of a landmark then differ by up to 13 m, although the
-            tolerance is 3 m.
+        The positions of the landmarks were not published. The released code takes each traverse's
+        own share of time, by which a landmark moves by up to 13 m; here it is one place.
 
         Returns
         -------
         Track
             Metric, one coordinate; time 0 is when the robot set off.
         """
-        time_s = np.array(self.landmarks_s)
-        if landmarks == "common":
-            route = QCR_LANDMARKS_M
-        elif landmarks == "released-code":
-            route = QCR_ROUTE_M * time_s / time_s[-1]
-        else:
-            raise UsageError(f"landmarks {landmarks!r} is unknown: use common or released-code")
         # the times were set by hand, tens of seconds apart: no gap is too long
-        return Track(np.round(time_s * 1e6).astype(np.int64), route[:, None])
+        time_us = np.round(np.array(self.landmarks_s) * 1e6).astype(np.int64)
+        return Track(time_us, QCR_LANDMARKS_M[:, None])
 
 
 BRISBANE_TRAVERSES = (
@@ -293,7 +280,7 @@ QCR_TRAVERSES = (
                 (0, 15.5, 30, 63.5, 110, 141, 185, 217, 246.5, 256, 263)),
 )  # fmt: skip
 
-#: Metres along the route of each landmark; see `QCRTraverse.track`.
+#: Metres along the route of each landmark: the median over traverses of its share of time.
 QCR_LANDMARKS_M = QCR_ROUTE_M * np.median(
     [np.array(t.landmarks_s) / t.landmarks_s[-1] for t in QCR_TRAVERSES], axis=0
 )
@@ -393,7 +380,7 @@ def find_file(traverse: Traverse, folder: Path, files: tuple[Files, ...]) -> Pat
     return None
 
 
-def open_drive(traverse: Traverse, path: Path) -> PublishedDrive:
+def open_drive(traverse: Traverse, path: Path, *, on_fault: str = "drop") -> PublishedDrive:
     """Open the recording of a traverse, cut to the track that lies in the same folder.
 
     Times count from the beginning of the track, or of the recording if this is later.
@@ -406,7 +393,7 @@ def open_drive(traverse: Traverse, path: Path) -> PublishedDrive:
         If the GPS log is missing or cannot be read.
     """
     unit = TIME_UNITS.get(path.suffix)
-    recording = open_recording(path, sensor=SENSOR, on_fault="drop", time_unit=unit)
+    recording = open_recording(path, sensor=SENSOR, on_fault=on_fault, time_unit=unit)
     track, beginning_us = traverse.origin(path.parent, recording.start_us)
     late_us = max(0, recording.start_us - beginning_us)
     if late_us:

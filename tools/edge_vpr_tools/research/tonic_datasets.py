@@ -6,9 +6,9 @@ Nothing is downloaded, since the files are gigabytes, and the user must accept t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,17 +16,14 @@ from edge_vpr.descriptors.counting import CountPixels
 from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import EVENT_DTYPE, Events
-from edge_vpr.recordings import open_recording
-from edge_vpr.recordings.reading import cropped_events
 from edge_vpr_tools.research.datasets import (
     BRISBANE_TRAVERSES,
+    KINDS,
     QCR_TRAVERSES,
     SENSOR,
-    TIME_UNITS,
-    BrisbaneTraverse,
     Files,
-    Landmarks,
-    QCRTraverse,
+    Traverse,
+    open_drive,
 )
 
 try:
@@ -37,7 +34,6 @@ except ImportError as error:
 __all__ = ["BrisbaneEventVPR", "CountPixels", "QCREventVPR", "Target"]
 
 Transform = Callable[[Any], Any]
-Traverse = TypeVar("Traverse", bound=BrisbaneTraverse | QCRTraverse)
 
 
 class Target(NamedTuple):
@@ -47,7 +43,7 @@ class Target(NamedTuple):
     track: Track  #: Positions over the time of the events.
 
 
-class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has no types
+class _Traverses(Dataset):  # type: ignore[misc]  # tonic has no types
     """Events of each traverse from the beginning of its track to the end of it."""
 
     sensor_size = (*SENSOR, 2)
@@ -68,37 +64,31 @@ class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has
         transforms: Callable[[Any, Any], tuple[Any, Any]] | None = None,
     ) -> None:
         super().__init__(str(folder), transform, target_transform, transforms)
-        self._folder = Path(folder).expanduser()
+        folder = Path(folder).expanduser()
         # tonic would append the class name, but the user put these files there
-        self.location_on_system = str(self._folder)
-        if files not in ("parquet", "bag"):
-            raise UsageError(f"files={files!r} is unknown: use parquet or bag")
-        self._files: Files = files
+        self.location_on_system = str(folder)
+        if files not in KINDS:
+            raise UsageError(f"files={files!r} is unknown: use {' or '.join(KINDS)}")
         self._on_fault = on_fault
         known = {traverse.name: traverse for traverse in self._known}
+        paths = {name: folder / traverse.file_name(files) for name, traverse in known.items()}
         page = self._known[0].pages[files]
         for name in traverses or ():
             if name not in known:
                 raise UsageError(f"traverse {name!r} is unknown: choose from {', '.join(known)}")
-            if not self._path(known[name]).is_file():
+            if not paths[name].is_file():
                 raise RecordingError(
-                    f"{self._folder} does not hold {self._path(known[name]).name}: "
-                    f"download it from {page}"
+                    f"{folder} does not hold {paths[name].name}: download it from {page}"
                 )
         if traverses is None:
-            traverses = [name for name in known if self._path(known[name]).is_file()]
+            traverses = [name for name, path in paths.items() if path.is_file()]
         if not traverses:
             raise RecordingError(
-                f"{self._folder} holds no recording such as {self._path(self._known[0]).name}: "
+                f"{folder} holds no recording such as {paths[self._known[0].name].name}: "
                 f"download one or more from {page}, or name another folder"
             )
         self.traverses = tuple(traverses)
-        self._chosen: list[Traverse] = [known[name] for name in traverses]
-        #: by name, where they are not those that the traverse has by itself
-        self._tracks: dict[str, Track] = {}
-
-    def _path(self, traverse: Traverse) -> Path:
-        return self._folder / traverse.file_name(self._files)
+        self._chosen = [(known[name], paths[name]) for name in traverses]
 
     def __len__(self) -> int:
         return len(self._chosen)
@@ -131,34 +121,15 @@ class _Traverses(Dataset, Generic[Traverse]):  # type: ignore[misc]  # tonic has
         IndexError
             If there is no such traverse.
         RecordingError
-            If the recording cannot be read, or ends before the track begins.
+            If the recording cannot be read, or has no events during the track.
         GroundTruthError
             If the track cannot be read.
         """
-        traverse = self._chosen[index]
-        path = self._path(traverse)
-        unit = TIME_UNITS.get(path.suffix)
-        recording = open_recording(path, sensor=SENSOR, on_fault=self._on_fault, time_unit=unit)
-        track, beginning_us = traverse.origin(self._folder, recording.start_us)
-        zero_us = beginning_us - recording.start_us
-        target = Target(traverse.name, self._tracks.get(traverse.name, track))
-        return _between(recording, zero_us, int(track.time_us[-1]), path), target
+        drive = open_drive(*self._chosen[index], on_fault=self._on_fault)
+        return iter(drive.recording), Target(drive.name, drive.track)
 
 
-def _between(recording: Iterable[Events], zero: int, end: int, path: Path) -> Iterator[Events]:
-    """Keep ``zero <= t < zero + end``, and count times from `zero`."""
-    found = False
-    for events in cropped_events(iter(recording), zero, zero + end):
-        found = True
-        yield events
-    if not found:
-        raise RecordingError(
-            f"{path} has no event in the {end / 1e6:g} s of the traverse, which begins "
-            f"{zero / 1e6:g} s after the recording: download both again, and do not rename files"
-        )
-
-
-class BrisbaneEventVPR(_Traverses[BrisbaneTraverse]):
+class BrisbaneEventVPR(_Traverses):
     """Brisbane-Event-VPR: six drives of an 8 km route, with GPS.
 
     Fischer and Milford, "Event-Based Visual Place Recognition With Ensembles of Temporal Windows",
@@ -194,7 +165,7 @@ class BrisbaneEventVPR(_Traverses[BrisbaneTraverse]):
     _known = BRISBANE_TRAVERSES
 
 
-class QCREventVPR(_Traverses[QCRTraverse]):
+class QCREventVPR(_Traverses):
     """QCR-Event-VPR: seven traverses of a 160 m indoor route at three speeds, with landmarks.
 
     Fischer and Milford, "How Many Events Do You Need?", RA-L 7(4), 2022. Matches are correct within
@@ -202,8 +173,6 @@ class QCREventVPR(_Traverses[QCRTraverse]):
 
     Parameters
     ----------
-    landmarks : {"common", "released-code"}
-        Positions of the landmarks; see `edge_vpr_tools.research.datasets.QCRTraverse.track`.
     folder, traverses, files, on_fault, transform, target_transform, transforms
         As `BrisbaneEventVPR` takes them; the names are normal1 to normal4, fast1, fast2 and slow1.
 
@@ -214,7 +183,3 @@ class QCREventVPR(_Traverses[QCRTraverse]):
     """
 
     _known = QCR_TRAVERSES
-
-    def __init__(self, *given: Any, landmarks: Landmarks = "common", **options: Any) -> None:
-        super().__init__(*given, **options)
-        self._tracks = {each.name: each.track(landmarks) for each in self._chosen}

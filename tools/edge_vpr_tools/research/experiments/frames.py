@@ -36,16 +36,19 @@ from edge_vpr_tools.research.experiments.pairs import (
     truths_of_tracks,
 )
 from edge_vpr_tools.research.experiments.plots import dots
-from edge_vpr_tools.research.intensity import IntensityFrames, frames_at, open_intensity
-from edge_vpr_tools.research.intensity.frames import simulated_images
+from edge_vpr_tools.research.intensity import (
+    IntensityFrames,
+    frames_at,
+    open_intensity,
+    simulated_images,
+)
 
 # Drives of the user that have intensity frames.
 #
 # The folder given with ``--data`` can hold the bags of Brisbane-Event-VPR under their published
-# names, and a folder ``frames``. The latter has ``reference`` and ``query``, each an AEDAT file, a
-# ROS bag or a folder of images (see `research.intensity`), and ``reference_track`` and
-# ``query_track`` (``.csv``, ``.nmea`` or ``.gpx``), whose times count from the start of their
-# recordings.
+# names, and a folder ``frames``. The latter has ``reference`` and ``query``, each a ROS bag or a
+# folder of PNG (see `research.intensity`), and ``reference_track`` and ``query_track`` (``.csv``,
+# ``.nmea`` or ``.gpx``), whose times count from the start of their recordings.
 
 
 FRAMES = "frames"
@@ -129,7 +132,7 @@ def _own_drive(folder: Path, side: str) -> FramedDrive:
     tracks = [path for path in sorted(folder.glob(f"{side}_track.*")) if path.suffix in _TRACKS]
     drives = [path for path in sorted(folder.iterdir()) if path.name.split(".")[0] == side]
     for what, found, example in (
-        ("drive", drives, f"{side}.aedat4, {side}.bag, or a folder {side} of images"),
+        ("drive", drives, f"{side}.bag, or a folder {side} of images"),
         ("track", tracks, f"{side}_track.csv"),
     ):
         if len(found) != 1:

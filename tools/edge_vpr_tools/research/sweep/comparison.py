@@ -7,7 +7,7 @@ curves over a setting, and a table in LaTeX.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -92,20 +92,6 @@ def rows_of(runs: Sequence[Path]) -> list[Row]:
         else:
             raise UsageError(f"{run} is no run: name a folder of edge-vpr sweep or edge-vpr match")
     return found
-
-
-def spreadsheet_of(rows: Iterable[Row]) -> tuple[list[str], list[list[str | float | None]]]:
-    """Return heading and cells of a spreadsheet, with mean and spread in separate columns."""
-    head = ["run", "variant", "drives", "tolerance", "seeds", "failed"]
-    head += [f"{name}_{what}" for name in MEASURES for what in ("mean", "std")]
-    lines: list[list[str | float | None]] = []
-    for row in rows:
-        numbers = [value for name in MEASURES for value in (row.mean(name), row.spread(name))]
-        lines.append(
-            [row.run, row.variant, row.drives, row.tolerance, row.number, row.failed,
-             *(None if np.isnan(value) else value for value in numbers)]
-        )  # fmt: skip
-    return head, lines
 
 
 def draw(rows: Sequence[Row], measure: str = "precision_at_100_recall") -> Figure:
@@ -323,8 +309,8 @@ def differing_settings(rows: Sequence[Row]) -> list[str]:
     ]  # fmt: skip
 
 
-def tidy(rows: Sequence[Row]) -> tuple[list[str], list[list[str | float | None]]]:
-    """Return heading and cells of a tidy table: a line for each result, a column a setting."""
+def spreadsheet_of(rows: Sequence[Row]) -> tuple[list[str], list[list[str | float | None]]]:
+    """Return heading and cells of a spreadsheet: a line for each result, a column a setting."""
     head = ["run", "variant", "system", "drives", "tolerance", "seed"]
     head += [field.key for name, field in SETTING_FIELDS.items() if name != "seed"]
     head += list(MEASURES)
@@ -565,8 +551,8 @@ def write_comparison(
 ) -> None:
     """Write ``compare.csv``, ``.json``, ``.md``, ``.tex``, and the figure in each format.
 
-    ``compare_tidy.csv`` has a line for each result with all its settings; ``compare_means.csv`` and
-    the table in LaTeX have a line for each variant, with means over drives.
+    ``compare.csv`` has a line for each result with all its settings; ``compare_means.csv`` and the
+    table in LaTeX have a line for each variant, with means over drives.
 
     Parameters
     ----------
@@ -579,9 +565,7 @@ def write_comparison(
     """
     drawing = draw(rows, measure) if over is None else draw_over(rows, measure, over)
     means = averages(rows, measure)
-    head, lines = spreadsheet_of(rows)
-    write_spreadsheet(folder / f"{NAME}.csv", head, lines)
-    write_spreadsheet(folder / f"{NAME}_tidy.csv", *tidy(rows))
+    write_spreadsheet(folder / f"{NAME}.csv", *spreadsheet_of(rows))
     write_spreadsheet(folder / f"{NAME}_means.csv", *averages_table(means, measure))
     with replacing(folder / f"{NAME}.tex") as temporary:
         temporary.write_text(latex(means, measure), encoding="utf-8")
