@@ -13,6 +13,7 @@ from typing import Any, Generic, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.compiling import plain
 from edge_vpr.descriptors.codes import drive_mean
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive
 from edge_vpr.errors import UsageError
@@ -20,6 +21,7 @@ from edge_vpr.evaluation.tracks import Track, distances
 from edge_vpr.map_record import AnyMap, MapRecord
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import match_descriptors, match_query
+from edge_vpr.matching.search import exclusion_zone
 from edge_vpr.route import Odometry
 
 #: a window agrees if its place, matched with the windows of the drive, is that many windows from it
@@ -283,9 +285,17 @@ def _better_places(
     for first in range(0, len(windows), 64):
         part = slice(first, first + 64)
         rows, own = index.rows(windows.counts[part]), place[part, None]
-        beats = (rows < np.take_along_axis(rows, own, axis=1)) & (np.abs(k - own) > exclusion)
+        beats = (rows < np.take_along_axis(rows, own, axis=1)) & _outside(k, own, exclusion)
         share[part] = beats.mean(axis=1)
     return share
+
+
+def _outside(
+    place: npt.NDArray[np.int64], best: npt.NDArray[np.int64], exclusion: int
+) -> npt.NDArray[np.bool_]:
+    """Return which places lie outside the exclusion zone of another."""
+    first, end = plain(exclusion_zone)(best, exclusion)
+    return np.asarray((place < first) | (place >= end))
 
 
 def _mean_near(values: npt.NDArray[Any], reach: int) -> npt.NDArray[np.float64]:
@@ -362,5 +372,5 @@ def _confused(before: MapRecord, after: MapRecord) -> float:
     for first in range(0, len(some), 64):
         part = some[first : first + 64]
         nearest = index.rows(before.places.counts[part]).argmin(axis=1)
-        confused += int((np.abs(nearest - part) > exclusion).sum())
+        confused += int(_outside(nearest, part, exclusion).sum())
     return confused / len(some)

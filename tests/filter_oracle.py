@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from edge_vpr.matching.place_filter import TransitionCosts
+from edge_vpr.matching.prediction import TransitionCosts
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from firmware_model.specification import (

@@ -1,4 +1,4 @@
-"""Sums of absolute differences (SAD) from a descriptor to each place, and the nearest places."""
+"""Sums of absolute differences (SAD) from a descriptor to each place."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from numba.extending import intrinsic
 
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
-from edge_vpr.matching.matches import CANDIDATES
 
 # The SAD kernel: sums of absolute differences between the rows of two packed matrices.
 #
@@ -302,6 +301,8 @@ class ReferenceIndex:
         return out
 
 
+#: number of distances in memory at a time, so that memory does not grow with the drive
+BLOCK_DISTANCES = 4_000_000
 #: largest numbers of levels, and of counts, that are processed together
 _LEVELS, _COUNTS = 1 << 16, 1 << 22
 
@@ -415,80 +416,3 @@ def _match(counts: Any, low: int, high: int, places: Any, out: Any) -> int:
     _pack(counts, low, high, query, excess)
     add_sad(query, places, out)
     return excess[0]
-
-
-# Search for the nearest places of queries, and the nearest one outside the neighbourhood.
-
-
-def best_matches(
-    matrix: npt.NDArray[Any], exclusion: int
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the nearest place of each column, the nearest outside its neighbourhood, and ties.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (K, Q)
-        Distances; row = reference place, column = query.
-    exclusion : int
-        Half width of the best place's neighbourhood, in places.
-
-    Returns
-    -------
-    best, second, ties : ndarray of int64, shape (Q,)
-        The lowest place in a tie; `second` is -1 if every place is in the neighbourhood; `ties` is
-        the number of other places at the smallest distance.
-    """
-    if matrix.ndim != 2 or len(matrix) == 0:
-        raise UsageError(
-            f"distances of shape {matrix.shape}: give 2 dimensions, the first one the places, at "
-            "least one of them"
-        )
-    if exclusion < 0:
-        raise UsageError(f"exclusion of {exclusion} places is negative: give 0 or more")
-    best, ties = (np.zeros(matrix.shape[1], dtype=np.int64) for _ in range(2))
-    second = np.full(matrix.shape[1], -1, dtype=np.int64)
-    _search(matrix, exclusion, best, second, ties)
-    return best, second, ties
-
-
-@kernel
-def _search(matrix: Any, exclusion: int, best: Any, second: Any, ties: Any) -> None:
-    smallest, runner_up = matrix[0].copy(), matrix[0].copy()
-    for k in range(1, matrix.shape[0]):
-        for j in range(matrix.shape[1]):
-            if matrix[k, j] < smallest[j]:
-                smallest[j], best[j], ties[j] = matrix[k, j], k, 0
-            elif matrix[k, j] == smallest[j]:
-                ties[j] += 1
-    for k in range(matrix.shape[0]):
-        for j in range(matrix.shape[1]):
-            outside = abs(k - best[j]) > exclusion
-            if outside and (second[j] < 0 or matrix[k, j] < runner_up[j]):
-                second[j], runner_up[j] = k, matrix[k, j]
-
-
-def nearest_places(sums: npt.NDArray[np.integer]) -> npt.NDArray[np.int64]:
-    """Return the nearest places of each query (column).
-
-    Parameters
-    ----------
-    sums : ndarray of int, shape (K, n)
-        Distances, or metrics of the place filter.
-
-    Returns
-    -------
-    ndarray of int64, shape (n, 25)
-        Nearest first (ties: lowest first); -1 where there are fewer places.
-    """
-    places = sums.shape[0]
-    # distance and place in one integer, which sorts by distance, then by place
-    rows = sums.T
-    narrow = rows.size > 0 and (int(rows.max()) + 1) * places <= np.iinfo(np.int32).max
-    dtype = np.int32 if narrow else np.int64  # partitioning is faster with 32 bits
-    keys = np.multiply(rows, places, dtype=dtype, order="C")
-    keys += np.arange(places, dtype=dtype)
-    if places > CANDIDATES:
-        keys = np.partition(keys, CANDIDATES - 1, axis=1)[:, :CANDIDATES]
-    nearest = np.full((len(keys), CANDIDATES), -1, dtype=np.int64)
-    nearest[:, : keys.shape[1]] = np.sort(keys, axis=1) % places
-    return nearest

@@ -20,13 +20,9 @@ from edge_vpr.descriptors.windows import MAX_WINDOWS, FixedTime, Window, is_paus
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, check_events
 from edge_vpr.matching.distances import aligned_zeros
-from edge_vpr.matching.place_filter import (
-    FilterState,
-    FilterTable,
-    WindowRows,
-    end_window,
-    match_window,
-)
+from edge_vpr.matching.place_filter import FilterState, WindowRows, end_window, match_window
+from edge_vpr.matching.prediction import FilterTable
+from edge_vpr.matching.search import exclusion_zone
 from fixedpoint.own_mean import LEVEL_BITS, OwnMeanCode
 
 # Vector kernels of online matching: change all sums by +-1, and find the smallest one.
@@ -752,10 +748,11 @@ def write_distances(row, best_sum, second_sum, length):
 def _second(sums, count, best, exclusion, places):
     """Return the best place outside the exclusion zone and its sum; -1 if there is none."""
     second, second_least = -1, sums[best]
-    if best - exclusion > 0:
-        second, second_least = least_in(sums, count, np.int64(0), best - exclusion)
-    if best + exclusion + 1 < places:
-        after, after_least = least_in(sums, count, best + exclusion + 1, places)
+    first, end = exclusion_zone(best, exclusion)
+    if first > 0:
+        second, second_least = least_in(sums, count, np.int64(0), first)
+    if end < places:
+        after, after_least = least_in(sums, count, end, places)
         if second < 0 or after_least < second_least:
             second, second_least = after, after_least
     return second, second_least

@@ -33,14 +33,9 @@ from edge_vpr.descriptors.windows import MAX_WINDOWS, Descriptors, FixedTime, Wi
 from edge_vpr.errors import EdgeVprError, EventError, MapError, UsageError, expect
 from edge_vpr.events import EVENT_DTYPE, NO_EVENTS, TIME_LIMIT_US, Events, Sensor, check_event_array
 from edge_vpr.map_record import MapRecord
-from edge_vpr.matching.place_filter import (
-    FilterMatch,
-    FixedLag,
-    Late,
-    PlaceFilter,
-    WindowRows,
-    check_no_transitions,
-)
+from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, WindowRows
+from edge_vpr.matching.prediction import check_no_transitions
+from edge_vpr.matching.smoothing import FixedLag, Late
 from edge_vpr.online.kernels import (
     CHUNK_EVENTS,
     CONTROL,

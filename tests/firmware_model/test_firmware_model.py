@@ -17,9 +17,11 @@ from edge_vpr.descriptors.counting import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.matching.distances import best_matches, distance_matrix
-from edge_vpr.matching.drive import sequence_sums
-from edge_vpr.matching.place_filter import PlaceFilter, TransitionCosts, Transitions
+from edge_vpr.matching.distances import distance_matrix
+from edge_vpr.matching.place_filter import PlaceFilter
+from edge_vpr.matching.prediction import TransitionCosts, Transitions
+from edge_vpr.matching.search import best_matches
+from edge_vpr.matching.sequences import sequence_sums
 from firmware_model import (
     Design,
     DesignError,

@@ -17,10 +17,10 @@ from edge_vpr.errors import UsageError
 from edge_vpr.matching import distances as sad
 from edge_vpr.matching.distances import (
     ReferenceIndex,
-    best_matches,
     distance_matrix,
     typical_distances,
 )
+from edge_vpr.matching.search import best_matches
 from firmware_model import specification_drive
 
 SEEDS = st.integers(0, 2**32)

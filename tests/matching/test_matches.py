@@ -16,7 +16,7 @@ from edge_vpr.errors import MapError, UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.tracks import Track
-from edge_vpr.matching import drive as drive_matching
+from edge_vpr.matching import sequences
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import CANDIDATES, Matches, write_csv
 from edge_vpr.settings import Settings
@@ -41,7 +41,7 @@ def test_matches_equal_the_oracle_in_blocks_of_any_size(
     length = data.draw(st.integers(1, min(places, queries)))
     settings = Settings(sequence_length=length, exclusion=exclusion)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(drive_matching, "_BLOCK_DISTANCES", block)
+        patch.setattr(sequences, "BLOCK_DISTANCES", block)
         found = match_descriptors(descriptors(reference), descriptors(query), settings)
 
     offset = length // 2

@@ -19,7 +19,8 @@ from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Sensor
 from edge_vpr.map_record import coded_map
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.matching.place_filter import PlaceFilter, TransitionCosts, Transitions
+from edge_vpr.matching.place_filter import PlaceFilter
+from edge_vpr.matching.prediction import TransitionCosts, Transitions
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import MOST_MM, Odometry, Route

@@ -23,7 +23,8 @@ from edge_vpr.descriptors.windows import (
 from edge_vpr.errors import UsageError
 from edge_vpr.matching import drive as filtered_drive
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.matching.place_filter import METRIC_TOP, PlaceFilter, TransitionCosts, Transitions
+from edge_vpr.matching.place_filter import PlaceFilter
+from edge_vpr.matching.prediction import METRIC_TOP, TransitionCosts, Transitions
 from edge_vpr.route import MOST_MM, Odometry
 from edge_vpr.settings import PRESETS, Settings
 from firmware_model import specification
@@ -214,7 +215,7 @@ def test_smoothing_a_drive_in_segments_gives_the_same_bits(values, monkeypatch):
 
     whole = matched()
     monkeypatch.setattr(filtered_drive, "_SEGMENT_VALUES", values)
-    monkeypatch.setattr(filtered_drive, "_BLOCK_DISTANCES", 60)
+    monkeypatch.setattr(filtered_drive, "BLOCK_DISTANCES", 60)
     monkeypatch.setattr(math, "isqrt", lambda n: 1)
     assert matched() == whole
 

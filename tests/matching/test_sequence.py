@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_vpr.errors import UsageError
-from edge_vpr.matching.drive import sequence_sums
+from edge_vpr.matching.sequences import sequence_sums
 
 
 @given(

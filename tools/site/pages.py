@@ -87,7 +87,7 @@ STAGES = {
         "The steps from descriptors to matches; [the place filter](../place_filter.md).",
         names=(
             "edge_vpr.matching.place_filter.PlaceFilter",
-            "edge_vpr.matching.place_filter.TransitionCosts",
+            "edge_vpr.matching.prediction.TransitionCosts",
         ),
         exported=("matching",),
     ),

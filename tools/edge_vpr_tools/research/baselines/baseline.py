@@ -14,14 +14,10 @@ import numpy.typing as npt
 from edge_vpr.confidence import Acceptance
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.matching.distances import ReferenceIndex
-from edge_vpr.matching.drive import (
-    BestSequences,
-    match_by_filter,
-    sequence_matches,
-    sequence_sums,
-)
+from edge_vpr.matching.drive import match_by_filter
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.place_filter import PlaceFilter
+from edge_vpr.matching.sequences import BestSequences, sequence_matches, sequence_sums
 from edge_vpr.settings import Settings
 
 # Interface of the systems that the method is compared with.

@@ -26,8 +26,9 @@ from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Events, Sensor
 from edge_vpr.map_record import coded_map
-from edge_vpr.matching.drive import match_query, middle_window
+from edge_vpr.matching.drive import match_query
 from edge_vpr.matching.matches import Matches
+from edge_vpr.matching.sequences import middle_window
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import PRESETS, Settings

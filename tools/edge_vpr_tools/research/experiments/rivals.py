@@ -21,8 +21,8 @@ from matplotlib.figure import Figure
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MissingExtraError, UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.matching.drive import middle_window
 from edge_vpr.matching.matches import Matches
+from edge_vpr.matching.sequences import middle_window
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.console import warning
 from edge_vpr_tools.report.tables import TableView

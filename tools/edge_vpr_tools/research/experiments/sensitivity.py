@@ -26,25 +26,12 @@ from edge_vpr.descriptors.windows import (
     place_activity,
 )
 from edge_vpr.matching.distances import ReferenceIndex, typical_distances
-from edge_vpr.matching.place_filter import (
-    EVIDENCE_TOP,
-    METRIC_TOP,
-    MISFIT_BITS,
-    MISFIT_ZERO,
-    FixedLag,
-    TransitionCosts,
-    Transitions,
-    WindowRows,
-    evidence_of,
-    least_and_second,
-    predict,
-    reciprocal_of_spread,
-    reported_misfit,
-    update_misfit,
-    weight_of,
-    window_misfit,
-    write_match,
-)
+from edge_vpr.matching.evidence import EVIDENCE_TOP, evidence_of, reciprocal_of_spread, weight_of
+from edge_vpr.matching.place_filter import WindowRows, write_match
+from edge_vpr.matching.prediction import METRIC_TOP, TransitionCosts, Transitions, predict
+from edge_vpr.matching.search import least_and_second
+from edge_vpr.matching.smoothing import FixedLag
+from edge_vpr.matching.trust import FIRST_MISFIT, reported_misfit, update_misfit, window_misfit
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments.drives import recorded_drives
@@ -106,7 +93,7 @@ def match_with(
     distances = ReferenceIndex(coded.places.counts).rows(queries.counts)
     transitions = transitions_of(coded, constants)
     cap, doubted = (round(of * EVIDENCE_TOP) for of in (constants.cap, constants.doubted))
-    typical, misfit = typical_distances(coded.places.counts), MISFIT_ZERO << MISFIT_BITS
+    typical, misfit = typical_distances(coded.places.counts), FIRST_MISFIT
     mean, scale = activity_of_drive(coded.places.selected_events), 0
     rows = WindowRows.empty(*distances.shape)
     rows.factor[:] = 0  # the misfit of late matches, which is not used

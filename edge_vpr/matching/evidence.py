@@ -1,0 +1,84 @@
+"""Evidence: how much a window speaks against each place, by its distances to all of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.compiling import kernel
+from edge_vpr.matching.prediction import FRACTION_BITS
+from fixedpoint.activity import WEIGHT_BITS, WEIGHT_FROM
+
+#: largest evidence: 8 bits
+EVIDENCE_TOP = (1 << 8) - 1
+#: fraction bits of the reciprocal of the spread
+RECIPROCAL_BITS = 16
+#: shift of the product of this reciprocal and a weight that leaves the fraction bits of evidence
+FACTOR_SHIFT = RECIPROCAL_BITS - FRACTION_BITS + WEIGHT_BITS
+
+
+@kernel
+def reciprocal_of_spread(distances: npt.NDArray[np.integer]) -> int:
+    """Return ``floor(2**16 / s)``, with s the mean absolute deviation of the distances.
+
+    Parameters
+    ----------
+    distances : ndarray of int, shape (K,)
+        From a window to each place.
+
+    Returns
+    -------
+    int
+        The mean of the distances is rounded down; s is rounded down and at least 1.
+    """
+    total = np.int64(0)
+    for distance in distances:
+        total += np.int64(distance)
+    mean = total // distances.size
+    spread = np.int64(0)
+    for distance in distances:
+        spread += abs(np.int64(distance) - mean)
+    return (1 << RECIPROCAL_BITS) // max(int(spread) // distances.size, 1)
+
+
+@kernel(inline="always")
+def weight_of(activity: int) -> int:
+    """Return the weight of the evidence of a window, in units of 1/8.
+
+    A camera that hardly moves repeats its view, with fewer events.
+    """
+    return min(max((activity - WEIGHT_FROM) >> 1, 0), 1 << WEIGHT_BITS)
+
+
+@kernel
+def evidence_of(
+    distances: npt.NDArray[np.integer],
+    reciprocal: int,
+    weight: int,
+    out: npt.NDArray[np.uint8],
+) -> None:
+    """Compute the evidence ``min((D - min D) / s, 255) * weight``, with fraction bits.
+
+    Parameters
+    ----------
+    distances : ndarray of int, shape (K,)
+        D. Only differences matter: adding a constant changes nothing.
+    reciprocal : int
+        Reciprocal of s, see `reciprocal_of_spread`. It is 0 for a spread above 2**16, and so is all
+        evidence then.
+    weight : int
+        See `weight_of`.
+    out : ndarray of uint8, shape (K,)
+        Evidence against each place.
+    """
+    shift = RECIPROCAL_BITS - FRACTION_BITS
+    # larger differences saturate the evidence, and products up to this one fit into 32 bits
+    most = np.int64((EVIDENCE_TOP << shift) // max(reciprocal, 1) + 1)
+    least = np.int64(distances[0])
+    for distance in distances:
+        least = min(least, np.int64(distance))
+    factor = np.int32(reciprocal)
+    for k in range(out.size):
+        difference = np.int32(min(np.int64(distances[k]) - least, most))
+        unweighted = (difference * factor) >> shift
+        out[k] = (min(unweighted, np.int32(EVIDENCE_TOP)) * weight) >> WEIGHT_BITS

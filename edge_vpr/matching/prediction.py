@@ -1,0 +1,480 @@
+"""Prediction: the cost of each place one window later, by steps or by a driven distance.
+
+The cost of a step depends on the activity of the window, or is fixed, or follows from odometry;
+jumps of the map connect places like steps. All costs are integers with `FRACTION_BITS`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.compiling import kernel, plain
+from edge_vpr.errors import UsageError
+from edge_vpr.route import MOST_MM
+from edge_vpr.settings import Settings
+from fixedpoint.activity import (
+    COSTS_BY_ACTIVITY,
+    PLACE_HIGH,
+    PLACE_LOW,
+    ROW_BITS,
+    SAME_ROW,
+    WEIGHT_BITS,
+)
+
+Metrics = npt.NDArray[np.int32]
+#: Metrics and costs in sums: these fit into 16 bits, of which a vector holds twice as many.
+Narrow = npt.NDArray[np.int16]
+#: Distance driven since the window before, in millimetres; None where it is not known.
+Travelled = int | None
+#: fraction bits of metrics, evidence and costs
+FRACTION_BITS = 2
+#: largest metric: 10 bits
+METRIC_TOP = (1 << 10) - 1
+#: costs of steps where windows have a fixed count, by the number of places per window
+COUNT_COSTS = {1: (1, 0, 0, 1), 2: (1, 0, 0, 0, 0, 1)}
+
+
+@dataclass(frozen=True)
+class TransitionCosts:
+    """Costs of steps from place to place in one window.
+
+    Parameters
+    ----------
+    restart : int
+        Cost of jumping to any place: the robot was carried, or the filter is wrong.
+    places_per_window : {1, 2}
+        Number of places that start in one window of the reference.
+    by_activity : bool
+        Whether the costs are those of `COSTS_BY_ACTIVITY`, by the activity of the window relative
+        to that of the place reached, or `COUNT_COSTS`.
+    """
+
+    restart: int = 16
+    places_per_window: int = 1
+    by_activity: bool = True
+
+    def __post_init__(self) -> None:
+        most = (METRIC_TOP >> FRACTION_BITS) - 1
+        if not 0 <= self.restart <= most:
+            raise UsageError(f"cost of {self.restart} for a restart: expected 0 to {most}")
+
+    @classmethod
+    def of(cls, settings: Settings) -> TransitionCosts:
+        """Return the costs of the settings.
+
+        Windows with a fixed number of events all have the same activity.
+        """
+        return cls(settings.filter_restart, settings.window_parts, settings.window == "time")
+
+    @property
+    def rows(self) -> npt.NDArray[np.int32]:
+        """Costs of a step of 0, 1, 2 ... places, with fraction bits.
+
+        One row for each row of `COSTS_BY_ACTIVITY`, or a single row for any activity.
+        """
+        if self.by_activity:
+            return np.array(COSTS_BY_ACTIVITY[self.places_per_window], dtype=np.int32)
+        fixed = [COUNT_COSTS[self.places_per_window]]
+        return np.array(fixed, dtype=np.int32) << FRACTION_BITS
+
+
+# Prediction by steps.
+
+
+class FilterTable(NamedTuple):
+    """Constants of the filter, from a map and its settings.
+
+    Attributes
+    ----------
+    costs : ndarray of int32, shape (rows, steps)
+        See `TransitionCosts.rows`.
+    restart : int
+        Cost of a restart, with fraction bits.
+    jumps : ndarray of int32, shape (n, 2)
+        Pairs of places, from and to, that follow each other without a step.
+    activity : ndarray of int32, shape (K,)
+        Activity of each place, see `place_activity`.
+    typical : ndarray of int64, shape (K,)
+        See `distances.typical_distances`.
+    exclusion : int
+        The second-best place is more than this many places from the best.
+    """
+
+    costs: Metrics
+    restart: int
+    jumps: npt.NDArray[np.int32]
+    activity: npt.NDArray[np.int32]
+    typical: npt.NDArray[np.int64]
+    exclusion: int
+
+
+@kernel(inner=True)
+def is_reachable(place: int, next_place: int, last: int, jumps: npt.NDArray[np.int32]) -> bool:
+    """Return whether a step of at most `last` places, possibly over a jump, reaches a place."""
+    if 0 <= next_place - place <= last:
+        return True
+    for n in range(len(jumps)):
+        before, beyond = jumps[n, 0] - place, next_place - jumps[n, 1]
+        if before >= 0 and beyond >= 0 and before + beyond < last:
+            return True
+    return False
+
+
+@kernel(inner=True)
+def write_costs(table: FilterTable, activity: int, out: Narrow) -> None:
+    """Compute the cost of each step to each place in a window.
+
+    Parameters
+    ----------
+    activity : int
+        Activity of the window, see `activity_of`.
+    out : ndarray of int16, shape (steps, K)
+        Costs, by the length of the step and the place reached.
+    """
+    places, last_row = out.shape[1], len(table.costs) - 1
+    rows = np.empty(places if last_row > 0 else 0, dtype=np.int16)
+    for k in range(rows.size):
+        row = (activity - table.activity[k] + (1 << (ROW_BITS - 1))) >> ROW_BITS
+        rows[k] = min(max(row + SAME_ROW, 0), last_row)
+    for i in range(out.shape[0]):
+        of_row, of_step = table.costs[:, i], out[i]
+        if last_row > 0:
+            for k in range(places):
+                of_step[k] = of_row[rows[k]]
+        else:
+            cost = np.int16(of_row[0])
+            for k in range(places):
+                of_step[k] = cost
+
+
+@kernel(inner=True)
+def move(metric: Narrow, table: FilterTable, costs: Narrow, back: bool, out: Narrow) -> None:
+    """Compute the cheapest cost of each place one window later or earlier.
+
+    All sums fit into 16 bits: a metric, its evidence and a cost add up to less than 2,500.
+
+    Parameters
+    ----------
+    metric : ndarray of int16, shape (K,)
+        Cost of each place.
+    costs : ndarray of int16, shape (steps, K)
+        Result of `write_costs` for the later of the two windows.
+    back : bool
+        Whether `metric` belongs to the later window, and the costs in the earlier one are computed.
+    out : ndarray of int16, shape (K,)
+        ``min(min_i (M[k - i] + cost[i]), min M + restart) - min M``. Over a jump from a to b, place
+        k = b + o is i places from a - (i - 1 - o). The costs are those of the place reached.
+    """
+    places = metric.size
+    least = metric[0]
+    for k in range(places):
+        least = min(least, metric[k])
+    restarted = np.int16(least + table.restart)
+    for k in range(places):
+        out[k] = restarted
+    for i in range(costs.shape[0]):
+        number, reached = max(places - i, 0), min(i, places)
+        found, source = (0, reached) if back else (reached, 0)
+        # loops from 0 over slices compile to vector instructions
+        cost = costs[i, reached : reached + number]
+        reached_by, start = out[found : found + number], metric[source : source + number]
+        for k in range(number):
+            reached_by[k] = min(reached_by[k], np.int16(start[k] + cost[k]))
+        for j in range(len(table.jumps)):
+            for over in range(i):
+                begin, end = table.jumps[j, 0] - (i - 1 - over), table.jumps[j, 1] + over
+                if begin >= 0 and end < places:
+                    to, other = (begin, end) if back else (end, begin)
+                    jumped = np.int16(metric[other] + costs[i, end])
+                    out[to] = min(out[to], jumped)
+    for k in range(places):
+        out[k] -= least
+
+
+@kernel(inline="always")
+def predict(metric: Metrics, table: FilterTable, activity: int, out: Narrow) -> None:
+    """Compute the cheapest cost of each place one window later; see `move`.
+
+    Parameters
+    ----------
+    metric : ndarray of int32, shape (K,)
+        Cost of each place.
+    activity : int
+        Activity of the later window, see `activity_of`.
+    out : ndarray of int16, shape (K,)
+        Predicted costs.
+    """
+    before = np.empty(metric.size, dtype=np.int16)
+    for k in range(metric.size):
+        before[k] = metric[k]
+    costs = np.empty((table.costs.shape[1], metric.size), dtype=np.int16)
+    write_costs(table, activity, costs)
+    # not a constant, for which Numba would compile another version
+    move(before, table, costs, np.bool_(False), out)
+
+
+# Prediction by a driven distance.
+
+
+#: fraction bits of the cost of a millimetre
+RATE_BITS = 16
+#: with odometry, a step over a jump may start and end up to this many places from it
+JUMP_REACH = 8
+
+
+@kernel
+def predict_by_distance(
+    metric: Metrics,
+    along: npt.NDArray[np.int64],
+    travelled: int,
+    rate_and_spacing: tuple[int, int],
+    restart: int,
+    jumps: npt.NDArray[np.int32],
+) -> Metrics:
+    """Return the cheapest cost of each place after a known driven distance.
+
+    Parameters
+    ----------
+    metric : ndarray of int32, shape (K,)
+        Cost of each place.
+    along : ndarray of int64, shape (K,)
+        Millimetres that the reference had driven at each place, never decreasing.
+    travelled : int
+        Millimetres since the window before; negative when driving backwards.
+    rate_and_spacing : tuple of int
+        Cost per millimetre of deviation in units of ``2**-16``, and millimetres between two places.
+    jumps : ndarray of int32, shape (n, 2)
+        Pairs of places, from and to, that follow each other without a step.
+
+    Returns
+    -------
+    ndarray of int32, shape (K,)
+        ``min(min_j (M[j] + |along[k] - along[j] - travelled| * rate), min M + restart) - min M``,
+        rounded down. A jump has the length of one mean spacing.
+    """
+    rate, spacing = rate_and_spacing
+    least, places = np.int64(metric.min()), metric.size
+    prediction = np.full(places, np.int64(restart) << RATE_BITS, dtype=np.int64)
+    # rounding down is monotone: the lowest exact cost, rounded, is the lowest rounded cost
+    best, j = np.int64(1) << 62, 0
+    for k in range(places):  # sources from which the distance reaches k or a place before it
+        while j < places and along[j] + travelled <= along[k]:
+            cost = ((metric[j] - least) << RATE_BITS) - (along[j] + travelled) * rate
+            best, j = min(best, cost), j + 1
+        if j > 0:
+            prediction[k] = min(prediction[k], best + along[k] * rate)
+    best, j = np.int64(1) << 62, places - 1
+    for k in range(places - 1, -1, -1):  # sources from which it reaches a place beyond k
+        while j >= 0 and along[j] + travelled >= along[k]:
+            cost = ((metric[j] - least) << RATE_BITS) + (along[j] + travelled) * rate
+            best, j = min(best, cost), j - 1
+        if j < places - 1:
+            prediction[k] = min(prediction[k], best - along[k] * rate)
+    for n in range(len(jumps)):
+        begin, end = jumps[n, 0], jumps[n, 1]
+        for source in range(max(begin - JUMP_REACH + 1, 0), begin + 1):
+            for k in range(end, min(end + JUMP_REACH, places)):
+                length = along[begin] - along[source] + spacing + along[k] - along[end]
+                cost = ((metric[source] - least) << RATE_BITS) + abs(length - travelled) * rate
+                prediction[k] = min(prediction[k], cost)
+    return (prediction >> RATE_BITS).astype(np.int32)
+
+
+# The transitions of a map.
+
+
+#: with odometry, the cost of a deviation by the mean distance of one window
+OFF_BY_A_WINDOW = 2
+_NO_JUMPS = np.zeros((0, 2), dtype=np.int32)
+
+
+class Transitions:
+    """Costs of the transitions between the places of a map in one window.
+
+    Parameters
+    ----------
+    places : int
+        K.
+    place_activity : ndarray of int32, shape (K,), optional
+        See `place_activity`; 0 by default.
+    jumps : ndarray of int32, shape (n, 2), optional
+        Pairs of places: one step also leads from the first to the second, for example where a loop
+        closes or two routes meet. Longer steps may cross the pair.
+    along_mm : ndarray of int64, shape (K,), optional
+        Millimetres that the reference had driven at each place, never decreasing. Odometry of a
+        query is compared with it.
+    typical : ndarray of int64, shape (K,), optional
+        See `distances.typical_distances`; 0 by default.
+    exclusion : int
+        See `FilterTable`.
+
+    Examples
+    --------
+    >>> costs = TransitionCosts(restart=5, by_activity=False)
+    >>> jumps = np.array([[3, 0]], dtype=np.int32)
+    >>> transitions, prediction = Transitions(4, costs, jumps=jumps), np.empty(4, dtype=np.int16)
+    >>> metric = np.array([9, 9, 9, 0], dtype=np.int32)  # at the end, with a jump to the start
+    >>> predict(metric, transitions.table, 0, prediction)
+    >>> prediction.tolist()
+    [0, 0, 4, 4]
+    """
+
+    def __init__(
+        self,
+        places: int,
+        costs: TransitionCosts,
+        place_activity: npt.NDArray[np.int32] | None = None,
+        jumps: npt.NDArray[np.int32] | None = None,
+        along_mm: npt.NDArray[np.int64] | None = None,
+        typical: npt.NDArray[np.int64] | None = None,
+        exclusion: int = 3,
+    ) -> None:
+        if places < 1:
+            raise UsageError(f"a map of {places} places: expected at least 1")
+        self.places, self.costs = places, costs
+        self.jumps = _NO_JUMPS if jumps is None else np.asarray(jumps, dtype=np.int32)
+        check_jumps(self.jumps, places)
+        if place_activity is None:
+            place_activity = np.zeros(places, dtype=np.int32)
+        check_activity(place_activity, places)
+        if typical is None:
+            typical = np.zeros(places, dtype=np.int64)
+        self.table = FilterTable(
+            costs.rows, costs.restart << FRACTION_BITS, self.jumps, place_activity, typical,
+            exclusion,
+        )  # fmt: skip
+        self._along = along_mm
+        #: mean distance between two places; 0 if the map has no distances
+        self.spacing_mm = self._rate = 0
+        if along_mm is not None:
+            check_along(along_mm, places)
+            self.spacing_mm = int(along_mm[-1] - along_mm[0]) // max(places - 1, 1)
+            per_window = max(self.spacing_mm, 1) * costs.places_per_window
+            self._rate = (OFF_BY_A_WINDOW << FRACTION_BITS << RATE_BITS) // per_window
+
+    def check_odometry(self) -> None:
+        """Raise UsageError if the map has no distances between its places."""
+        self._checked_along()
+
+    def by_distance(self, metric: Metrics, travelled_mm: int, *, back: bool = False) -> Metrics:
+        """Return the cost of each place after a driven distance, shape (K,).
+
+        Parameters
+        ----------
+        metric : ndarray of int32, shape (K,)
+            Cost of each place before it; with `back`, after it.
+        back : bool
+            Return the cost of each place before the distance instead.
+        """
+        along, jumps = self._checked_along(), self.jumps
+        if back:  # the same distance on the route in the opposite direction
+            metric, along = np.ascontiguousarray(metric[::-1]), along[-1] - along[::-1]
+            jumps = self.places - 1 - jumps[:, ::-1]
+        found = predict_by_distance(
+            metric, along, _limited(travelled_mm), (self._rate, self.spacing_mm),
+            self.table.restart, jumps,
+        )  # fmt: skip
+        return np.ascontiguousarray(found[::-1]) if back else found
+
+    def weight_by_distance(self, driven_mm: int) -> int:
+        """Return the largest weight that the evidence of a window may have, see `weight_of`.
+
+        The weight is the driven distance as a share of the reference's mean distance per window,
+        rounded up to units of 1/8. Over a short distance, the view repeats that of the window
+        before.
+        """
+        per_window = self.spacing_mm * self.costs.places_per_window
+        eighths = -(-abs(_limited(driven_mm) << WEIGHT_BITS) // per_window)
+        return min(eighths, 1 << WEIGHT_BITS)
+
+    def following(self, place: int, travelled_mm: int) -> npt.NDArray[np.bool_]:
+        """Return which places are reachable over a distance without a restart, shape (K,)."""
+        along, travelled = self._checked_along(), _limited(travelled_mm)
+        off = np.abs(along - along[place] - travelled)
+        follows = (off * self._rate) >> RATE_BITS < self.table.restart
+        before = self.jumps[:, 0] - place
+        for begin, end in self.jumps[(before >= 0) & (before < JUMP_REACH)].tolist():
+            beyond = slice(end, end + JUMP_REACH)
+            length = along[begin] - along[place] + self.spacing_mm + along[beyond] - along[end]
+            cost = (np.abs(length - travelled) * self._rate) >> RATE_BITS
+            follows[beyond] |= cost < self.table.restart
+        return np.asarray(follows)
+
+    def reaches(self, place: int, next_place: int, travelled_mm: int | None) -> bool:
+        """Return whether `next_place` is reachable from `place` without a restart."""
+        table = self.table
+        if travelled_mm is None:
+            last = table.costs.shape[1] - 1
+            return bool(plain(is_reachable)(place, next_place, last, table.jumps))
+        return bool(self.following(place, travelled_mm)[next_place])
+
+    def _checked_along(self) -> npt.NDArray[np.int64]:
+        if self._along is None:
+            raise UsageError(
+                "the map does not say how far its places are from each other: make it with the "
+                "reference drive's odometry= or track="
+            )
+        if self.spacing_mm < 1:
+            raise UsageError(
+                "the reference drive of this map did not move by its odometry or track: map a "
+                "drive that moves, or match without odometry"
+            )
+        return self._along
+
+
+def check_no_transitions(jumps: npt.NDArray[np.int32] | None, odometry: bool) -> None:
+    """Raise UsageError if jumps or odometry are given, which sequences do not use.
+
+    Parameters
+    ----------
+    jumps : ndarray of int32, shape (n, 2), optional
+        None if there are none.
+    odometry : bool
+        Whether it is given.
+    """
+    given = "odometry" if odometry else "a map with jumps"
+    if odometry or (jumps is not None and len(jumps)):
+        raise UsageError(
+            f"{given} is for the place filter, and sequences follow neither: match with "
+            "matching='filter'"
+        )
+
+
+def check_jumps(jumps: npt.NDArray[np.integer], places: int) -> None:
+    """Check that every jump leads from a place of the map to another one."""
+    for begin, end in jumps.tolist():
+        if not (0 <= begin < places and 0 <= end < places) or begin == end:
+            raise UsageError(
+                f"jump from place {begin} to {end}: expected two places from 0 to {places - 1}"
+            )
+
+
+def check_activity(place_activity: npt.NDArray[np.integer], places: int) -> None:
+    """Check that there is an activity of a byte for each place."""
+    low, high = (int(place_activity.min()), int(place_activity.max())) if places else (0, 0)
+    if place_activity.shape != (places,) or not PLACE_LOW <= low <= high <= PLACE_HIGH:
+        raise UsageError(
+            f"activities of {low} to {high}, of shape {place_activity.shape}: expected "
+            f"{PLACE_LOW} to {PLACE_HIGH}, one of each of {places} places"
+        )
+
+
+def check_along(along_mm: npt.NDArray[np.int64], places: int) -> None:
+    """Check that there is a distance driven for each place, which never decreases."""
+    if along_mm.shape != (places,) or (np.diff(along_mm) < 0).any():
+        raise UsageError(
+            f"distances to {along_mm.shape} places: expected one for each of {places} places, in "
+            "millimetres, that never decrease"
+        )
+    if not 0 <= along_mm[0] <= along_mm[-1] <= MOST_MM:
+        raise UsageError(
+            f"distances of {along_mm[0]} to {along_mm[-1]} mm: expected 0 to {MOST_MM}"
+        )
+
+
+def _limited(travelled_mm: int) -> int:
+    return min(max(travelled_mm, -MOST_MM), MOST_MM)
