@@ -23,7 +23,7 @@ from firmware_model.memories import Codes, Memories
 from fixedpoint.activity import ACTIVITY_COSTS, EVENTS_TOP, SAME_ROW
 
 #: origin, target and cost of each transition between places in a window
-Transitions = list[tuple[int, int, int]]
+Edges = list[tuple[int, int, int]]
 
 
 class Event(NamedTuple):
@@ -172,7 +172,7 @@ def sequence_sums(history: Sequence[Sequence[int]]) -> list[int]:
     return [sum(row[k - ago] for ago, row in enumerate(history)) for k in ends]
 
 
-class Found(NamedTuple):
+class BestPlaces(NamedTuple):
     """Best place, second best outside the exclusion zone, and ties with the best."""
 
     place: int
@@ -182,19 +182,19 @@ class Found(NamedTuple):
     ties: int
 
 
-def search(sums: Sequence[int], exclusion: int, first: int = 0) -> Found:
+def search(sums: Sequence[int], exclusion: int, first: int = 0) -> BestPlaces:
     """Find the best and second best of the sums of places from `first` on."""
     least = min(sums)
     best = sums.index(least)
     outside = [k for k in range(len(sums)) if abs(k - best) > exclusion]
     ties = sum(one == least for one in sums) - 1
     if not outside:
-        return Found(first + best, least, None, None, ties)
+        return BestPlaces(first + best, least, None, None, ties)
     second = min(outside, key=lambda k: sums[k])
-    return Found(first + best, least, first + second, sums[second], ties)
+    return BestPlaces(first + best, least, first + second, sums[second], ties)
 
 
-def accepts(design: Design, found: Found, trust: int) -> bool:
+def accepts(design: Design, found: BestPlaces, trust: int) -> bool:
     """Return whether a match is accepted; the trust is that of the filter."""
     if design.filters:
         return found.second is not None and trust >= design.trust
@@ -222,7 +222,7 @@ def row_of(activity: int) -> int:
     return min(max(((activity + 4) >> 3) + SAME_ROW, 0), len(ACTIVITY_COSTS) - 1)
 
 
-def transitions_by_steps(costs: Costs, activity: int, place_activity: Sequence[int]) -> Transitions:
+def transitions_by_steps(costs: Costs, activity: int, place_activity: Sequence[int]) -> Edges:
     """Return all steps from place to place in a window of this activity, step 1."""
     found = []
     for target, of_place in enumerate(place_activity):
@@ -231,7 +231,7 @@ def transitions_by_steps(costs: Costs, activity: int, place_activity: Sequence[i
     return found
 
 
-def predict(metrics: Sequence[int], transitions: Transitions, restart: int) -> list[int]:
+def predict(metrics: Sequence[int], transitions: Edges, restart: int) -> list[int]:
     """Return the cost of being at each place after a window, without its evidence, step 1."""
     predicted, least = [restart] * len(metrics), min(metrics)
     for origin, target, cost in transitions:
@@ -257,7 +257,7 @@ def evidence_of(distances: Sequence[int], reciprocal: int, weight: int) -> list[
     return [(one * weight) >> 3 for one in scaled]
 
 
-def margin_of(found: Found) -> int:
+def margin_of(found: BestPlaces) -> int:
     """Return the second best metric less the best, step 4."""
     return METRIC_TOP if found.second_sum is None else found.second_sum - found.sum
 
@@ -310,7 +310,9 @@ class Trust(NamedTuple):
     worst_residual: int
 
 
-def judge(advanced: Filter, found: Found, evidence: int, follows: bool) -> tuple[Filter, Trust]:
+def judge(
+    advanced: Filter, found: BestPlaces, evidence: int, follows: bool
+) -> tuple[Filter, Trust]:
     """Return the filter after its match, and the trust in it, step 4.
 
     Parameters

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 from firmware_model.specification import (
     Costs,
+    Edges,
     Filter,
-    Transitions,
     activity_of,
     advance,
     differences_of,
@@ -101,7 +101,7 @@ def anchored(driven: Sequence[int | None], spacing: int) -> list[int | None]:
 
 def transitions_by_distance(
     along: Sequence[int], driven: int, per_window: int, jumps: Sequence[tuple[int, int]]
-) -> Transitions:
+) -> Edges:
     """Return the transitions between all places, with costs by the driven distance."""
     spacing, last = spacing_of(along), len(along) - 1
     rate = (1 << 19) // (spacing * per_window)
@@ -133,7 +133,7 @@ def steps_and_jumps(
     activity: int,
     place_activity: Sequence[int],
     jumps: Sequence[tuple[int, int]],
-) -> Transitions:
+) -> Edges:
     """Return the steps of a window, also those that lead through a jump."""
     found = transitions_by_steps(costs, activity, place_activity)
     for k, of_place in enumerate(place_activity):
@@ -230,7 +230,7 @@ class Drive:
         self.begin = begin or Filter([0] * len(place_activity))
         self.metrics: list[Sequence[int]] = []
         self.evidence: list[list[int]] = []
-        self.transitions: list[Transitions] = []
+        self.transitions: list[Edges] = []
         #: reciprocal times weight of each window, and the share that odometry leaves, in eighths
         self.scales: list[tuple[int, int]] = []
         state, mean = self.begin, mean_activity

@@ -15,7 +15,7 @@ from edge_vpr.events import NO_EVENTS, Events, Sensor, join_events
 from edge_vpr.live.losses import LossWatch
 from edge_vpr.live.position import PathPosition
 from edge_vpr.live.protocols import Decoder
-from edge_vpr.online.localiser import NO_MATCHES, Found, Localiser, MatchSchedule, join_matches
+from edge_vpr.online.localiser import NO_MATCHES, Localiser, MatchRows, MatchSchedule, join_matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import OdometerCheck
 from edge_vpr.warm_up import WarmUpStep, localising_steps, warm_up
@@ -219,7 +219,7 @@ class LiveLocaliser:
         localiser, bursts, reached = self._localiser, self._bursts, self.decoder.reached_us
         if localiser is None:
             return LiveResult(events, NO_MATCHES, reached)
-        found: Found = []
+        found: MatchRows = []
         for piece in bursts.pieces(events[matched:]):
             self._update(localiser, piece, found)
         self._update(localiser, bursts.finish() if last else bursts.advance(reached), found)
@@ -251,7 +251,7 @@ class LiveLocaliser:
                 jumps.append(position.jumps)
         return tuple(missing), tuple(at), tuple(jumps)
 
-    def _update(self, localiser: Localiser, events: Events, found: Found) -> None:
+    def _update(self, localiser: Localiser, events: Events, found: MatchRows) -> None:
         """Match events in parts that each span less than `MOST_TICKS`."""
         while events.size:
             taken, last = events.size, int(events["t"][-1])
@@ -263,7 +263,7 @@ class LiveLocaliser:
             self._time = last
             events = events[taken:]
 
-    def _catch_up(self, localiser: Localiser, time_us: int, found: Found) -> None:
+    def _catch_up(self, localiser: Localiser, time_us: int, found: MatchRows) -> None:
         """Advance the time until `time_us` is less than `MOST_TICKS` ahead.
 
         Each tick gives a match. In a jump, however, only the last tick does, so that no clock and

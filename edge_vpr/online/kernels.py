@@ -1,7 +1,7 @@
 """State and kernels of the localiser, which update distances and match after every event.
 
 From the bottom up: vector updates of the sums; the state of sliding windows; the kernels that
-update it; those that match; and `follow`, the one kernel that a `MatchRun` calls.
+update it; those that match; and `process_events`, the one kernel that a `MatchRun` calls.
 """
 
 from __future__ import annotations
@@ -702,7 +702,7 @@ def sequence_match(sums, total, c, length, row):
     length : int
         L.
     row : record of MATCH_DTYPE
-        Output; `accept_match` and `follow` write the other fields.
+        Output; `accept_match` and `process_events` write the other fields.
 
     Returns
     -------
@@ -775,7 +775,7 @@ def match_now(state, filter_table, rows, sums, total, c, length, events, over, r
     over : bool
         Whether the window ends: the filter then advances, and there is no match.
     row : record of MATCH_DTYPE
-        Output; `accept_match` and `follow` write the other fields.
+        Output; `accept_match` and `process_events` write the other fields.
 
     Returns
     -------
@@ -908,7 +908,7 @@ CONTROL = np.dtype(
 
 
 class OnlineState(NamedTuple):
-    """State of the kernel `follow`.
+    """State of the kernel `process_events`.
 
     Attributes
     ----------
@@ -924,8 +924,8 @@ class OnlineState(NamedTuple):
         L of sequences; None with the place filter.
     control : ndarray of CONTROL, shape (1,)
         Numbers of the kernel.
-    trust, probability : ndarray of int64 and float64, shape (m,)
-        See `edge_vpr.confidence.Confidence`; m is 0 if the probability is unknown.
+    trust_steps, probability_steps : ndarray of int64 and float64, shape (m,)
+        `trust` and `probability` of `edge_vpr.confidence.Confidence`; m is 0 if it is unknown.
     table : ndarray of int16 or int32, shape (height, width)
         See `PixelMap.table`.
     slots, times : ndarray of int32 and int64, shape (CHUNK_EVENTS or more,)
@@ -940,8 +940,8 @@ class OnlineState(NamedTuple):
     rows: WindowRows | None
     length: int | None
     control: npt.NDArray[np.void]
-    trust: npt.NDArray[np.int64]
-    probability: npt.NDArray[np.float64]
+    trust_steps: npt.NDArray[np.int64]
+    probability_steps: npt.NDArray[np.float64]
     table: npt.NDArray[np.signedinteger]
     slots: npt.NDArray[np.int32]
     times: npt.NDArray[np.int64]
@@ -957,11 +957,11 @@ DONE, MATCHES_FULL, RING_FULL, WINDOW_OVER, REFUSED = range(5)
 GO_ON = -1
 
 Stop = tuple[int, int]
-"""Result of `follow`."""
+"""Result of `process_events`."""
 
 
 @kernel
-def follow(kernel_state, events, until):
+def process_events(kernel_state, events, until):
     """Process events, or continue with those of an earlier call, until Python code is needed.
 
     Parameters
@@ -1048,7 +1048,7 @@ def follow(kernel_state, events, until):
             row["time_us"], row["events"] = now, in_window
             # start of a fixed-count window: the time of its oldest event
             row["start_us"] = seen_until - tau if tau > 0 else ring_time[bound[1] & mask]
-            accept_match(row, f.trust, f.probability, c.least_trust)
+            accept_match(row, f.trust_steps, f.probability_steps, c.least_trust)
             given += 1
         why = WINDOW_OVER
         if over:

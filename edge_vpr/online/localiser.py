@@ -1,8 +1,8 @@
 """The localiser, which matches after every event by updates of distances.
 
-From the bottom up: the schedule of matches; runs, which feed the kernel `follow` (sequences, place
-filter, late matches); `Localiser`, which a program calls; and its saved state. The kernel and its
-state are in `kernels`.
+From the bottom up: the schedule of matches; runs, which feed the kernel `process_events` (by
+sequences, by the place filter, some windows late); `Localiser`, which a program calls; and its
+saved state. The kernel and its state are in `kernels`.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ from edge_vpr.online.kernels import (
     Stop,
     advance,
     check_order,
-    follow,
     grown,
+    process_events,
     recount,
     settle,
     start,
@@ -193,13 +193,14 @@ MATCH_DTYPE = np.dtype(
 # Runs, which feed events to the kernel and do the work that needs Python when it returns.
 
 
-Found = list[npt.NDArray[np.void]]
+#: arrays of MATCH_DTYPE
+MatchRows = list[npt.NDArray[np.void]]
 NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
 #: Number of matches after which the kernel returns.
 MATCHES_AT_ONCE = 4_096
 
 
-def join_matches(found: Found) -> npt.NDArray[np.void]:
+def join_matches(found: MatchRows) -> npt.NDArray[np.void]:
     """Concatenate arrays of matches; one alone is returned as it is."""
     if len(found) == 1:
         return found[0]
@@ -265,19 +266,15 @@ def _state_before(
 
 
 class MatchRun:
-    """Matching by the sequence of the newest L windows; holds the state of the localiser.
+    """The state of the localiser and the calls of its kernel, whatever it matches by.
 
     Counters and distances are updated when they are read, to the time `now_us`: all earlier events
     have been processed.
 
     Parameters
     ----------
-    schedule : MatchSchedule
-        Schedule of matches.
-    recent : int
-        Number of the newest places that are not searched.
-    place_filter : PlaceFilter, optional
-        Matches instead of sequences, see `FilterRun`.
+    schedule, recent, place_filter
+        See `_state_before`.
 
     Attributes
     ----------
@@ -286,11 +283,8 @@ class MatchRun:
     state : OnlineState
         Replaced when an array has to grow.
     kernel_state : KernelState
-        The same for `follow`; call `go_on` with its result.
+        The same for `process_events`; call `go_on` with its result.
     """
-
-    #: Name of the array of the schedule in an archive.
-    schedule_name = "policy"
 
     def __init__(
         self,
@@ -301,13 +295,10 @@ class MatchRun:
         place_filter: PlaceFilter | None = None,
     ) -> None:
         self.places, settings = reference.places.counts, reference.settings
-        #: largest count of a place
-        self._most = np.iinfo(np.int32).max
         code: OwnMeanCode | int | None = reference.own_mean_code
         if code is None:
             shared = settings.shared_code
             code = UNLIMITED if shared is None else shared.top
-            self._most = min(self._most, code)
         windows = start(self.places, window, settings.windows_per_match, code, reference.mean)
         state = _state_before(reference, windows, schedule, recent, place_filter)
         # not a record array, whose field access takes 1 us
@@ -317,7 +308,9 @@ class MatchRun:
 
     def _hold(self, state: OnlineState) -> None:
         self.state, self.kernel_state = state, SharedState(state).kernel_state
-        self._follow: Callable[..., Stop] = specialise(follow, self.kernel_state, NO_EVENTS, GO_ON)
+        self._process: Callable[..., Stop] = specialise(
+            process_events, self.kernel_state, NO_EVENTS, GO_ON
+        )
 
     @property
     def next_tick(self) -> int:
@@ -338,19 +331,19 @@ class MatchRun:
         """T: all earlier events have been processed."""
         return int(self._control["now"])
 
-    def follow(self, events: Events) -> Stop:
-        """Call the kernel `follow` with events in a contiguous, writable array."""
+    def process(self, events: Events) -> Stop:
+        """Call the kernel with events in a contiguous, writable array."""
         if events.size > self.state.slots.size:
             # uninitialised: only pages with selected events take memory
             slots, times = np.empty(events.size, np.int32), np.empty(events.size, np.int64)
             self._hold(self.state._replace(slots=slots, times=times))
-        return self._follow(self.kernel_state, events, GO_ON)
+        return self._process(self.kernel_state, events, GO_ON)
 
-    def advance(self, until_us: int) -> Found:
+    def advance(self, until_us: int) -> MatchRows:
         """Advance the time without events."""
-        return self.go_on(self._follow(self.kernel_state, NO_EVENTS, until_us))
+        return self.go_on(self._process(self.kernel_state, NO_EVENTS, until_us))
 
-    def go_on(self, stop: Stop) -> Found:
+    def go_on(self, stop: Stop) -> MatchRows:
         """Call the kernel until all events are processed, and return all matches.
 
         Parameters
@@ -373,9 +366,9 @@ class MatchRun:
                 self._hold(self.state._replace(windows=grown(self.state.windows)))
             elif why == WINDOW_OVER:
                 self._window_over()
-            stop = self._follow(self.kernel_state, NO_EVENTS, GO_ON)
+            stop = self._process(self.kernel_state, NO_EVENTS, GO_ON)
 
-    def finish(self) -> Found:
+    def finish(self) -> MatchRows:
         """Return the matches that a delay still holds, at the end of a drive."""
         return []
 
@@ -398,27 +391,6 @@ class MatchRun:
         """Return the distance of the sequence that ends at each place, shape (K - L + 1,)."""
         s = self.settled()
         return s.sums[: s.totals["sums"][0]].astype(np.int64) + s.totals["common"][0]
-
-    def append(self, counts: npt.NDArray[np.integer]) -> None:
-        """Add a place at the end of the map.
-
-        Parameters
-        ----------
-        counts : ndarray of int, shape (J,)
-            Its descriptor, in codes if the map has a code.
-        """
-        if counts.shape != self.places.shape[1:] or counts.dtype.kind not in "iu":
-            raise MapError(
-                f"descriptor of {counts.dtype} and shape {counts.shape}: expected "
-                f"{self.places.shape[1]} whole numbers, as `DescriptorStream` gives them"
-            )
-        if counts.min() < 0 or counts.max() > self._most:
-            raise MapError(
-                f"descriptor holds {counts.min()} to {counts.max()}: expected 0 to {self._most}"
-            )
-        wide = np.promote_types(self.places.dtype, narrow(counts).dtype)
-        self.places = np.concatenate([self.places.astype(wide), counts[None].astype(wide)])
-        self._hold(self.state._replace(windows=with_distances(self.settled(), self.places)))
 
     def verify(self) -> None:
         """Recompute counters and distances from the events in the windows, and compare.
@@ -452,13 +424,13 @@ class MatchRun:
             "slot": s.slot[alive],
             "time": s.time[alive],
             "bound": s.bound,
-            self.schedule_name: schedule,
+            "schedule": schedule,
         }
 
     def resume(self, arrays: Arrays, now_us: int, floor_us: int) -> None:
         """Restore the state from the arrays of `to_arrays`; the map must have the saved places."""
         self._control["now"], self._control["floor"] = now_us, floor_us
-        tick, place = arrays[self.schedule_name].tolist()
+        tick, place = arrays["schedule"].tolist()
         self._control["next_tick"], self._control["last_reported"] = tick, place
         s, first = self.state.windows, int(arrays["bound"][-1])
         while s.slot.size < arrays["slot"].size:
@@ -469,6 +441,35 @@ class MatchRun:
         s.bound[:] = arrays["bound"]
         s.counts[:] = recount(s)
         self._hold(self.state._replace(windows=with_distances(s, self.places)))
+
+
+# Sequences event by event.
+
+
+class SequenceRun(MatchRun):
+    """Matching by the sequence of the newest L windows."""
+
+    def append(self, counts: npt.NDArray[np.integer]) -> None:
+        """Add a place at the end of the map.
+
+        Parameters
+        ----------
+        counts : ndarray of int, shape (J,)
+            Its descriptor, in codes if the map has a code.
+        """
+        if counts.shape != self.places.shape[1:] or counts.dtype.kind not in "iu":
+            raise MapError(
+                f"descriptor of {counts.dtype} and shape {counts.shape}: expected "
+                f"{self.places.shape[1]} whole numbers, as `DescriptorStream` gives them"
+            )
+        most = min(self.state.windows.saturation, np.iinfo(np.int32).max)
+        if counts.min() < 0 or counts.max() > most:
+            raise MapError(
+                f"descriptor holds {counts.min()} to {counts.max()}: expected 0 to {most}"
+            )
+        wide = np.promote_types(self.places.dtype, narrow(counts).dtype)
+        self.places = np.concatenate([self.places.astype(wide), counts[None].astype(wide)])
+        self._hold(self.state._replace(windows=with_distances(self.settled(), self.places)))
 
 
 # The place filter event by event: within windows, and at the end of each window.
@@ -484,8 +485,6 @@ class FilterRun(MatchRun):
     mean : RunningMean
         Of contrast codes.
     """
-
-    schedule_name = "filter_schedule"
 
     def __init__(self, reference: MapRecord, window: Window, schedule: MatchSchedule) -> None:
         self.place_filter = PlaceFilter.of(
@@ -617,12 +616,12 @@ class DelayedRun(FilterRun):
         self._undecided: deque[np.void | None] = deque()  # None for a window that was skipped
         self._decided: list[np.void] = []
 
-    def go_on(self, stop: Stop) -> Found:
+    def go_on(self, stop: Stop) -> MatchRows:
         """See `MatchRun.go_on`."""
         super().go_on(stop)
         return self._drained()
 
-    def finish(self) -> Found:
+    def finish(self) -> MatchRows:
         """See `MatchRun.finish`."""
         self._decide(self._lag.finish())
         return self._drained()
@@ -647,11 +646,11 @@ class DelayedRun(FilterRun):
             row["place"], row["second"] = match.place, match.second
             row["trust"], row["misfit"] = match.trust, match.misfit
             plain(write_distances)(row, match.metric, match.second_metric, 1)
-            trust, probability = self.state.trust, self.state.probability
-            plain(accept_match)(row, trust, probability, self._control["least_trust"])
+            steps = self.state.trust_steps, self.state.probability_steps
+            plain(accept_match)(row, *steps, self._control["least_trust"])
             self._decided.append(row)
 
-    def _drained(self) -> Found:
+    def _drained(self) -> MatchRows:
         decided, self._decided = self._decided, []
         return [np.array(decided, dtype=MATCH_DTYPE)] if decided else []
 
@@ -738,7 +737,7 @@ class Localiser:
             self.run = filter_run(reference, self._window, self.every)
         else:
             check_no_transitions(reference.jumps, odometry=False)
-            self.run = MatchRun(reference, self._window, self.every, recent)
+            self.run = SequenceRun(reference, self._window, self.every, recent)
 
     def __len__(self) -> int:
         return len(self.run.places)
@@ -811,7 +810,7 @@ class Localiser:
             raise
         if self._check_every:
             return self._verified(events)
-        stop = self.run.follow(events)
+        stop = self.run.process(events)
         if stop[1] == REFUSED:
             self._check(events)
         return join_matches(self.run.go_on(stop))
@@ -823,7 +822,7 @@ class Localiser:
         ends = np.flatnonzero(selected)[self._check_every - 1 :: self._check_every] + 1
         found = []
         for part in np.split(events, ends[ends < events.size]):
-            found += self.run.go_on(self.run.follow(part))
+            found += self.run.go_on(self.run.process(part))
             self.verify()
         return join_matches(found)
 
@@ -972,7 +971,7 @@ class Localiser:
         int
             Number of the new place.
         """
-        if self.settings.matching == "filter":
+        if not isinstance(self.run, SequenceRun):
             raise UsageError("places are added while matching by sequences only: map the drive")
         self.run.append(counts)
         return len(self) - 1
@@ -1034,6 +1033,12 @@ class Localiser:
             If anything differs, which indicates a fault of edge-vpr.
         """
         self.run.verify()
+
+
+def _joined(found: MatchRows) -> npt.NDArray[np.void]:
+    if len(found) == 1:
+        return found[0]
+    return np.concatenate(found) if found else NO_MATCHES
 
 
 # Feeding of events and odometer readings to a localiser in time order.

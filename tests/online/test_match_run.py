@@ -23,7 +23,7 @@ from edge_vpr.matching.matches import margin_to_second, ratio_to_second
 from edge_vpr.online.kernels import (
     CHUNK_EVENTS,
     ContrastCodes,
-    follow,
+    process_events,
     selected_in_order,
     write_codes,
 )
@@ -209,7 +209,7 @@ def test_the_cache_of_a_kernel_names_no_class_of_its_state():
     Localiser(a_map(np.random.default_rng(8), "filter", "time", {})).update(
         make_events([1], [0], [0])
     )
-    (signature,) = follow.signatures[:1]
+    (signature,) = process_events.signatures[:1]
     assert "KernelStateType" in str(signature)
     assert b"edge_vpr.online" not in pickle.dumps(signature)
 

@@ -92,7 +92,7 @@ def add_window_argument(group: argparse._ArgumentGroup) -> None:
 
 DEFAULT_PRESET = "default"
 #: the group of settings that can be changed after a map is made
-_MATCHING = "matching"
+_MATCHING_GROUP = "matching"
 
 
 def add_map_flags(parser: argparse.ArgumentParser, *, fitting_window: bool = False) -> None:
@@ -114,7 +114,7 @@ def add_map_flags(parser: argparse.ArgumentParser, *, fitting_window: bool = Fal
     group.add_argument("--config", metavar="FILE", help="TOML file with settings")
     for title in ("pixels", "windows", "counters", "cleaning"):
         _add_flags(parser.add_argument_group(title), title, auto="tau" if fitting_window else "")
-    add_match_flags(parser.add_argument_group(_MATCHING))
+    add_match_flags(parser.add_argument_group(_MATCHING_GROUP))
 
 
 def add_match_flags(parser: argparse._ActionsContainer, default: str = "") -> None:
@@ -125,7 +125,7 @@ def add_match_flags(parser: argparse._ActionsContainer, default: str = "") -> No
     default : str, optional
         Text that the help shows as the default; empty for the value of the preset.
     """
-    _add_flags(parser, _MATCHING, default)
+    _add_flags(parser, _MATCHING_GROUP, default)
 
 
 def map_settings(args: argparse.Namespace) -> Settings:
@@ -140,14 +140,14 @@ def map_settings(args: argparse.Namespace) -> Settings:
 
 def given_map_flags(args: argparse.Namespace) -> list[str]:
     """Return the given flags that belong to making a map and not to matching; no ``--preset``."""
-    decide = [field for field in SETTING_FIELDS.values() if field.group != _MATCHING]
+    decide = [field for field in SETTING_FIELDS.values() if field.group != _MATCHING_GROUP]
     given = ["--config"] if args.config is not None else []
     return given + [field.flag for field in decide if getattr(args, field.key) is not None]
 
 
 def match_flags(args: argparse.Namespace) -> dict[str, Any]:
     """Return the given flags of `add_match_flags`, by the key of the setting."""
-    values = {field.key: getattr(args, field.key) for field in _of_group(_MATCHING)}
+    values = {field.key: getattr(args, field.key) for field in _of_group(_MATCHING_GROUP)}
     return {key: value for key, value in values.items() if value is not None}
 
 
@@ -170,7 +170,7 @@ def with_match_flags(
             )
         settings = replace(settings, smooth=False)
     changed = settings.replaced(match_flags(args), "the command line")
-    _warn_of_no_effect(args, changed, _of_group(_MATCHING))
+    _warn_of_no_effect(args, changed, _of_group(_MATCHING_GROUP))
     filters = changed.matching == "filter"
     if args.delay and filters and changed.smooth:
         warning("--delay has no effect on a drive that is smoothed whole: add --no-smooth")
