@@ -352,8 +352,8 @@ def find_hot_pixels(
 def can_be_searched(totals: npt.NDArray[np.integer]) -> bool:
     """Return whether hot pixels can be detected: at least half of the pixels have fired.
 
-    Where most pixels never fire, the neighbours of a pixel and the mean of the sensor are about 0,
-    and every pixel that does fire would be hot.
+    Where most pixels never fire, the mean of the sensor and of most neighbourhoods is about 0, and
+    every pixel that does fire would be hot.
 
     Parameters
     ----------

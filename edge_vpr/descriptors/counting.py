@@ -502,7 +502,7 @@ class CountPixels:
 
 
 class EventSource(Protocol):
-    """Interface of a recording: its sensor, and its events in any number of passes."""
+    """Interface of a recording: its sensor, and any number of passes over its events."""
 
     @property
     def sensor(self) -> Sensor:
@@ -728,8 +728,8 @@ def count_places(
 ) -> Descriptors:
     """Count the windows of a drive that can be places: as `count_windows`, or overlapping ones.
 
-    With N places per window, a window starts at each N-th part of a window. It is as long as any
-    other. Every N-th place is therefore a place of the map with one place per window.
+    With N places per window, a place starts at each N-th part of a window and is one window long.
+    Every N-th place is therefore one of the map with one place per window.
 
     Raises
     ------

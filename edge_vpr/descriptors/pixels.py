@@ -24,7 +24,7 @@ from fixedpoint.own_mean import LEVEL_BITS, OwnMeanCode
 # Selection of a few pixels by their saliency.
 
 
-#: strategies that use one number for each pixel; the other one uses all windows
+#: strategies that need only the saliency of each pixel; "information" uses all windows
 BY_SALIENCY = tuple(name for name in STRATEGIES if name != "information")
 
 #: smallest distance of two pixels in the released code (Euclidean, in pixels)

@@ -24,8 +24,8 @@ from fixedpoint.activity import EVENTS_TOP, LOG_TOP, PLACE_HIGH, PLACE_LOW, leas
 # Windows: the spans of time, or of events, that descriptors are counted in.
 
 
-#: more windows than this in one recording, or ticks in one jump of time, are taken as a fault: the
-#: clock has jumped, or the length of a window was given in a wrong unit
+#: Most windows in one recording, and most ticks in one jump of time. More of them are a fault: the
+#: clock has jumped, or the length of a window is in a wrong unit.
 MAX_WINDOWS = 1_000_000
 
 
@@ -391,7 +391,7 @@ class PublishedWindows:
     frame_period : Fraction or None
         As given.
     faults : Faults
-        None: damaged frames are errors.
+        Empty: damaged frames are errors.
 
     Raises
     ------

@@ -21,8 +21,8 @@ REFERENCE_POINTS = 2_000
 #: A note is given if a log and its drive have less than this share of their time in common: loggers
 #: usually start and stop within seconds of the camera. Chosen by judgement.
 LEAST_COMMON = 0.8
-#: Smallest differences for two notes, chosen by judgement: that swapped logs would fit better, and
-#: that the lengths of two drives with the same log differ.
+#: Least difference, chosen by judgement, for the notes that swapped logs would fit better, and that
+#: two drives with the same log differ in length.
 SWAPPED_BY = 0.05
 #: Reasons for which a log is doubtful even if few of its entries are left out.
 _SERIOUS = ("0 N 0 E", "a frozen position", "a position that cannot be reached")
@@ -31,7 +31,7 @@ _SERIOUS = ("0 N 0 E", "a frozen position", "a position that cannot be reached")
 class Overlap(NamedTuple):
     """Overlap of two tracks."""
 
-    #: Of the query's track, by its length, how much lies within the tolerance of the reference's.
+    #: Share of the length of the query's track that lies within the tolerance of the reference's.
     share: float
     nearest_m: float  #: Least distance between the two.
 
@@ -146,9 +146,9 @@ def spacing_note(step: Floats, tolerance: float, unit: str) -> tuple[str, ...]:
 def interpolation_error(track: Track) -> float:
     """Return how far positions between the points of a sparse track are off, in metres.
 
-    Each point is left out and interpolated from its neighbours; between points, which are half as
-    far apart, errors are about a third of those. Of all such errors, 9 of 10 are smaller. Measured
-    at real logs of a car of which each 7th to 49th fix was kept.
+    Each point is left out and interpolated from its neighbours. The result is a third of the error
+    that 9 of 10 of them stay below, since the gaps of the track itself are half as long. The third
+    was measured on logs of a car, of which every 7th to 49th fix was kept.
 
     Returns
     -------
@@ -171,8 +171,8 @@ def interpolation_error(track: Track) -> float:
 
 # Positions of a GPS receiver that stopped updating while the camera moved.
 
-#: A position that repeats exactly for so long was frozen, if the camera meanwhile counted at least
-#: half as many events in a window as in the rest of the drive.
+#: A position that repeats exactly for this long was frozen if the camera moved meanwhile: windows
+#: have at least half as many events then as in the rest of the drive.
 _FROZEN_US = 5_000_000
 
 
@@ -222,7 +222,7 @@ class Offset(NamedTuple):
 
     log: str  #: {"reference", "query"}: whose time 0 lies elsewhere; the other is as given.
     seconds: float  #: Where its time 0 lies, in addition to the offset that it has.
-    within_s: float  #: So far around it, nearly as many matches are correct.
+    within_s: float  #: Offsets up to this far from it fit nearly as well.
     correct: int
     judged: int
     #: correct_before, judged_before: without the offset.
@@ -284,9 +284,9 @@ def best_offset(
     )  # fmt: skip
 
 
-#: An offset is clear if it is at least a window, and the share of correct matches rises by at least
-#: the first number to at least the second; of matches with probabilities (of the place filter)
-#: likewise to the third, if their mean agrees. Chosen on eight simulated streets.
+#: An offset is clear if it is at least one window long, and the share of correct matches rises by
+#: at least the first number, to at least the second. The third replaces the second for matches with
+#: probabilities, whose mean must agree. Chosen on eight simulated streets.
 MORE_CORRECT, _CLEAR_SHARE, _CLEAR_SHARE_PROBABLE = 0.15, 0.5, 0.3
 
 
@@ -355,8 +355,8 @@ def may_be_elsewhere(
 ) -> Bools:
     """Return for which queries a place without a position may be correct, shape (Q,).
 
-    In a gap of its log, the reference drive can have been where it can have come from the point
-    before and still reach the one after, at the highest speed that the log shows elsewhere.
+    In a gap of its log, the reference drive can have been wherever it could come to from the point
+    before and still reach the point after, at the highest speed of the rest of the log.
 
     Parameters
     ----------

@@ -62,26 +62,26 @@ def in_order(fixes: Fixes) -> Fixes:
 
 # Fixes that a drive cannot have.
 
-#: Slowest and fastest limit of what a drive can do; between them it is three times the speed that a
-#: quarter of the steps stay below. 180 km/h, and the fastest trains and small aircraft.
+#: Bounds of the speed limit of a drive, which is three times the lower quartile of its speeds:
+#: 180 km/h, and the fastest trains and small aircraft.
 _SPEEDS_MPS = (50.0, 300.0)
 #: Errors of satellite navigation between buildings, which are no reason to leave a fix out.
 _ERROR_M = 20.0
-#: A position that repeats was frozen if the step after it is at least so long, and so many times as
+#: A position that repeats was frozen if the step after it is longer than this, and so many times as
 #: fast as the median of all steps.
 _FROZEN_M, _FROZEN_FASTER = 10.0, 3.0
 #: with fewer fixes, it cannot be decided which are correct
 _FEWEST = 5
-#: runs of fixes that are looked back for one from which the present can have been reached
+#: number of earlier runs among which a predecessor of a run is searched
 _LOOK_BACK = 256
 
 
 def possible(fixes: Fixes) -> Fixes:
     """Return the fixes that one drive can have, and count the others by reason.
 
-    Left out are 0 N 0 E; repeats of a position before a step that is too fast, as of a frozen
-    receiver; and fixes that are too far from the others to be reached. Of fixes that contradict
-    each other, most are kept.
+    Left out are 0 N 0 E, repeats of a position before a step that is too fast (a frozen receiver),
+    and fixes that cannot be reached from the others. Where fixes contradict each other, the larger
+    group is kept.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def _frozen(fixes: Fixes) -> Bools:
 
 
 def _reached(fixes: Fixes) -> Bools:
-    """Return the largest part of the fixes that one drive can have, found among runs of steps."""
+    """Return which fixes make the longest drive, a chain of runs each reachable from the last."""
     time_s, position = fixes.time_us / 1e6, fixes.position
     step, speed = _speeds(fixes)
     limit = float(np.clip(3 * np.quantile(speed, 0.25), *_SPEEDS_MPS))

@@ -49,7 +49,7 @@ class TruePositions:
 
 @dataclass(frozen=True, eq=False)
 class TrueCells(EqualByValue):
-    """A matrix of bool that holds only its true cells, with the few operations of truth matrices.
+    """A sparse matrix of bool: it stores the true cells, and has the operations that truth needs.
 
     >>> cells = TrueCells((3, 2), np.array([1, 5]))
     >>> np.asarray(cells).astype(int).tolist(), cells[[0, 2], [0, 1]].tolist()
@@ -113,8 +113,8 @@ class GroundTruth(EqualByValue):
         ``correct[k, j]``: place k is correct for query j. Oriented as the distance matrix. Of more
         than 64 Mi cells only the true ones are kept; `numpy.asarray` gives them all.
     known : ndarray of bool, shape (Q,)
-        Whether the truth of this query is known: where it was, and that no place without a position
-        can be the correct one. Only these queries can be evaluated.
+        Whether the truth of this query is known: its position is, and no place of unknown position
+        can be correct for it. Only these queries are evaluated.
     description : str
         Source, tolerance and coverage, for reports.
     notes : tuple of str
@@ -122,8 +122,8 @@ class GroundTruth(EqualByValue):
     positions : TruePositions or None
         None of a matrix.
     placed : ndarray of bool, shape (K,)
-        Whether the position of this place is known; a match with another one cannot be judged. All
-        are by default.
+        Whether the position of this place is known; by default all are. A match with a place of
+        unknown position cannot be judged.
     """
 
     correct: npt.NDArray[np.bool_] | TrueCells
@@ -302,14 +302,13 @@ def from_tracks(
     tolerance_m : float
         In metres, inclusive.
     reference_events, query_events : ndarray of int, shapes (K,) and (Q,), optional
-        Numbers of events of the windows, by which a frozen receiver is told from a camera that
-        stands.
+        Numbers of events of the windows, which tell a frozen receiver from a camera that stands.
 
     Returns
     -------
     GroundTruth
-        A query is known where its track covers it, unless all places within the tolerance may be
-        ones without a position. A match with such a place is not judged.
+        A query is known where its track covers it, unless its only correct places may be ones
+        without a position. A match with such a place is not judged.
 
     Raises
     ------

@@ -26,17 +26,15 @@ class Rejection:
     off_map: int
     #: Share of the queries on the map whose match is correct; None if there is none.
     right_on_map: float | None
-    #: Most queries on the map that can be matched correctly, as a share of them, with 99 % of the
-    #: accepted matches correct, those of queries off the map included. The threshold is the best
-    #: one in hindsight.
+    #: Largest share of the queries on the map that is matched correctly while 99 % of all accepted
+    #: matches, of queries off the map too, are correct. The threshold is chosen in hindsight.
     found_at_99_precision: float | None
-    #: Probability that a query off the map has less trust than one on the map, ties by half; None
-    #: unless there are both.
+    #: Probability that a query off the map has less trust than one on the map, ties counting half;
+    #: None unless there are both.
     off_map_auroc: float | None
     accepted: int | None = None  #: Matches not marked lost; None where no precision was wanted.
-    #: precision, recall: of the accepted matches: the share that is correct, and the correct ones
-    #: as a share of the queries on the map. None where nothing is accepted, or no query is on the
-    #: map.
+    #: precision: share of correct matches among the accepted ones; None if none is accepted.
+    #: recall: accepted correct matches as a share of the queries on the map; None without such.
     precision: float | None = None
     recall: float | None = None
 
@@ -159,7 +157,7 @@ def precision_recall(
     *,
     recall_denominator: RecallDenominator = "rejected-correct",
 ) -> PrecisionRecall:
-    """Sweep a threshold over the scores of the best matches, of which every distinct one is one.
+    """Sweep a threshold over the scores of the best matches, one step per distinct score.
 
     Parameters
     ----------
@@ -210,8 +208,7 @@ class Evaluation:
     queries : int
         Evaluated: matched, and it is known whether the match is correct.
     queries_unknown : int
-        Matched, but the window or the place has no position, or the correct place may be one
-        without a position; left out of every figure.
+        Matched, but it is not known whether the match is correct; left out of every figure.
     queries_without_place : int
         Evaluated, but no place of the map is correct for them, so that any match is wrong.
     queries_tied : int
@@ -227,10 +224,10 @@ class Evaluation:
     truth : GroundTruth
         With which the matches were compared.
     recall_at : dict of int to float
-        Recall@N: of the evaluated queries that have a true place, the share that has one among the
-        N nearest; without those of which one of the N may be it.
+        Recall@N: share of the evaluated queries with a true place that have one among the N
+        nearest. A query counts as missed only if all of its N nearest places can be judged.
     score, recall_denominator : str
-        By what matches are rejected, and of what the recall is a share; see `evaluate`.
+        Score that the threshold applies to, and denominator of recall; see `evaluate`.
     rejection : Rejection
         How well a threshold on the trust rejects wrong matches.
     reliability : Reliability or None
@@ -273,7 +270,7 @@ class Evaluation:
 
     @property
     def findable(self) -> int:
-        """Number of queries that recall is a share of, as ``recall_denominator`` counts them."""
+        """Denominator of recall: the number of queries to find, by ``recall_denominator``."""
         return int(self.curve.tp[0] + self.curve.fn[0]) if len(self.curve.tp) else 0
 
     def curve_columns(self) -> dict[str, npt.NDArray[Any]]:
@@ -282,9 +279,8 @@ class Evaluation:
         Returns
         -------
         dict of str to ndarray, each of shape (m,)
-            ``threshold``, of `score` as it is: a match is accepted that is at least as good, and
-            infinite where that accepts matches without a score; ``tp``, ``fp``, ``fn``,
-            ``precision``, ``recall``.
+            ``threshold``: the worst `score` that is accepted, infinite if matches without a score
+            are accepted too; ``tp``, ``fp``, ``fn``, ``precision``, ``recall``.
         """
         curve = self.curve
         threshold = -curve.threshold if self.score in _RISING else curve.threshold
@@ -293,7 +289,7 @@ class Evaluation:
         return {"threshold": threshold, **counts, **shares}
 
     def shares(self) -> dict[str, Any]:
-        """Return the figures that depend on the tolerance most, as plain values for JSON."""
+        """Return the figures that depend most on the tolerance, as plain values for JSON."""
         return {
             "precision_at_100_recall": self.precision_at_100_recall,
             "recall_at_99_precision": self.recall_at_99_precision,

@@ -132,7 +132,7 @@ def numbers(
     *,
     unknown: bool = False,
 ) -> Floats:
-    """Return some columns of a table, shape (n, columns), whose rows are as long as its header.
+    """Return some columns of a table as numbers, shape (n, columns).
 
     Parameters
     ----------

@@ -93,9 +93,9 @@ def _fixes(path: Path) -> Fixes:
     )
 
 
-# Units: a drive that hardly moves is probably one in kilometres or degrees.
+# Units: a track that hardly moves is probably in kilometres or degrees.
 
-#: Slower than this on average, a drive of an event camera is in doubt. Chosen by judgement.
+#: A track that is slower than this on average is in doubt. Chosen by judgement.
 _SLOWEST_MPS = 0.02
 
 

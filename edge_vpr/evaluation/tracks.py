@@ -22,7 +22,7 @@ from edge_vpr.route import Kind, Route
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-#: Over so long a gap a track is always interpolated. A car at 50 km/h drives 70 m, the tolerance of
+#: Longest gap that is always interpolated. A car at 50 km/h drives 70 m, the tolerance of
 #: Brisbane-Event-VPR, in 5 s; the logs of that data set have gaps of 4 s.
 SHORT_GAP_US = 5_000_000
 #: A longer gap is interpolated if the typical gap of the log is at least a fifth of it: a car's
@@ -123,7 +123,7 @@ class Track(EqualByValue):
 
     @property
     def longest_gap_us(self) -> int:
-        """Longest time between two points that is bridged wherever they lie."""
+        """Longest gap between two points that is bridged, however far apart they lie."""
         if self.max_gap_us is not None:
             return self.max_gap_us
         gaps = np.diff(self.time_us)
@@ -134,8 +134,9 @@ class Track(EqualByValue):
     def bridged(self) -> Bools:
         """Whether positions are known between each point and the next, shape (n - 1,).
 
-        By default up to 5 s; in a sparse log, up to five times the typical gap; and as long as the
-        camera stood, so that the two points are no farther apart than is typical.
+        By default gaps of up to 5 s are bridged, in a sparse log of up to five times the typical
+        gap. So is any gap in which the camera stood: its two points are no farther apart than is
+        typical.
         """
         short = np.diff(self.time_us) <= self.longest_gap_us
         if self.max_gap_us is not None or short.all():
@@ -163,7 +164,7 @@ class Track(EqualByValue):
         return replace(self, time_us=self.time_us + offset, start_utc=start)
 
     def describe_dropped(self) -> str:
-        """Return a text on how much of the log was left out, and why."""
+        """Return how much of the log was left out and why, as text."""
         total = sum(self.dropped.values())
         if total == 0:
             return "nothing was left out"
@@ -310,7 +311,7 @@ def unix_remedy(*tracks: Track, start_us: int | None = None) -> str:
     Parameters
     ----------
     start_us : int, optional
-        The recording's start on its own clock, which is taken if it is near the track.
+        The recording's start on its own clock; it is the offset if it is near the track.
 
     Examples
     --------

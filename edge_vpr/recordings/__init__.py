@@ -4,8 +4,8 @@
 >>> for events in open_recording("drive.raw"):  # doctest: +SKIP
 ...     ...
 
-The reader of a file is found by its content and its suffix, the writer by the suffix. From then on
-`reading.Recording` asks the reader for events, checks them and yields them.
+The reader of a file is found by its content and its suffix, the writer by the suffix. Then
+`reading.Recording` checks the events of the reader and yields them.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ def format_of(name: str) -> Format:
 def _plugin_of(suffix: str) -> Format | None:
     """Return the format of another package for a suffix.
 
-    If there is none, raise the error of a package that cannot be imported, as it might have it.
+    If there is none, raise the error of a package that cannot be imported: it may be the one.
     """
     failed = None
     for name in _PLUGINS.names():

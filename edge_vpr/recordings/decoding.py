@@ -1,4 +1,4 @@
-"""Tools of readers: arrays, records, clocks that wrap, and decompression, in bounded memory."""
+"""Parts shared by readers: arrays, records, clocks that wrap, and decompression."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def import_extra(module: str, what: str, library: str, extra: str) -> Any:
 class Unwrapper:
     """Continue a clock of `bits` bits beyond its wraps, chunk by chunk.
 
-    Between two events the shorter direction is taken, so that a step of less than half the clock's
-    period can go forwards or backwards. Slightly late events stay late, also across a wrap.
+    A step between two events goes in the shorter direction, forwards or backwards: slightly late
+    events stay late, also across a wrap.
 
     Examples
     --------

@@ -260,7 +260,7 @@ _MOST_EXPANDED, _MOST_AT_ONCE = 1 << 20, 1 << 16
 
 Counts = npt.NDArray[Any]
 Placed = tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]
-"""Times and pixel numbers of events, in order of time."""
+"""Times and pixel numbers of events, in time order."""
 
 
 def expand(counts: Counts, lo: int, hi: int, path: Path) -> Iterator[Placed]:

@@ -32,13 +32,13 @@ class EventTable(Protocol):
 EventData: TypeAlias = (
     npt.NDArray[Any] | Sequence[npt.ArrayLike] | Mapping[str, npt.ArrayLike] | EventTable
 )
-#: What messages name in place of a path.
+#: Stands for a path in messages.
 _PLACE = Path("the event data")
 FORMAT = "memory"
 
 
 def is_event_data(given: object) -> bool:
-    """Return whether an object is events in memory, or a data set of them, and no recording."""
+    """Return whether an object is events in memory or a data set of them, not a recording."""
     if hasattr(given, "sensor"):  # an `EventSource`, which can be a named tuple
         return False
     return (

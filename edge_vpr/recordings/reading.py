@@ -29,9 +29,9 @@ from edge_vpr.events import EVENT_DTYPE, LONGEST_SIDE, TIME_LIMIT_US, Events, Se
 class Columns(NamedTuple):
     """Raw events as four columns of one length, of any integer dtype (``p`` also boolean).
 
-    Times are whole microseconds of the file's own clock without wraps. They may run backwards, and
-    coordinates may lie off the sensor (or be negative): `FaultLog` handles such events. A column
-    may be a view into a buffer that the next chunk overwrites.
+    Times are whole microseconds of the file's own clock, without wraps. Faulty events are still
+    among them: `FaultLog` handles times that run backwards and pixels off the sensor. A column may
+    be a view into a buffer that the next chunk overwrites.
     """
 
     t: npt.NDArray[Any]
@@ -63,9 +63,9 @@ CHUNK_EVENTS = 1 << 16
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """Format of the file (a name of `FORMATS`), and what the caller states beside the file.
+    """Format of the file (a name of `FORMATS`), and what the caller states about it.
 
-    `frame_period` must not contradict the file; `default_frame_period` is for files that say none.
+    `frame_period` must not contradict the file; `default_frame_period` is for files without one.
     """
 
     format: str
@@ -194,7 +194,7 @@ def _damaged(path: Path, place: str, error: BaseException) -> RecordingError:
 
 
 _REMEDY = "read with on_fault='drop': {them} left out and counted"
-#: Share of faulty entries from which on dropping them is no remedy.
+#: Share of faulty entries above which dropping them is no remedy.
 _NEARLY_ALL = 0.9
 _CHECKS = (
     "check sensor=, columns=, time_unit= and format=, and whether a time before them is far "
@@ -268,9 +268,9 @@ class FaultLog:
         self.origin_us = origin_us
         self.faults = Faults()
         self.entries = 0  #: events of the file seen so far, good or bad
-        self.first_unreadable = ""  #: the first entry that is no event, and why
-        self.assumed_unit: str | None = None  #: of times whose unit nobody states
-        self.remarks: list[str] = []  #: what is implausible
+        self.first_unreadable = ""  #: the first entry that is not an event, and why
+        self.assumed_unit: str | None = None  #: unit of times, if neither file nor caller states it
+        self.remarks: list[str] = []  #: warnings about implausible values
         self._good = 0
         self._last_us: int | None = None
 
@@ -311,7 +311,7 @@ class FaultLog:
         Raises
         ------
         RecordingError
-            If nearly all entries were dropped, so that those that are left mean nothing.
+            If nearly all entries were faulty: the others are then good by chance.
         """
         faults = self.faults
         bad = faults.backwards + faults.off_sensor + faults.unreadable
@@ -655,7 +655,7 @@ class Recording:
             )
 
     def _find_start(self) -> tuple[int, int]:
-        """Read up to the first good event, so that an empty file is noticed at once."""
+        """Read up to the first good event, so that an empty file is refused when it is opened."""
         log = FaultLog(
             self.path, self.sensor, "drop", origin_us=0 if self._source.relative else None
         )
@@ -691,8 +691,9 @@ _US_PER_UNIT = {
 #: Usual rate of a moving camera in events/s a pixel, and lowest one in events/s; shortest and
 #: longest usual recording in s.
 _USUAL_RATE, _SLOWEST, _SHORTEST, _LONGEST = 3.0, 1_000.0, 1.0, 3_600.0
-#: A unit is doubted if another one is more usual by this many powers of ten, or if times come in
-#: longer steps; a unit beyond so many powers of ten is not proposed.
+#: A unit is doubted if another one is more usual by `_DOUBTFUL` powers of ten, or if the shortest
+#: step between times exceeds `_LONGEST_STEP_US`. A unit that is odd by more than `_IMPOSSIBLE`
+#: powers of ten is not proposed.
 _DOUBTFUL, _LONGEST_STEP_US, _IMPOSSIBLE = 2.0, 10_000, 4.0
 
 
@@ -715,7 +716,7 @@ def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str) ->
     step_us = int(steps[steps > 0].min(initial=TIME_LIMIT_US))
 
     def oddness(factor: Fraction) -> float:
-        """Return by how many powers of ten rate and duration are unusual, if times are longer."""
+        """Return by how many powers of ten rate and duration are unusual if times are scaled."""
         if step_us * factor > _LONGEST_STEP_US:
             return math.inf
         seconds = float(duration_us * factor) / 1e6

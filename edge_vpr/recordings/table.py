@@ -49,19 +49,17 @@ _NS_PER_DATETIME = {
 }
 #: Coordinates must be whole numbers below this.
 _FARTHEST = float(1 << 31)
-#: Fewest rows that show the order of columns.
+#: Fewest rows from which the order of columns is told.
 _FEWEST_ROWS = 20
-#: Steps between two times in a narrow float, in us, from which on windows would suffer.
-_COARSE_US = 1_000
 
 
 class Named(NamedTuple):
-    """Columns of a table that are named.
+    """Columns of a table, found by their names.
 
     Attributes
     ----------
     fields : dict of str to str
-        Names in the table of t, x, y and perhaps p.
+        Names of the columns t, x, y and perhaps p in the table.
     unit : {"s", "ms", "us", "ns"} or None
         Unit of the times, if their name states it.
     """
@@ -71,7 +69,7 @@ class Named(NamedTuple):
 
 
 class ArrayColumns(NamedTuple):
-    """Where an array of events has its columns: fields of a structured one, or numbers.
+    """Columns of an array of events: fields of a structured array, or column numbers.
 
     Attributes
     ----------
@@ -135,7 +133,7 @@ def match_columns(names: Iterable[str], order: str | None = None) -> Named | Non
     Parameters
     ----------
     order : str, optional
-        Columns of names that are foreign, as ``"txyp"``, in the order of the names.
+        Order of the columns if their names are not known, as ``"txyp"``.
 
     Raises
     ------
@@ -167,7 +165,7 @@ def match_columns(names: Iterable[str], order: str | None = None) -> Named | Non
 
 
 def _parse_name(name: str) -> tuple[str, str | None]:
-    """Return the name of a column in small letters without its unit, and the unit of time."""
+    """Return the name of a column in lower case without its unit, and the unit of time."""
     name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name.strip("\ufeff#%\"' "))
     name, *brackets = re.split(
         r"[\[({<]", name.lower().replace("\u00b5", "u").replace("\u03bc", "u")
@@ -180,7 +178,7 @@ def _parse_name(name: str) -> tuple[str, str | None]:
 
 
 def likely_order(rows: npt.NDArray[np.float64]) -> str:
-    """Return in which order the columns of a table without names seem to be.
+    """Return the likely order of the columns of a table without names.
 
     Parameters
     ----------
@@ -190,8 +188,8 @@ def likely_order(rows: npt.NDArray[np.float64]) -> str:
     Returns
     -------
     str
-        As ``"xytp"``, with "-" for a column that counts the rows; "" if the order may be
-        ``t, x, y, p``, or the rows do not show it.
+        As ``"xytp"``, with "-" for a column that counts the rows; "" if the rows fit
+        ``t, x, y, p``, or do not show the order.
     """
     n, k = rows.shape
     if n < _FEWEST_ROWS or not 3 <= k <= 5:
@@ -221,7 +219,7 @@ def check_order(path: Path, rows: npt.NDArray[Any]) -> None:
     Raises
     ------
     UsageError
-        With the order that they seem to have.
+        With the likely order.
     """
     if order := likely_order(rows.astype(np.float64)):
         raise UsageError(
@@ -342,7 +340,7 @@ def tidy(
 def on_events(polarity: npt.NDArray[Any], log: FaultLog) -> npt.NDArray[np.bool_]:
     """Return which events are ON: those whose polarity is above 0.
 
-    Several such values in the first events are remarked on: 1 and 2, for example, or 255 for -1.
+    If the first events have several values above 0 (1 and 2, or 255 for -1), a remark says so.
     """
     # a byte of a file may be neither 0 nor 1, which NumPy does not handle in booleans
     if polarity.dtype.kind == "b":

@@ -309,7 +309,7 @@ def _names(line: bytes) -> list[str]:
 def _find_order(
     path: Path, names: list[str], headed: bool, rows: list[list[str]], columns: str | None
 ) -> tuple[list[str], str | None]:
-    """Return the column, or "-", of each word of a line, and the unit of the times if it is stated.
+    """Return the column of each word of a line ("-" to skip it), and the unit of times if stated.
 
     Parameters
     ----------
@@ -320,7 +320,7 @@ def _find_order(
     rows : list of list of str
         Words of the first lines.
     columns : str or None
-        As the caller names them, who knows better than a header.
+        Order given by the caller, which overrides the header.
     """
     widths = Counter(map(len, rows))
     width, number = widths.most_common(1)[0] if rows else (0, 0)
