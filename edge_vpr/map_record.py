@@ -80,7 +80,7 @@ LEAST_FRAMES = 20
 def check_transitions(
     places: int, jumps: npt.NDArray[Any] | None, odometer_mm: npt.NDArray[Any] | None
 ) -> None:
-    """Check that jumps lead from place to place, and that the distance driven never decreases."""
+    """Check that jumps lead from place to place, and that the distance driven never falls."""
     if jumps is not None:
         check_array(jumps, "jumps", (np.int32,), (None, 2))
         check_range(jumps, "jumps", 0, places - 1)
@@ -89,10 +89,10 @@ def check_transitions(
         if (jumps[:, 0] == jumps[:, 1]).any():
             raise MapError("jumps leads from a place to itself: expected pairs of two places")
     if odometer_mm is not None:
-        check_array(odometer_mm, "odometer_mm", (np.int64,), (places,))
-        check_range(odometer_mm, "odometer_mm", 0, MOST_MM)
+        check_array(odometer_mm, "the distance driven", (np.int64,), (places,))
+        check_range(odometer_mm, "the distance driven", 0, MOST_MM)
         if (np.diff(odometer_mm) < 0).any():
-            raise MapError("odometer_mm falls from place to place: expected the distance driven")
+            raise MapError("the distance driven falls from place to place: expected that it rises")
 
 
 def check_codes(
@@ -451,9 +451,6 @@ def describe(
     recording: EventSource | WindowSource | str | Path,
     pixel_map: PixelMap,
     settings: Settings,
-    full_scale: npt.NDArray[np.uint16] | None = None,
-    *,
-    removed: Removed | None = None,
 ) -> Descriptors:
     """Count the events of a drive at the selected pixels, window by window, in one pass.
 
@@ -462,11 +459,7 @@ def describe(
     recording : recording or path
         A path is opened by `open_recording`.
     settings : Settings
-        Of the map.
-    full_scale : ndarray of uint16, shape (J,), optional
-        Of the map, where its code is scaled to each pixel.
-    removed : Removed, optional
-        Is filled with what was left out.
+        Of the map, with counts or with a code that is the same for all pixels.
 
     Returns
     -------
@@ -481,10 +474,9 @@ def describe(
     recording = opened(recording)
     expect(pixel_map, PixelMap, "pixel_map", "a PixelMap, as of select_pixels or of a map")
     expect(settings, Settings, "settings", "Settings, as of a map or of resolve_settings")
-    check_sensor(recording.sensor, pixel_map.sensor)
     counters = len(pixel_map) * (2 if settings.polarity else 1)
-    codes = codes_of(settings, counters, full_scale)
-    counted = count_windows(recording, pixel_map, settings, removed)
+    codes = codes_of(settings, counters)
+    counted = count_windows(recording, pixel_map, settings)
     if codes is None:
         return counted
     return replace(counted, counts=narrow(codes.encode(counted.counts)))

@@ -196,10 +196,7 @@ class ReferenceMap(MapRecord):
             raise UsageError(
                 "jumps= is for the place filter: add matching='filter', or leave the jumps out"
             )
-        if track is not None and not isinstance(track, Track):
-            track = load_track(track)
-        if odometry is not None and not isinstance(odometry, Odometry):
-            odometry = load_odometry(odometry)
+        track, odometry = _track_of(track), _odometry_of(odometry)
         found = map_traverse(drive, chosen, pixel_map=pixel_map, hot=hot, removed=removed)
         made = replace(
             cls.of(found),
@@ -264,11 +261,8 @@ class ReferenceMap(MapRecord):
         """
         drive = self._opened(recording)
         check_sensor(drive.sensor, self.pixel_map.sensor)
-        if track is not None and not isinstance(track, Track):
-            track = load_track(track)
-        if odometry is not None and not isinstance(odometry, Odometry):
-            odometry = load_odometry(odometry)
-        track, odometry = _of_part(drive, track), _of_part(drive, odometry)
+        track = _of_part(drive, _track_of(track))
+        odometry = _of_part(drive, _odometry_of(odometry))
         counted = count_places(drive, self.pixel_map, self.settings, removed)
         return learn_drive(self, counted, track=track, odometry=odometry, same_route=same_route)
 
@@ -317,9 +311,7 @@ class ReferenceMap(MapRecord):
         inputs = tuple(str(each) for each in given if isinstance(each, str | Path))
         if isinstance(drive, Recording) and drive is recording and drive.format != MEMORY:
             inputs = (str(drive.path), *inputs)
-        if odometry is not None and not isinstance(odometry, Odometry):
-            odometry = load_odometry(odometry)
-        odometry = _of_part(drive, odometry)
+        odometry = _of_part(drive, _odometry_of(odometry))
         check_sensor(drive.sensor, self.pixel_map.sensor)
         reference, shift = self, None
         if registered:
@@ -908,6 +900,16 @@ def read_queries(folder: Path, name: str = QUERIES) -> Descriptors | None:
 def removed_record(removed: Removed, hot_pixels: int) -> RemovedEvents:
     """Return what cleaning removed, for `run.json`."""
     return RemovedEvents(removed.events, removed.burst_events, removed.burst_share, hot_pixels)
+
+
+def _track_of(given: Track | PathName | None) -> Track | None:
+    """Return a track, read from its file if that is given."""
+    return given if given is None or isinstance(given, Track) else load_track(given)
+
+
+def _odometry_of(given: Odometry | PathName | None) -> Odometry | None:
+    """Return odometry, read from its file if that is given."""
+    return given if given is None or isinstance(given, Odometry) else load_odometry(given)
 
 
 _Timed = TypeVar("_Timed", bound=Track | Odometry | None)

@@ -76,17 +76,13 @@ class Registration(Generic[AnyMap]):
         return (self.dx, self.dy) != (0, 0)
 
 
-def register(
-    reference: AnyMap, recording: EventSource | WindowSource, windows: int = WINDOWS
-) -> Registration[AnyMap]:
+def register(reference: AnyMap, recording: EventSource | WindowSource) -> Registration[AnyMap]:
     """Move the pixels of a map by the shift of a query's image.
 
     Parameters
     ----------
     recording : EventSource or WindowSource
         Of the query; its first windows are counted at all pixels.
-    windows : int
-        Most windows of it to look at.
 
     Raises
     ------
@@ -95,7 +91,7 @@ def register(
         `LEAST_PIXELS` of the map stay on the sensor at every shift.
     """
     check_sensor(recording.sensor, reference.pixel_map.sensor)
-    images = _first_images(reference, recording, windows)
+    images = _first_images(reference, recording)
     if len(images) < LEAST_WINDOWS:
         raise UsageError(
             f"the recording has {len(images)} windows, too few to estimate its shift: expected "
@@ -192,7 +188,7 @@ def moved_map(reference: AnyMap, dx: int, dy: int) -> AnyMap:
 
 
 def _first_images(
-    reference: MapRecord, recording: EventSource | WindowSource, windows: int
+    reference: MapRecord, recording: EventSource | WindowSource
 ) -> npt.NDArray[np.uint16]:
     """Count the first windows of a query at all pixels, as (n, height, width)."""
     sensor, settings = recording.sensor, reference.settings
@@ -214,7 +210,7 @@ def _first_images(
         stream = DescriptorStream(PixelMap.all_of(sensor), window)
         found = event_windows(recording, stream, settings, None)
     most = FULL_SCALE
-    images = [np.minimum(w.counts, most).astype(np.uint16) for w in islice(found, windows)]
+    images = [np.minimum(w.counts, most).astype(np.uint16) for w in islice(found, WINDOWS)]
     return np.array(images, np.uint16).reshape(-1, sensor.height, sensor.width)
 
 

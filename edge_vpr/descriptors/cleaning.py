@@ -317,20 +317,16 @@ HOT_FACTOR = 5
 _LONGEST_LIST = 1 << 26
 
 
-def find_hot_pixels(
-    totals: npt.NDArray[np.integer], *, factor: int = HOT_FACTOR
-) -> npt.NDArray[np.bool_]:
+def find_hot_pixels(totals: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
     """Find the pixels with far more events than their neighbours (method.md section 1).
 
-    A pixel is hot if it has more than `factor` times the events of its 5 x 5 neighbourhood (the
-    upper median of the others, plus one) and more than `factor` times the sensor's mean.
+    A pixel is hot if it has more than 5 times the events of its 5 x 5 neighbourhood (the upper
+    median of the others, plus one) and more than 5 times the sensor's mean.
 
     Parameters
     ----------
     totals : ndarray of int, shape (height, width)
         Events of each pixel over the whole traverse.
-    factor : int
-        1 or more.
 
     Returns
     -------
@@ -341,12 +337,10 @@ def find_hot_pixels(
         raise UsageError(f"totals are {totals.dtype}: give the number of events of each pixel")
     if totals.ndim != 2:
         raise UsageError(f"totals have shape {totals.shape}: expected (height, width)")
-    if factor < 1:
-        raise UsageError(f"hot-pixel factor {factor} is below 1: every pixel would be hot")
     totals = np.ascontiguousarray(totals, dtype=np.int64)
-    # above the mean, in integers: n * size > factor * sum
-    candidates = totals * totals.size > factor * int(totals.sum())
-    return candidates & _above_neighbours(totals, factor)
+    # above the mean, in integers: n * size > 5 * sum
+    candidates = totals * totals.size > HOT_FACTOR * int(totals.sum())
+    return candidates & _above_neighbours(totals)
 
 
 def can_be_searched(totals: npt.NDArray[np.integer]) -> bool:
@@ -364,7 +358,7 @@ def can_be_searched(totals: npt.NDArray[np.integer]) -> bool:
 
 
 @kernel
-def _above_neighbours(totals, factor):  # type: ignore[no-untyped-def]
+def _above_neighbours(totals):  # type: ignore[no-untyped-def]
     height, width = totals.shape
     above = np.zeros((height, width), dtype=np.bool_)
     around = np.empty(24, dtype=np.int64)
@@ -384,7 +378,7 @@ def _above_neighbours(totals, factor):  # type: ignore[no-untyped-def]
                     j -= 1
                 around[j] = total
             median = around[n // 2] if n > 0 else 0
-            above[y, x] = totals[y, x] > factor * (median + 1)
+            above[y, x] = totals[y, x] > HOT_FACTOR * (median + 1)
     return above
 
 

@@ -46,8 +46,8 @@ def codes_of(
     if full_scale is None or full_scale.shape != (counters,):
         raise MapError(
             f"the code of {counters} counters is scaled to each pixel and "
-            f"{0 if full_scale is None else full_scale.size} scales are given: pass those of the "
-            "reference map"
+            f"{0 if full_scale is None else full_scale.size} scales are given: take "
+            "ReferenceMap.match, or counts with settings.uncoded"
         )
     return PixelCodes.scaled(code.kind, code.bits, full_scale)
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel, plain
 from edge_vpr.errors import UsageError
+from edge_vpr.map_record import check_transitions
 from edge_vpr.route import MOST_MM
 from edge_vpr.settings import Settings
 from fixedpoint.activity import (
@@ -337,7 +338,7 @@ class Transitions:
             raise UsageError(f"a map of {places} places: expected at least 1")
         self.places, self.costs = places, costs
         self.jumps = _NO_JUMPS if jumps is None else np.asarray(jumps, dtype=np.int32)
-        check_jumps(self.jumps, places)
+        check_transitions(places, self.jumps, along_mm)
         if place_activity is None:
             place_activity = np.zeros(places, dtype=np.int32)
         check_activity(place_activity, places)
@@ -351,7 +352,6 @@ class Transitions:
         #: mean distance between two places; 0 if the map has no distances
         self.spacing_mm = self._rate = 0
         if along_mm is not None:
-            check_along(along_mm, places)
             self.spacing_mm = int(along_mm[-1] - along_mm[0]) // max(places - 1, 1)
             per_window = max(self.spacing_mm, 1) * costs.places_per_window
             self._rate = (OFF_BY_A_WINDOW << FRACTION_BITS << RATE_BITS) // per_window
@@ -444,15 +444,6 @@ def check_no_transitions(jumps: npt.NDArray[np.int32] | None, odometry: bool) ->
         )
 
 
-def check_jumps(jumps: npt.NDArray[np.integer], places: int) -> None:
-    """Check that every jump leads from a place of the map to another one."""
-    for begin, end in jumps.tolist():
-        if not (0 <= begin < places and 0 <= end < places) or begin == end:
-            raise UsageError(
-                f"jump from place {begin} to {end}: expected two places from 0 to {places - 1}"
-            )
-
-
 def check_activity(place_activity: npt.NDArray[np.integer], places: int) -> None:
     """Check that there is an activity of a byte for each place."""
     low, high = (int(place_activity.min()), int(place_activity.max())) if places else (0, 0)
@@ -460,19 +451,6 @@ def check_activity(place_activity: npt.NDArray[np.integer], places: int) -> None
         raise UsageError(
             f"activities of {low} to {high}, of shape {place_activity.shape}: expected "
             f"{PLACE_LOW} to {PLACE_HIGH}, one of each of {places} places"
-        )
-
-
-def check_along(along_mm: npt.NDArray[np.int64], places: int) -> None:
-    """Check that there is a distance driven for each place, which never decreases."""
-    if along_mm.shape != (places,) or (np.diff(along_mm) < 0).any():
-        raise UsageError(
-            f"distances to {along_mm.shape} places: expected one for each of {places} places, in "
-            "millimetres, that never decrease"
-        )
-    if not 0 <= along_mm[0] <= along_mm[-1] <= MOST_MM:
-        raise UsageError(
-            f"distances of {along_mm[0]} to {along_mm[-1]} mm: expected 0 to {MOST_MM}"
         )
 
 

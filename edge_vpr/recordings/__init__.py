@@ -410,7 +410,6 @@ def write_recording(
     *,
     sensor: Sensor | None = None,
     start_us: int | None = None,
-    format: str | None = None,
     overwrite: bool = False,
 ) -> int:
     """Write events in the format that the suffix of `path` names.
@@ -429,8 +428,6 @@ def write_recording(
     start_us : int, optional
         Time t = 0 on an outer clock; by default the attribute `start_us` of `events`, else 0. The
         formats .npz, .parquet, .raw, .dat and .h5 keep it.
-    format : str, optional
-        A name from :data:`FORMATS`, if the suffix does not determine it.
     overwrite : bool
         Whether a file that exists may be replaced.
 
@@ -445,7 +442,7 @@ def write_recording(
         If the events do not fit the format, there are none, or the disk cannot be written.
     """
     path = as_path(path, "a recording")
-    entry = writable_format(path, format)
+    entry = writable_format(path)
     sensor = getattr(events, "sensor", None) if sensor is None else sensor
     start_us = getattr(events, "start_us", 0) if start_us is None else start_us
     if sensor is None:
@@ -483,17 +480,12 @@ def _fill(sink: Sink, chunks: Iterable[Events], sensor: Sensor) -> int:
     return n
 
 
-def writable_format(path: Path, name: str | None = None) -> Format:
-    """Return the format that a file is written in, by its name or else by the file's suffix."""
-    if name is not None:
-        entries = [format_of(name)]
-    else:
-        entries = [entry for entry in FORMATS.values() if path.suffix in entry.suffixes]
-        if not entries and (of_others := _plugin_of(path.suffix)) is not None:
-            entries = [of_others]
+def writable_format(path: Path) -> Format:
+    """Return the format that a file of this suffix is written in."""
+    entries = [entry for entry in FORMATS.values() if path.suffix in entry.suffixes]
+    if not entries and (of_others := _plugin_of(path.suffix)) is not None:
+        entries = [of_others]
     for entry in entries:
         if entry.sink:
             return entry
-    raise UsageError(
-        f"{name or path.suffix or path} cannot be written: choose one of {', '.join(WRITTEN)}"
-    )
+    raise UsageError(f"{path.suffix or path} cannot be written: choose one of {', '.join(WRITTEN)}")

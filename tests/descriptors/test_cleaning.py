@@ -14,12 +14,13 @@ from streams import as_tuples, cut_up, random_events
 from edge_vpr.descriptors.cleaning import (
     BURST_SHARE,
     BURST_SLOT_US,
+    HOT_FACTOR,
     BurstFilter,
     CausalBurstFilter,
     find_hot_pixels,
     load_hot_pixels,
 )
-from edge_vpr.errors import RecordingError, UsageError
+from edge_vpr.errors import RecordingError
 from edge_vpr.events import Sensor, make_events
 
 SENSOR = Sensor(4, 3)
@@ -28,13 +29,12 @@ SENSOR = Sensor(4, 3)
 @given(
     seed=st.integers(0, 2**32),
     shape=st.tuples(st.integers(1, 9), st.integers(1, 9)),
-    factor=st.integers(1, 6),
 )
-def test_hot_pixels_equal_the_oracle(seed, shape, factor):
+def test_hot_pixels_equal_the_oracle(seed, shape):
     rng = np.random.default_rng(seed)
     totals = rng.integers(0, 20, shape) * rng.choice([1, 1, 1, 40], shape)
-    found = find_hot_pixels(totals, factor=factor)
-    expected = naive.hot_pixels(totals.tolist(), factor)
+    found = find_hot_pixels(totals)
+    expected = naive.hot_pixels(totals.tolist(), HOT_FACTOR)
     assert {(int(x), int(y)) for y, x in zip(*np.nonzero(found), strict=True)} == set(expected)
 
 
@@ -153,8 +153,3 @@ def test_the_published_lists_of_hot_pixels_can_be_read(shared_data):
         path = shared_data / "brisbane_sparse49" / f"{name}_hot_pixels.csv"
         lines = [line for line in path.read_text().splitlines() if line.strip()]
         assert load_hot_pixels(path, Sensor(346, 260)).sum() == len(set(lines))
-
-
-def test_a_factor_below_one_is_wrong_use():
-    with pytest.raises(UsageError, match="below 1"):
-        find_hot_pixels(np.ones((3, 3), dtype=int), factor=0)

@@ -280,7 +280,7 @@ def test_the_full_scales_of_the_map_cannot_be_forgotten():
     drive = Drive(busy_drive(np.random.default_rng(0)), SENSOR)
     changes = {"counter_code": "log", "counter_scaling": "per-pixel"}
     coded = ReferenceMap.build(drive, SMALL.replaced(changes, "test"))
-    with pytest.raises(MapError, match="pass those of the reference map"):
+    with pytest.raises(MapError, match="scaled to each pixel and 0 scales are given"):
         describe(drive, coded.pixel_map, coded.settings)
 
 

@@ -206,8 +206,8 @@ def test_a_map_keeps_its_jumps_and_its_way(tmp_path):
         ({"jumps": np.zeros((1, 3), dtype=np.int32)}, "jumps is int32 of shape"),
         ({"jumps": np.tile(np.array([[0, 1]], dtype=np.int32), (5_000, 1))}, "5000 pairs"),
         ({"odometer_mm": np.arange(4)[::-1].copy()}, "falls from place to place"),
-        ({"odometer_mm": np.arange(3)}, "odometer_mm is int64 of shape"),
-        ({"odometer_mm": np.array([0, 1, 2, 1 << 60])}, "odometer_mm holds 0 to"),
+        ({"odometer_mm": np.arange(3)}, "the distance driven is int64 of shape"),
+        ({"odometer_mm": np.array([0, 1, 2, 1 << 60])}, "the distance driven holds 0 to"),
     ],
 )
 def test_jumps_and_ways_that_the_map_cannot_have_are_refused(changes, message):
@@ -229,9 +229,9 @@ def test_without_odometry_the_way_is_that_of_the_track():
 def test_a_map_without_distances_refuses_odometry():
     with pytest.raises(UsageError, match="make it with the reference drive's odometry="):
         Transitions(3, TransitionCosts()).by_distance(np.zeros(3, dtype=np.int32), 5)
-    with pytest.raises(UsageError, match="expected one for each of 3 places"):
+    with pytest.raises(MapError, match=r"the distance driven is int64 of shape \(2,\)"):
         Transitions(3, TransitionCosts(), along_mm=np.arange(2))
-    with pytest.raises(UsageError, match="jump from place 0 to 3"):
+    with pytest.raises(MapError, match="jumps holds 0 to 3"):
         Transitions(3, TransitionCosts(), jumps=np.array([[0, 3]], dtype=np.int32))
 
 
