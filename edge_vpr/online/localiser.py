@@ -1035,12 +1035,6 @@ class Localiser:
         self.run.verify()
 
 
-def _joined(found: MatchRows) -> npt.NDArray[np.void]:
-    if len(found) == 1:
-        return found[0]
-    return np.concatenate(found) if found else NO_MATCHES
-
-
 # Feeding of events and odometer readings to a localiser in time order.
 
 
