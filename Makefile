@@ -88,7 +88,7 @@ bench: $(call STAMP,bench)
 # trials that docs/results/.trials holds already are not run again
 SEEDS ?= 5
 results: $(call STAMP,test)
-	$(BIN)/edge-vpr experiment all --seeds $(SEEDS) $(if $(DATA),--data $(DATA))
+	$(BIN)/edge-vpr experiment all -o docs/results --seeds $(SEEDS) $(if $(DATA),--data $(DATA))
 	$(BIN)/python tools/site/tables.py
 
 clean:

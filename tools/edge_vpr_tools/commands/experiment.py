@@ -64,9 +64,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     group = parser.add_argument_group("output")
     group.add_argument(
-        "-o", "--output", metavar="DIR", default="docs/results",
+        "-o", "--output", metavar="DIR", default="results/experiments",
         help="folder to write NAME.csv and NAME.svg to; trials that it has already are not run "
-        "again (default: %(default)s)",
+        "again (default: %(default)s; docs/results has those of the pages)",
     )  # fmt: skip
     group.add_argument(
         "--table", metavar="DIR",
