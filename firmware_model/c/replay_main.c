@@ -1,6 +1,5 @@
-/* `replay IMAGE EVENTS START RESULTS`: run a case on this computer. */
+/* `replay image.bin events.bin start.mem RESULTS`: run a case on this computer. */
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "replay.h"
@@ -24,12 +23,24 @@ static uint32_t read_words(const char *path, uint32_t *words, size_t size)
     return (uint32_t)used;
 }
 
+/* In hexadecimal, as the file has it. */
+static bool read_start(const char *path, uint32_t *start)
+{
+    FILE *const file = fopen(path, "r");
+    unsigned long number = 0U;
+    const bool is_read = (file != NULL) && (fscanf(file, "%8lx", &number) == 1);
+    if (file != NULL) {
+        (void)fclose(file);
+    }
+    *start = (uint32_t)number;
+    return is_read;
+}
+
 int main(int argc, char **argv)
 {
-    char *after = NULL;
-    const uint32_t start = (argc == 5) ? (uint32_t)strtoul(argv[3], &after, 10) : 0U;
-    if ((argc != 5) || (after == argv[3]) || (*after != '\0')) {
-        (void)fprintf(stderr, "usage: replay IMAGE EVENTS START RESULTS (START: a decimal number)\n");
+    uint32_t start = 0U;
+    if ((argc != 5) || !read_start(argv[3], &start)) {
+        (void)fprintf(stderr, "usage: replay image.bin events.bin start.mem RESULTS (of a case)\n");
         return 2;
     }
     const uint32_t image_words = read_words(argv[1], image, sizeof image / sizeof *image);

@@ -66,13 +66,21 @@ def read_results(path: str | Path) -> list[Record]:
 def _from_line(line: str, where: str) -> Record:
     kind, *values = (part.strip() for part in line.split(","))
     if kind not in KINDS:
-        raise VectorError(f"{where}: record of kind {kind!r}: expected {', '.join(KINDS)}")
+        raise _no_record(line, where)
     if kind == "case":
         return f"case {','.join(values)}", ()
     try:
         return kind, tuple(NONE if value == "-1" else int(value) for value in values)
     except ValueError:
-        raise VectorError(f"{where}: {line[:60]!r} are not integers") from None
+        raise _no_record(line, where) from None
+
+
+def _no_record(line: str, where: str) -> VectorError:
+    return VectorError(
+        f"{where}: {line[:60]!r} is no record: begin each line with its kind, one of "
+        f"{', '.join(KINDS)}, and then the values in integers, as in match,0,3,... (the lines of "
+        "expected_*.csv lack the kind)"
+    )
 
 
 def verify(

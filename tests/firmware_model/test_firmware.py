@@ -99,18 +99,21 @@ def test_every_suite_passes_on_this_computer(folder, cases, expected):
     for suite in cases.values():
         for case in suite:
             assert run_host(program, case, folder) == expected[case.name], case.name
-    start = cases["corners"][0].start
-    for wrong in ("start.mem", "", f"{start} us"):
+    (folder / "us.mem").write_text("us\n")
+    for wrong in (folder / "none.mem", "", folder / "us.mem"):
         words = [program, folder / "image", folder / "events", wrong, folder / "out"]
         assert subprocess.run(words, capture_output=True, check=False).returncode == 2
 
 
 def run_host(program: Path, case: Case, folder: Path) -> bytes:
     """The records of a case by the program of this computer; its message is an error."""
-    image_file, events_file, out = (folder / f"{program.stem}.{s}" for s in ("img", "evt", "out"))
+    image_file, events_file, start_file, out = (
+        folder / f"{program.stem}.{suffix}" for suffix in ("img", "evt", "mem", "out")
+    )
     image_file.write_bytes(image(case.memories))
     events_file.write_bytes(case.event_bytes())
-    command = [*map(str, (program.absolute(), image_file, events_file, case.start, out))]
+    start_file.write_text(f"{case.start:08x}\n")
+    command = [*map(str, (program.absolute(), image_file, events_file, start_file, out))]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise ToolError(done.stderr.strip())

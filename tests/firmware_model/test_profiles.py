@@ -108,8 +108,9 @@ def test_the_firmware_returns_every_record_of_the_specification(driven, tmp_path
     pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
     (tmp_path / "image").write_bytes(image(driven.case.memories))
     (tmp_path / "events").write_bytes(driven.case.event_bytes())
+    (tmp_path / "start").write_text(f"{driven.case.start:x}\n")
     program = build(HOST, tmp_path)
-    words = [tmp_path / "image", tmp_path / "events", str(driven.case.start), tmp_path / "out"]
+    words = [tmp_path / name for name in ("image", "events", "start", "out")]
     subprocess.run([program.absolute(), *words], check=True)
     expected = to_binary(records(in_order(driven.case.trace())))
     assert (tmp_path / "out").read_bytes() == expected

@@ -186,6 +186,31 @@ def test_the_firmware_finds_the_models_matches_from_reset_on(build, expected, tm
     assert values == {"refused": 0, "matches": matches, "place": place}
 
 
+def test_the_firmware_is_built_of_the_map_that_is_named_also_of_an_older_one(expected, tmp_path):
+    """And says in QEMU what it found there; a map that is not there is an error."""
+    for program in ("make", "arm-none-eabi-gcc", "qemu-system-arm"):
+        if shutil.which(program) is None:
+            pytest.skip(f"{program} is not installed")
+    header, matches, place = expected
+    damaged = tmp_path / "damaged.h"
+    damaged.write_text(header.read_text().replace("0x49525056U", "0U", 1))
+    assert damaged.read_text() != header.read_text()
+    os.utime(damaged, (0, 0))
+
+    def run(named: Path) -> subprocess.CompletedProcess[str]:
+        (command,) = with_gcc(named, tmp_path / "build")
+        return subprocess.run([*command, "run"], capture_output=True, text=True, check=False)
+
+    said = f"{matches} matches, the last one at place {place}\n"
+    for named, refused, says in (
+        (header, False, said), (damaged, True, "holds no map"), (header, False, said),
+        (tmp_path / "none.h", True, "none.h is no file"),
+    ):  # fmt: skip
+        done = run(named)
+        assert (done.returncode != 0) == refused
+        assert says in done.stdout + done.stderr
+
+
 def boot(elf: Path, flash: int = 0, ram_bytes: int = 64 << 10) -> dict[str, int]:
     """Reset an emulated Cortex-M4 whose flash holds the program; RAM holds what nobody wrote."""
     unicorn = pytest.importorskip("unicorn", reason="unicorn emulates the processor")
@@ -281,7 +306,7 @@ def test_firmware_without_a_map_says_what_to_name(tmp_path):
         [make, "-C", str(M4), f"OUT={tmp_path}"], capture_output=True, text=True, check=False
     )
     assert run.returncode != 0
-    assert "name a map: make MAP=" in run.stdout
+    assert "is no file: make MAP=" in run.stderr
 
 
 PLATFORMIO = EXAMPLES / "platformio"
