@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -48,7 +48,7 @@ def run_on_board(
     line: Line,
     folder: str | Path,
     case: str | None = None,
-    on_case: Callable[[str], None] = lambda name: None,
+    show: Callable[[str], None] = lambda text: None,
 ) -> Returned:
     """Send cases to a board, and return its records.
 
@@ -62,8 +62,8 @@ def run_on_board(
         Folder of the vectors.
     case : str, optional
         The only case to run, as ``suite/name``.
-    on_case : callable, optional
-        Called with each case before it runs.
+    show : callable, optional
+        Called with the present case and how much of it is sent, whenever the board takes more.
 
     Raises
     ------
@@ -76,21 +76,28 @@ def run_on_board(
         raise VectorError(
             f"{folder} has no case {case!r}: it has for example {next(iter(cases), 'none')!r}"
         )
+    chosen = {
+        name: entry for name, entry in cases.items()
+        if case in (None, name) and "image.bin" in entry.files
+    }  # fmt: skip
     returned = Returned()
-    for name, entry in cases.items():
-        if case in (None, name) and "image.bin" in entry.files:
-            on_case(name)
-            _run(line, Path(folder), name, entry, returned)
+    for number, (name, entry) in enumerate(chosen.items(), 1):
+        counted = f"case {number} of {len(chosen)}, {name}"
+        for sent in _run(line, Path(folder), name, entry, returned):
+            show(f"{counted}: {sent:.0%} sent")
     return returned
 
 
-def _run(line: Line, folder: Path, name: str, entry: CaseEntry, returned: Returned) -> None:
+def _run(
+    line: Line, folder: Path, name: str, entry: CaseEntry, returned: Returned
+) -> Iterator[float]:
+    """Run a case; yield the share that is sent, whenever the board takes more."""
     image, events = (
         read_case_file(folder, name, entry, file) for file in ("image.bin", "events.bin")
     )
     number = entry.number, entry.start % (1 << 32)
     line.write(struct.pack("<5I", MAGIC, *number, len(image), len(events) // 8))
-    left = image + events
+    left = data = image + events
     found: list[Record] = []
     while True:
         kind, count = struct.unpack("<2I", _read(line, 8, name))
@@ -112,6 +119,7 @@ def _run(line: Line, folder: Path, name: str, entry: CaseEntry, returned: Return
             returned.records += found
             return
         if kind == READY:
+            yield 1 - len(left) / len(data)
             line.write(left[: values[0]])
             left = left[values[0] :]
         else:

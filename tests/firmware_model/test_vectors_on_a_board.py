@@ -118,6 +118,15 @@ def test_a_board_that_goes_wrong_is_named_with_its_case(vectors, words, says):
     assert line.heard[:4] == struct.pack("<I", MAGIC)
 
 
+def test_each_step_of_a_case_is_shown(vectors):
+    name, shown = f"filter/{next((vectors / 'filter').iterdir()).name}", []
+    taken = len((vectors / name / "image.bin").read_bytes())
+    taken += len((vectors / name / "events.bin").read_bytes())
+    half = Scripted(READY, 1, taken // 2, READY, 1, taken, READY, 1, 0)
+    run_on_board(half, vectors, name, shown.append)
+    assert shown == [f"case 1 of 1, {name}: {share} sent" for share in ("0%", "50%")]
+
+
 def test_a_case_too_large_for_the_board_is_left_out_and_said(vectors):
     name = f"filter/{next((vectors / 'filter').iterdir()).name}"
     returned = run_on_board(Scripted(0, 1, 0, REFUSED, 1, 70_000), vectors, name)

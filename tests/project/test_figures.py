@@ -262,10 +262,10 @@ def live_and_late(drives: str) -> list[float]:
     return correct(drives, "*(robot)|*(robot), 4 windows late")
 
 
-def joules(system: str, device: str) -> list[float]:
-    """Return the modelled matches per joule, by the rate of events."""
-    rows = chosen_rows("joules.csv", {"system": system, "device": device, "basis": "modelled"})
-    return [float(row["matches per joule"]) for row in rows]
+def modelled(column: str) -> list[float]:
+    """Return what 150 pixels on a Cortex-M4 take, by the rate of events."""
+    chosen = {"system": "*, 150 pixels", "device": "Cortex-M4", "basis": "modelled"}
+    return [float(row[column]) for row in chosen_rows("joules.csv", chosen)]
 
 
 def area(design: str) -> list[str]:
@@ -344,7 +344,11 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
      lambda: min(trust("precision", matching="smoothed"))),
     ("results", "missed indoors with 150 pixels ({:.3f})", lambda: missed(LATE, "whole")),
     ("README", "at {:,.0f}, {:.0f} and {:.0f} matches per joule at 10,000, 100,000 and 1,000,000",
-     lambda: joules("place filter, 150 pixels", "Cortex-M4")),
+     lambda: modelled("matches per joule")),
+    ("README", "keeps it busy for {:.0f}, {:.0f} and {:.0f} ms at 100 MHz;",
+     lambda: modelled("time (ms)")),
+    ("README", "program, map and state take {:.0f} KiB, of which {:.0f} KiB are RAM",
+     lambda: [modelled(column)[0] for column in ("memory (KiB)", "of it RAM (KiB)")]),
     ("results_cost", "the default filter takes {} logic cells and {} block memories",
      lambda: area("place filter, contrast codes")),
     ("results_cost", "half windows {} and {}; sequences of 5 take {} and {} (core-area.csv)",

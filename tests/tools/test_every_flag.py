@@ -158,7 +158,7 @@ RUNS = [
      "-o {f}/refused --sensor-name none", 2),
     (f"{PROFILE.replace('query.npz', 'frames.npz')} --frame-period 1/10 -o {{f}}/refused "
      "--sensor-name none", 2),
-    ("profile compare {f}/profile/profile.json {f}/profile/profile.json --csv {f}/both.csv", 0),
+    ("profile compare {f}/profile/profile.json {f}/profile/profile.json --json", 0),
     # 2: the meter's three readings need not follow the load
     ("profile trace {f}/profile/profile.json {f}/meter.csv --voltage 5 "
      "--column time_s", (0, 2)),

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import shutil
+from functools import partial
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +21,7 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import MatchResult
 from edge_vpr.results import read_run
+from edge_vpr.simulation import simulate_pair
 
 SENSOR = Sensor(16, 12)
 
@@ -190,3 +193,17 @@ def test_what_cannot_be_shown_is_refused(there, tmp_path, capsys):
     assert not film.exists()
     film.write_text("mine")
     assert "replace it with --overwrite" in refused(capsys, "whole", "-o", film)
+
+
+def test_a_film_of_the_demo_shows_the_truth(tmp_path, monkeypatch):
+    """Its folder is as `edge-vpr evaluate` leaves one, with the tracks of both drives."""
+    monkeypatch.chdir(tmp_path)
+    street = partial(simulate_pair, sensor="tiny", length_m=60.0)
+    monkeypatch.setattr("edge_vpr.simulation.simulate_pair", street)
+    assert main(["demo", "-o", "demo"]) == 0
+    folder = Path("demo")
+    result = MatchResult.load(folder)
+    truth = RecordedInputs(read_run(folder)).truth(folder, result.reference)
+    film = replay_of(result, None, None, 10, truth=truth)
+    assert np.isfinite(film.true).all()
+    assert (film.outcome.correct | film.outcome.wrong).all()

@@ -8,7 +8,8 @@ from pathlib import Path
 from shlex import quote
 from typing import Any
 
-from edge_vpr_tools.console import say, status, table
+from edge_vpr_tools.cli import VerbParser, command_of
+from edge_vpr_tools.console import Verbosity, say, status, table, verbosity
 from edge_vpr_tools.flags import add_output_flags
 
 EXAMPLES = """\
@@ -32,6 +33,16 @@ _METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "paper, windows of a time": ("paper", {}),
     "paper, windows of a number of events": ("paper", {"window": "count"}),
 }
+#: files in the folder, reference first
+_TRACKS = ("reference_track.csv", "query_track.csv")
+
+
+def _evaluate(folder: Path) -> None:
+    """Evaluate as a user would, so that `edge-vpr replay` finds the truth."""
+    words = [str(folder), "--ground-truth", *(str(folder / track) for track in _TRACKS)]
+    words += ["--tolerance", f"{_TOLERANCE_M:g}"]
+    with verbosity(Verbosity.QUIET, ["evaluate", *words]):
+        command_of("evaluate").run(VerbParser("evaluate").parse(words))
 
 
 def run(args: argparse.Namespace) -> None:
@@ -39,6 +50,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr import results
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.simulation import simulate_pair
+    from edge_vpr_tools.commands.simulate import write_track
     from edge_vpr_tools.inputs import tracked
     from edge_vpr_tools.report.verdict import outcome_of
 
@@ -62,7 +74,11 @@ def run(args: argparse.Namespace) -> None:
             rows.append((name, f"{share:.3f}", f"{recall:.3f}", size))
         result, judged = found[0]
         show("drawing the report")
-        result.report(output, judged, overwrite=args.overwrite)
+        with results.results_folder(output, args.overwrite) as folder:
+            result.write(folder, ())
+            for track, drive in zip(_TRACKS, (first, second), strict=True):
+                write_track(folder / track, drive)
+        _evaluate(output)
     header = ("matched by", "P@100R", "R@99P", "bytes per window")
     table(header, rows, title="One street of 900 m, driven twice", width=_WIDTH)
     for line in (

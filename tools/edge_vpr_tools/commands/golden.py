@@ -128,14 +128,14 @@ def run(args: argparse.Namespace) -> None:
         if missed:
             note(f"no case of this design reaches these corners: {', '.join(missed)}")
     for suite in manifest.suites:
-        events, windows, matches = (
-            sum(getattr(case, what) for case in suite.cases)
+        sums = ", ".join(
+            f"{what} {sum(getattr(case, what) for case in suite.cases):,}"
             for what in ("events", "windows", "matches")
         )
         reached = sum(number > 0 for number in suite.coverage.values())
         summary(
-            f"{Path(args.output) / suite.name}: {len(suite.cases)} cases, {events:,} events, "
-            f"{windows} windows, {matches} matches, {reached} of {len(suite.coverage)} corners"
+            f"{Path(args.output) / suite.name}: cases {len(suite.cases)}, {sums}, corners "
+            f"{reached} of {len(suite.coverage)}"
         )
 
 

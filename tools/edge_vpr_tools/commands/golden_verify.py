@@ -98,10 +98,10 @@ def _from_board(args: argparse.Namespace, folder: Path) -> Returned:
     try:
         with (
             serial.serial_for_url(args.port, args.baud, timeout=SILENCE_S) as line,
-            status("cases on the board") as show_case,
+            status("cases on the board") as show,
         ):
             line.reset_input_buffer()
-            return run_on_board(line, folder, args.case, show_case)
+            return run_on_board(line, folder, args.case, show)
     except (serial.SerialException, OSError, ValueError) as error:
         raise EdgeVprError(
             f"cannot talk to a board at {args.port}: {error}: edge-vpr ports lists the ports"

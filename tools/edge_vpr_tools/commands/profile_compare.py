@@ -4,53 +4,63 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
+
+from edge_vpr_tools.flags import add_json_flag
 
 if TYPE_CHECKING:
     from edge_vpr_tools.profile.profiling import Number
 
 EXAMPLES = """\
-  edge-vpr profile compare results/board results/laptop --csv both.csv"""
+  edge-vpr profile compare results/board results/laptop
+  edge-vpr profile compare results/board results/laptop --json > both.json"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("first", metavar="A", help="a profile, by its folder or file")
     parser.add_argument("second", metavar="B", help="another profile")
-    output = parser.add_argument_group("output")
-    output.add_argument("--csv", metavar="FILE", help="also write all figures as CSV")
+    add_json_flag(parser.add_argument_group("output"), "both profiles, with low and high")
 
 
 #: verdicts of a comparison of two intervals
 OVERLAP, APART = "overlap", "apart"
 
 
+class Compared(NamedTuple):
+    """A figure of two profiles."""
+
+    first: Number
+    second: Number
+    times: float | None  #: The second over the first; None unless both have the figure.
+    intervals: str | None  #: Whether they overlap; None unless both figures have one.
+
+
 def run(args: argparse.Namespace) -> None:
-    """Print both profiles, with the ratio of what both have, and write them as CSV if asked to."""
+    """Print the figures of both profiles, and the ratio of what both have."""
+    from edge_vpr.results import json_text
     from edge_vpr_tools.console import say, table
-    from edge_vpr_tools.profile.profiling import NOT_MEASURED, Number, Profile, numbers
+    from edge_vpr_tools.profile.profiling import Profile, numbers
     from edge_vpr_tools.profile.show import COMPARED, WIDTH, cell, check_shown, notes
-    from edge_vpr_tools.report.tables import write_spreadsheet
 
     paths = [Path(args.first), Path(args.second)]
     found = [Profile.load_file(path) for path in paths]
     for path, one in zip(paths, found, strict=True):
         check_shown(one, path)
-    sides = [{number.name: number for number in numbers(one)} for one in found]
-    lines: dict[str, tuple[str, ...]] = {}
-    cells = []
-    for name in dict.fromkeys(name for side in sides for name in side):
-        a, b = (side.get(name, Number(name, None, why=NOT_MEASURED)) for side in sides)
-        ratio = b.value / a.value if a.value and b.value is not None else None
-        overlap = _overlap(a, b)
-        cells.append((name, *a[1:4], *b[1:4], ratio, overlap))
-        if name in COMPARED:
-            times = "-" if ratio is None else f"{ratio:.3g}"
-            lines[name] = (COMPARED[name][0], cell(a), cell(b), times, overlap or "-")
-    first, second = map(str, paths)
-    ordered = [lines[name] for name in COMPARED if name in lines]
-    table(("", first, second, "times", "intervals"), ordered, width=WIDTH)
-    if any(cell[-1] == OVERLAP for cell in cells):
+    figures = {
+        a.name: Compared(a, b, b.value / a.value if a.value and b.value is not None else None,
+                         _overlap(a, b))
+        for a, b in zip(*map(numbers, found), strict=True)
+    }  # fmt: skip
+    if args.json:
+        print(json_text({"first": args.first, "second": args.second, "figures": figures}))
+    rows = []
+    for name, (title, _) in COMPARED.items():
+        a, b, ratio, overlap = figures[name]
+        times = "-" if ratio is None else f"{ratio:.3g}"
+        rows.append((title, cell(a), cell(b), times, overlap or "-"))
+    table(("", args.first, args.second, "times", "intervals"), rows, width=WIDTH)
+    if any(one.intervals == OVERLAP for one in figures.values()):
         say(
             "intervals are of 95 %; where they overlap, the two profiles show no difference",
             width=WIDTH,
@@ -58,16 +68,9 @@ def run(args: argparse.Namespace) -> None:
     for path, one in zip(paths, found, strict=True):
         for line in notes(one):
             say(f"{path}: {line}", width=WIDTH)
-    if args.csv is not None:
-        header = (
-            "quantity", first, f"{first} low", f"{first} high",
-            second, f"{second} low", f"{second} high", "times", "intervals",
-        )  # fmt: skip
-        write_spreadsheet(Path(args.csv), header, cells)
 
 
 def _overlap(a: Number, b: Number) -> str | None:
-    """Return whether two intervals overlap; None unless both figures have one."""
     if a.low is None or a.high is None or b.low is None or b.high is None:
         return None
     return OVERLAP if a.low <= b.high and b.low <= a.high else APART

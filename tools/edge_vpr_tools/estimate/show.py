@@ -162,14 +162,16 @@ def show_recommended(
         if one.limit:
             limits.append(f"{_short(target)} ({one.limit})")
         if one.best is None:
-            rows.append([_short(target), "none", "-", "-", "-", "-", "-"])
+            rows.append([_short(target), "none", "-", "-", "-", "-", "-", "-"])
             continue
         size, device = one.best
         rows.append(
-            [_short(target), str(size.pixels), str(size.code_bits), f"{device.design.places:,}",
-             size_text(device.memory_bytes), _energy(device.cost), f"{size.accuracy:.3f}"]
+            [_short(target), str(size.pixels), str(size.code_bits), str(size.places_per_window),
+             f"{device.design.places:,}", size_text(device.memory_bytes), _energy(device.cost),
+             f"{size.accuracy:.3f}"]
         )  # fmt: skip
-    table(["target", "pixels", "bits", "places", "memory", "energy", "correct"], rows, width=WIDTH)
+    header = ["target", "pixels", "bits", "per\nwindow", "places", "memory", "energy", "correct"]
+    table(header, rows, width=WIDTH)
     text = (
         f"The smallest of {len(tried_designs())} designs within "
         f"{' and '.join(budget.text for budget in budgets)} whose share of correct matches on "

@@ -167,8 +167,11 @@ class RouteView:
                            (outcome.wrong & outcome.accepted, RED)):  # fmt: skip
             lines = list(np.stack([shown[of], matched[of]], axis=1))
             axes.add_collection(
-                LineCollection(lines, colors=colour, linewidths=0.9, alpha=0.6, zorder=2)
-            )
+                LineCollection(
+                    lines, colors=colour, linewidths=0.9, linestyles="--", alpha=0.6, zorder=2,
+                    label="error of a wrong match" if lines else None,
+                )
+            )  # fmt: skip
         draw_outcomes(axes, shown[:, 0], shown[:, 1], outcome)
         axes.set_aspect("equal", adjustable="datalim")
         east_north = ("east (m)", "north (m)") if self.kind == "geographic" else ("x (m)", "y (m)")

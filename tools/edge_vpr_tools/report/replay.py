@@ -158,8 +158,7 @@ class _Film:
         return draw_window(axes, self._replay.reference, Window(title, counts), self._most)
 
     def _span(self) -> tuple[float, float]:
-        time = self._replay.outcome.time_s
-        return float(time[0]), max(float(time[-1]), float(time[0]) + 1e-3)
+        return _with_margins(self._replay.outcome.time_s)
 
     def _draw_cost(self, axes: Axes, label: str) -> None:
         cost = self._replay.cost
@@ -184,7 +183,7 @@ class _Film:
         else:
             self._path = np.column_stack([self._replay.outcome.time_s, self._x[places]])
             axes.set(xlabel="time (s)", ylabel=label, xlim=self._span())
-            axes.set_ylim(float(np.nanmin(self._x)), float(np.nanmax(self._x)))
+            axes.set_ylim(*_with_margins(self._x))
         axes.xaxis.set_major_locator(MaxNLocator(4))
         self._true = self._true_path(route)
         self._truly = axes.scatter([], [], s=90, facecolors="none", edgecolors=GREY, zorder=4)
@@ -229,6 +228,13 @@ class _Film:
         self._drawing.set_layout_engine("none")  # as it was laid out first
         pixels = np.asarray(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
         return Image.fromarray(pixels).convert("RGB")
+
+
+def _with_margins(values: Floats) -> tuple[float, float]:
+    """Return limits of an axis within which the dots at both ends are whole."""
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    margin = max(0.05 * (high - low), 1e-3)
+    return low - margin, high + margin
 
 
 #: frames per second of a film

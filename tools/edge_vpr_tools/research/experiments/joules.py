@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
-from edge_vpr_tools.estimate.model import Mission
+from edge_vpr_tools.estimate.model import Mission, sizes
 from edge_vpr_tools.estimate.search import Limits, on_target
 from edge_vpr_tools.estimate.targets import find, names
 from edge_vpr_tools.report.style import BLACK, CYCLE, GREY, figure
@@ -71,13 +71,18 @@ def measure(draw: Draw) -> Iterator[Row]:
                 "system": f"place filter, {pixels} pixels", "device": target.name,
                 "includes": "what the work adds", "basis": "modelled", "events/s": rate,
                 "matches per joule": found.central, "low": found.low, "high": found.high,
+                "time (ms)": 1e3 * of.cost.load.central / mission.matches_per_s,
+                "memory (KiB)": of.memory_bytes / 1024,
+                "of it RAM (KiB)": sizes(design).ram_bytes / 1024
+                if target.kind == "processor" else None,
                 "source": "edge-vpr estimate --sources",
             }  # fmt: skip
     for one in PUBLISHED:
         yield {
             "system": one.system, "device": one.device, "includes": one.includes,
             "basis": "measured", "events/s": OWN_RATE, "matches per joule": 1 / one.central,
-            "low": 1 / one.high, "high": 1 / one.low, "source": one.source,
+            "low": 1 / one.high, "high": 1 / one.low, "time (ms)": None, "memory (KiB)": None,
+            "of it RAM (KiB)": None, "source": one.source,
         }  # fmt: skip
 
 
