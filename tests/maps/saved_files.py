@@ -11,7 +11,7 @@ import numpy as np
 from edge_vpr_tools.commands.estimate import calibrated
 from edge_vpr_tools.estimate import targets
 from edge_vpr_tools.profile.conditions import Conditions
-from edge_vpr_tools.profile.meter_trace import read_csv
+from edge_vpr_tools.profile.meter_trace import read_meter
 from edge_vpr_tools.profile.profiling import SCHEMA, Profile
 from edge_vpr_tools.profile.show import check_shown
 from streams import descriptors, random_events
@@ -220,5 +220,5 @@ LOADERS: dict[str, Callable[[Path], object]] = {
     "design": Design.load,
     "target": targets.Target.load,
     "profile": _shown_profile,
-    "meter": read_csv,
+    "meter": read_meter,
 }

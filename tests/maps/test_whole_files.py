@@ -111,7 +111,7 @@ INPUTS = {
     "a matrix": (".csv", load_matrix),
     "a matrix of NumPy": (".npy", load_matrix),
     "an archive of one": (".npz", load_matrix),
-    "a meter": (".csv", meter_trace.read_csv),
+    "a meter": (".csv", meter_trace.read_meter),
     "rows": (".csv", read_rows),
     "weights": (".pth", read_state_dict),
     "a plan": (".toml", read_plan),

@@ -28,7 +28,7 @@ from edge_vpr_tools.profile.measurement import (
     measure,
     take_turns,
 )
-from edge_vpr_tools.profile.meter_trace import MeterFile, align, check_turns
+from edge_vpr_tools.profile.meter_trace import align, check_turns, read_meter
 from edge_vpr_tools.profile.sensors.sensor import (
     ROOT,
     About,
@@ -236,7 +236,7 @@ def with_meter(
     Parameters
     ----------
     voltage, columns
-        See `MeterFile`.
+        See `read_meter`.
 
     Raises
     ------
@@ -251,8 +251,7 @@ def with_meter(
         raise UsageError(f"{path} took no turns for a meter: make it with --meter")
     with parse_errors(path, "the turns of a profile", "make it again with edge-vpr profile"):
         check_turns(windows)
-    table = MeterFile(meter, voltage, columns)
-    time_s, watts = table.read()
+    time_s, watts, read_from = read_meter(meter, voltage, columns)
     ahead = align(windows, time_s, watts)
     negative = int(np.count_nonzero(watts < 0))
     doubt = f"; {negative:,} of {watts.size:,} readings are negative" if negative else ""
@@ -261,8 +260,8 @@ def with_meter(
         kind="power",
         scope="what the external meter feeds",
         period_s=float(np.median(np.diff(time_s))),
-        detail=f"from {table}; its clock is {ahead:.3f} s ahead, by its steps; its gain error is "
-        f"not known{doubt}",
+        detail=f"from {read_from}; its clock is {ahead:.3f} s ahead, by its steps; its gain error "
+        f"is not known{doubt}",
     )
     energy = analyse(Trace.of_power(time_s - ahead, watts), windows, about)
     energy = replace(energy, quick=found.quick)
