@@ -63,7 +63,7 @@ def test_lanes_bits_the_filter_and_contrast_codes_take_cells():
 
 
 def test_the_energy_of_a_cycle_is_that_of_the_clock_and_of_each_cell():
-    """Low and high by hand; both constants are cited; a cycle that was measured stands alone."""
+    """Low and high by hand; both constants are cited."""
     target = targets.find("ice40up5k")
     clock, cell = (targets.constants()[f"ice40up5k-{name}"] for name in ("clock", "cell"))
     found = cost(DOCUMENTED, target, RATE)
@@ -74,9 +74,6 @@ def test_the_energy_of_a_cycle_is_that_of_the_clock_and_of_each_cell():
         picojoules = getattr(clock.value, end) + found.logic_cells * getattr(cell.value, end)
         joules = getattr(found.energy_j["search"], end)
         assert joules == pytest.approx(cycles * picojoules * 1e-12)
-    measured = cost(DOCUMENTED, target, RATE, clock)
-    assert measured.energy_j is not None and cell not in measured.basis
-    assert measured.energy_j["search"].low == pytest.approx(cycles * clock.value.low * 1e-12)
 
 
 def test_the_answer_says_the_cells_and_that_there_are_too_few(tmp_path, capsys):

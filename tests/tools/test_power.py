@@ -13,12 +13,11 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.commands.estimate import calibrated
 from edge_vpr_tools.console import terminated_as_interrupted
 from edge_vpr_tools.profile import measurement
 from edge_vpr_tools.profile.conditions import Conditions, void_because
@@ -852,35 +851,6 @@ def test_an_interrupt_that_a_library_drops_is_raised_before_the_next_window(monk
     assert signal.getsignal(signal.SIGINT) is ours
 
 
-def test_a_profile_cannot_calibrate_what_it_did_not_measure(profile, capsys):
-    """An estimate takes energy from a profile only where it was measured."""
-    path = str(profile / "profile.json")
-    assert main(["estimate", "--target", "raspberry-pi-5", "--calibrate", path]) == 2
-    assert "not measured" in capsys.readouterr().err
-
-
-def test_a_profile_calibrates_the_energy_of_a_cycle(profile, tmp_path):
-    """By hand: 2 mJ in 1 ms of processor time at 1 GHz are 2,000 pJ a cycle."""
-    found = json.loads((profile / "profile.json").read_text())
-    found["conditions"]["loaded"]["frequency_hz"] = 1e9
-    windows, time_s, watts = synthetic(np.random.default_rng(5))
-    energy = to_json(analyse(Trace.of_power(time_s, watts), windows, METER))
-    found["energy"] = energy | {
-        "cpu_s_per_match": 1e-3,
-        "matches_per_joule": 500.0, "matches_per_joule_interval": [1 / 3e-3, 1000.0],
-    }  # fmt: skip
-    path, out = tmp_path / "profile.json", tmp_path / "estimate.json"
-    path.write_text(json.dumps(found))
-    assert asdict(calibrated(path).value) == pytest.approx(
-        {"low": 1000.0, "central": 2000.0, "high": 3000.0}
-    )
-    pi_5 = ["estimate", "--target", "raspberry-pi-5", "--calibrate", str(path)]
-    assert main([*pi_5, "--json", str(out)]) == 0
-    told = json.loads(out.read_text())["targets"]["Raspberry Pi 5"]
-    cycles, energy = told["cycles"]["search"], told["energy_j"]["search"]
-    assert energy["central"] == pytest.approx(2e-9 * cycles["central"])
-
-
 def test_two_profiles_are_compared_by_their_intervals(profile, tmp_path, capsys):
     """952 and 1,098 matches a joule of one power overlap; half of the energy does not."""
     found = json.loads((profile / "profile.json").read_text())
@@ -945,7 +915,6 @@ def test_a_damaged_profile_is_one_line_that_names_the_field(
     for command in (
         ["profile", "compare", str(path), str(path)],
         ["profile", "trace", str(path), "meter.csv"],
-        ["estimate", "--target", "raspberry-pi-5", "--calibrate", str(path)],
     ):
         assert main(command) == 2
         lines = capsys.readouterr().err.strip().splitlines()

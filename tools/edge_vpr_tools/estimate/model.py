@@ -1,16 +1,17 @@
 """What a design costs on a target: instructions or cycles, time, and modelled energy.
 
-The layers are separate: counts are exact (`counts`), instructions come from tables that were
-counted on the emulated firmware, time needs an assumed number of cycles per instruction, and energy
-a cited constant. Without a constant the energy is None, which is shown as unknown.
+The layers are separate: counts are exact, instructions come from tables that were counted on the
+emulated firmware, time needs an assumed number of cycles per instruction, and energy a cited
+constant. Without a constant the energy is None, which is shown as unknown.
 """
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
+from typing import NamedTuple
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.estimate import core_area
@@ -22,138 +23,53 @@ from firmware_model.emulation.instructions import TABLE
 from firmware_model.image import image_bytes, ram_bytes
 from fixedpoint.codes import packed_bytes
 
-# Exact counts of a design: operations, memory traffic and sizes, from its parameters alone.
-#
-# The numbers are those of the device that `firmware_model` states; a test holds them equal to what
-# its plain oracle does when every operation and every access is counted.
+# Exact counts of a design, from its parameters alone.
 
 
 #: depths and widths in which a block memory can be used
 Shapes = Sequence[tuple[int, int]]
 
 
-@dataclass(frozen=True)
-class Traffic:
-    """Words read from and written to one memory, and bits of a word."""
+class Search(NamedTuple):
+    """What the search for the place of a window does, once L windows have been seen.
 
-    reads: int
-    writes: int
-    width: int
-
-    @property
-    def bytes_read(self) -> float:
-        """Bytes, packed without gaps."""
-        return self.reads * self.width / 8
-
-    @property
-    def bytes_written(self) -> float:
-        """Bytes, packed without gaps."""
-        return self.writes * self.width / 8
-
-
-@dataclass(frozen=True)
-class Work:
-    """What one event, one window's end or one match does."""
-
-    #: counter_updates, absolute_differences, additions, comparisons, multiplications: an addition
-    #: has two operands: the first term of a sum is not added to anything. A comparison is one use
-    #: of a comparator: best, best on the left and second for every place, though a program may know
-    #: without looking.
-    counter_updates: int = 0
-    absolute_differences: int = 0
-    additions: int = 0
-    comparisons: int = 0
-    multiplications: int = 0
-    #: By memory, named as by `firmware_model.cost.memories`.
-    traffic: Mapping[str, Traffic] = field(default_factory=dict)
-
-    @property
-    def operations(self) -> dict[str, int]:
-        """Numbers of each kind by name."""
-        return {
-            "counter updates": self.counter_updates,
-            "absolute differences": self.absolute_differences,
-            "additions": self.additions,
-            "comparisons": self.comparisons,
-            "multiplications": self.multiplications,
-        }
-
-    @property
-    def bytes_read(self) -> float:
-        """Of all memories."""
-        return sum(part.bytes_read for part in self.traffic.values())
-
-    @property
-    def bytes_written(self) -> float:
-        """Of all memories."""
-        return sum(part.bytes_written for part in self.traffic.values())
-
-
-def event_work(design: Design, selected: bool) -> Work:
-    """Count what an event on the sensor does."""
-    return Work(
-        counter_updates=int(selected),
-        traffic=_traffic(
-            design,
-            displacement=(1, 0),
-            lookup=(1, 0),
-            counts=(int(selected), int(selected)),
-        ),
-    )
-
-
-def window_work(design: Design) -> Work:
-    """Count what the end of a window does: code, and clear, every counter.
-
-    Of contrast codes the difference to the mean and the mean's own step, both limits, the sum
-    of the differences, and each less their mean.
+    An addition has two operands: the first term of a sum is not added to anything. A comparison is
+    one use of a comparator: best, best on the left and second for every place, though a program may
+    know without looking.
     """
-    contrast = design.slots if design.contrast else 0
-    return Work(
-        additions=5 * contrast,
-        comparisons=2 * contrast,
-        traffic=_traffic(
-            design,
-            counts=(design.slots, design.slots),
-            level=(contrast, 0),
-            query=(0, design.words),
-            mean=(contrast, contrast),
-            deviation=(contrast, contrast),
-        ),
-    )
+
+    absolute_differences: int
+    additions: int
+    comparisons: int
+    multiplications: int
+    bytes_moved: float  #: Read from and written to all memories, packed without gaps.
 
 
-def match_work(design: Design) -> Work:
-    """Count what a match does when L windows have been seen, in a window that does not pause."""
-    traffic = _filter_traffic(design) if design.filters else _sequence_traffic(design)
-    return Work(**operations(design)._asdict(), traffic=traffic)
+def search_work(design: Design) -> Search:
+    """Count what the search of a window that does not pause does."""
+    return Search(*operations(design), _bytes_moved(design))
 
 
-def _sequence_traffic(design: Design) -> dict[str, Traffic]:
-    sums = design.places - design.length + 1
-    words = design.places * design.words
-    return _traffic(
-        design,
-        query=(words, 0),
-        places=(words, 0),
-        history=(sums * (design.length - 1), design.places),
-        delay=(max(0, sums - design.exclusion - 1), sums),
-    )
-
-
-def _filter_traffic(design: Design) -> dict[str, Traffic]:
-    places = design.places
+def _bytes_moved(design: Design) -> float:
+    """Return the bytes of all words that a search reads and writes."""
+    places, sized = design.places, memories(design)
     words = places * design.words
-    return _traffic(
-        design,
-        query=(words, 0),
-        places=(words, 0),
-        # those of the other places of a step are already read
-        metric=(places, places),
-        place_activity=(places, 0),
-        distance=(places, places),
-        delay=(max(0, places - design.exclusion - 1), places),
-    )
+    if design.filters:
+        moved = {
+            # those of the other places of a step are already read
+            "metric": 2 * places,
+            "place_activity": places,
+            "distance": 2 * places,
+            "delay": max(0, places - design.exclusion - 1) + places,
+        }
+    else:
+        sums = places - design.length + 1
+        moved = {
+            "history": sums * (design.length - 1) + places,
+            "delay": max(0, sums - design.exclusion - 1) + sums,
+        }
+    moved |= {"query": words, "places": words}
+    return sum(number * sized[name].width for name, number in moved.items()) / 8
 
 
 @dataclass(frozen=True)
@@ -193,15 +109,6 @@ def large_and_small_blocks(design: Design, large: Shapes, small: Shapes) -> tupl
 
 def _blocks(sized: Iterable[Memory], shapes: Shapes) -> int:
     return sum(min(memory.tiles(*shape) for shape in shapes) for memory in sized if memory.depth)
-
-
-def _traffic(design: Design, **accesses: tuple[int, int]) -> dict[str, Traffic]:
-    sized: dict[str, Memory] = memories(design)
-    return {
-        name: Traffic(reads, writes, sized[name].width)
-        for name, (reads, writes) in accesses.items()
-        if reads or writes
-    }
 
 
 _PICO = 1e-12
@@ -246,16 +153,6 @@ class Mission:
             "window": self.matches_per_s,
             "search": self.matches_per_s,
         }
-
-
-def work(design: Design) -> dict[str, Work]:
-    """Count the operations of each unit of work."""
-    return {
-        "selected event": event_work(design, selected=True),
-        "other event": event_work(design, selected=False),
-        "window": window_work(design),
-        "search": match_work(design),
-    }
 
 
 @dataclass(frozen=True)
@@ -303,25 +200,13 @@ class Cost:
     marginal_w: Spread | None
     idle_w: Spread | None
     whole_w: Spread | None
-    #: per_match_j, per_match_whole_j: energy of a match: what the work adds, and all that the
-    #: device takes; the powers over the matches a second.
-    per_match_j: Spread | None
-    per_match_whole_j: Spread | None
-    #: One over the energy of a match: of the work, as in a profile.
-    matches_per_joule: Spread | None
+    per_match_j: Spread | None  #: What the work of a match adds.
+    matches_per_joule: Spread | None  #: One over it, as in a profile.
     basis: tuple[Constant, ...]  #: What the energy rests on.
 
 
-def cost(
-    design: Design, target: Target, mission: Mission, cycle_energy: Constant | None = None
-) -> Cost:
-    """Model a design on a target.
-
-    Parameters
-    ----------
-    cycle_energy : Constant, optional
-        Measured on the user's own board, instead of the target's; pJ/cycle.
-    """
+def cost(design: Design, target: Target, mission: Mission) -> Cost:
+    """Model a design on a target."""
     instructions = None
     if target.kind == "processor":
         instructions = instructions_of(design, target.core, mission)
@@ -339,13 +224,10 @@ def cost(
     seconds = {unit: value * (1 / target.clock_hz) for unit, value in taken.items()}
     basis: list[Constant] = []
     energy = None
-    if target.kind == "datapath":
-        energy, basis = _datapath(design)
-    elif cycle_energy is not None or target.cycle_energy:
-        per_cycle = cycle_energy or constants()[target.cycle_energy]
-        basis.append(per_cycle)
-        a_cycle = per_cycle.value
-        if cycle_energy is None and target.cell_energy and cells is not None:
+    if target.cycle_energy:
+        basis.append(constants()[target.cycle_energy])
+        a_cycle = basis[-1].value
+        if target.cell_energy and cells is not None:
             basis.append(constants()[target.cell_energy])
             a_cycle = a_cycle + basis[-1].value * cells
         energy = {unit: value * a_cycle * _PICO for unit, value in taken.items()}
@@ -355,7 +237,7 @@ def cost(
         idle = basis[-1].value
     marginal = None if energy is None else per_second(energy, mission)
     whole = None if marginal is None or idle is None else marginal + idle
-    a_match = 1 / mission.matches_per_s
+    per_match = None if marginal is None else marginal * (1 / mission.matches_per_s)
     return Cost(
         instructions=instructions,
         logic_cells=cells,
@@ -366,9 +248,8 @@ def cost(
         marginal_w=marginal,
         idle_w=idle,
         whole_w=whole,
-        per_match_j=None if marginal is None else marginal * a_match,
-        per_match_whole_j=None if whole is None else whole * a_match,
-        matches_per_joule=None if marginal is None else (marginal * a_match).reciprocal(),
+        per_match_j=per_match,
+        matches_per_joule=None if per_match is None else per_match.reciprocal(),
         basis=tuple(basis),
     )
 
@@ -394,20 +275,3 @@ def per_second(of_unit: Mapping[str, Spread], mission: Mission) -> Spread:
     for unit, rate in mission.rates.items():
         total = total + of_unit[unit] * rate
     return total
-
-
-def _datapath(design: Design) -> tuple[dict[str, Spread], list[Constant]]:
-    """Return the energy of the operations and memory accesses alone, and its constants."""
-    names = ("add-8", "add-16", "multiply-32", "sram-byte")
-    add8, add16, multiply, byte = (constants()[name] for name in names)
-    energy = {}
-    for unit, done in work(design).items():
-        adds = done.counter_updates + done.additions + done.comparisons
-        picojoules = (
-            add8.value * done.absolute_differences
-            + add16.value * adds
-            + multiply.value * done.multiplications
-            + byte.value * (done.bytes_read + done.bytes_written)
-        )
-        energy[unit] = picojoules * _PICO
-    return energy, [add8, add16, multiply, byte]

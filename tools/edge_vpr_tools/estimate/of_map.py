@@ -108,16 +108,3 @@ def event_rates(reference: ReferenceMap) -> tuple[float, float] | None:
     events = int(places.events.sum())
     selected = int(reference.decoded(places).counts.sum())
     return events / max(seconds, 1e-6), min(1.0, selected / max(events, 1))
-
-
-def places_per_metre(reference: ReferenceMap) -> float | None:
-    """Return the places at whole windows per metre of the route; None if that is not known.
-
-    Without positions or odometry it is not, nor if the reference did not move.
-    """
-    along_mm = reference.along_mm
-    if along_mm is None:
-        return None
-    windows_mm = along_mm[:: reference.settings.window_parts]
-    driven_mm = int(windows_mm[-1] - windows_mm[0])
-    return None if driven_mm == 0 else (windows_mm.size - 1) * 1e3 / driven_mm

@@ -21,7 +21,7 @@ from edge_vpr_tools.estimate.model import (
     large_and_small_blocks,
     sizes,
 )
-from edge_vpr_tools.estimate.targets import Constant, Target
+from edge_vpr_tools.estimate.targets import Target
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
 from firmware_model.image import check_limits
@@ -73,7 +73,6 @@ class Limits:
 
     target: Target
     budgets: Sequence[Budget] = ()
-    cycle_energy: Constant | None = None  #: See `cost`.
 
 
 def memory_bytes(design: Design, target: Target) -> int:
@@ -90,7 +89,7 @@ def memory_bytes(design: Design, target: Target) -> int:
 
 def on_target(design: Design, mission: Mission, limits: Limits) -> DesignOnTarget:
     """Estimate a design on a target, and check whether it fits."""
-    of = cost(design, limits.target, mission, limits.cycle_energy)
+    of = cost(design, limits.target, mission)
     used = memory_bytes(design, limits.target)
     return DesignOnTarget(design, mission, of, used, _broken_by(design, of, used, limits))
 
@@ -134,11 +133,9 @@ def blocks_of(of: Design, target: Target) -> tuple[str, bool]:
 def _watts(of: Cost, target: Target) -> float:
     total = of.whole_w or of.marginal_w
     if total is None:
-        remedy = "take another target, or name no budget of power"
-        if target.kind == "processor":
-            remedy = "calibrate with a profile of your board (--calibrate)"
         raise UsageError(
-            f"the power of {target.name} is unknown, so that no budget of it can be met: {remedy}"
+            f"the power of {target.name} is unknown, so that no budget of it can be met: take "
+            "another target, or measure with edge-vpr profile on a board"
         )
     return total.central
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from edge_vpr_tools.console import say, table
 from edge_vpr_tools.estimate import core_area
-from edge_vpr_tools.estimate.model import Cost, Mission, firmware, sizes, work
+from edge_vpr_tools.estimate.model import Cost, Mission, firmware, search_work, sizes
 from edge_vpr_tools.estimate.search import (
     Budget,
     DesignOnTarget,
@@ -90,12 +90,11 @@ def show_design(
     title = "a match; on the right, matches per joule by events/s (modelled)"
     table(["target", "memory", "time", "energy", *powers], rows, title=title, width=WIDTH)
     of = next(iter(found.values()))
-    search, match_s = work(of.design)["search"], 1 / of.mission.matches_per_s
-    operations = sum(search.operations.values())
-    moved = search.bytes_read + search.bytes_written
+    *operations, moved = search_work(of.design)
+    match_s = 1 / of.mission.matches_per_s
     over = [f"{_short(target)} ({of.limited_by})" for target, of in found.items() if of.limited_by]
     text = (
-        f"{design_text(of.design)}. The search takes {operations:,} operations and moves "
+        f"{design_text(of.design)}. The search takes {sum(operations):,} operations and moves "
         f"{size_text(moved)}. Matches per joule are of {WORK}, by the events per second of the "
         "whole sensor; time and energy of a match, with its events, are at "
         f"{of.mission.events_per_s:,.0f} events/s ({rate_is}), one match each {match_s:.3g} s"
@@ -106,7 +105,7 @@ def show_design(
     elif limited:
         text += " Within the limits."
     if unknown:
-        text += f" Power {UNKNOWN}: {', '.join(map(_short, unknown))} (--calibrate)."
+        text += f" Power {UNKNOWN}: {', '.join(map(_short, unknown))}."
     if len(found) == 1:
         text += _of_one(next(iter(found)), of)
     say(text, width=WIDTH)
@@ -182,13 +181,11 @@ def show_recommended(
     if limits:
         text += f" A better one exceeds: {', '.join(limits)}."
     if unknown:
-        text += f" Power {UNKNOWN}: {', '.join(map(_short, unknown))} (--calibrate)."
+        text += f" Power {UNKNOWN}: {', '.join(map(_short, unknown))}."
     say(text, width=WIDTH)
 
 
-def show_sources(
-    targets: Sequence[Target], costs: Mapping[Target, Cost], measured: Constant | None
-) -> None:
+def show_sources(targets: Sequence[Target], costs: Mapping[Target, Cost]) -> None:
     """Print a sentence for each assumption, and for each cited constant."""
     cited: dict[Constant, None] = {}
     for target in targets:
@@ -207,9 +204,8 @@ def show_sources(
             )
         if target.note:
             _say(f"{target.name}: {target.note}")
-        if target.unknown and measured is None:
-            remedy = "; --calibrate takes a profile of your board"
-            _say(f"{target.name}: {target.unknown}" + remedy * (target.kind == "processor"))
+        if target.unknown:
+            _say(f"{target.name}: {target.unknown}")
         if target in costs:
             cited |= dict.fromkeys(costs[target].basis)
     for constant in cited:

@@ -15,7 +15,7 @@ from edge_vpr.results import RecordError, from_json
 from edge_vpr_tools.estimate.emulation import scaling
 
 _HERE = Path(__file__).parent
-KINDS = ("processor", "fpga", "datapath")
+KINDS = ("processor", "fpga")
 _FASTEST_HZ, _MOST_BLOCKS = 1e15, 1 << 32
 
 
@@ -60,7 +60,7 @@ class Target:
     """A device to estimate for; see the files in ``targets/``."""
 
     name: str
-    kind: str  #: {"processor", "fpga", "datapath"}: what computes.
+    kind: str  #: {"processor", "fpga"}: what computes.
     clock_hz: float
     core: str = ""  #: Row of the table of instructions; processors only.
     cpi: tuple[float, ...] = ()  #: Cycles per instruction, an assumption; low, central, high.

@@ -65,7 +65,7 @@ def measure(draw: Draw) -> Iterator[Row]:
             target, mission = find(name), Mission(rate, pixels / (346 * 260), 1.0)
             of = on_target(design, mission, Limits(target))
             found = of.cost.matches_per_joule
-            if found is None or of.limited_by or target.kind == "datapath":
+            if found is None or of.limited_by:
                 continue
             yield {
                 "system": f"place filter, {pixels} pixels", "device": target.name,
