@@ -8,7 +8,6 @@ import sys
 
 KERNEL = "from edge_vpr.compiling import kernel\n\n@kernel\n"
 ONE_KERNEL = f"{KERNEL}def plus_one(x):\n    return x + 1\n"
-CALL = "import one_kernel; one_kernel.plus_one(1)"
 
 #: runs each program that it reads in a child of its own, which need not import Numba again
 _SERVER = """

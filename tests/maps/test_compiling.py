@@ -147,6 +147,27 @@ def test_code_for_other_arguments_is_not_taken(kept):
     assert kept.run(f"{program}; print(two_kernels.taken.stats.cache_hits.total())") == "2.5\n0"
 
 
+def test_a_kernel_is_compiled_again_when_what_it_calls_or_uses_has_changed(tmp_path):
+    called, constants = tmp_path / "called.py", tmp_path / "constants.py"
+    (tmp_path / "one_kernel.py").write_text(
+        f"from called import one\nfrom constants import FIRST, STEP\n{KERNEL}"
+        "def plus(x):\n    return x + FIRST[0] + STEP * one()\n"
+    )
+    program = (
+        "import one_kernel; k = one_kernel.plus; print(k(1), sum(k.stats.cache_hits.values()))"
+    )
+    with Runner(tmp_path) as run:
+        for one, first, step, result in (
+            (1, 0, 1, 2), (100, 0, 1, 101), (100, 0, 7, 701), (100, 5, 7, 706)
+        ):  # fmt: skip
+            called.write_text(f"{KERNEL}def one():\n    return {one}\n")
+            constants.write_text(
+                f"import numpy as np\nFIRST = np.array([{first}])\nSTEP = {step}\n"
+            )
+            assert run(program) == f"{result} 0"  # compiled
+            assert run(program) == f"{result} 1"  # loaded
+
+
 def test_an_index_of_a_class_that_has_been_renamed_is_compiled_again(changing):
     changing.source.write_text(
         "from typing import NamedTuple\n\nclass Old(NamedTuple):\n    x: int\n"

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import getpass
-import glob
 import grp
 import os
-import pickle
 import platform
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,25 +17,18 @@ from importlib.metadata import PackageNotFoundError, distribution, version
 from itertools import product
 from pathlib import Path
 from textwrap import wrap
-from types import SimpleNamespace
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
-import numba
 import numpy as np
-from numba import njit
-from numba.core import caching
-from numba.core.registry import cpu_target
 from packaging.requirements import Requirement
 from serial.tools import list_ports
 
-import edge_vpr
-import fixedpoint
 from edge_vpr import __version__
-from edge_vpr.compiling import checked_code
 from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.errors import EdgeVprError, install_command, printable
 from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.protocols import PROTOCOLS, open_decoder
+from edge_vpr.online.kernels import follow
 from edge_vpr.online.localiser import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import processor_name
@@ -74,50 +64,34 @@ class Finding:
 # Check where compiled kernels are stored, and compile them before they are needed.
 
 
-#: "kept": Numba loads it; "older": a source has changed since; "another": processor or Numba
-_State = Literal["kept", "older", "another", "damaged"]
-_NUMBA: Any = caching  # has no types
 _COMPILE = "edge-vpr doctor --compile, as the user who will run it"
 
 
+def _cache_folder() -> Path | None:
+    """Return the folder in which the main kernel of live runs is kept; None if there is none."""
+    path = follow.stats.cache_path
+    return None if path is None else Path(path)
+
+
 def check_kernels() -> Iterator[Found]:
-    """Find the folder in which Numba stores compiled kernels, and the kernels in it."""
-    try:
-        folder = _cache_folder()
-    except RuntimeError:  # raised by Numba if it can write to no folder
+    """Find out whether compiled kernels can be stored, and whether a live run has stored some."""
+    folder = _cache_folder()
+    if folder is None:
         remedy = "set NUMBA_CACHE_DIR to a folder that this user may write"
         yield Found("wrong", "there is no folder where they may be kept", remedy)
-        return
-    found = Counter(state for _, state in _indexes(folder))
-    text = f"{found['kept']} kept in {folder}"
-    if found["another"]:
-        text = f"{text} for this processor and Numba, {found['another']} for another"
-    if found["older"]:
-        text = f"{text}, {found['older']} of an older source"
-    if found["damaged"]:
-        text = f"{text}, {found['damaged']} damaged or of an older version"
-    if found["kept"] and not found["older"] and not found["damaged"]:
-        yield Found("good", text)
+    elif any(folder.glob(f"kernels.{follow.__name__}-*.nbi")):
+        yield Found("good", f"kept in {folder}")
     else:
-        yield Found("absent", f"{text}: the first run takes longer", _COMPILE)
+        yield Found("absent", f"none in {folder} yet: the first run takes longer", _COMPILE)
 
 
 def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
-    """Compile all kernels, with every preset and protocol, into Numba's cache.
-
-    Kernels of an older source, which are not loaded any more, and damaged ones are removed first.
-    """
-    try:
-        kept = list(_indexes(_cache_folder()))
-    except RuntimeError as error:  # raised by Numba if it can write to no folder
+    """Compile all kernels, with every preset and protocol, into Numba's cache."""
+    if _cache_folder() is None:
         raise EdgeVprError(
             "there is no folder where compiled kernels may be kept: set NUMBA_CACHE_DIR to one "
             "that this user may write"
-        ) from error
-    for index, state in kept:
-        if state in ("older", "damaged"):
-            for file in (*_compiled(index), index):
-                file.unlink(missing_ok=True)
+        )
     drives = simulate_pair(0, length_m=20.0)
     # sums of few pixels have narrower integers, and therefore kernels of their own
     steps = [
@@ -155,67 +129,6 @@ def _run(
             *matching_steps(metred, odometry=True),
             *localising_steps(metred, schedule, bursts, odometry=True),
         ])  # fmt: skip
-
-
-def _indexes(folder: Path) -> Iterator[tuple[Path, _State]]:
-    """Yield the indexes of Numba's cache that belong to this package, and whether they are used."""
-    processor = cpu_target.target_context.codegen().magic_tuple()
-    sources = _sources()
-    changed_s = max((each.stat().st_mtime for each in sources if each.exists()), default=0.0)
-    for source in sources:
-        # beside the sources, or in a subfolder for each of their folders
-        subpath = _NUMBA._CacheLocator.get_suitable_cache_subpath(str(source))
-        for place in (source.parent / "__pycache__", folder / subpath):
-            for index in place.glob(f"{glob.escape(source.stem)}.*.nbi"):
-                yield index, _state_of(index, source, processor, changed_s)
-
-
-def _compiled(index: Path) -> list[Path]:
-    """Return the files of compiled code that belong to an index."""
-    return list(index.parent.glob(f"{glob.escape(index.stem)}.*.nbc"))
-
-
-def _state_of(index: Path, source: Path, processor: object, changed_s: float) -> _State:
-    """Return whether a kernel from an index is of the sources as they are, and for this processor.
-
-    A kernel holds the code of those that it calls, so that any change of a source may make it
-    older: `changed_s` is when the newest was changed.
-    """
-    try:
-        content, *compiled = map(checked_code, (index, *_compiled(index)))
-        if content is None or None in compiled:
-            return "damaged"
-        # Numba's own checks: of the version, and of the source
-        version, (stamp, _), _ = pickle.load(content)
-        if version != numba.__version__:
-            return "another"
-        backed = SimpleNamespace(_py_file=str(source))
-        if stamp != _NUMBA._SourceFileBackedLocatorMixin.get_source_stamp(backed):
-            return "older"
-        if any(file.stat().st_mtime < changed_s for file in _compiled(index)):
-            return "older"
-        return "kept" if any(key[1] == processor for key in pickle.load(content)) else "another"
-    except OSError:
-        return "damaged"
-
-
-def _sources() -> list[Path]:
-    """Return the modules whose kernels a live run uses."""
-    folders = (Path(str(package.__file__)).parent for package in (edge_vpr, fixedpoint))
-    return sorted(source for folder in folders for source in folder.rglob("*.py"))
-
-
-def _cache_folder() -> Path:
-    """Return the folder in which this user's compiled kernels are stored."""
-
-    @njit(cache=True)
-    def probe(x: int) -> int:
-        return x
-
-    own = Path(str(probe.stats.cache_path))
-    package = Path(edge_vpr.__file__).parent
-    # beside the sources, or in a folder of Numba's own with a subfolder for each module
-    return package if own.is_relative_to(Path(__file__).parent) else own.parent
 
 
 # Check this machine: processor, memory, clock, serial ports, power sensors.
