@@ -182,18 +182,19 @@ def to_json(value: Any) -> Any:
     Parameters
     ----------
     value : object
-        A dataclass, a named tuple, or a sequence or mapping of them. Where it has a method
-        `to_json`, that one is called.
+        A dataclass, a named tuple, or a sequence or mapping of them.
 
     Returns
     -------
     object
         Dictionaries, lists and plain values; None for a number that is not finite.
     """
-    if hasattr(value, "to_json"):
-        return value.to_json()
     if is_dataclass(value) and not isinstance(value, type):
-        return fields_to_json(value)
+        named = ((each, getattr(value, each.name)) for each in fields(value))
+        return {
+            each.name: to_json(one)
+            for each, one in named if one is not None or not each.metadata.get("left_out")
+        }  # fmt: skip
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         return {name: to_json(one) for name, one in value._asdict().items()}
     if isinstance(value, Mapping):
@@ -210,24 +211,13 @@ def json_text(value: Any, indent: int | None = None) -> str:
     return json.dumps(to_json(value), indent=indent, allow_nan=False)
 
 
-def fields_to_json(record: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass, for a `to_json` that adds to them."""
-    found = {}
-    for each in fields(record):
-        value = getattr(record, each.name)
-        if value is not None or not each.metadata.get("left_out"):
-            found[each.name] = to_json(value)
-    return found
-
-
 def from_json(kind: type[T], value: object, where: str = "") -> T:
     """Build a record from values of JSON.
 
     Parameters
     ----------
     kind : type
-        A dataclass or a named tuple of plain values, tuples, mappings by name, and records. Where
-        it has a class method `from_json`, that one is called.
+        A dataclass or a named tuple of plain values, tuples, mappings by name, and records.
     value : object
         As read, and not trusted.
     where : str
@@ -238,15 +228,7 @@ def from_json(kind: type[T], value: object, where: str = "") -> T:
     RecordError
         If a field is missing, or is not of its type.
     """
-    own = getattr(kind, "from_json", None)
-    if own is not None:
-        found: T = own(_names(value, where), where)
-        return found
-    return fields_from_json(kind, _names(value, where), where)
-
-
-def fields_from_json(kind: type[T], values: Mapping[str, Any], where: str = "") -> T:
-    """Build the fields of a record, for a `from_json` that makes some of them itself."""
+    values = _names(value, where)
     record: Any = kind
     given = {}
     for name, hint in _hints(record).items():

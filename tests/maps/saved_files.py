@@ -154,15 +154,15 @@ def plain_profile() -> dict[str, object]:
         "name": "meter.csv", "kind": "power", "scope": "the board", "period_s": 0.1,
         "resolution": 0.01, "gain_error": 0.01, "detail": "made up",
     }  # fmt: skip
-    energy = {
-        "measured": True, "resolved": True, "quick": True, "pairs": 5, "window_s": 10.0,
-        "pairs_needed": None, "native_samples_per_window": 100, "cpu_s_per_match": 0.001,
+    figures = {
+        "pairs": 5, "window_s": 10.0, "pairs_needed": None,
         "marginal_j_per_match": 1.0, "marginal_j_per_match_interval": interval,
-        "marginal_j_per_match_interval_with_gain": interval, "matches_per_s": 9.0,
-        "matches_per_joule": 1.0,
-        "matches_per_joule_interval": interval, "idle_w": 2.0, "idle_w_interval": [1.9, 2.1],
-        "load_w": 3.0, "differences_w": [1.0], "windows": [], "sampler_cpu_share": 0.01,
-        "trace": {"time_s": [0.5], "watts": [2.0]}, "sensor": sensor,
+        "matches_per_joule": 1.0, "matches_per_joule_interval": interval,
+        "idle_w": 2.0, "idle_w_interval": [1.9, 2.1], "load_w": 3.0,
+    }  # fmt: skip
+    energy = {
+        "figures": figures, "windows": [], "sensor": sensor,
+        "trace": {"time_s": [0.5], "watts": [2.0]},
     }  # fmt: skip
     known = {"frequency_hz": 1e9, "temperature_c": 50.0}
     conditions = {field.name: known.get(field.name) for field in fields(Conditions)}
@@ -178,11 +178,7 @@ def plain_profile() -> dict[str, object]:
         "schema": SCHEMA, "quick": True, "throughput": speed, "energy": energy,
         "map": {"places": 19, "pixels": 25, "bytes_per_place": 60, "sequence_length": 5},
         "conditions": {**moments, "void_because": ""},
-        "load": {"recording": "query.npz", "packet": 512, "every": "window"},
-        "provenance": {
-            "board": None, "processor": "x86", "kernel": "6", "clock_hz": 1e9, "governor": None,
-            "sensor": None, "shunt_mohm": None, "versions": versions,
-        },
+        "load": {"recording": "query.npz", "packet": 512}, "board": None, "kernel": "6",
         "run": {
             "schema": 1, "command": ["edge-vpr"], "finished_utc": "2026-01-01T00:00:00Z",
             "settings": {}, "versions": versions, "inputs": [],

@@ -22,7 +22,6 @@ EXAMPLES = """\
   edge-vpr estimate --pixels 83 --places 2000 --target cortex-m4
   edge-vpr estimate --map monday.npz
   edge-vpr estimate --places 1600 --fit 64KiB --fit 5mW"""
-MAIN_FLAGS = ("--map", "--design", "--places", "--event-rate", "--target", "--fit", "--json")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import note, status, summary
-from edge_vpr_tools.flags import add_output_flags, add_reading_arguments
+from edge_vpr_tools.flags import add_output_flags
 
 if TYPE_CHECKING:
     from firmware_model import Design
@@ -19,16 +19,6 @@ EXAMPLES = """\
   edge-vpr golden --design design.toml -o vectors
   edge-vpr golden --map monday.npz --recording tuesday.raw -o vectors
   edge-vpr golden verify vectors --results device.csv"""
-MAIN_FLAGS = (
-    "--design",
-    "--map",
-    "--recording",
-    "--vectors",
-    "--rtl",
-    "--output",
-    "--overwrite",
-    "--sensor",
-)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,12 +61,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="also write the hardware core, its parameters for each case, and a testbench",
     )  # fmt: skip
     add_output_flags(parser)
-    add_reading_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> None:
     """Make vectors and write them."""
     from edge_vpr.files import check_output, replacing_folder
+    from edge_vpr.recordings import open_recording
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.estimate.of_map import design_of
     from edge_vpr_tools.golden_vectors import (
@@ -86,7 +76,6 @@ def run(args: argparse.Namespace) -> None:
         recorded_case,
         vectors_size,
     )
-    from edge_vpr_tools.inputs import open_from
     from firmware_model import Design
     from firmware_model.vectors import smallest_cases, write_suites
 
@@ -106,7 +95,7 @@ def run(args: argparse.Namespace) -> None:
         reference = ReferenceMap.load(args.map)
         design = design_of(reference, args.lanes)
         if args.recording is not None:
-            recording = open_from(args, args.recording, default_period=reference.frame_period)
+            recording = open_recording(args.recording, default_frame_period=reference.frame_period)
             with status("windows of the recording"):
                 recorded = [
                     recorded_case(

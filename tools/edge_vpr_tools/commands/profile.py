@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import check_interrupted, is_quiet, summary, terminated_as_interrupted
-from edge_vpr_tools.flags import add_json_flag, add_output_flags, add_reading_arguments
+from edge_vpr_tools.flags import add_json_flag, add_output_flags
 
 if TYPE_CHECKING:
     from edge_vpr_tools.profile.workload import Load
@@ -19,16 +19,6 @@ EXAMPLES = """\
   edge-vpr profile --quick
   edge-vpr profile --map monday.npz --recording tuesday.raw -o results/board
   edge-vpr profile compare results/board/profile.json results/laptop/profile.json"""
-MAIN_FLAGS = (
-    "--output",
-    "--overwrite",
-    "--map",
-    "--recording",
-    "--quick",
-    "--meter",
-    "--sensor-name",
-    "--sensor",
-)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,7 +28,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     load = parser.add_argument_group("load", "a simulated street, or a map and a recording")
     load.add_argument("--map", metavar="MAP.npz", help="reference map from edge-vpr map")
     load.add_argument("--recording", metavar="QUERY", help="recording of the query drive")
-    load.add_argument("--seed", type=int, default=0, help="seed of the simulated street")
     how = parser.add_argument_group("measuring")
     how.add_argument(
         "--pairs", type=int, default=5, metavar="N",
@@ -65,7 +54,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--meter", action="store_true",
         help="measure with an external meter, whose recording edge-vpr profile trace reads",
     )  # fmt: skip
-    add_reading_arguments(parser)
 
 
 # The work to be measured, as the flags of `edge-vpr profile` describe it.
@@ -74,18 +62,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def load_of(args: argparse.Namespace) -> Load:
     """Open the map and the recording that the flags name, or simulate a street."""
     from edge_vpr.descriptors.counting import check_sensor, cleaned
+    from edge_vpr.recordings import open_recording
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.simulation import simulate_pair
-    from edge_vpr_tools.inputs import open_from, tracked
+    from edge_vpr_tools.inputs import tracked
     from edge_vpr_tools.profile.workload import STREET_M, Load, street_load
 
     if args.map is None:
-        pair = simulate_pair(args.seed, length_m=STREET_M)
+        pair = simulate_pair(0, length_m=STREET_M)
         for name, drive in zip(("reference", "query"), pair, strict=True):
             drive.keep(partial(tracked, label=f"simulating the {name}"))
         return street_load(*pair)
     reference = ReferenceMap.load(args.map)
-    recording = open_from(args, args.recording, default_period=reference.frame_period)
+    recording = open_recording(args.recording, default_frame_period=reference.frame_period)
     check_sensor(recording.sensor, reference.pixel_map.sensor)
     events = list(cleaned(recording, reference.settings))
     return Load(args.recording, reference, events, [args.map, args.recording])

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import resource
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
-from edge_vpr.results import LEFT_OUT, fields_from_json, fields_to_json, from_json, to_json
 from edge_vpr_tools.console import check_interrupted, note
 from edge_vpr_tools.profile.sensors.sensor import About, Sensor, SensorError
 
@@ -38,20 +36,17 @@ class Trace:
 
     time_s: Floats  #: Shape (n,): times of the readings.
     energy_j: Floats  #: Shape (n,): energy since the first sample.
-    #: Shape (n,): whether the reading differs from the previous one. A meter that is read more
-    #: often than it measures repeats its readings.
-    fresh: npt.NDArray[np.bool_]
 
     @classmethod
     def of_energy(cls, time_s: Floats, joules: Floats) -> Trace:
         """Make a trace from an energy counter's readings."""
-        return cls(time_s, joules - joules[0], _fresh(joules))
+        return cls(time_s, joules - joules[0])
 
     @classmethod
     def of_power(cls, time_s: Floats, watts: Floats) -> Trace:
         """Integrate power by trapezoids; repeated readings do not change the integral's mean."""
         steps = np.diff(time_s) * (watts[1:] + watts[:-1]) / 2
-        return cls(time_s, np.concatenate([[0.0], np.cumsum(steps)]), _fresh(watts))
+        return cls(time_s, np.concatenate([[0.0], np.cumsum(steps)]))
 
     def energy(self, start_s: float, end_s: float) -> float:
         """Return the joules between two times, with linear interpolation between samples.
@@ -69,25 +64,12 @@ class Trace:
         before, after = np.interp([start_s, end_s], self.time_s, self.energy_j)
         return float(after - before)
 
-    def native_samples(self, start_s: float, end_s: float) -> int:
-        """Count the readings between two times that differ from the previous one."""
-        inside = (self.time_s >= start_s) & (self.time_s <= end_s)
-        return int(np.count_nonzero(inside & self.fresh))
-
-
-def _fresh(readings: Floats) -> npt.NDArray[np.bool_]:
-    return np.concatenate([[True], np.diff(readings) != 0])
-
 
 @dataclass
 class Sampler:
     """Reads a sensor at its period, in a thread of its own."""
 
     sensor: Sensor
-    #: cpu_s, commands_s: processor time of the thread, and of the commands that ran during
-    #: sampling; it is part of idle and load alike.
-    cpu_s: float = 0.0
-    commands_s: float = 0.0
     error: SensorError | None = None  #: Reason why sampling stopped early.
     _times: list[float] = field(default_factory=list)
     _values: list[float] = field(default_factory=list)
@@ -133,19 +115,11 @@ class Sampler:
         self._values.append(value)
 
     def _run(self) -> None:
-        period, before = self.sensor.about.period_s, _commands_s()
         try:
-            while not self._stop.wait(period):
+            while not self._stop.wait(self.sensor.about.period_s):
                 self._take()
         except SensorError as error:
             self.error = error
-        self.cpu_s, self.commands_s = time.thread_time(), _commands_s() - before
-
-
-def _commands_s() -> float:
-    """Return the processor time of all commands that this process has run."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
 
 
 # Statistics of pairs of idle and load periods: median, interval, and whether it is resolved.
@@ -169,14 +143,6 @@ class Estimate:
     def resolved(self) -> bool:
         """Whether the whole interval is above zero."""
         return self.low > 0
-
-    def with_gain(self, error: float) -> tuple[float, float]:
-        """Widen the interval by the gain error of a meter, which repetition does not reduce."""
-        low, high = self.low, self.high
-        return (
-            low / (1 + error) if low > 0 else low / (1 - error),
-            high / (1 - error) if high > 0 else high / (1 + error),
-        )
 
     def widened(self, below: float, above: float) -> Estimate:
         """Extend the interval downwards and upwards."""
@@ -272,11 +238,12 @@ class Bounded(NamedTuple):
 class Figures:
     """Figures on the energy of a match, from idle and load periods."""
 
+    pairs: int  #: Number of pairs of an idle and a load window.
+    window_s: float  #: Median length of a window.
     #: Joules under load minus joules at rest; None if the difference is not resolved.
     marginal_j_per_match: float | None
-    marginal_j_per_match_interval: Bounds  #: 95 % interval, like all intervals here.
-    #: The same interval, widened by the gain error of the meter.
-    marginal_j_per_match_interval_with_gain: Bounds
+    #: 95 % interval, like all intervals here; without the gain error of the meter.
+    marginal_j_per_match_interval: Bounds
     #: Number of pairs that would resolve the difference if the spread stays the same; None if it is
     #: resolved, or if no number would resolve it.
     pairs_needed: int | None
@@ -286,11 +253,6 @@ class Figures:
     idle_w: float
     idle_w_interval: Bounds
     load_w: float
-
-    @property
-    def resolved(self) -> bool:
-        """Whether the energy of the work is larger than the noise."""
-        return self.marginal_j_per_match is not None
 
     def bounded(self, name: str) -> Bounded:
         """Return one of the figures `BOUNDED` with its interval."""
@@ -305,84 +267,16 @@ class PowerTrace(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Readings:
-    """Readings and their sensor, which are kept even if the figures are void."""
-
-    sensor: About
-    #: Power under load minus power at rest, one value for each pair.
-    differences_w: tuple[float, ...]
-    windows: tuple[Window, ...]  #: Times are in seconds since the first window.
-    trace: PowerTrace
-
-
-@dataclass(frozen=True, kw_only=True)
 class Energy:
-    """Measured energy of a match.
+    """Energy of a match, as far as it was measured."""
 
-    In JSON, the fields of `figures` and `readings` are on the same level as the others.
-    """
-
-    pairs: int  #: Number of pairs of an idle and a load window.
-    window_s: float  #: Median length of a window.
-    native_samples_per_window: int  #: Number of readings that differ from the previous one.
-    matches_per_s: float  #: Under load.
-    figures: Figures | None  #: None if the machine was throttled, since figures would then mislead.
-    readings: Readings | None = None
-    quick: bool = False  #: Whether windows were too short for a figure that can be published.
-    #: cpu_s_per_match, sampler_cpu_share: processor time of a match, and share of a core that
-    #: sampling took; not known with an external meter.
-    cpu_s_per_match: float | None = field(default=None, metadata=LEFT_OUT)
-    sampler_cpu_share: float | None = field(default=None, metadata=LEFT_OUT)
-
-    @property
-    def resolved(self) -> bool:
-        """Whether there are figures, and they resolve the energy of the work."""
-        return self.figures is not None and self.figures.resolved
-
-    def void(self) -> Energy:
-        """Return the same without figures, because the machine was throttled."""
-        return replace(self, figures=None)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return values that JSON can hold."""
-        values = fields_to_json(self)
-        figures, readings = values.pop("figures"), values.pop("readings")
-        figures = figures or dict.fromkeys(one.name for one in fields(Figures))
-        return {"measured": True, "resolved": self.resolved} | values | figures | (readings or {})
-
-    @classmethod
-    def from_json(cls, values: Mapping[str, Any], where: str) -> Energy:
-        """Read an object from values of JSON; see `edge_vpr.results.from_json`."""
-        void = all(values.get(one.name) is None for one in fields(Figures))
-        nested = {
-            "figures": None if void else from_json(Figures, values, where),
-            "readings": from_json(Readings, values, where) if "trace" in values else None,
-        }
-        return fields_from_json(cls, {**values, **nested}, where)
-
-
-@dataclass(frozen=True)
-class NotMeasured:
-    """The reason why no energy was measured."""
-
-    not_measured_because: tuple[str, ...]
-    #: Windows that were run for an external meter, on the monotonic clock.
+    figures: Figures | None = None  #: None if not measured, or void because of throttling.
+    #: sensor, trace: kept even if the figures are void.
+    sensor: About | None = None
+    trace: PowerTrace | None = None
+    #: Of idle and load; without a sensor, those that were run for an external meter.
     windows: tuple[Window, ...] = ()
-    figures = readings = None  # as an `Energy` has them; no fields
-
-    def void(self) -> NotMeasured:
-        """Return the same object, since there are no figures to remove."""
-        return self
-
-    def to_json(self) -> dict[str, Any]:
-        """Return values that JSON can hold."""
-        because = list(self.not_measured_because)
-        values = {"measured": False, "resolved": False, "not_measured_because": because}
-        return values | ({"windows": to_json(self.windows)} if self.windows else {})
-
-
-#: in the order in which the types are tried when a file is read
-Outcome = NotMeasured | Energy
+    not_measured_because: tuple[str, ...] = ()
 
 
 # Measurement of the energy of a match by alternating idle and load periods.
@@ -483,21 +377,11 @@ def measure(sensor: Sensor, plan: Plan, load: Load) -> Energy:
         If the sensor fails during the measurement.
     """
     plan = plan.for_period(sensor.about.period_s)
-    cpu = time.process_time()
     with Sampler(sensor) as sampler:
         time.sleep(3 * sensor.about.period_s)
         windows = take_turns(plan, load)
         time.sleep(3 * sensor.about.period_s)
-    cpu = time.process_time() - cpu
-    found = analyse(sampler.trace(), windows, sensor.about)
-    matches = sum(window.matches for window in windows)
-    elapsed = windows[-1].end_s - windows[0].start_s
-    return replace(
-        found,
-        quick=plan.quick,
-        cpu_s_per_match=(cpu - sampler.cpu_s) / max(matches, 1),
-        sampler_cpu_share=(sampler.cpu_s + sampler.commands_s) / elapsed,
-    )
+    return analyse(sampler.trace(), windows, sensor.about)
 
 
 def analyse(trace: Trace, windows: Sequence[Window], about: About) -> Energy:
@@ -528,16 +412,12 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About) -> Energy:
         marginal = marginal.widened(0.0, lost)
         idle = idle.widened(lost / float(np.median(a_match_s)), 0.0)
     start = windows[0].start_s
-    samples = [trace.native_samples(w.start_s, w.end_s) for w in windows]
     return Energy(
-        pairs=marginal.pairs,
-        window_s=window_s,
-        native_samples_per_window=int(np.median(samples)),
-        matches_per_s=float(np.median(1 / a_match_s)),
         figures=Figures(
+            pairs=marginal.pairs,
+            window_s=window_s,
             marginal_j_per_match=value if resolved else None,
             marginal_j_per_match_interval=(marginal.low, marginal.high),
-            marginal_j_per_match_interval_with_gain=marginal.with_gain(about.gain_error),
             pairs_needed=None if resolved else marginal.pairs_needed(),
             matches_per_joule=1 / value if resolved else None,
             matches_per_joule_interval=(1 / marginal.high, 1 / marginal.low) if resolved else None,
@@ -545,13 +425,10 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About) -> Energy:
             idle_w_interval=(idle.low, idle.high),
             load_w=float(np.median(load_w)),
         ),
-        readings=Readings(
-            sensor=about,
-            differences_w=tuple((load_w - idle_w).tolist()),
-            windows=tuple(
-                Window(w.load, w.start_s - start, w.end_s - start, w.matches) for w in windows
-            ),
-            trace=_thinned(trace, start),
+        sensor=about,
+        trace=_thinned(trace, start),
+        windows=tuple(
+            Window(w.load, w.start_s - start, w.end_s - start, w.matches) for w in windows
         ),
     )
 

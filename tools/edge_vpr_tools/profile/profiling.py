@@ -20,8 +20,7 @@ from edge_vpr_tools.console import note
 from edge_vpr_tools.profile.conditions import Conditions, void_because
 from edge_vpr_tools.profile.measurement import (
     BOUNDED,
-    NotMeasured,
-    Outcome,
+    Energy,
     Plan,
     Trace,
     analyse,
@@ -49,7 +48,7 @@ from edge_vpr_tools.profile.workload import (
 
 
 PROFILE = "profile.json"
-SCHEMA = 4
+SCHEMA = 5
 
 
 @dataclass(frozen=True)
@@ -64,10 +63,9 @@ class MapSize:
 
 @dataclass(frozen=True)
 class LoadRecord:
-    """Load: the recording, the schedule of matches, and the events of a call."""
+    """Load: the recording, and the events of a call; each window gives a match."""
 
     recording: str
-    every: str
     packet: int
 
 
@@ -85,36 +83,6 @@ class Moments:
         return {"before": self.before, "loaded": self.loaded, "after": self.after}
 
 
-@dataclass(frozen=True)
-class Provenance:
-    """Origin of a profile; None if not known."""
-
-    board: str | None
-    processor: str
-    kernel: str
-    clock_hz: float | None
-    governor: str | None
-    sensor: str | None
-    shunt_mohm: float | None
-    versions: dict[str, str]
-
-    @classmethod
-    def of(cls, root: Path, loaded: Conditions, energy: Outcome, run: RunRecord) -> Provenance:
-        """Determine the origin of a profile on this machine."""
-        board = read_text(root / "proc/device-tree/model").rstrip("\0")
-        sensor = None if energy.readings is None else energy.readings.sensor
-        return cls(
-            board=board or read_text(root / "sys/class/dmi/id/product_name") or None,
-            processor=run.machine.processor,
-            kernel=platform.release(),
-            clock_hz=loaded.frequency_hz,
-            governor=loaded.governor,
-            sensor=None if sensor is None else sensor.name,
-            shunt_mohm=None if sensor is None else sensor.shunt_mohm,
-            versions=run.versions,
-        )
-
-
 @dataclass(frozen=True, kw_only=True)
 class Profile:
     """Load measured on a machine."""
@@ -123,10 +91,11 @@ class Profile:
     quick: bool  #: Whether windows were too short for a figure that can be published.
     throughput: Throughput
     map: MapSize
-    energy: Outcome
+    energy: Energy
     conditions: Moments
     load: LoadRecord
-    provenance: Provenance
+    board: str | None  #: Name of the board, or of the product; None if not known.
+    kernel: str
     run: RunRecord
 
     @property
@@ -197,18 +166,18 @@ def profile(
     # read at once, because a governor lowers the clock of an idle processor
     loaded = Conditions.now(root)
     because = tuple(str(one) for one in missing)
-    energy: Outcome = NotMeasured(because)
+    energy = Energy(not_measured_because=because)
     if sensor is not None:
         try:
             energy = measure(sensor, plan, workload.run)
         except SensorError as error:
-            energy = NotMeasured((f"{sensor.about.name}: {error}",))
+            energy = Energy(not_measured_because=(f"{sensor.about.name}: {error}",))
     elif meter:
-        energy = NotMeasured(because, tuple(take_turns(plan, workload.run)))
+        energy = replace(energy, windows=tuple(take_turns(plan, workload.run)))
     after = Conditions.now(root)
     void = void_because(before, loaded, after)
     if void:
-        energy = energy.void()
+        energy = replace(energy, figures=None)
     run = run_record(reference.settings.to_dict(), load.inputs)
     return Profile(
         quick=plan.quick,
@@ -219,8 +188,9 @@ def profile(
         ),
         energy=energy,
         conditions=Moments(before, loaded, after, void),
-        load=LoadRecord(load.name, "window", PACKET),
-        provenance=Provenance.of(root, loaded, energy, run),
+        load=LoadRecord(load.name, PACKET),
+        board=_board(root),
+        kernel=platform.release(),
         run=run,
     )  # fmt: skip
 
@@ -244,9 +214,7 @@ def with_meter(
         If the profile has no windows for a meter, or the trace does not contain them.
     """
     found = Profile.load_file(path)
-    # an earlier trace leaves its windows, so that the energy can be computed again
-    kept = found.energy if isinstance(found.energy, NotMeasured) else found.energy.readings
-    windows = () if kept is None else kept.windows
+    windows = found.energy.windows  # an earlier trace leaves them, to be computed again
     if not windows:
         raise UsageError(f"{path} took no turns for a meter: make it with --meter")
     with parse_errors(path, "the turns of a profile", "make it again with edge-vpr profile"):
@@ -264,8 +232,13 @@ def with_meter(
         f"is not known{doubt}",
     )
     energy = analyse(Trace.of_power(time_s - ahead, watts), windows, about)
-    energy = replace(energy, quick=found.quick)
-    return replace(found, energy=energy.void() if found.void else energy)
+    return replace(found, energy=replace(energy, figures=None) if found.void else energy)
+
+
+def _board(root: Path) -> str | None:
+    """Return the name of the board or of the product."""
+    board = read_text(root / "proc/device-tree/model").rstrip("\0")
+    return board or read_text(root / "sys/class/dmi/id/product_name") or None
 
 
 def _duration(seconds: float) -> str:
@@ -296,7 +269,7 @@ def numbers(found: Profile) -> Iterator[Number]:
         yield _of_energy(found.energy, name, found.void)
 
 
-def _of_energy(energy: Outcome, name: str, void: bool) -> Number:
+def _of_energy(energy: Energy, name: str, void: bool) -> Number:
     if void or energy.figures is None:
         return Number(name, None, why=VOID if void else NOT_MEASURED)
     bounded = energy.figures.bounded(name)

@@ -10,20 +10,17 @@ from matplotlib.figure import Figure
 
 from edge_vpr import results
 from edge_vpr.files import parse_errors
-from edge_vpr.results import to_json, write_json
+from edge_vpr.results import write_json
 from edge_vpr_tools.console import say, table
-from edge_vpr_tools.profile.measurement import Energy, Figures, NotMeasured, Outcome, Readings
+from edge_vpr_tools.profile.measurement import Energy
 from edge_vpr_tools.profile.profiling import (
-    NOT_MEASURED,
-    NOT_RESOLVED,
     PROFILE,
-    VOID,
     Number,
     Profile,
-    Provenance,
     numbers,
 )
-from edge_vpr_tools.report.page import Page, add_run, plain, quantity
+from edge_vpr_tools.profile.sensors.sensor import About
+from edge_vpr_tools.report.page import Page, add_run, quantity
 from edge_vpr_tools.report.style import BLUE, ORANGE, SKY, figure, save
 from edge_vpr_tools.report.tables import write_spreadsheet
 
@@ -67,46 +64,11 @@ def cell(of: Number) -> str:
 
 def rows(found: Profile) -> list[tuple[str, str]]:
     """Return the figures of a profile as pairs of name and value; missing ones are marked."""
-    lines = [(SPEED[one.name][0], cell(one)) for one in numbers(found) if one.name in SPEED]
-    # the headline first
-    energy = _energy_rows(found)
-    return energy[:1] + lines + energy[1:]
-
-
-def _energy_rows(found: Profile) -> list[tuple[str, str]]:
-    energy, rate = found.energy, f"{found.drive_events_per_s:,.0f}"
-    # what a figure includes, and at which rate of events, stands beside it
-    headline = f"{PER_JOULE}: what the work adds, at the drive's {rate} events/s"
-    name = "marginal energy of a match, with its events"
-    if found.void or energy.figures is None:
-        missing = VOID if found.void else NOT_MEASURED
-        return [(headline, missing), (name, missing)]
-    figures = energy.figures
-    idle = quantity(figures.idle_w, "W", *figures.idle_w_interval, digits=4)
-    return [
-        (headline, _per_joule(figures)),
-        (name, _marginal(energy, figures)),
-        ("power at rest", idle),
-        ("power under load", quantity(figures.load_w, "W", digits=4)),
-    ]
-
-
-def _per_joule(figures: Figures) -> str:
-    found = figures.bounded("matches_per_joule")
-    if found.value is None or found.low is None or found.high is None:
-        return NOT_RESOLVED
-    return f"{found.value:,.4g} ({found.low:,.4g} to {found.high:,.4g})"
-
-
-def _marginal(energy: Energy, figures: Figures) -> str:
-    value, low, high = figures.bounded("marginal_j_per_match")
-    if value is not None:
-        return quantity(value, "J", low, high, digits=4)
-    pairs = figures.pairs_needed
-    if pairs is None:
-        return NOT_RESOLVED
-    minutes = pairs * 2 * energy.window_s / 60
-    return f"{NOT_RESOLVED}: about {pairs} pairs ({minutes:.0f} min) would do"
+    cells = {one.name: cell(one) for one in numbers(found) if one.name in COMPARED}
+    (_, headline), *others = ((title, cells[name]) for name, (title, _) in COMPARED.items())
+    # what the headline includes, and at which rate of events, stands beside it
+    rate = f"{found.drive_events_per_s:,.0f}"
+    return [(f"{PER_JOULE}: what the work adds, at the drive's {rate} events/s", headline), *others]
 
 
 def notes(found: Profile) -> list[str]:
@@ -121,41 +83,38 @@ def notes(found: Profile) -> list[str]:
         )
     speed, of = found.throughput, found.load
     notes += [
-        f"Load: {of.recording}, in packets of {of.packet:,} events, a match --every "
-        f"{of.every}. Time and energy of a match include the counting of its "
+        f"Load: {of.recording}, in packets of {of.packet:,} events, a match each window. Time and "
+        "energy of a match include the counting of its "
         f"{speed.events_per_s / speed.matches_per_s:,.0f} events.",
-        _provenance(found.provenance),
+        _machine(found),
     ]
     notes += [f"{when.capitalize()}: {one}." for when, one in found.conditions.named().items()]
     return notes + _energy_notes(found.energy)
 
 
-def _energy_notes(energy: Outcome) -> list[str]:
-    if isinstance(energy, NotMeasured):
-        notes = [f"Energy is not measured. {reason}." for reason in energy.not_measured_because]
+def _energy_notes(energy: Energy) -> list[str]:
+    notes = [f"Energy is not measured. {reason}." for reason in energy.not_measured_because]
+    if energy.sensor is None:
         if energy.windows:
             notes.append("Turns were taken: `edge-vpr profile trace` adds a meter's CSV.")
         return notes
-    readings, figures = energy.readings, energy.figures
-    notes = [] if readings is None else [_sensor(readings)]
-    if figures is None:
-        return notes
-    with_gain = "the meter's gain error is not known, and not in them"
-    gain = 0.0 if readings is None else readings.sensor.gain_error
-    if gain:
-        bounds = figures.marginal_j_per_match_interval_with_gain
-        low, high = (quantity(bound, "J", digits=4) for bound in bounds)
-        with_gain = (
-            f"with the meter's gain error of {gain:.2%} the marginal energy is {low} to {high}"
+    notes.append(_sensor(energy.sensor))
+    if (figures := energy.figures) is not None:
+        gain = energy.sensor.gain_error
+        notes.append(
+            f"Intervals are of 95 %, by bootstrap over {figures.pairs} pairs; the meter's gain "
+            f"error{f' of up to {gain:.2%}' if gain else ', which is not known,'} comes on top."
         )
-    notes.append(f"Intervals are of 95 %, by bootstrap over {energy.pairs} pairs; {with_gain}.")
-    if energy.sampler_cpu_share is not None:
-        notes.append(f"Sampling took {energy.sampler_cpu_share:.2%} of a core, idle or not.")
+        if figures.pairs_needed is not None:
+            minutes = figures.pairs_needed * 2 * figures.window_s / 60
+            notes.append(
+                f"About {figures.pairs_needed} pairs ({minutes:.0f} min) would resolve the energy "
+                "of a match."
+            )
     return notes
 
 
-def _sensor(readings: Readings) -> str:
-    sensor = readings.sensor
+def _sensor(sensor: About) -> str:
     step = "step not known"
     if sensor.resolution:
         step = f"steps of {sensor.resolution:.3g} {'J' if sensor.kind == 'energy' else 'W'}"
@@ -165,14 +124,11 @@ def _sensor(readings: Readings) -> str:
     )
 
 
-def _provenance(of: Provenance) -> str:
-    unknown = "not known"
-    clock = unknown if of.clock_hz is None else f"{of.clock_hz / 1e6:,.0f} MHz"
-    shunt = unknown if of.shunt_mohm is None else f"{of.shunt_mohm:g} mOhm"
-    versions = ", ".join(f"{name} {version}" for name, version in of.versions.items())
+def _machine(found: Profile) -> str:
+    versions = ", ".join(f"{name} {version}" for name, version in found.run.versions.items())
     return (
-        f"Board {of.board or unknown}, {of.processor}; kernel {of.kernel}; clock {clock}; sensor "
-        f"{of.sensor or 'none'}; shunt {shunt}; {versions}."
+        f"Board {found.board or 'not known'}, {found.run.machine.processor}; kernel "
+        f"{found.kernel}; {versions}."
     )
 
 
@@ -218,21 +174,10 @@ def write_report(found: Profile, folder: Path) -> None:
     page.table(("measured", ""), rows(found))
     for line in notes(found):
         page.text(line)
-    energy = found.energy
-    if energy.readings is not None and energy.figures is not None:
+    if found.energy.trace is not None and found.energy.figures is not None:
         page.heading("Energy")
         caption = "Power; idle and load windows are shaded."
-        page.picture(save(power_trace(energy.readings), folder / "power.png"), caption)
-    provenance = to_json(found.provenance)
-    page.heading("Conditions of the measurement")
-    page.table(
-        ("condition", "value"),
-        [
-            (name.replace("_", " "), plain(value))
-            for name, value in provenance.items()
-            if name != "versions"
-        ],
-    )
+        page.picture(save(power_trace(found.energy), folder / "power.png"), caption)
     add_run(page, found.run)
     page.write(folder / results.REPORT)
 
@@ -240,16 +185,17 @@ def write_report(found: Profile, folder: Path) -> None:
 # The figure of a profile.
 
 
-def power_trace(readings: Readings) -> Figure:
+def power_trace(energy: Energy) -> Figure:
     """Draw power over time, with idle and load windows shaded."""
+    assert energy.trace is not None
     with figure() as (drawing, axes):
         labels = {True: "load", False: "idle"}
-        for window in readings.windows:
+        for window in energy.windows:
             axes.axvspan(
                 window.start_s, window.end_s, color=ORANGE if window.load else SKY, alpha=0.25,
                 lw=0, label=labels.pop(window.load, None),
             )  # fmt: skip
-        axes.plot(readings.trace.time_s, readings.trace.watts, color=BLUE, lw=0.8)
+        axes.plot(energy.trace.time_s, energy.trace.watts, color=BLUE, lw=0.8)
         axes.set(title="Power over time", xlabel="time (s)", ylabel="power (W)")
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return drawing
