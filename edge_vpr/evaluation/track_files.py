@@ -19,6 +19,7 @@ from edge_vpr.evaluation.nmea import is_nmea, read_nmea
 from edge_vpr.evaluation.tables import UNKNOWN, Floats, numbers, read_cells, read_text
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.files import replacing
 from edge_vpr.route import Kind
 
 #: of files that can be a table or poses
@@ -354,3 +355,11 @@ def _times_us(path: Path, times: Floats, unit: str) -> npt.NDArray[np.int64]:
             "header, as in time_ns, or give seconds from the recording's start"
         )
     return np.round(times).astype(np.int64)
+
+
+def save_track(path: Path, track: Track) -> None:
+    """Write the distance along a route over time as a table for `load_track`, atomically."""
+    rows = zip(track.time_us.tolist(), track.position[:, 0].tolist(), strict=True)
+    with replacing(path) as temporary, temporary.open("w", encoding="ascii") as file:
+        file.write("time_s,position_m\n")
+        file.writelines(f"{t / 1e6:.6f},{metres:.4f}\n" for t, metres in rows)

@@ -139,11 +139,9 @@ def test_figures_are_functions_that_return_figures(drives):
 
     reference = ReferenceMap.load(drives / "map.npz")
     result = reference.match(open_recording(drives / "query.npz"))
-    matches, queries = result.matches, result.queries
     for drawing in (
         figures.selected_pixels(reference),
-        over_time(outcome_of(reference, matches)),
-        figures.event_rate([("query", queries)]),
+        over_time(outcome_of(reference, result.matches)),
     ):
         assert isinstance(drawing, Figure)
 

@@ -71,13 +71,12 @@ def test_match_leaves_a_folder_that_explains_itself(drive):
         "matches.svg",
         "distance_matrix.svg",
         "pixels.svg",
-        "event_rate.svg",
     }
     run = json.loads((results / "run.json").read_text())
     assert run["settings"]["pixels"] == 5
     assert [len(file["sha256"]) for file in run["inputs"]] == [64, 64]
     page = (results / "report.html").read_text()
-    assert page.count("<svg ") == 4
+    assert page.count("<svg ") == 3
     assert 'src="http' not in page
     assert "href=" not in re.sub('href="(#|data:image/png;base64,)', "", page)
 

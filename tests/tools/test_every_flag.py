@@ -137,7 +137,7 @@ RUNS = [
     ("golden --map {f}/wide_map.npz --recording {f}/query.npz --max-windows 3 --suite recording "
      "-o {f}/vectors2", 0),
     ("golden --design {f}/design.toml -o {f}/core_vectors --rtl", 0),
-    ("hardware --design {f}/design.toml -o {f}/core --seed 1 --vectors 1MB", 0),
+    ("hardware --design {f}/design.toml -o {f}/core --vectors 1MB", 0),
     ("convert {f}/wide_map.npz {f}/map.hex --address 0x08040000 --overwrite", 0),
     ("hardware --map {f}/wide_map.npz --lanes 2 -o {f}/core_of_map", (0, 2)),
     ("golden verify {f}/vectors", 0),
@@ -169,7 +169,7 @@ RUNS = [
     ("compare {f}/swept -o {f}/compared --overwrite --over pixels", 2),
     ("compare {f}/swept -o {f}/compared --overwrite --figures pdf,svg --measure recall_at_1", 0),
     ("completion bash", 0),
-    ("demo -o {f}/demo --seed 1 --overwrite", 0),
+    ("demo -o {f}/demo --overwrite", 0),
 ]  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from edge_vpr_tools.flags import add_output_flags
 
 EXAMPLES = """\
   edge-vpr demo
-  edge-vpr demo --seed 3 -o results/street3"""
+  edge-vpr demo -o results/street"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +22,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output_flags(
         parser, help="folder for matches and report", required=False, default="results/demo"
     )
-    parser.add_argument("--seed", type=int, default=0, help="seed of the simulated street")
 
 
 #: largest distance of a correct match in metres, and widths of tables in characters
@@ -48,16 +47,16 @@ def _evaluate(folder: Path) -> None:
 def run(args: argparse.Namespace) -> None:
     """Match the street as a user would, print a table and write the report."""
     from edge_vpr import results
+    from edge_vpr.evaluation.track_files import save_track
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.simulation import simulate_pair
-    from edge_vpr_tools.commands.simulate import write_track
     from edge_vpr_tools.inputs import tracked
     from edge_vpr_tools.report.verdict import outcome_of
 
     output = Path(args.output)
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
     results.check_output_folder(output, args.overwrite)
-    first, second = simulate_pair(args.seed)
+    first, second = simulate_pair(0)
     first.keep(partial(tracked, label="simulating the reference drive"))
     label = "simulating the query drive: other speed, other light, other traffic"
     second.keep(partial(tracked, label=label))
@@ -77,7 +76,7 @@ def run(args: argparse.Namespace) -> None:
         with results.results_folder(output, args.overwrite) as folder:
             result.write(folder, ())
             for track, drive in zip(_TRACKS, (first, second), strict=True):
-                write_track(folder / track, drive)
+                save_track(folder / track, drive.track)
         _evaluate(output)
     header = ("matched by", "P@100R", "R@99P", "bytes per window")
     table(header, rows, title="One street of 900 m, driven twice", width=_WIDTH)

@@ -36,7 +36,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="golden vectors of about this size, without the cases with most events; all writes "
         "every case, and 0 none",
     )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0, help="seed of the random vectors")
     parser.add_argument(
         "-o", "--output", metavar="DIR", required=True, help="folder to write: new, or empty"
     )
@@ -74,7 +73,7 @@ def run(args: argparse.Namespace) -> None:
         status("golden vectors") as show_case,
     ):
         write_project(
-            folder, memories, args.seed,
+            folder, memories, 0,
             most_bytes=vectors_size(args.vectors), on_case=show_case,
         )  # fmt: skip
     summary(

@@ -5,14 +5,9 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edge_vpr_tools.console import summary
 from edge_vpr_tools.flags import add_output_flags
-
-if TYPE_CHECKING:
-    from edge_vpr.simulation import SimulatedRecording
-
 
 SENSORS = ("default", "tiny", "davis346", "speck")
 EXAMPLES = """\
@@ -60,6 +55,7 @@ def run(args: argparse.Namespace) -> None:
     import numpy as np
 
     from edge_vpr.evaluation.tables import save_odometry
+    from edge_vpr.evaluation.track_files import save_track
     from edge_vpr.recordings import write_recording
     from edge_vpr.results import RUN, check_output_folder, results_folder, run_record, write_json
     from edge_vpr.simulation import QUERY, REFERENCE, simulate_pair
@@ -82,7 +78,7 @@ def run(args: argparse.Namespace) -> None:
             written = write_recording(
                 path, tracked(recording, f"driving the {name}"), sensor=recording.sensor
             )
-            write_track(folder / f"{name}_track.csv", recording)
+            save_track(folder / f"{name}_track.csv", recording.track)
             wheel = wheel_odometry(recording.track, np.random.default_rng((recording.seed, _WHEEL)))
             save_odometry(folder / f"{name}_odometry.csv", wheel)
             seconds = recording.duration_us / 1e6
@@ -103,14 +99,3 @@ def run(args: argparse.Namespace) -> None:
         write_json(folder / RUN, run_record(settings, ()))
     for line in lines:
         summary(line)
-
-
-def write_track(path: Path, recording: SimulatedRecording) -> None:
-    """Write the track of the camera as ``time_s,position_m``, for `edge-vpr evaluate`."""
-    track = recording.track
-    with path.open("w", encoding="utf-8") as file:
-        file.write("time_s,position_m\n")
-        for time_us, (position_m,) in zip(
-            track.time_us.tolist(), track.position.tolist(), strict=True
-        ):
-            file.write(f"{time_us / 1e6:.6f},{position_m:.4f}\n")

@@ -6,7 +6,7 @@ show in a notebook.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -41,7 +41,6 @@ from edge_vpr_tools.report.style import (
     legend_below,
     look,
     panels,
-    quantity_axis,
     seconds,
 )
 from edge_vpr_tools.report.verdict import Bools, Outcome
@@ -505,36 +504,6 @@ def reliability_diagram(found: Mapping[str, Reliability]) -> Figure:
 
 def _error(found: Reliability) -> str:
     return f"{found.expected_calibration_error:.3f}"
-
-
-def event_rate(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
-    """Draw events a second over time, of the whole sensor and of the selected pixels."""
-    with figure(WIDTH, 3.9) as (drawing, axes):
-        for (name, drive), colour in zip(drives, (BLUE, ORANGE), strict=False):
-            lasted_s = np.maximum(drive.end_us - drive.start_us, 1) / 1e6
-            time = drive.centre_us / 1e6
-            axes.plot(time, drive.events / lasted_s, color=colour, lw=1.5, label=f"{name}, all")
-            selected = drive.selected_events
-            axes.plot(
-                time, selected / lasted_s, color=colour, lw=1.2, ls="--", label=f"{name}, selected"
-            )
-        quantity_axis(axes.yaxis, "")
-        axes.set(xlabel="time (s)", ylabel="events per second")
-        axes.legend(ncols=2, fontsize=9)
-    return drawing
-
-
-def window_lengths(drives: Sequence[tuple[str, Descriptors]]) -> Figure:
-    """Draw how long each window lasted."""
-    with figure(WIDTH, 3.5) as (drawing, axes):
-        for (name, drive), colour in zip(drives, (BLUE, ORANGE), strict=False):
-            lasted_s = (drive.end_us - drive.start_us) / 1e6
-            label = f"{name}: median {np.median(lasted_s):.3g} s, {len(drive)} windows"
-            axes.plot(drive.centre_us / 1e6, lasted_s, color=colour, lw=1.5, label=label)
-        axes.set(xlabel="time (s)", ylabel="length (s)")
-        axes.set_ylim(bottom=0)
-        axes.legend(fontsize=9)
-    return drawing
 
 
 def _truth_band(axes: Axes, truth: GroundTruth) -> None:

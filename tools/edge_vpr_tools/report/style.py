@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,10 +14,9 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 
 from edge_vpr.errors import UsageError, printable
 from edge_vpr.files import replacing
@@ -101,21 +99,6 @@ def name_label(name: str) -> str:
     # a label that begins with an underscore would be left out of a legend
     shown = printable(name, 100).replace("$", r"\$")
     return f" {shown}" if shown.startswith("_") else shown
-
-
-def quantity_axis(axis: Axis, unit: str) -> None:
-    """Write the unit at each tick of an axis, 2 mJ and not 0.002; logarithmic from a decade on.
-
-    Call it when everything is drawn.
-    """
-    low, high = axis.get_data_interval()
-    decades = math.log10(high / low) if 0 < low < high else 0.0
-    if decades >= 1:
-        which = "xscale" if axis is axis.axes.xaxis else "yscale"
-        axis.axes.set(**{which: "log"})
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 1.5 else (1.0,)))
-        axis.set_minor_formatter(NullFormatter())
-    axis.set_major_formatter(EngFormatter(unit))
 
 
 def save(drawing: Figure, *paths: Path) -> bytes:

@@ -20,13 +20,11 @@ from edge_vpr_tools.report.figures import (
     RouteView,
     Window,
     distance_matrix,
-    event_rate,
     over_time,
     precision_recall,
     reliability_diagram,
     selected_pixels,
     total_counts,
-    window_lengths,
     windows_side_by_side,
 )
 from edge_vpr_tools.report.page import MISSED, Page, add_run
@@ -34,8 +32,6 @@ from edge_vpr_tools.report.style import along_route, save
 from edge_vpr_tools.report.tables import write_spreadsheet
 from edge_vpr_tools.report.verdict import Outcome
 
-#: a line of a figure has no more points
-_MOST_POINTS = 20_000
 #: file with the points of the precision-recall curve
 CURVE = "precision_recall.csv"
 #: wrong matches whose windows are shown
@@ -116,7 +112,9 @@ def write_report(
                 "below, less often.",
             )
     if queries is not None:
-        _add_queries(page, add, reference, queries, outcome, route)
+        page.heading("Distances")
+        add("distance_matrix", distance_matrix(reference, queries, outcome, route),
+             "Dark is near. A drive that is recognised makes a dark line.")  # fmt: skip
     page.heading("Pixels")
     add("pixels", selected_pixels(reference),
          "Where the sensor sees change that differs from place to place.")  # fmt: skip
@@ -206,30 +204,6 @@ def _add_wrong_windows(
         if not correct.size:
             caption += "; no place of the map is correct"
         page.picture(save(windows_side_by_side(reference, windows)), f"{caption}.")
-
-
-def _add_queries(
-    page: Page,
-    add: Callable[[str, Figure, str], None],
-    reference: ReferenceMap,
-    queries: Descriptors,
-    outcome: Outcome,
-    route: Route | None,
-) -> None:
-    """Draw the figures that need the windows of the query."""
-    page.heading("Distances")
-    add("distance_matrix", distance_matrix(reference, queries, outcome, route),
-         "Dark is near. A drive that is recognised makes a dark line.")  # fmt: skip
-    page.heading("Events and windows")
-    drives = [
-        (name, drive.take(slice(None, None, 1 + len(drive) // _MOST_POINTS)))
-        for name, drive in (("reference", reference.places), ("query", queries))
-    ]
-    add("event_rate", event_rate(drives),
-         "The selected pixels follow the whole sensor, at a fraction of the events.")  # fmt: skip
-    if reference.settings.window == "count":  # windows of a fixed time are equally long
-        add("window_lengths", window_lengths(drives),
-             "A window of a fixed number of events is short where much moves.")  # fmt: skip
 
 
 def tolerance_table(found: Mapping[str, Evaluation]) -> tuple[list[str], list[list[str]]]:
