@@ -443,7 +443,7 @@ def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, caps
     assert (tmp_path / "a" / "reliability.svg").is_file()
 
     sure = str(tmp_path / "sure.npz")
-    assert main(["calibrate", str(tmp_path / "a"), *given, "-o", sure]) == 0
+    assert main(["calibrate", str(tmp_path / "a"), "-o", sure]) == 0
     learnt = ReferenceMap.load(sure).confidence
     assert learnt is not None and learnt.matches.sum() == len(rows)
     assert main(["match", sure, recording, "-o", str(tmp_path / "b"), "--no-figures"]) == 0
@@ -454,7 +454,7 @@ def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, caps
     live = Matches.load(tmp_path / "c" / "matches.npz")
     assert np.array_equal(live.probability, learnt.probability_of(live.net_trust))
     capsys.readouterr()
-    assert main(["calibrate", str(tmp_path / "a"), *given, "-o", sure]) == 2
+    assert main(["calibrate", str(tmp_path / "a"), "-o", sure]) == 2
     assert "exists" in capsys.readouterr().err
     refused = [*match, "-o", str(tmp_path / "d"), "--precision", "0.999999"]
     assert main(refused) == 2 and not (tmp_path / "d").exists()

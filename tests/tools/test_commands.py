@@ -468,17 +468,24 @@ def test_calibrating_from_copies_of_a_match_is_noted(drive, capsys, tmp_path):
         folder = str(tmp_path / every)
         match = ["match", mapped, query, "--no-figures", "--online", "--every", every]
         assert main([*match, "-o", folder]) == 0
+        assert main(["calibrate", folder]) == 2
+        assert f"run edge-vpr evaluate {folder} first" in capsys.readouterr().err
+        assert main(["evaluate", folder, *truth]) == 0
         capsys.readouterr()
-        assert main(["calibrate", folder, *truth, "-o", folder + ".npz"]) == 0
+        assert main(["calibrate", folder, "-o", folder + ".npz"]) == 0
         said = capsys.readouterr().err
         assert ("almost copies of each other" in said) == (every == "50ms")
-    # sizes and times are not needed to calibrate, but files that are damaged end it before it saves
-    metrics = tmp_path / "50ms/metrics.json"
+    # a damaged file, or another truth than that of the evaluation, ends it before it saves
+    none, metrics = tmp_path / "none.npz", tmp_path / "50ms/metrics.json"
+    whole = metrics.read_text()
     metrics.write_text("{")
-    assert main(["calibrate", folder, *truth, "-o", str(tmp_path / "none.npz")]) == 2
-    assert not (tmp_path / "none.npz").exists()
-    metrics.unlink()
-    assert main(["calibrate", folder, *truth, "-o", str(tmp_path / "none.npz")]) == 0
+    assert main(["calibrate", folder, "-o", str(none)]) == 2
+    metrics.write_text(whole)
+    (tmp_path / "track.csv").write_text("time_s,position_m\n0,0\n3,30\n")
+    capsys.readouterr()
+    assert main(["calibrate", folder, "-o", str(none)]) == 2
+    assert "has moved or changed since the evaluation" in capsys.readouterr().err
+    assert not none.exists()
 
 
 def test_a_delay_gives_the_same_matches_offline_online_and_live(drive, capsys, tmp_path):

@@ -13,9 +13,11 @@ import pytest
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands.replay import RecordedInputs
 from edge_vpr_tools.report.replay import replay_of
+from edge_vpr_tools.truth_files import evaluated_truth
 from PIL import Image
 from streams import random_events
 
+from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import write_recording
@@ -110,7 +112,7 @@ def test_a_film_of_an_evaluated_drive_shows_the_truth(there, tmp_path, name, cap
     assert main(words) == 0
     inputs, result = RecordedInputs(read_run(copy)), MatchResult.load(copy)
     recording = inputs.recording("a test") if result.queries is None else None
-    files = inputs.truth(copy, result.reference)
+    files = evaluated_truth(copy)
     film = replay_of(result, recording, inputs.odometry(), 1_000, truth=files)
     time_us = film.outcome.matches.time_us
     expected = np.column_stack([10 + 15e-6 * time_us, 20 - 15e-6 * time_us])
@@ -121,8 +123,10 @@ def test_a_film_of_an_evaluated_drive_shows_the_truth(there, tmp_path, name, cap
     for text, right in zip(film.captions(), correct, strict=True):
         assert text.endswith(", correct" if right else ", wrong")
     truth.write_text(truth.read_text() + "4,70,-40\n")
-    assert inputs.truth(copy, result.reference) is None
-    assert "has moved or changed since the evaluation" in capsys.readouterr().err
+    with pytest.raises(UsageError, match="has moved or changed since the evaluation"):
+        evaluated_truth(copy)
+    assert main(["replay", str(copy), "-o", str(tmp_path / "match.gif")]) == 0
+    assert "the film is without the truth" in capsys.readouterr().err
 
 
 def test_a_part_and_fewer_frames_can_be_asked_for(there, tmp_path):
@@ -203,7 +207,6 @@ def test_a_film_of_the_demo_shows_the_truth(tmp_path, monkeypatch):
     assert main(["demo", "-o", "demo"]) == 0
     folder = Path("demo")
     result = MatchResult.load(folder)
-    truth = RecordedInputs(read_run(folder)).truth(folder, result.reference)
-    film = replay_of(result, None, None, 10, truth=truth)
+    film = replay_of(result, None, None, 10, truth=evaluated_truth(folder))
     assert np.isfinite(film.true).all()
     assert (film.outcome.correct | film.outcome.wrong).all()

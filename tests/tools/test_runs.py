@@ -60,7 +60,7 @@ def test_building_and_matching_give_what_the_commands_write(drive, tmp_path):  #
     truth = tmp_path / "truth.csv"
     truth.write_text("query_s,reference_s\n0,0\n1000,1000\n")
     times = (made.places.centre_us, found.queries.centre_us)
-    known = TruthFiles([str(truth)], tolerance=0.3)(*times)
+    known = TruthFiles((str(truth),), tolerance=0.3)(*times)
     learnt = calibrate(made, found.matches, known)
     assert 0 < learnt.matches <= len(found.matches) and 0 <= learnt.correct <= learnt.matches
     assert learnt.reference.confidence == learnt.confidence

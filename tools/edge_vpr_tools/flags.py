@@ -263,7 +263,7 @@ def _checked(field: SettingField) -> Callable[[str], str]:
     return word
 
 
-# Flags of the ground truth, shared by the commands that compare matches with it.
+# The flag for gaps of tracks, which maps and ground truth are made of.
 
 
 def add_gap_flag(group: argparse._ActionsContainer) -> None:
@@ -275,53 +275,6 @@ def add_gap_flag(group: argparse._ActionsContainer) -> None:
         help="longest time between two points of a track over which positions are interpolated, in "
         "seconds (default: 5, longer in logs of few points and where the camera stood)",
     )
-
-
-def add_truth_flags(group: argparse._ActionsContainer, *, several: bool = False) -> None:
-    """Add the flags that a `truth_files.TruthFiles` is made of.
-
-    Parameters
-    ----------
-    several : bool
-        Take several tolerances, as a list.
-    """
-    group.add_argument(
-        "--ground-truth",
-        nargs="+",
-        required=True,
-        metavar="FILE",
-        help="two tracks, first that of the reference (NMEA, GPX, poses of TUM, KITTI or EuRoC, or "
-        "CSV with time_s or timestamp and position_m, x_m[,y_m[,z_m]] or latitude,longitude); or "
-        "one alignment (CSV with query_s,reference_s or query_frame,reference_frame); or one "
-        "matrix of 0 and 1 (.npz, .npy, .csv)",
-    )
-    group.add_argument(
-        "--tolerance",
-        type=float,
-        metavar="T",
-        nargs="+" if several else None,
-        help="largest error of a correct match: in metres for tracks, in the unit of the file for "
-        "an alignment; needed for both"
-        + "; of several, the report and the verdict are of the first"
-        * several,
-    )
-    group.add_argument(
-        "--rows", choices=("reference", "query"),
-        help="whether the rows of a matrix are reference places or queries; needed for a matrix",
-    )  # fmt: skip
-    group.add_argument(
-        "--offset",
-        nargs="+",
-        metavar="REF_S QUERY_S",
-        help="time in each recording at which its track has its time 0, in seconds; negative if "
-        "the track began earlier (default: 0 0); or auto: the one with which most matches are "
-        "correct",
-    )
-    add_gap_flag(group)
-    group.add_argument(
-        "--frame-period", metavar="S",
-        help="duration of a frame in seconds, for an alignment in frames, for example 1/30",
-    )  # fmt: skip
 
 
 # Flags of the output: where it goes, and the formats of figures.

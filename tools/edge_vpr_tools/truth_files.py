@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr import results
 from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.evaluation.doubts import MORE_CORRECT, Offset, best_offset, is_clear
 from edge_vpr.evaluation.ground_truth import (
@@ -22,9 +23,11 @@ from edge_vpr.evaluation.ground_truth import (
 )
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track
+from edge_vpr.files import parse_errors, read_json
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import parse_period
 from edge_vpr.reference_map import MatchResult
+from edge_vpr.results import RecordError, RunRecord, from_json
 from edge_vpr_tools.console import note, warning
 
 #: Suffixes of files that hold a track and not an alignment.
@@ -39,13 +42,13 @@ class TruthFiles:
     """Files of a ground truth, and how they are read; a call with times gives their truth."""
 
     #: Two tracks, reference first; or one matrix (by suffix), or else one alignment.
-    files: Sequence[str]
+    files: tuple[str, ...]
     tolerance: float | None = None  #: Needed for tracks (metres) and alignments (their unit).
     rows: str | None = None  #: {"reference", "query"}: needed for a matrix.
     #: Needed for an alignment in frames, in seconds, for example ``1/30``.
     frame_period: str | None = None
     #: Where time 0 of each track is in its recording, in seconds.
-    offset_s: Sequence[float] | None = None
+    offset_s: tuple[float, float] | None = None
     #: Longest time between points of a track that is interpolated, in seconds; by default found.
     longest_gap_s: float | None = None
 
@@ -116,7 +119,7 @@ class TruthFiles:
 
     def swapped(self) -> TruthFiles:
         """Return the two tracks in the other order."""
-        offsets = None if self.offset_s is None else self.offset_s[::-1]
+        offsets = None if self.offset_s is None else (self.offset_s[1], self.offset_s[0])
         return replace(self, files=self.files[::-1], offset_s=offsets)
 
 
@@ -131,7 +134,7 @@ _MUCH_UNKNOWN = 0.05
 
 
 def load_evaluated(
-    results: str | Path, files: TruthFiles, *, find_offset: bool = False
+    folder: str | Path, files: TruthFiles, *, find_offset: bool = False
 ) -> tuple[MatchResult, GroundTruth, TruthFiles]:
     """Read a folder of results and its ground truth, and print warnings about doubtful inputs.
 
@@ -152,7 +155,7 @@ def load_evaluated(
     EdgeVprError
         If the folder or the ground truth cannot be used.
     """
-    result = MatchResult.load(results)
+    result = MatchResult.load(folder)
     reference, matches = result.reference, result.matches
     stride = 1 + len(matches) * len(reference) // _MOST_CELLS
     if result.queries is None and stride > 1:  # matched online: each match is a query
@@ -197,22 +200,46 @@ def given_truth(
     offset: Sequence[str] | None,
     longest_gap: float | None,
 ) -> tuple[TruthFiles, bool]:
-    """Return the files that the flags of `add_truth_flags` name, and whether to find the offset."""
+    """Return the files that the flags of evaluate name, and whether to find the offset."""
     find_offset = offset is not None and list(offset) == [AUTO]
     seconds = None
     if offset is not None and not find_offset:
         try:
-            seconds = tuple(float(word) for word in offset)
+            first, second = map(float, offset)
         except ValueError:
-            seconds = ()
-        if len(seconds) != 2:
             raise UsageError(
                 f"--offset {' '.join(offset)}: give the seconds of the reference's and of the "
                 "query's log, as in --offset 0 2.5, or auto"
+            ) from None
+        seconds = first, second
+    files = TruthFiles(tuple(ground_truth), tolerance, rows, frame_period, seconds, longest_gap)
+    return files, find_offset
+
+
+def evaluated_truth(folder: Path) -> TruthFiles | None:
+    """Return the ground truth of the last `edge-vpr evaluate` of a folder; None if there was none.
+
+    Raises
+    ------
+    UsageError
+        If one of its files has moved or changed.
+    """
+    metrics = read_json(folder / results.METRICS, "metrics", "match again")
+    if "truth" not in metrics:
+        return None
+    with parse_errors(folder / results.METRICS, "metrics", "evaluate again"):
+        try:
+            files = from_json(TruthFiles, metrics["truth"])
+            record = from_json(RunRecord, metrics["evaluated_by"])
+        except RecordError as error:
+            raise ValueError(str(error)) from error
+    for file in record.inputs:
+        if not Path(file.path).exists() or results.hash_input(Path(file.path)) != file:
+            raise UsageError(
+                f"{file.path} has moved or changed since the evaluation: run edge-vpr evaluate "
+                "again"
             )
-    return TruthFiles(
-        ground_truth, tolerance, rows, frame_period, seconds, longest_gap
-    ), find_offset
+    return files
 
 
 def _times(result: MatchResult) -> tuple[Times, Times]:

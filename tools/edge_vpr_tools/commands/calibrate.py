@@ -7,8 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import note, summary
-from edge_vpr_tools.flags import add_output_flags, add_truth_flags
+from edge_vpr_tools.flags import add_output_flags
 
 if TYPE_CHECKING:
     from edge_vpr.confidence import Confidence
@@ -17,20 +18,21 @@ if TYPE_CHECKING:
     from edge_vpr.reference_map import ReferenceMap
 
 EXAMPLES = """\
-  edge-vpr calibrate tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70
-  edge-vpr calibrate tuesday --ground-truth pairs.csv --tolerance 3 -o calibrated.npz"""
+  edge-vpr calibrate tuesday
+  edge-vpr calibrate tuesday -o calibrated.npz"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument("results", metavar="RESULTS", help="folder that edge-vpr match wrote")
+    parser.add_argument(
+        "results", metavar="RESULTS", help="folder of matches, after edge-vpr evaluate"
+    )
     add_output_flags(
         parser,
         "MAP.npz",
         "map to write, which holds the learnt table of probabilities (default: the map in RESULTS)",
         required=False,
     )
-    add_truth_flags(parser.add_argument_group("ground truth"))
 
 
 class Calibrated(NamedTuple):
@@ -85,17 +87,16 @@ LEAST_MATCHES = 100
 def run(args: argparse.Namespace) -> None:
     """Learn the table of probabilities and write it with the map."""
     from edge_vpr import results
-    from edge_vpr_tools.truth_files import given_truth, load_evaluated
+    from edge_vpr_tools.truth_files import evaluated_truth, load_evaluated
 
     folder = Path(args.results)
     output = folder / results.MAP if args.output is None else Path(args.output)
+    files = evaluated_truth(folder)
+    if files is None:
+        raise UsageError(f"{folder} was not evaluated: run edge-vpr evaluate {folder} first")
     if args.output is not None:
-        results.check_new_map(output, [folder, *args.ground_truth], args.overwrite)
-    files, find_offset = given_truth(
-        args.ground_truth, args.tolerance, args.rows, args.frame_period, args.offset,
-        args.longest_gap,
-    )  # fmt: skip
-    result, truth, _ = load_evaluated(args.results, files, find_offset=find_offset)
+        results.check_new_map(output, [folder, *files.files], args.overwrite)
+    result, truth, _ = load_evaluated(folder, files)
     crowded = not (folder / results.QUERIES).is_file() and _every(folder) != "window"
     found = calibrate(result.reference, result.matches, truth)
     if found.settings_changed:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from edge_vpr.errors import UsageError
 from edge_vpr.run_log import warnings_so_far
 from edge_vpr_tools.console import summary, table
-from edge_vpr_tools.flags import add_figures_flag, add_json_flag, add_truth_flags, figure_formats
+from edge_vpr_tools.flags import add_figures_flag, add_gap_flag, add_json_flag, figure_formats
 
 if TYPE_CHECKING:
     from edge_vpr.evaluation.ground_truth import GroundTruth
@@ -31,7 +31,7 @@ MAIN_FLAGS = ("--ground-truth", "--tolerance", "--offset")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("results", metavar="RESULTS", help="folder that edge-vpr match wrote")
-    add_truth_flags(parser.add_argument_group("ground truth"), several=True)
+    _add_truth_flags(parser.add_argument_group("ground truth"))
     output = parser.add_argument_group("output")
     add_figures_flag(output, "svg")
     add_json_flag(output, "metrics.json")
@@ -50,6 +50,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(rejected-correct, as in the authors' released code), or all that have a true place in "
         "the map and did not get it (all-with-place)",
     )
+
+
+def _add_truth_flags(group: argparse._ActionsContainer) -> None:
+    """Add the flags that a `truth_files.TruthFiles` is made of."""
+    group.add_argument(
+        "--ground-truth",
+        nargs="+",
+        required=True,
+        metavar="FILE",
+        help="two tracks, first that of the reference (NMEA, GPX, poses of TUM, KITTI or EuRoC, or "
+        "CSV with time_s or timestamp and position_m, x_m[,y_m[,z_m]] or latitude,longitude); or "
+        "one alignment (CSV with query_s,reference_s or query_frame,reference_frame); or one "
+        "matrix of 0 and 1 (.npz, .npy, .csv)",
+    )
+    group.add_argument(
+        "--tolerance",
+        type=float,
+        metavar="T",
+        nargs="+",
+        help="largest error of a correct match: in metres for tracks, in the unit of the file for "
+        "an alignment; needed for both; of several, the report and the verdict are of the first",
+    )
+    group.add_argument(
+        "--rows", choices=("reference", "query"),
+        help="whether the rows of a matrix are reference places or queries; needed for a matrix",
+    )  # fmt: skip
+    group.add_argument(
+        "--offset",
+        nargs="+",
+        metavar="REF_S QUERY_S",
+        help="time in each recording at which its track has its time 0, in seconds; negative if "
+        "the track began earlier (default: 0 0); or auto: the one with which most matches are "
+        "correct",
+    )
+    add_gap_flag(group)
+    group.add_argument(
+        "--frame-period", metavar="S",
+        help="duration of a frame in seconds, for an alignment in frames, for example 1/30",
+    )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> None:
@@ -90,8 +129,7 @@ def run(args: argparse.Namespace) -> None:
     by_tolerance = {f"{each:g} {truth.error_unit}": one for each, one in evaluations.items()}
     metrics = read_json(folder / results.METRICS, "metrics", "match again")
     metrics["ground_truth"] = truth.description
-    if files.offset_s is not None:
-        metrics["offset_s"] = list(files.offset_s)
+    metrics["truth"] = files
     metrics["evaluation"] = found.to_dict()
     metrics["tolerances"] = [
         {"tolerance": each, "unit": truth.error_unit, **one.shares()}

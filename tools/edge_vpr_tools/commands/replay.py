@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,6 @@ from edge_vpr_tools.flags import add_output_flags
 if TYPE_CHECKING:
     from edge_vpr.descriptors.windows import PublishedWindows
     from edge_vpr.recordings import Recording
-    from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.results import RunRecord
     from edge_vpr.route import Odometry
     from edge_vpr_tools.truth_files import TruthFiles
@@ -102,39 +100,6 @@ class RecordedInputs:
             return None
         return load_odometry(self._unchanged(self._args.odometry, "a match with --odometry"))
 
-    def truth(self, folder: Path, reference: ReferenceMap) -> TruthFiles | None:
-        """Return the ground truth of the last `edge-vpr evaluate`.
-
-        Returns
-        -------
-        TruthFiles or None
-            None if there was none, or one of its files has moved or changed, which a note says.
-        """
-        from edge_vpr import results
-        from edge_vpr.files import read_json
-        from edge_vpr_tools.truth_files import given_truth
-
-        metrics = read_json(folder / results.METRICS, "metrics", "match again")
-        if "evaluated_by" not in metrics:
-            return None
-        record = results.from_json(results.RunRecord, metrics["evaluated_by"])
-        for file in record.inputs:
-            if not Path(file.path).exists() or results.hash_input(Path(file.path)) != file:
-                note(f"{file.path} has moved or changed since the evaluation: the film is without "
-                     "the truth")  # fmt: skip
-                return None
-        args = VerbParser("evaluate").parse(find_verb(list(record.command[1:]))[1])
-        files, _ = given_truth(
-            args.ground_truth, (args.tolerance or [None])[0], args.rows, args.frame_period,
-            None, args.longest_gap,
-        )  # fmt: skip
-        period = files.frame_period or reference.frame_period
-        return replace(
-            files,
-            offset_s=metrics.get("offset_s"),
-            frame_period=None if period is None else str(period),
-        )
-
     def _unchanged(self, path: str, what: str) -> str:
         from edge_vpr.results import hash_input
 
@@ -147,6 +112,17 @@ class RecordedInputs:
                     f"{path}, which {what} needs, has changed since it was matched: {remedy}"
                 )
         return path
+
+
+def _truth(folder: Path) -> TruthFiles | None:
+    """Return the ground truth of the last evaluation; a note says if it cannot be used."""
+    from edge_vpr_tools.truth_files import evaluated_truth
+
+    try:
+        return evaluated_truth(folder)
+    except UsageError as error:
+        note(f"the film is without the truth: {error}")
+        return None
 
 
 def run(args: argparse.Namespace) -> None:
@@ -177,7 +153,7 @@ def run(args: argparse.Namespace) -> None:
             start_s=args.start,
             end_s=args.end,
             all_events=args.all_events,
-            truth=inputs.truth(folder, result.reference),
+            truth=_truth(folder),
         )
         pictures = []
         for picture in frames(replay):
