@@ -157,34 +157,21 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError(str(error)) from error
     values = {"schema": 4, "energy_is": "modelled", "includes": show.WORK, "mission": mission}
     if budgets and args.map is None and args.design is None:
-        recommended, unknown = {}, []
-        for target in targets:
-            try:
-                recommended[target] = search.recommend(
-                    design, mission, search.Limits(target, budgets)
-                )
-            except UsageError:
-                if len(targets) == 1:
-                    raise
-                unknown.append(target)
-        show.show_recommended(recommended, unknown, budgets, mission)
+        recommended = {
+            of: search.recommend(design, mission, search.Limits(of, budgets)) for of in targets
+        }
+        show.show_recommended(recommended, budgets, mission)
         costs = {of: one.best.device.cost for of, one in recommended.items() if one.best}
         values["recommended"] = {of.name: one for of, one in recommended.items()}
     else:
-        found, at_rates, unknown = {}, {}, []
-        for target in targets:
-            try:
-                found[target] = search.on_target(design, mission, search.Limits(target, budgets))
-            except UsageError:
-                if len(targets) == 1:
-                    raise
-                unknown.append(target)
-                continue
-            at_rates[target] = {
-                rate: cost(found[target].design, target, mission.at_rate(rate, design))
-                for rate in EVENT_RATES
-            }
-        show.show_design(found, at_rates, rate_is, unknown, limited=bool(budgets))
+        found = {
+            of: search.on_target(design, mission, search.Limits(of, budgets)) for of in targets
+        }
+        at_rates = {
+            of: {rate: cost(design, of, mission.at_rate(rate, design)) for rate in EVENT_RATES}
+            for of in targets
+        }
+        show.show_design(found, at_rates, rate_is, limited=bool(budgets))
         costs = {of: one.cost for of, one in found.items()}
         values |= {
             "design": design,

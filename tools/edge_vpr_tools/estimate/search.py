@@ -36,6 +36,7 @@ _UNITS = {
 }  # fmt: skip
 FIRMWARE_LIMITS = "the firmware's widths"
 BLOCKS, LOGIC_CELLS, SPEED = "its block memories", "its logic cells", "its speed"
+POWER = "power unknown"
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,10 @@ def _broken_by(design: Design, of: Cost, used: int, limits: Limits) -> str:
         else:
             # a board that takes more at rest exceeds the budget whatever its work takes
             at_rest = of.whole_w is None and of.idle_w is not None and of.idle_w.low > budget.limit
-            over = at_rest or _watts(of, target) > budget.limit
+            watts = of.whole_w or of.marginal_w
+            if watts is None and not at_rest:
+                return POWER
+            over = watts is None or watts.central > budget.limit
         if over:
             return budget.text
     return ""
@@ -128,16 +132,6 @@ def blocks_of(of: Design, target: Target) -> tuple[str, bool]:
     large, rest = large_and_small_blocks(of, target.large_block_shapes, target.block_shapes)
     enough = rest <= target.blocks and large <= target.large_blocks
     return f"{rest} of {target.blocks} blocks, {large} of {target.large_blocks} large", enough
-
-
-def _watts(of: Cost, target: Target) -> float:
-    total = of.whole_w or of.marginal_w
-    if total is None:
-        raise UsageError(
-            f"the power of {target.name} is unknown, so that no budget of it can be met: take "
-            "another target, or measure with edge-vpr profile on a board"
-        )
-    return total.central
 
 
 # The recommended design: of those whose accuracy was tried, the smallest that is as good as any.

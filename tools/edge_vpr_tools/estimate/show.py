@@ -63,7 +63,6 @@ def show_design(
     found: Mapping[Target, DesignOnTarget],
     at_rates: Mapping[Target, Mapping[float, Cost]],
     rate_is: str,
-    unknown: Sequence[Target] = (),
     *,
     limited: bool = False,
 ) -> None:
@@ -75,8 +74,6 @@ def show_design(
         Costs on each target by the events per second.
     rate_is : str
         Whose rate the columns of time and energy are for.
-    unknown : sequence of Target
-        Those whose power is not known, where a budget of it was given.
     limited : bool
         Whether limits were given.
     """
@@ -104,8 +101,6 @@ def show_design(
         text += f" Over its limits: {', '.join(over)}."
     elif limited:
         text += " Within the limits."
-    if unknown:
-        text += f" Power {UNKNOWN}: {', '.join(map(_short, unknown))}."
     if len(found) == 1:
         text += _of_one(next(iter(found)), of)
     say(text, width=WIDTH)
@@ -151,7 +146,6 @@ def design_text(of: Design) -> str:
 
 def show_recommended(
     found: Mapping[Target, Recommendation],
-    unknown: Sequence[Target],
     budgets: Sequence[Budget],
     mission: Mission,
 ) -> None:
@@ -179,9 +173,7 @@ def show_recommended(
         f"{WORK}, at {mission.events_per_s:,.0f} events/s."
     )
     if limits:
-        text += f" A better one exceeds: {', '.join(limits)}."
-    if unknown:
-        text += f" Power {UNKNOWN}: {', '.join(map(_short, unknown))}."
+        text += f" What keeps a better one out: {', '.join(limits)}."
     say(text, width=WIDTH)
 
 
