@@ -176,9 +176,8 @@ def plain_profile() -> dict[str, object]:
     versions = {"python": "3.11"}
     return {
         "schema": SCHEMA, "quick": True, "throughput": speed, "energy": energy,
-        "map": {"places": 19, "pixels": 25, "bytes_per_place": 60, "sequence_length": 5},
         "conditions": {**moments, "void_because": ""},
-        "load": {"recording": "query.npz", "packet": 512}, "board": None, "kernel": "6",
+        "recording": "query.npz", "board": None, "kernel": "6",
         "run": {
             "schema": 1, "command": ["edge-vpr"], "finished_utc": "2026-01-01T00:00:00Z",
             "settings": {}, "versions": versions, "inputs": [],

@@ -37,7 +37,6 @@ from edge_vpr_tools.profile.sensors.sensor import (
     read_text,
 )
 from edge_vpr_tools.profile.workload import (
-    PACKET,
     Load,
     Throughput,
     Workload,
@@ -49,24 +48,6 @@ from edge_vpr_tools.profile.workload import (
 
 PROFILE = "profile.json"
 SCHEMA = 5
-
-
-@dataclass(frozen=True)
-class MapSize:
-    """Size of the map that the load matches against."""
-
-    places: int
-    pixels: int
-    bytes_per_place: int
-    sequence_length: int
-
-
-@dataclass(frozen=True)
-class LoadRecord:
-    """Load: the recording, and the events of a call; each window gives a match."""
-
-    recording: str
-    packet: int
 
 
 @dataclass(frozen=True)
@@ -89,11 +70,10 @@ class Profile:
 
     schema: int = SCHEMA
     quick: bool  #: Whether windows were too short for a figure that can be published.
+    recording: str  #: Whose events are the load; each window gives a match.
     throughput: Throughput
-    map: MapSize
     energy: Energy
     conditions: Moments
-    load: LoadRecord
     board: str | None  #: Name of the board, or of the product; None if not known.
     kernel: str
     run: RunRecord
@@ -181,14 +161,10 @@ def profile(
     run = run_record(reference.settings.to_dict(), load.inputs)
     return Profile(
         quick=plan.quick,
+        recording=load.name,
         throughput=throughput,
-        map=MapSize(
-            len(reference), len(reference.pixel_map), reference.packed_bytes_per_place,
-            reference.settings.sequence_length,
-        ),
         energy=energy,
         conditions=Moments(before, loaded, after, void),
-        load=LoadRecord(load.name, PACKET),
         board=_board(root),
         kernel=platform.release(),
         run=run,

@@ -20,6 +20,7 @@ from edge_vpr_tools.profile.profiling import (
     numbers,
 )
 from edge_vpr_tools.profile.sensors.sensor import About
+from edge_vpr_tools.profile.workload import PACKET
 from edge_vpr_tools.report.page import Page, add_run, quantity
 from edge_vpr_tools.report.style import BLUE, ORANGE, SKY, figure, save
 from edge_vpr_tools.report.tables import write_spreadsheet
@@ -81,9 +82,9 @@ def notes(found: Profile) -> list[str]:
             f"VOID: the board was throttled ({found.conditions.void_because}). Cool it, or give "
             "it a stronger supply, and run again."
         )
-    speed, of = found.throughput, found.load
+    speed = found.throughput
     notes += [
-        f"Load: {of.recording}, in packets of {of.packet:,} events, a match each window. Time and "
+        f"Load: {found.recording}, in packets of {PACKET:,} events, a match each window. Time and "
         "energy of a match include the counting of its "
         f"{speed.events_per_s / speed.matches_per_s:,.0f} events.",
         _machine(found),
