@@ -23,8 +23,6 @@ from firmware_model.vectors.manifest import SuiteEntry
 #: flash of a microcontroller that is left for the program beside a case
 _PROGRAM_BYTES = 16 * 1024
 _EVENT_BYTES, _RECORD_BYTES = 8, 5 * 4
-#: RAM of a microcontroller that is left for the stack, the structures, and events on their way
-_STACK_BYTES = 4 * 1024
 
 
 def vectors_size(text: str) -> float:
