@@ -1,4 +1,4 @@
-"""The load that is profiled: designs, drives, trials, and packets fed to a localiser."""
+"""The load that is profiled: the events of a drive, which are fed to a localiser in packets."""
 
 from __future__ import annotations
 
@@ -131,20 +131,14 @@ def street_load(first: SimulatedRecording, query: SimulatedRecording) -> Load:
 class Throughput:
     """Speed at full load."""
 
-    seconds: float  #: Duration of the measurement.
     events_per_s: float
     matches_per_s: float
     times_real_time: float
-    #: latency_p50_s, latency_p99_s: latency of the calls that gave a match; `calls_with_a_match` is
-    #: their number.
+    #: latency_p50_s, latency_p99_s: latency of the calls that gave a match.
     latency_p50_s: float
     latency_p99_s: float
-    calls_with_a_match: int
-    #: cpu_s_per_match, cpu_share: processor time of a match, and processor time per second.
-    cpu_s_per_match: float
-    cpu_share: float
+    cpu_s_per_match: float  #: Processor time of a match.
     peak_memory_bytes: int  #: Peak memory of the process.
-    events_a_round: int  #: Number of events in the recording.
 
 
 def measure_throughput(workload: Workload, seconds: float) -> Throughput:
@@ -165,16 +159,12 @@ def measure_throughput(workload: Workload, seconds: float) -> Throughput:
     rate = workload.events / elapsed
     p50, p99 = np.quantile(workload.latencies_s, [0.5, 0.99]).tolist()
     return Throughput(
-        seconds=elapsed,
         events_per_s=rate,
         matches_per_s=workload.matches / elapsed,
         times_real_time=rate * workload.recorded_s / workload.events_a_round,
         latency_p50_s=p50,
         latency_p99_s=p99,
-        calls_with_a_match=len(workload.latencies_s),
         cpu_s_per_match=cpu / workload.matches,
-        cpu_share=cpu / elapsed,
         # Linux reports KiB
         peak_memory_bytes=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
-        events_a_round=workload.events_a_round,
     )
