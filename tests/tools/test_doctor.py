@@ -169,7 +169,7 @@ def test_kernels_are_kept_once_a_live_run_has_compiled_them(tmp_path, monkeypatc
     (tmp_path / "kernels.another-1.py311.nbi").touch()
     finding = only(doctor.check_kernels())
     assert finding.state == "absent" and "doctor --compile" in finding.remedy
-    (tmp_path / f"kernels.{doctor.follow.__name__}-966.py311.nbi").touch()
+    (tmp_path / f"kernels.{doctor.process_events.__name__}-966.py311.nbi").touch()
     assert only(doctor.check_kernels()) == Found("good", f"kept in {tmp_path}")
 
 

@@ -28,7 +28,7 @@ from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.errors import EdgeVprError, install_command, printable
 from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.protocols import PROTOCOLS, open_decoder
-from edge_vpr.online.kernels import follow
+from edge_vpr.online.kernels import process_events
 from edge_vpr.online.localiser import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import processor_name
@@ -69,7 +69,7 @@ _COMPILE = "edge-vpr doctor --compile, as the user who will run it"
 
 def _cache_folder() -> Path | None:
     """Return the folder in which the main kernel of live runs is kept; None if there is none."""
-    path = follow.stats.cache_path
+    path = process_events.stats.cache_path
     return None if path is None else Path(path)
 
 
@@ -79,7 +79,7 @@ def check_kernels() -> Iterator[Found]:
     if folder is None:
         remedy = "set NUMBA_CACHE_DIR to a folder that this user may write"
         yield Found("wrong", "there is no folder where they may be kept", remedy)
-    elif any(folder.glob(f"kernels.{follow.__name__}-*.nbi")):
+    elif any(folder.glob(f"kernels.{process_events.__name__}-*.nbi")):
         yield Found("good", f"kept in {folder}")
     else:
         yield Found("absent", f"none in {folder} yet: the first run takes longer", _COMPILE)
@@ -194,7 +194,7 @@ def check_clock() -> Iterator[Found]:
     else:
         yield Found(
             "absent",
-            "does not follow a time server: a recording and a GPS log of this machine may be apart",
+            "does not process_events a time server: a recording and a GPS log of this machine may be apart",
             "sudo timedatectl set-ntp true, or give evaluate an --offset",
         )
 
