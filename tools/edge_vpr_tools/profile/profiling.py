@@ -255,7 +255,9 @@ def with_meter(
     time_s, watts = table.read()
     ahead = align(windows, time_s, watts)
     negative = int(np.count_nonzero(watts < 0))
-    doubt = f"; {negative:,} of {watts.size:,} readings are negative" if negative else ""
+    behind = f"; {table.left_out} rows behind the last reading hold no number, and are left out"
+    doubt = behind if table.left_out else ""
+    doubt += f"; {negative:,} of {watts.size:,} readings are negative" if negative else ""
     about = About(
         name=meter.name,
         kind="power",

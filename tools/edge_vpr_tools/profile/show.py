@@ -12,7 +12,14 @@ from edge_vpr import results
 from edge_vpr.files import parse_errors
 from edge_vpr.results import to_json, write_json
 from edge_vpr_tools.console import say, table
-from edge_vpr_tools.profile.measurement import Energy, Figures, NotMeasured, Outcome, Readings
+from edge_vpr_tools.profile.measurement import (
+    Energy,
+    Figures,
+    NotMeasured,
+    Outcome,
+    Readings,
+    varying_load,
+)
 from edge_vpr_tools.profile.profiling import (
     NOT_MEASURED,
     NOT_RESOLVED,
@@ -138,6 +145,8 @@ def _energy_notes(energy: Outcome) -> list[str]:
         return notes
     readings, figures = energy.readings, energy.figures
     notes = [] if readings is None else [_sensor(readings)]
+    if readings is not None and (busy := varying_load(readings.windows)):
+        notes.append(f"{busy.capitalize()}, which widens the intervals; stop other programs.")
     if figures is None:
         return notes
     with_gain = "the meter's gain error is not known, and not in them"
