@@ -26,6 +26,8 @@ from typing import (
     get_type_hints,
 )
 
+import numpy as np
+
 from edge_vpr.errors import UsageError, as_path, did_you_mean, expect
 from edge_vpr.files import read_toml
 from fixedpoint.limits import MAX_BITS, MAX_FULL_SCALE, OWN_MEAN_BITS
@@ -213,6 +215,8 @@ class SettingField:
         """
         if isinstance(given, list) and self.kind is tuple:
             return tuple(given)
+        if isinstance(given, np.generic):
+            return given.item()
         if not isinstance(given, str):
             return given
         if given in self.words:
@@ -757,7 +761,7 @@ class SettingChanges(MatchingChanges, total=False):
     seed: int
     window: WindowKind
     tau_us: int | str
-    tau: int | str
+    tau: str
     events_per_pixel: float | str | None
     places_per_window: int | str | None
     polarity: bool
@@ -810,6 +814,11 @@ def values_by_name(values: Mapping[str, Any], source: str) -> dict[str, Any]:
             )
         if field.name in found:
             raise UsageError(f"{source} has both {field.key} and {field.name}: give one of them")
+        if field.name == f"{name}_us" and isinstance(given, int | np.integer):
+            raise UsageError(
+                f"{source}: setting {name} = {given} has no unit: write '{given}ms' or '{given}s', "
+                f"or give {field.name}"
+            )
         try:
             found[field.name] = field.value_of(given)
         except UsageError as error:
