@@ -814,7 +814,7 @@ def values_by_name(values: Mapping[str, Any], source: str) -> dict[str, Any]:
             )
         if field.name in found:
             raise UsageError(f"{source} has both {field.key} and {field.name}: give one of them")
-        if field.name == f"{name}_us" and isinstance(given, int | np.integer):
+        if field.name == f"{name}_us" and type(given) is int:
             raise UsageError(
                 f"{source}: setting {name} = {given} has no unit: write '{given}ms' or '{given}s', "
                 f"or give {field.name}"
