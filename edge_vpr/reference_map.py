@@ -32,7 +32,13 @@ from edge_vpr.descriptors.pixels import PixelMap, load_pixel_map
 from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect
 from edge_vpr.errors import EdgeVprWarning, MapError, UsageError, as_path, expect, kind_of
 from edge_vpr.evaluation import doubts
-from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
+from edge_vpr.evaluation.ground_truth import (
+    GroundTruth,
+    correct_of,
+    from_tracks,
+    swapped_logs,
+    unjudged,
+)
 from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
 from edge_vpr.evaluation.tables import load_jumps, load_odometry
 from edge_vpr.evaluation.track_files import load_track
@@ -663,10 +669,10 @@ class MatchResult:
         at = self.matches.place, self.matches.query
         notes = [
             *truth.notes,
-            *doubts.unjudged(truth, *at),
-            *doubts.swapped_logs(truth, lambda: self._truth(*tracks[::-1], tolerance_m), *at),
+            *unjudged(truth, *at),
+            *swapped_logs(truth, lambda: self._truth(*tracks[::-1], tolerance_m), *at),
         ]
-        correct, judged = doubts.correct_of(truth, *at)
+        correct, judged = correct_of(truth, *at)
         offset = None
         if tolerance_m and correct < (1 - doubts.MORE_CORRECT) * judged:
             place_us, query_us = self.reference.place_time_us[at[0]], self.query_time_us[at[1]]

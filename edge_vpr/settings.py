@@ -26,8 +26,6 @@ from typing import (
     get_type_hints,
 )
 
-import numpy as np
-
 from edge_vpr.errors import UsageError, as_path, did_you_mean, expect
 from edge_vpr.files import read_toml
 from fixedpoint.limits import MAX_BITS, MAX_FULL_SCALE, OWN_MEAN_BITS
@@ -215,8 +213,8 @@ class SettingField:
         """
         if isinstance(given, list) and self.kind is tuple:
             return tuple(given)
-        if isinstance(given, np.generic):
-            return given.item()
+        if getattr(given, "shape", None) == () and hasattr(given, "item"):
+            return given.item()  # a number of NumPy, which help does not load
         if not isinstance(given, str):
             return given
         if given in self.words:

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple, TypeGuard
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import GroundTruthError
 from edge_vpr.evaluation.tracks import SHORT_GAP_US, Bools, Floats, Track, distances, interpolate
 
-if TYPE_CHECKING:
-    from edge_vpr.evaluation.ground_truth import GroundTruth
-
 Times = npt.NDArray[np.int64]
-Counts = npt.NDArray[np.integer]
 
 #: number of points of the query's track that are compared, evenly spread along it
 QUERY_POINTS = 200
@@ -212,67 +207,6 @@ def without_frozen(
         f"repeats one position from {', '.join(spans)}, while the camera counts events as before: "
         "the receiver was frozen, and positions are unknown there",
     )
-
-
-# What the matches themselves say about their truth.
-
-#: if a larger share of the matches cannot be judged, a note says so
-_MUCH_UNKNOWN = 0.05
-#: swapped logs are reported if this share of the matches becomes correct by it; chosen by judgement
-_SWAPPED_BY = 0.3
-
-
-def unjudged(truth: GroundTruth, place: Counts, query: Counts) -> tuple[str, ...]:
-    """Return a note if many of the matches of places with queries (n,) cannot be judged."""
-    unknown = ~truth.judged(place, query)
-    if unknown.mean() <= _MUCH_UNKNOWN:
-        return ()
-    assert truth.placed is not None
-    places = int(np.count_nonzero(truth.known[query] & ~truth.placed[place]))
-    windows = int(np.count_nonzero(~truth.known[query]))
-    causes = [
-        f"{count:,} {whose}"
-        for count, whose in (
-            (windows, "as the window has no position, or its place may have none"),
-            (places, "as the place has none"),
-        )
-        if count
-    ]
-    return (
-        f"{int(unknown.sum()):,} of {len(place):,} matches cannot be judged and are left out: "
-        f"{' and '.join(causes)}",
-    )
-
-
-def swapped_logs(
-    truth: GroundTruth, swapped: Callable[[], GroundTruth], place: Counts, query: Counts
-) -> tuple[str, ...]:
-    """Return a note if far more of the matches are correct by two logs in the other order.
-
-    Parameters
-    ----------
-    swapped : callable
-        Returns the truth of the logs in the other order, or raises GroundTruthError.
-    """
-    correct, judged = correct_of(truth, place, query)
-    if correct >= (1 - _SWAPPED_BY) * judged:
-        return ()
-    try:
-        other, of = correct_of(swapped(), place, query)
-    except GroundTruthError:  # the tracks fit these drives in one order only
-        return ()
-    if other * judged <= (correct + _SWAPPED_BY * judged) * of:
-        return ()
-    return (
-        f"with the two logs in the other order, {other / of:.0%} of the matches would be correct "
-        f"instead of {correct / judged:.0%}: name the log of the reference first",
-    )
-
-
-def correct_of(truth: GroundTruth, place: Counts, query: Counts) -> tuple[int, int]:
-    """Return how many matches are correct, and how many can be judged."""
-    judged = truth.judged(place, query)
-    return int((truth.correct[place, query] & judged).sum()), int(judged.sum())
 
 
 # The offset between the clocks of camera and log, found by the matches.

@@ -14,18 +14,18 @@ from edge_vpr.evaluation.doubts import (
     MORE_CORRECT,
     Offset,
     best_offset,
-    correct_of,
     is_clear,
-    swapped_logs,
-    unjudged,
 )
 from edge_vpr.evaluation.ground_truth import (
     GroundTruth,
+    correct_of,
     from_alignment,
     from_matrix,
     from_tracks,
     load_alignment,
     load_matrix,
+    swapped_logs,
+    unjudged,
 )
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track
