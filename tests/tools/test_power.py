@@ -1036,7 +1036,7 @@ def test_a_profile_cannot_calibrate_what_it_did_not_measure(profile, capsys):
     """An estimate takes energy from a profile only where it was measured."""
     path = str(profile / "profile.json")
     assert main(["estimate", "--target", "raspberry-pi-5", "--calibrate", path]) == 2
-    assert "not measured" in capsys.readouterr().err
+    assert "energy was not measured" in capsys.readouterr().err
 
 
 def test_a_profile_calibrates_the_energy_of_a_cycle(profile, tmp_path):
@@ -1050,6 +1050,16 @@ def test_a_profile_calibrates_the_energy_of_a_cycle(profile, tmp_path):
         "matches_per_joule": 500.0, "matches_per_joule_interval": [1 / 3e-3, 1000.0],
     }  # fmt: skip
     path, out = tmp_path / "profile.json", tmp_path / "estimate.json"
+    # whichever is missing is named alone
+    unresolved = {"matches_per_joule": None, "matches_per_joule_interval": None}
+    for change, says in (
+        ({"energy": found["energy"] | unresolved}, "energy was not resolved"),
+        ({"conditions": found["conditions"] | {"void_because": "hot"}}, "throttled"),
+        ({"conditions": unclocked(found["conditions"])}, "clock is not known"),
+    ):
+        path.write_text(json.dumps(found | change))
+        with pytest.raises(UsageError, match=says):
+            calibrated(path)
     path.write_text(json.dumps(found))
     assert asdict(calibrated(path).value) == pytest.approx(
         {"low": 1000.0, "central": 2000.0, "high": 3000.0}
@@ -1059,6 +1069,10 @@ def test_a_profile_calibrates_the_energy_of_a_cycle(profile, tmp_path):
     told = json.loads(out.read_text())["targets"]["Raspberry Pi 5"]
     cycles, energy = told["cycles"]["search"], told["energy_j"]["search"]
     assert energy["central"] == pytest.approx(2e-9 * cycles["central"])
+
+
+def unclocked(conditions):
+    return conditions | {"loaded": conditions["loaded"] | {"frequency_hz": None}}
 
 
 def test_two_profiles_are_compared_by_their_intervals(profile, tmp_path, capsys):

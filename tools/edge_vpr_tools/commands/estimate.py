@@ -194,14 +194,25 @@ def calibrated(path: Path) -> Constant:
 
     profile = Profile.load_file(path)
     energy, clock = profile.energy, profile.conditions.loaded.frequency_hz
-    a_joule = None if energy.figures is None else energy.figures.bounded("matches_per_joule")
-    if (
-        energy.figures is None or a_joule is None or a_joule.value is None
-        or a_joule.low is None or a_joule.high is None or not clock
-    ):  # fmt: skip
+    if profile.void:
         raise UsageError(
-            f"{path}: energy was not measured or not resolved, or the clock is not known: "
-            "profile a board with a power sensor, for longer"
+            f"{path}: the board was throttled, so that its energy is void: cool it, or give it a "
+            "stronger supply, and profile again"
+        )
+    if energy.figures is None:
+        raise UsageError(
+            f"{path}: energy was not measured: profile a board with a power sensor, or with a "
+            "meter (profile --meter, then profile trace)"
+        )
+    a_joule = energy.figures.bounded("matches_per_joule")
+    if a_joule.value is None or a_joule.low is None or a_joule.high is None:
+        raise UsageError(
+            f"{path}: energy was not resolved: profile the board for longer, by more --pairs"
+        )
+    if not clock:
+        raise UsageError(
+            f"{path}: the processor's clock is not known, since the system has no cpufreq: profile "
+            "under a kernel that has it (virtual machines have none)"
         )
     # periods of an external meter have no processor time, which is taken from the throughput
     seconds = energy.cpu_s_per_match or profile.throughput.cpu_s_per_match

@@ -115,7 +115,9 @@ def _broken_by(design: Design, of: Cost, used: int, limits: Limits) -> str:
         else:
             # a board that takes more at rest exceeds the budget whatever its work takes
             at_rest = of.whole_w is None and of.idle_w is not None and of.idle_w.low > budget.limit
-            over = at_rest or _watts(of, target) > budget.limit
+            if at_rest:
+                return f"{budget.text} at rest alone"
+            over = _watts(of, target) > budget.limit
         if over:
             return budget.text
     return ""

@@ -157,10 +157,13 @@ def show_recommended(
     mission: Mission,
 ) -> None:
     """Print the design that is recommended for each target within the budgets."""
-    rows, limits = [], []
+    rows: list[list[str]] = []
+    limits: list[str] = []
+    none: list[str] = []
     for target, one in found.items():
         if one.limit:
-            limits.append(f"{_short(target)} ({one.limit})")
+            exceeded = f"{_short(target)} ({one.limit})"
+            (none if one.best is None else limits).append(exceeded)
         if one.best is None:
             rows.append([_short(target), "none", "-", "-", "-", "-", "-"])
             continue
@@ -169,6 +172,9 @@ def show_recommended(
             [_short(target), str(size.pixels), str(size.code_bits), f"{device.design.places:,}",
              size_text(device.memory_bytes), _energy(device.cost), f"{size.accuracy:.3f}"]
         )  # fmt: skip
+    if len(none) == len(found):
+        say(_not_fitting(none, unknown), width=WIDTH)
+        return
     table(["target", "pixels", "bits", "places", "memory", "energy", "correct"], rows, width=WIDTH)
     text = (
         f"The smallest of {len(tried_designs())} designs within "
@@ -179,9 +185,15 @@ def show_recommended(
     )
     if limits:
         text += f" A better one exceeds: {', '.join(limits)}."
+    say(f"{text} {_not_fitting(none, unknown)}", width=WIDTH)
+
+
+def _not_fitting(none: Sequence[str], unknown: Sequence[Target]) -> str:
+    """Return on which targets no design fits, with the limits, and where it is not known."""
+    text = f"No design fits: {', '.join(none)}." if none else ""
     if unknown:
         text += f" Power {UNKNOWN}: {', '.join(map(_short, unknown))} (--calibrate)."
-    say(text, width=WIDTH)
+    return text.strip()
 
 
 def show_sources(
