@@ -382,6 +382,11 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
     ("results_methods", "match a recorded drive far better: {:.3f} of all windows, ours {:.3f}",
      lambda: [indoors(system, "*, recorded")[0]
               for system in ("150 varying*", OURS)]),
+    ("results", "error of the position is {:.2f} m in other light and {:.2f} m in low sun",
+     lambda: reported("median error (m)", "25")),
+    ("results_robustness", "1.3 m; below 1 | on streets {:.1f} to {:.1f} m; {:.0f}",
+     lambda: (*ends(reported("median error (m)", "150")),
+              max(reported("steps back per km", "25|150")))),
     ("results_methods", "reach a P@100R of {:.2f} and events {:.2f}",
      lambda: frames("150 by variance")),
     ("results_methods", "at 25 pixels, {:.2f} and {:.2f}", lambda: frames("25 by variance")),
