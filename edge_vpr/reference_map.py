@@ -381,6 +381,7 @@ class ReferenceMap(MapRecord):
 
     def changed(self, changes: Mapping[str, Any], by: str) -> Self:
         """Return the map with other settings of matching, by name; `by` is named in errors."""
+        _check_causal(changes, by)
         return self._with(self._asked(None, changes, by), by)
 
     def causal(self) -> Self:
