@@ -10,6 +10,7 @@ from .descriptors.windows import Descriptors as Descriptors
 from .descriptors.windows import FixedCount as FixedCount
 from .descriptors.windows import FixedTime as FixedTime
 from .errors import EdgeVprError as EdgeVprError
+from .errors import EdgeVprWarning as EdgeVprWarning
 from .errors import UsageError as UsageError
 from .evaluation.ground_truth import GroundTruth as GroundTruth
 from .evaluation.ground_truth import from_alignment as from_alignment

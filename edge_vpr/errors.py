@@ -83,6 +83,10 @@ class EdgeVprError(Exception):
         return printable(super().__str__())
 
 
+class EdgeVprWarning(UserWarning):
+    """Something about the data makes a result doubtful; the message says what, and what to do."""
+
+
 class UsageError(EdgeVprError):
     """An argument, a setting or a combination of them is wrong.
 

@@ -59,7 +59,7 @@ from edge_vpr.descriptors.windows import (
     check_descriptors,
     narrow,
 )
-from edge_vpr.errors import MapError, UsageError, expect
+from edge_vpr.errors import EdgeVprWarning, MapError, UsageError, expect
 from edge_vpr.events import Sensor
 from edge_vpr.route import MOST_MM, Route
 from edge_vpr.settings import PLUGIN, Settings
@@ -439,6 +439,7 @@ class MapRecord(EqualByValue):
         warnings.warn(
             f"{path}: its probabilities were learnt by an earlier version, with another scale of "
             "trust; the shipped ones are used: calibrate it again (edge-vpr calibrate)",
+            EdgeVprWarning,
             stacklevel=2,
         )
         return replace(found, confidence=None)

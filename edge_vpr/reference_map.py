@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
@@ -28,8 +30,15 @@ from edge_vpr.descriptors.counting import (
 )
 from edge_vpr.descriptors.pixels import PixelMap, load_pixel_map
 from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect
-from edge_vpr.errors import MapError, UsageError, as_path, expect, kind_of
-from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
+from edge_vpr.errors import EdgeVprWarning, MapError, UsageError, as_path, expect, kind_of
+from edge_vpr.evaluation import doubts
+from edge_vpr.evaluation.ground_truth import (
+    GroundTruth,
+    correct_of,
+    from_tracks,
+    swapped_logs,
+    unjudged,
+)
 from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
 from edge_vpr.evaluation.tables import load_jumps, load_odometry
 from edge_vpr.evaluation.track_files import load_track
@@ -40,7 +49,7 @@ from edge_vpr.map_record import KIND, MapRecord, check_matchable, describe_query
 from edge_vpr.matching.drive import match_query
 from edge_vpr.matching.matches import Matches, write_csv
 from edge_vpr.online.localiser import Localiser, MatchSchedule, OdometryFeed
-from edge_vpr.recordings import Faults, Recording
+from edge_vpr.recordings import Faults, Recording, open_recording
 from edge_vpr.recordings.memory import FORMAT as MEMORY
 from edge_vpr.recordings.memory import is_event_data
 from edge_vpr.registration import Registration, register
@@ -183,6 +192,7 @@ class ReferenceMap(MapRecord):
         --------
         >>> ReferenceMap.build("monday.raw", track="monday.nmea", tau="500ms")  # doctest: +SKIP
         """
+        _check_reading(changes, "build")
         chosen = _settings_of(settings, changes)
         drive = opened(recording, sensor=sensor)
         if isinstance(hot, str | Path):
@@ -305,6 +315,9 @@ class ReferenceMap(MapRecord):
         >>> route = ReferenceMap.load("monday.npz")  # doctest: +SKIP
         >>> route.match("tuesday.raw", precision=0.99).save("tuesday")  # doctest: +SKIP
         """
+        _check_reading(changes, "match")
+        if every is not None:
+            _check_causal(changes, "match, of every=")
         asked = self._asked(settings, changes, "match")
         given = (recording, odometry)
         drive = self._opened(recording)
@@ -362,11 +375,13 @@ class ReferenceMap(MapRecord):
         >>> localiser = route.localiser("50ms", precision=0.9)  # doctest: +SKIP
         >>> matches = localiser.update(events)  # doctest: +SKIP
         """
+        _check_causal(changes, "localiser")
         asked = self._with(self._asked(settings, changes, "localiser"), "localiser")
         return Localiser(asked.causal(), every=every, recent=recent)
 
     def changed(self, changes: Mapping[str, Any], by: str) -> Self:
         """Return the map with other settings of matching, by name; `by` is named in errors."""
+        _check_causal(changes, by)
         return self._with(self._asked(None, changes, by), by)
 
     def causal(self) -> Self:
@@ -382,7 +397,7 @@ class ReferenceMap(MapRecord):
             places=len(self),
             pixels=len(self.pixel_map),
             counter_bits=self.counter_bits,
-            bytes_per_place=self.packed_bytes_per_place,
+            packed_bytes_per_place=self.packed_bytes_per_place,
             duration_us=int(windows.end_us[-1]),
             window_us=int(np.median(windows.end_us - windows.start_us)),
             places_with_position=len(along),
@@ -436,7 +451,7 @@ class MapInfo:
     places: int
     pixels: int
     counter_bits: int
-    bytes_per_place: int
+    packed_bytes_per_place: int
     duration_us: int
     window_us: int  #: Length of a window; the median, if windows are of a number of events.
     places_with_position: int
@@ -453,7 +468,7 @@ class MapInfo:
             "sensor": self.sensor,
             "places": f"{self.places:,}",
             "pixels": f"{self.pixels:,}, {self.counter_bits} bits each",
-            "size": f"{self.bytes_per_place:,} bytes a place",
+            "size": f"{self.packed_bytes_per_place:,} bytes a place, packed",
             "duration": f"{self.duration_us / 1e6:.6f} s, windows of {self.window_us / 1e6:g} s",
             "positions": positions,
             "matching": str(self.settings["matching"]),
@@ -629,10 +644,13 @@ class MatchResult:
         GroundTruthError
             If a track cannot be read, or does not cover its drive.
         """
-        if not isinstance(reference_track, Track):
-            reference_track = load_track(reference_track)
-        if not isinstance(query_track, Track):
-            query_track = load_track(query_track)
+        tracks = _loaded(reference_track), _loaded(query_track)
+        truth = self._truth(*tracks, tolerance_m)
+        for note in truth.notes:
+            warnings.warn(note, EdgeVprWarning, stacklevel=2)
+        return truth
+
+    def _truth(self, reference_track: Track, query_track: Track, tolerance_m: float) -> GroundTruth:
         return from_tracks(
             reference_track,
             query_track,
@@ -642,6 +660,31 @@ class MatchResult:
             reference_events=self.reference.places.events,
             query_events=None if self.queries is None else self.queries.events,
         )
+
+    def _doubted(
+        self, reference: Track | PathName, query: Track | PathName, tolerance_m: float
+    ) -> GroundTruth:
+        """Return the truth with notes on what the matches say about it."""
+        tracks = _loaded(reference), _loaded(query)
+        truth = self._truth(*tracks, tolerance_m)
+        at = self.matches.place, self.matches.query
+        notes = [
+            *truth.notes,
+            *unjudged(truth, *at),
+            *swapped_logs(truth, lambda: self._truth(*tracks[::-1], tolerance_m), *at),
+        ]
+        correct, judged = correct_of(truth, *at)
+        offset = None
+        if tolerance_m and correct < (1 - doubts.MORE_CORRECT) * judged:
+            place_us, query_us = self.reference.place_time_us[at[0]], self.query_time_us[at[1]]
+            offset = doubts.best_offset(*tracks, place_us, query_us, tolerance_m)
+        windows = self.reference.windows
+        window_s = float(np.median(windows.end_us - windows.start_us)) / 1e6
+        if doubts.is_clear(offset, window_s, self.matches.probability):
+            notes.append(
+                f"{offset}: if its clock may be wrong, give that track .shifted({offset.seconds:g})"
+            )
+        return replace(truth, notes=tuple(notes))
 
     def evaluate(
         self,
@@ -666,19 +709,34 @@ class MatchResult:
         ------
         GroundTruthError
             If a track cannot be read, or the truth does not cover the drives.
+
+        Warns
+        -----
+        EdgeVprWarning
+            For each reason to doubt that two tracks are those of the drives; they are also in
+            ``evaluation.truth.notes`` and in the report.
         """
-        if not isinstance(truth, GroundTruth):
+        if isinstance(truth, GroundTruth):
+            within = None if truth.positions is None else truth.positions.tolerance
+            if tolerance_m not in (None, within):
+                raise UsageError(
+                    f"tolerance_m = {tolerance_m:g}, and truth says already which matches are "
+                    "correct: leave tolerance_m out, or make the truth anew with it"
+                )
+        else:
             if isinstance(truth, str | Path) or not isinstance(truth, Sequence) or len(truth) != 2:
                 raise UsageError(
-                    f"truth is {kind_of(truth)}: give a GroundTruth, or the track of the "
-                    "reference and the track of the query as a pair"
+                    f"truth is {kind_of(truth)}: give the track of the reference and that of the "
+                    "query as a pair, or a GroundTruth, as of from_alignment or from_matrix"
                 )
             if tolerance_m is None:
                 raise UsageError(
                     "the truth is two tracks, without the distance up to which a match is correct: "
                     "give for example tolerance_m=70"
                 )
-            truth = self.truth(truth[0], truth[1], tolerance_m)
+            truth = self._doubted(truth[0], truth[1], tolerance_m)
+            for note in truth.notes:
+                warnings.warn(note, EdgeVprWarning, stacklevel=2)
         return evaluate(
             self.matches,
             truth,
@@ -904,7 +962,14 @@ def removed_record(removed: Removed, hot_pixels: int) -> RemovedEvents:
 
 def _track_of(given: Track | PathName | None) -> Track | None:
     """Return a track, read from its file if that is given."""
-    return given if given is None or isinstance(given, Track) else load_track(given)
+    return None if given is None else _loaded(given)
+
+
+def _loaded(track: Track | PathName) -> Track:
+    if isinstance(track, Track):
+        return track
+    expect(track, (str, Path), "track", "the path of a log, or Track(time_us, position)")
+    return load_track(track)
 
 
 def _odometry_of(given: Odometry | PathName | None) -> Odometry | None:
@@ -922,6 +987,25 @@ def _of_part(drive: object, readings: _Timed) -> _Timed:
         return readings
     moved: Any = replace(readings, time_us=readings.time_us - start_us)
     return moved
+
+
+def _check_reading(changes: Mapping[str, Any], by: str) -> None:
+    """Refuse, among settings, what says how a file is read."""
+    for name, value in changes.items():
+        if name in signature(open_recording).parameters:
+            raise UsageError(
+                f"{by}: {name} is no setting, and says how a file is read: give "
+                f"open_recording(path, {name}={value!r}) in place of the path"
+            )
+
+
+def _check_causal(changes: Mapping[str, Any], by: str) -> None:
+    """Refuse to smooth what is matched while events come."""
+    if changes.get("smooth"):
+        raise UsageError(
+            f"{by}: smooth=True needs all later windows: give delay=4 for the next four, or leave "
+            "it out"
+        )
 
 
 def _settings_of(settings: Settings | PathName | None, changes: Mapping[str, Any]) -> Settings:

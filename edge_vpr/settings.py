@@ -213,6 +213,8 @@ class SettingField:
         """
         if isinstance(given, list) and self.kind is tuple:
             return tuple(given)
+        if getattr(given, "shape", None) == () and hasattr(given, "item"):
+            return given.item()  # a number of NumPy, which help does not load
         if not isinstance(given, str):
             return given
         if given in self.words:
@@ -757,7 +759,7 @@ class SettingChanges(MatchingChanges, total=False):
     seed: int
     window: WindowKind
     tau_us: int | str
-    tau: int | str
+    tau: str
     events_per_pixel: float | str | None
     places_per_window: int | str | None
     polarity: bool
@@ -810,6 +812,11 @@ def values_by_name(values: Mapping[str, Any], source: str) -> dict[str, Any]:
             )
         if field.name in found:
             raise UsageError(f"{source} has both {field.key} and {field.name}: give one of them")
+        if field.name == f"{name}_us" and type(given) is int:
+            raise UsageError(
+                f"{source}: setting {name} = {given} has no unit: write '{given}ms' or '{given}s', "
+                f"or give {field.name}"
+            )
         try:
             found[field.name] = field.value_of(given)
         except UsageError as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -292,7 +292,7 @@ MORE_CORRECT, _CLEAR_SHARE, _CLEAR_SHARE_PROBABLE = 0.15, 0.5, 0.3
 
 def is_clear(
     offset: Offset | None, window_s: float, probability: npt.NDArray[np.float64] | None = None
-) -> bool:
+) -> TypeGuard[Offset]:
     """Return whether an offset is better than none beyond doubt; see `best_offset`.
 
     Parameters

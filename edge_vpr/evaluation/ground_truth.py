@@ -654,3 +654,71 @@ def load_matrix(path: str | Path) -> npt.NDArray[np.generic]:
             f"{path} holds {matrix.dtype} of shape {matrix.shape}: save a matrix of 0 and 1"
         )
     return matrix
+
+
+# What the matches themselves say about their truth.
+
+#: if a larger share of the matches cannot be judged, a note says so
+_MUCH_UNKNOWN = 0.05
+#: swapped logs are reported if this share of the matches becomes correct by it; chosen by judgement
+_SWAPPED_BY = 0.3
+
+
+def unjudged(
+    truth: GroundTruth, place: npt.NDArray[np.integer], query: npt.NDArray[np.integer]
+) -> tuple[str, ...]:
+    """Return a note if many of the matches of places with queries (n,) cannot be judged."""
+    unknown = ~truth.judged(place, query)
+    if unknown.mean() <= _MUCH_UNKNOWN:
+        return ()
+    assert truth.placed is not None
+    places = int(np.count_nonzero(truth.known[query] & ~truth.placed[place]))
+    windows = int(np.count_nonzero(~truth.known[query]))
+    causes = [
+        f"{count:,} {whose}"
+        for count, whose in (
+            (windows, "as the window has no position, or its place may have none"),
+            (places, "as the place has none"),
+        )
+        if count
+    ]
+    return (
+        f"{int(unknown.sum()):,} of {len(place):,} matches cannot be judged and are left out: "
+        f"{' and '.join(causes)}",
+    )
+
+
+def swapped_logs(
+    truth: GroundTruth,
+    swapped: Callable[[], GroundTruth],
+    place: npt.NDArray[np.integer],
+    query: npt.NDArray[np.integer],
+) -> tuple[str, ...]:
+    """Return a note if far more of the matches are correct by two logs in the other order.
+
+    Parameters
+    ----------
+    swapped : callable
+        Returns the truth of the logs in the other order, or raises GroundTruthError.
+    """
+    correct, judged = correct_of(truth, place, query)
+    if correct >= (1 - _SWAPPED_BY) * judged:
+        return ()
+    try:
+        other, of = correct_of(swapped(), place, query)
+    except GroundTruthError:  # the tracks fit these drives in one order only
+        return ()
+    if other * judged <= (correct + _SWAPPED_BY * judged) * of:
+        return ()
+    return (
+        f"with the two logs in the other order, {other / of:.0%} of the matches would be correct "
+        f"instead of {correct / judged:.0%}: name the log of the reference first",
+    )
+
+
+def correct_of(
+    truth: GroundTruth, place: npt.NDArray[np.integer], query: npt.NDArray[np.integer]
+) -> tuple[int, int]:
+    """Return how many matches are correct, and how many can be judged."""
+    judged = truth.judged(place, query)
+    return int((truth.correct[place, query] & judged).sum()), int(judged.sum())

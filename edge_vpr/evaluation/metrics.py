@@ -254,9 +254,15 @@ class Evaluation:
         return (
             f"Evaluation({self.queries} queries"
             + (f" and {self.queries_unknown} unknown" if self.queries_unknown else "")
+            + (f" within {at.tolerance:g} {at.unit}" if (at := self.truth.positions) else "")
             + f", P@100R {self.precision_at_100_recall:.3f}, "
             f"R@99P {self.recall_at_99_precision:.3f})"
         )
+
+    @property
+    def average_precision(self) -> float:
+        """Area under the precision-recall curve, as `curve` has it."""
+        return self.curve.average_precision
 
     @property
     def precision_at_100_recall(self) -> float:

@@ -134,8 +134,11 @@ class StateFile:
                 self._say("state", f"goes on after {passed_us / 1e6:.1f} s", over=True)
         if isinstance(saved, str):
             self._say("state", f"{self._path} is not used, matching starts afresh: {saved}")
-        if live_line and self._writer is None:
+        if self._writer is None and live_line:
             self._writer = StateWriter(self._path)
+        elif self._writer is None and not self._reported:
+            self._reported = "no live line"
+            self._say("state", "a file or pipe is read again from its start: no state is kept")
 
     def keep(self, live: LiveLocaliser, host_us: int) -> None:
         """Hand the state to its writer now and then, and report once that it cannot be written.

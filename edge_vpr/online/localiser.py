@@ -756,11 +756,6 @@ class Localiser:
         return self.run.distance_sums()
 
     @property
-    def map_bytes(self) -> int:
-        """Size of the map in memory in bytes, as it is searched."""
-        return self.run.state.windows.columns.nbytes
-
-    @property
     def complete(self) -> bool:
         """Whether the L windows and those of a delay are complete; before, there is no match."""
         return self.filled >= 1

@@ -14,6 +14,7 @@ import contextlib
 import io
 import os
 import stat
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -23,7 +24,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from edge_vpr.errors import EdgeVprError, RecordingError, UsageError, as_path, expect
+from edge_vpr.errors import (
+    EdgeVprError,
+    EdgeVprWarning,
+    RecordingError,
+    UsageError,
+    as_path,
+    expect,
+)
 from edge_vpr.events import Events, Sensor, SensorSize, check_events
 from edge_vpr.files import check_absent, open_input, replacing
 from edge_vpr.plugins import Registry
@@ -264,6 +272,8 @@ def open_recording(
                         raise
             options = replace(options, format=chosen.name)
             recording = Recording(chosen.open_source(path, options), on_fault)
+    if recording.remark:
+        warnings.warn(f"{recording.path}: {recording.remark}", EdgeVprWarning, stacklevel=2)
     return recording if crop is None else recording.cropped(crop)
 
 

@@ -123,6 +123,8 @@ def _columns_of(given: Any, options: ReadOptions) -> tuple[dict[str, npt.NDArray
             raise RecordingError(
                 f"the event data has the columns {', '.join(names)}, and not t, x, y, p: "
                 "name all of them in their order with columns='xytp', for example"
+                + ", or make a column of the index (reset_index)"
+                * hasattr(given, "reset_index")
             )
         found = {name: np.asarray(given[field]) for name, field in named.fields.items()}
         return found, options.time_unit or named.unit

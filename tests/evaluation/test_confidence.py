@@ -15,6 +15,8 @@ from edge_vpr_tools.cli import main
 from edge_vpr_tools.research.experiments.calibration import (
     Sample,
     carried_off,
+    sample,
+    spliced,
     windows_past_the_edge,
     with_detour,
     without_places,
@@ -487,6 +489,25 @@ def test_a_spliced_drive_keeps_the_truth_of_each_window():
     detour = with_detour(a_pair(), away, 6)
     assert np.flatnonzero(~detour.truth.has_place).tolist() == [6, 7, 8]
     assert detour.counted.counts[6:9].min() == 9 and len(detour.match()) == 23
+    assert not (jumped.changes.any() or detour.changes.any())
+
+
+def test_a_window_that_holds_a_change_has_the_truth_of_its_end():
+    """Parts 0 to 19 are the drive, two in a window: before 5, from 15 on, and between."""
+    pair = a_pair()
+    jumped = carried_off(pair, 5, 15, parts=2)
+    ends = [1, 3, 15, 17, 19, 6, 8, 10, 12, 14]
+    assert jumped.truth.correct.argmax(axis=0).tolist() == ends
+    assert np.flatnonzero(jumped.changes).tolist() == [2]  # parts 4 and 15; 19 and 5 are at an end
+    counts = pair.counted.counts.astype(np.int64)
+    assert np.array_equal(jumped.counted.counts[2], counts[4] + counts[15])
+    away = descriptors(np.full((3, 3), 9))
+    detour = with_detour(pair, away, 6, parts=2)
+    assert np.flatnonzero(~detour.truth.has_place).tolist() == [3]
+    assert np.flatnonzero(detour.changes).tolist() == [4]  # part 22 and part 6
+    cut = spliced(without_places(pair, 5, 9), np.arange(20), parts=2)
+    assert np.flatnonzero(cut.changes).tolist() == [2, 4]
+    assert np.flatnonzero(sample(cut).changes).tolist() == [2, 4]
 
 
 @pytest.mark.parametrize("matching", ["filter", "sequence"])
@@ -516,7 +537,7 @@ def test_net_trust_is_that_of_the_oracle(trust, misfit):
 def test_matches_that_are_accepted_past_the_edge_of_the_map_are_counted():
     trust = np.array([9, 9, 9, 9, 0, 9, 0, 9, 9])
     has_place = np.array([1, 1, 0, 0, 0, 1, 0, 1, 0], dtype=np.bool_)
-    drive = Sample(trust, has_place, has_place)
+    drive = Sample(trust, has_place, has_place, np.zeros(9, dtype=np.bool_))
     assert windows_past_the_edge([drive], 5) == [2, 0, 1]  # the last one up to its end
     assert windows_past_the_edge([drive], 10) == []
 

@@ -230,6 +230,21 @@ def test_a_state_that_cannot_be_kept_is_refused_before_the_line_is_opened(change
         LiveSession("tcp://127.0.0.1:1", protocol="evpr", **given)
 
 
+def test_a_file_is_read_without_keeping_a_state_which_is_told(street, tmp_path):
+    path, events, _ = street
+    encoder, said = open_encoder("evpr", SENSOR), []
+    (tmp_path / "sent.bin").write_bytes(encoder.start() + encoder.encode(between(events, 0, 3)))
+    with LiveSession(
+        tmp_path / "sent.bin", protocol="evpr", reference=path, state=tmp_path / "run.state",
+        on_message=said.append,
+    ) as session:  # fmt: skip
+        assert list(session)
+    assert [each.text for each in said if each.kind == "state"] == [
+        "a file or pipe is read again from its start: no state is kept"
+    ]
+    assert not (tmp_path / "run.state").exists()
+
+
 def test_a_disk_that_is_slow_is_not_waited_for(monkeypatch, tmp_path):
     written, free = [], threading.Event()
 

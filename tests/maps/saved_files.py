@@ -160,8 +160,12 @@ def plain_profile() -> dict[str, object]:
         "matches_per_joule": 1.0, "matches_per_joule_interval": interval,
         "idle_w": 2.0, "idle_w_interval": [1.9, 2.1], "load_w": 3.0,
     }  # fmt: skip
+    windows = [
+        {"load": load, "start_s": 10.0 * load, "end_s": 10.0 * load + 10, "matches": 9 * load}
+        for load in (False, True)
+    ]
     energy = {
-        "figures": figures, "windows": [], "sensor": sensor,
+        "figures": figures, "windows": windows, "sensor": sensor,
         "trace": {"time_s": [0.5], "watts": [2.0]},
     }  # fmt: skip
     known = {"frequency_hz": 1e9, "temperature_c": 50.0}

@@ -20,6 +20,7 @@ from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.session import LiveSession
 from edge_vpr.matching.matches import TABLE
 from edge_vpr.online.localiser import MATCH_DTYPE
+from edge_vpr.simulation import simulate_pair
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
 
@@ -387,7 +388,15 @@ def wrong_uses():
         "array of float64: give one of bool": lambda drive, route: build(
             drive, hot=np.zeros((12, 16))
         ),
-        "path of a track is an int": lambda drive, route: build(drive, track=5),
+        "tau = 500 has no unit": lambda drive, route: build(drive, tau=500),
+        "open_recording.path, frame_period='1/30'": lambda drive, route: build(
+            drive, frame_period="1/30"
+        ),
+        "open_recording.path, on_fault='drop'": lambda drive, route: route.match(
+            drive, on_fault="drop"
+        ),
+        "localiser: smooth=True needs all later": lambda drive, route: route.localiser(smooth=True),
+        "track is an int": lambda drive, route: build(drive, track=5),
         "path of odometry is a list": lambda drive, route: build(drive, odometry=[1, 2]),
         "every is an int .5.: give a text": lambda drive, route: route.match(drive, every=5),
         "expected event, a number": lambda drive, route: route.match(drive, every="often"),
@@ -395,7 +404,7 @@ def wrong_uses():
         "path of a reference map is None": lambda drive, route: ev.ReferenceMap.load(None),
         "path of a reference map is an int": lambda drive, route: route.save(5),
         "path of a folder of results is None": lambda drive, route: route.match(drive).save(None),
-        "truth is None: give a GroundTruth": lambda drive, route: route.match(drive).evaluate(None),
+        "truth is None: give the track": lambda drive, route: route.match(drive).evaluate(None),
         "give for example tolerance_m": lambda drive, route: route.match(drive).evaluate(
             ("a.csv", "b.csv")
         ),
@@ -438,6 +447,50 @@ def test_wrong_use_is_one_sentence_with_the_remedy(words, route):
     drive = Drive(events_of(0), SENSOR)
     with pytest.raises(EdgeVprError, match=words):
         wrong_uses()[words](drive, route)
+
+
+def test_settings_may_be_numbers_of_numpy(folder, route):
+    made = ev.ReferenceMap.build(
+        folder / "monday.npz", track=folder / "monday.csv", **SMALL | {"pixels": np.int64(5)}
+    )
+    assert made == route
+    found = route.match(folder / "tuesday.npz", precision=np.float64(0.5), smooth=np.False_)
+    assert found.matches.settings == route.settings.replaced(
+        {"precision": 0.5, "smooth": False}, "test"
+    )
+
+
+def test_what_makes_a_truth_doubtful_is_a_warning_and_in_the_report(tmp_path):
+    """Logs that are swapped, late, or cut off."""
+    first, second = simulate_pair(0, "tiny", length_m=60)
+    result = ev.ReferenceMap.build(first, pixels=50).match(second)
+    whole = result.evaluate((first.track, second.track), 10)
+    assert whole.truth.notes == ()
+    assert result.evaluate(whole.truth, 10).to_dict() == whole.to_dict()
+    with pytest.raises(UsageError, match="tolerance_m = 25, and truth says already"):
+        result.evaluate(whole.truth, 25)
+    half = second.track.time_us < second.duration_us // 2
+    cut = ev.Track(second.track.time_us[half], second.track.position[half])
+    for tracks, tolerance, words in (
+        ((second.track, first.track), 10, "fit the drives better the other way round"),
+        ((first.track, second.track.shifted(4)), 2, "give that track .shifted(-"),
+        ((first.track, cut), 10, "cannot be judged"),
+    ):
+        with pytest.warns(ev.EdgeVprWarning) as said:
+            found = result.evaluate(tracks, tolerance)
+        assert [str(one.message) for one in said] == list(found.truth.notes)
+        assert words in "; ".join(found.truth.notes)
+    result.report(tmp_path / "result", found)
+    assert "cannot be judged" in (tmp_path / "result" / "report.html").read_text()
+    recorded = json.loads((tmp_path / "result" / "metrics.json").read_text())["evaluated_by"]
+    assert recorded["warnings"] == list(found.truth.notes)
+
+
+def test_a_doubtful_unit_of_times_is_a_warning(folder):
+    events = events_of(0)
+    table = {name: events[name] for name in "xyp"} | {"t": events["t"] * 1000}
+    with pytest.warns(ev.EdgeVprWarning, match="more likely, pass time_unit='ns'"):
+        ev.ReferenceMap.build(table, sensor=SENSOR, **SMALL)
 
 
 def test_a_path_is_taken_where_a_recording_is(route, tmp_path):

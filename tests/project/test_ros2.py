@@ -425,7 +425,7 @@ def test_rows_of_a_server_arrive_at_another_participant(messages, dds_types):
             ):
                 server.send(each["kind"], json.dumps(each))
 
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as odometer:
+    with contextlib.ExitStack() as at_end, socket.socket(type=socket.SOCK_DGRAM) as odometer:
         odometer.bind(("127.0.0.1", 0))
         odometer.settimeout(0.02)
         with MatchServer("0") as server:
@@ -434,6 +434,7 @@ def test_rows_of_a_server_arrive_at_another_participant(messages, dds_types):
             address = server.address.removeprefix("http://").rstrip("/")
             to = f"127.0.0.1:{odometer.getsockname()[1]}"
             node = started(domain, "--connect", address, "--odometry-to", to)
+            at_end.callback(node.kill)  # also where nothing arrives
             try:
                 found = {
                     topic: waited_for(lambda topic=topic: readers[topic].take(1), lambda _: True)
@@ -454,19 +455,16 @@ def test_rows_of_a_server_arrive_at_another_participant(messages, dds_types):
             finally:
                 stop.set()
                 thread.join()
-        with node:
-            try:
-                gone = waited_for(
-                    lambda: readers["/diagnostics"].take(10),
-                    lambda sample: (
-                        "ended" in sample.status[0].message
-                        or "start edge-vpr stream" in sample.status[0].message
-                    ),
-                )
-                node.send_signal(signal.SIGTERM)
-                assert node.wait(20) == 0, node.stderr.read()
-            finally:
-                node.kill()  # else leaving the block would wait for it
+        gone = waited_for(
+            lambda: readers["/diagnostics"].take(10),
+            lambda sample: (
+                "ended" in sample.status[0].message
+                or "start edge-vpr stream" in sample.status[0].message
+            ),
+        )
+        node.send_signal(signal.SIGTERM)
+        _, said = node.communicate(timeout=20)
+        assert node.returncode == 0, said
     assert gone.status[0].level == messages.ERROR
     # one metre a message, of which the newest count
     steps = np.diff(readings)

@@ -35,7 +35,7 @@ from pathlib import Path
 import numpy as np
 import recording_files as files
 
-from edge_vpr.errors import EdgeVprError
+from edge_vpr.errors import EdgeVprError, EdgeVprWarning
 from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Sensor, make_events
 from edge_vpr.recordings import WRITTEN, open_recording, write_recording
 
@@ -383,6 +383,7 @@ def _check_error(error: EdgeVprError, path: Path) -> None:
 def run_child(inputs: Mutants | Given, folder: Path, indices: range, pipe: int) -> None:
     """Check inputs in this process, and write a line before and after each."""
     warnings.simplefilter("error")
+    warnings.simplefilter("ignore", EdgeVprWarning)
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)  # libraries print what they dislike
     size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()

@@ -25,6 +25,9 @@ from edge_vpr.recordings import frames, open_recording, write_recording
 from edge_vpr.recordings.decoding import DecompressionError, bzip2, expand
 from edge_vpr.recordings.reading import foreign_errors
 
+# what a recording remarks is compared as `remark`
+pytestmark = pytest.mark.filterwarnings("ignore::edge_vpr.EdgeVprWarning")
+
 SENSOR = Sensor(40, 30)
 FUZZER = Path(__file__).with_name("fuzz_recordings.py")
 

@@ -20,6 +20,9 @@ from edge_vpr.events import Sensor, make_events
 from edge_vpr.recordings import decoding, open_recording, rosbag
 from edge_vpr.recordings.rosbag import Cursor, LibcaerCmpDecoder, read_event_array, read_preamble
 
+# what a recording remarks is compared as `remark`
+pytestmark = pytest.mark.filterwarnings("ignore::edge_vpr.EdgeVprWarning")
+
 rosbags = pytest.importorskip("rosbags")
 
 SENSOR = Sensor(346, 260)

@@ -12,6 +12,9 @@ from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.recordings import open_recording
 
+# what a recording remarks is compared as `remark`
+pytestmark = pytest.mark.filterwarnings("ignore::edge_vpr.EdgeVprWarning")
+
 SENSOR = Sensor(64, 48)
 ROWS = [(1000, 3, 4, True), (1250, 63, 47, False), (2_000_000, 0, 0, True)]
 EXPECTED = [(0, 3, 4, True), (250, 63, 47, False), (1_999_000, 0, 0, True)]

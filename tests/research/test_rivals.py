@@ -68,6 +68,11 @@ def rows_of_contest(pair, seed=0, systems=()):
     return list(rivals.measure(Draw(pair, seed, seed == 0, systems)))
 
 
+@pytest.fixture(scope="module")
+def contested():
+    return rows_of_contest(contest())
+
+
 def wrong_at_first(places_us, queries_us):
     """Truth of which the first window has no part."""
     truth = truth_of(places_us, queries_us)
@@ -96,9 +101,8 @@ def test_every_row_is_judged_on_all_its_windows_and_on_those_of_every_row():
     assert rivals.figure([{"drives": "d", **row} for row in rows]).axes[0].get_title() == "d"
 
 
-def test_the_same_drive_is_found_and_one_that_shows_nothing_is_not():
-    rows = rows_of_contest(contest())
-    right = {(row["system"], row["matching"]): row["P@100R"] for row in rows}
+def test_the_same_drive_is_found_and_one_that_shows_nothing_is_not(contested):
+    right = {(row["system"], row["matching"]): row["P@100R"] for row in contested}
     assert right[rivals.OURS, "place filter, live"] == 1
     assert right["all pixels, SAD", "place filter, recorded"] == 1
     # the drives take equally long: a path at the usual pace is partly correct
@@ -107,12 +111,8 @@ def test_the_same_drive_is_found_and_one_that_shows_nothing_is_not():
     assert right[rivals.CONSTANT_SPEED, "none"] == 1
 
 
-def test_the_first_right_match_is_given_with_the_last_window_that_it_needs():
-    rows = {
-        row["matching"]: row
-        for row in rows_of_contest(contest())
-        if row["system"] == "all pixels, SAD"
-    }
+def test_the_first_right_match_is_given_with_the_last_window_that_it_needs(contested):
+    rows = {row["matching"]: row for row in contested if row["system"] == "all pixels, SAD"}
     for matching, seconds in (
         ("sequences of 5", 5), ("sequences of 10", 10), ("place filter, live", 1),
         ("place filter, 4 windows late", 5),

@@ -13,7 +13,8 @@ MATCHES = st.lists(st.tuples(st.integers(-5, 20), st.booleans()), min_size=1, ma
 
 def sampled(matches):
     trust, correct = (np.array(column) for column in zip(*matches, strict=True))
-    return Sample(trust.astype(np.int64), correct.astype(bool), np.ones(len(matches), bool))
+    every = np.ones(len(matches), bool)
+    return Sample(trust.astype(np.int64), correct.astype(bool), every, ~every)
 
 
 @given(MATCHES, st.sampled_from([0.5, 0.9, 1.0]))

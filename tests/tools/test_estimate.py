@@ -401,8 +401,8 @@ def test_the_rovers_question_is_one_command(tmp_path, capsys):
     rows, text = rows_of(shown), joined(shown)
     for name in ("Cortex-M0+", "ECP5-25F", "Pi 4", "Pi 5"):
         assert rows[name][0] == "none" and f"{name} (power unknown)" in text
-    # at rest alone it takes more
     assert rows["Pi Zero 2 W"][0] == "none"
+    assert "No design fits: Cortex-M0+" in text and "Pi Zero 2 W (5mW at rest alone)." in text
     assert f"The smallest of {len(search.tried_designs())} designs within 64KiB and 5mW" in text
     assert main([*rover, "--json"]) == 0
     chosen = json.loads(capsys.readouterr().out)["recommended"]["iCE40UP5K"]["best"]
@@ -419,6 +419,17 @@ def test_the_rovers_question_is_one_command(tmp_path, capsys):
     assert "Over its limits: Cortex-M4 (8KiB)" in joined(capsys.readouterr().out)
     assert main([*own, "--fit", "8MiB"]) == 0
     assert "Within the limits." in joined(capsys.readouterr().out)
+
+
+def test_where_no_design_fits_no_better_one_is_named(capsys):
+    assert main(["estimate", "--fit", "1KiB"]) == 0
+    shown = joined(capsys.readouterr().out)
+    assert shown.startswith("No design fits: Cortex-M0+ (1KiB), ") and "better" not in shown
+
+
+def test_the_page_names_every_target():
+    page = (Path(__file__).parents[2] / "docs" / "estimate.md").read_text()
+    assert [name for name in targets.names() if f"`{name}`" not in page] == []
 
 
 def parsed(words):

@@ -31,8 +31,9 @@ from edge_vpr_tools.profile.measurement import (
     measure,
     paired_energy,
     take_turns,
+    varying_load,
 )
-from edge_vpr_tools.profile.meter_trace import align, read_meter
+from edge_vpr_tools.profile.meter_trace import _spread, align, read_meter
 from edge_vpr_tools.profile.profiling import Profile
 from edge_vpr_tools.profile.sensors import pmic
 from edge_vpr_tools.profile.sensors.hwmon import CHIPS, with_shunt
@@ -439,7 +440,7 @@ def test_a_meters_trace_is_aligned_by_its_steps(tmp_path):
         table = csv.writer(file)
         table.writerow(["Time_s", "Voltage", "Current"])
         table.writerows([t + 123.4, 5.0, w / 5.0] for t, w in zip(time_s, watts, strict=True))
-    when, read, _ = read_meter(path)
+    when, read, *_ = read_meter(path)
     assert read == pytest.approx(watts)
     assert align(windows, when, read) == pytest.approx(123.4, abs=0.15)
     for text, says in (
@@ -451,6 +452,7 @@ def test_a_meters_trace_is_aligned_by_its_steps(tmp_path):
         ("time,power\n1,2\n2,3,4\n", "sample 2, '2,3,4'"),
         ("time,power\n1,2\n2\n", "sample 2, '2'"),
         ("", "begins with ''"),
+        ("Time;Energy(Wh)\n20:25:00,000;0,1\n", "'Energy.Wh.' is of energy, which is not"),
     ):
         path.write_text(text)
         with pytest.raises(UsageError, match=says):
@@ -494,7 +496,7 @@ def test_what_meters_export_is_read_with_its_units(name, tmp_path):
     text, voltage = EXPORTS[name]
     path = tmp_path / "meter.csv"
     path.write_text(text, encoding="utf-8")
-    when, watts, _ = read_meter(path, voltage)
+    when, watts, *_ = read_meter(path, voltage)
     assert watts == pytest.approx([2.5, 5.0])
     assert np.diff(when) == pytest.approx([0.5])
 
@@ -543,7 +545,7 @@ def test_a_clock_needs_no_unit(tmp_path):
     path = tmp_path / "meter.csv"
     rows = (f"2024-03-04T10:01:40.{i}00000,0.2,5\n" for i in range(3))
     path.write_text("start_time(iso),current_mean(A),voltage_mean(V)\n" + "".join(rows))
-    when, watts, _ = read_meter(path)
+    when, watts, *_ = read_meter(path)
     assert np.diff(when) == pytest.approx([0.1, 0.1], abs=1e-6)
     assert watts == pytest.approx([1.0] * 3)
 
@@ -590,15 +592,104 @@ def test_encodings_separators_and_both_micro_signs_are_read(
     rows += [[str(t), f"{ua:.1f}", "5.0"] for t, ua in ((0.0, 500_000), (0.5, 1_000_000))]
     text = "\r\n".join(delimiter.join(row).replace(".", decimal) for row in rows)
     path.write_bytes(text.encode(encoding))
-    when, watts, _ = read_meter(path)
+    when, watts, *_ = read_meter(path)
     assert watts == pytest.approx([2.5, 5.0]) and np.diff(when) == pytest.approx([0.5])
 
 
-def test_samples_of_the_same_second_are_averaged(tmp_path):
+def test_samples_of_the_same_second_are_spread_over_it(tmp_path):
+    """Each second has as many as there are; one of a gap does not last."""
     path = tmp_path / "meter.csv"
-    path.write_text("Date,W\n2026-01-01 10:00:00,2\n2026-01-01 10:00:00,4\n2026-01-01 10:00:01,5\n")
-    when, watts, _ = read_meter(path)
-    assert np.diff(when).tolist() == [1.0] and watts.tolist() == [3.0, 5.0]
+    path.write_text(
+        "Date,W\n2026-01-01 10:00:00,2\n2026-01-01 10:00:00,4\n2026-01-01 10:00:01,5\n"
+        "2026-01-01 10:00:09,1\n2026-01-01 10:00:09,2\n2026-01-01 10:00:10,3\n"
+    )
+    when, watts, *_ = read_meter(path)
+    assert (when - when[0]).tolist() == [0.0, 0.5, 1.0, 9.0, 9.5, 10.0]
+    assert watts.tolist() == [2.0, 4.0, 5.0, 1.0, 2.0, 3.0]
+
+
+def test_a_clock_of_whole_seconds_gives_the_energy_of_an_exact_one():
+    """Four readings a second; the power at rest does not reach below all of them."""
+    windows, time_s, watts = synthetic(
+        np.random.default_rng(4), noise=0.002, drift=0.0, repeats=1, period=0.25
+    )
+    exact, coarse = (
+        analyse(
+            Trace.of_power(when - align(windows, when, watts), watts), windows,
+            replace(METER, period_s=0.25),
+        ).figures
+        for when in (time_s, _spread(np.floor(time_s)))
+    )  # fmt: skip
+    assert coarse.matches_per_joule == pytest.approx(exact.matches_per_joule, rel=0.01)
+    assert coarse.idle_w_interval[0] == pytest.approx(exact.idle_w_interval[0], rel=0.01)
+
+
+def test_rows_behind_the_last_reading_are_left_out_and_counted(tmp_path):
+    """A total without numbers; such a row between readings is refused."""
+    path = tmp_path / "meter.csv"
+    path.write_text("t_s,p_w,n\n0,2,7\n1,3,7\nTotal,,14\nend\n")
+    found = read_meter(path)
+    assert found.watts.tolist() == [2.0, 3.0] and found.left_out == 2
+    path.write_text("t_s,p_w,n\n0,2,7\n1,3,7\nTotal,,14\n2,3,7\n")
+    with pytest.raises(UsageError, match="sample 3, 'Total,,14'"):
+        read_meter(path)
+
+
+def unrelated(rng, kind, seconds, step=0.25):
+    """A trace that has nothing to do with any load."""
+    n = round(seconds / step)
+    if kind == "noise":
+        return np.arange(n) * step, rng.normal(2.0, 0.2, n)
+    if kind == "walk":
+        return np.arange(n) * step, 5 + np.cumsum(rng.normal(0, 0.02, n))
+    lengths = (rng.uniform(3, 20, n) / step).astype(int)
+    levels = np.arange(n) % 2 if kind == "on and off" else rng.uniform(0, 1, n)
+    return np.arange(n) * step, 2 + np.repeat(levels, lengths)[:n] + rng.normal(0, 0.02, n)
+
+
+#: matches of the periods of a machine that did other work too
+BUSY = (3398, 2766, 2031, 1343, 3523)
+
+
+def busy_windows():
+    of = [False, True, True, False, False, True, True, False, False, True]
+    matches = iter(BUSY)
+    return [
+        Window(load, 10.0 * i, 10.0 * i + 10, next(matches) if load else 0)
+        for i, load in enumerate(of)
+    ]
+
+
+@pytest.mark.parametrize("kind", ["noise", "walk", "steps", "on and off"])
+def test_a_trace_that_has_nothing_to_do_with_the_load_is_refused(kind):
+    """However long its best place is looked for; the refusal says what else may be wrong."""
+    rng, taken = np.random.default_rng(7), 0
+    for seconds in (120, 300, 900) * 10:
+        try:
+            align(busy_windows(), *unrelated(rng, kind, seconds))
+            taken += 1
+        except UsageError as error:
+            assert "varied from 1,343 to 3,523 matches a period" in str(error)
+    assert taken <= 1
+
+
+def test_a_load_that_varies_is_followed_and_its_interval_says_so():
+    """Power by the work of each period, on a machine that was busy with other work."""
+    windows, rng = busy_windows(), np.random.default_rng(8)
+    time_s = np.arange(-15, 130, 0.25)
+    work = np.array([window.matches for window in windows]) * 1.1e-4
+    inside = (time_s >= 0) & (time_s < 100)
+    watts = 2 + inside * work[np.clip(time_s // 10, 0, 9).astype(int)]
+    watts += rng.normal(0, 0.02, time_s.size)
+    ahead = align(windows, time_s + 50, watts)
+    assert ahead == pytest.approx(50, abs=0.3)
+    found = analyse(
+        Trace.of_power(time_s + 50 - ahead, watts), windows, replace(METER, period_s=0.25)
+    )
+    low, high = found.figures.marginal_j_per_match_interval
+    assert low < 1.1e-3 < high
+    assert "varied from 1,343 to 3,523 matches a period" in varying_load(windows)
+    assert not varying_load([w._replace(matches=10) for w in windows])
 
 
 def test_power_that_no_board_takes_is_refused(tmp_path):

@@ -24,7 +24,7 @@ from typing import Any, NoReturn
 
 from edge_vpr import __version__
 from edge_vpr.compile_report import COMPILE_ALL
-from edge_vpr.errors import EdgeVprError, UsageError, did_you_mean, printable
+from edge_vpr.errors import EdgeVprError, EdgeVprWarning, UsageError, did_you_mean, printable
 from edge_vpr_tools.console import (
     Verbosity,
     check_interrupted,
@@ -371,6 +371,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if "_ARGCOMPLETE" in os.environ:
             complete()
         with interrupts_kept(), warnings.catch_warnings():
+            warnings.simplefilter("always", EdgeVprWarning)
             warnings.showwarning = lambda message, *_: warning(str(message))
             run(argv)
             check_interrupted()

@@ -194,7 +194,7 @@ def check_clock() -> Iterator[Found]:
     else:
         yield Found(
             "absent",
-            "does not process_events a time server: a recording and a GPS log of this machine may be apart",
+            "does not follow a time server: a recording and a GPS log of this machine may be apart",
             "sudo timedatectl set-ntp true, or give evaluate an --offset",
         )
 

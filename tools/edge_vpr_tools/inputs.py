@@ -14,7 +14,7 @@ from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings import Recording, open_recording, parse_period
 from edge_vpr.recordings.reading import crop_of
 from edge_vpr.settings import Settings
-from edge_vpr_tools.console import check_interrupted, is_quiet, warning
+from edge_vpr_tools.console import check_interrupted, is_quiet
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,10 +23,7 @@ if TYPE_CHECKING:
 def open_from(
     args: argparse.Namespace, path: str | Path, *, default_period: Fraction | None = None
 ) -> Recording:
-    """Open a recording with the flags of :func:`add_reading_arguments`.
-
-    Prints a warning if something in the recording is implausible.
-    """
+    """Open a recording with the flags of :func:`add_reading_arguments`."""
     recording = open_recording(
         path,
         format=args.format,
@@ -38,8 +35,6 @@ def open_from(
         time_unit=args.time_unit,
         columns=args.columns,
     )
-    if recording.remark:
-        warning(f"{path}: {recording.remark}")
     crop = crop_of(args.start, args.end, args.start_offset)
     return recording if crop is None else recording.cropped(crop)
 

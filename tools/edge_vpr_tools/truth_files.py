@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,19 +11,26 @@ import numpy.typing as npt
 
 from edge_vpr import results
 from edge_vpr.errors import GroundTruthError, UsageError
-from edge_vpr.evaluation.doubts import MORE_CORRECT, Offset, best_offset, is_clear
+from edge_vpr.evaluation.doubts import (
+    MORE_CORRECT,
+    Offset,
+    best_offset,
+    is_clear,
+)
 from edge_vpr.evaluation.ground_truth import (
     GroundTruth,
+    correct_of,
     from_alignment,
     from_matrix,
     from_tracks,
     load_alignment,
     load_matrix,
+    swapped_logs,
+    unjudged,
 )
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.files import parse_errors, read_json
-from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import parse_period
 from edge_vpr.reference_map import MatchResult
 from edge_vpr.results import RecordError, RunRecord, from_json
@@ -127,10 +133,6 @@ class TruthFiles:
 AUTO = "auto"
 #: places times queries of the ground truth: 64 MB
 _MOST_CELLS = 1 << 26
-#: swapped logs are reported if this share of the matches becomes correct by it; chosen by judgement
-_SWAPPED_BY = 0.3
-#: if a larger share of the matches cannot be judged, a warning says so
-_MUCH_UNKNOWN = 0.05
 
 
 def load_evaluated(
@@ -174,17 +176,12 @@ def load_evaluated(
         if offset is None:
             raise
         raise GroundTruthError(f"{error}; {_advice(files, offset)}") from None
-    correct, judged = _counts(matches, truth)
-    if len(files.files) == 2 and correct < (1 - _SWAPPED_BY) * judged:
-        with suppress(GroundTruthError):  # the tracks fit these drives in one order only
-            swapped, of = _counts(matches, files.swapped()(*_times(result)))
-            if swapped * judged > (correct + _SWAPPED_BY * judged) * of:
-                warning(
-                    f"with the two logs in the other order, {swapped / of:.0%} of the matches "
-                    f"would be correct instead of {correct / judged:.0%}: name the log of the "
-                    "reference first"
-                )
+    at = matches.place, matches.query
+    if len(files.files) == 2:
+        for line in swapped_logs(truth, lambda: files.swapped()(*_times(result)), *at):
+            warning(line)
     offset = None
+    correct, judged = correct_of(truth, *at)
     if correct < (1 - MORE_CORRECT) * judged:  # otherwise no offset can be clearly better
         offset = _clear_offset(result, files)
     if offset is not None:
@@ -257,34 +254,9 @@ def truth_of(result: MatchResult, files: TruthFiles) -> GroundTruth:
 def _doubted(result: MatchResult, files: TruthFiles) -> GroundTruth:
     """Read the truth of the matches, and warn if it is doubtful."""
     truth = truth_of(result, files)
-    for line in truth.notes:
+    for line in (*truth.notes, *unjudged(truth, result.matches.place, result.matches.query)):
         warning(line)
-    place, query = result.matches.place, result.matches.query
-    unknown = ~truth.judged(place, query)
-    if unknown.mean() > _MUCH_UNKNOWN:
-        assert truth.placed is not None
-        places = int(np.count_nonzero(truth.known[query] & ~truth.placed[place]))
-        windows = int(np.count_nonzero(~truth.known[query]))
-        causes = [
-            f"{count:,} {whose}"
-            for count, whose in (
-                (windows, "as the window has no position, or its place may have none"),
-                (places, "as the place has none"),
-            )
-            if count
-        ]
-        warning(
-            f"{int(unknown.sum()):,} of {len(place):,} matches cannot be judged and are left out: "
-            f"{' and '.join(causes)}"
-        )
     return truth
-
-
-def _counts(matches: Matches, truth: GroundTruth) -> tuple[int, int]:
-    """Return how many matches are correct, and how many can be judged."""
-    judged = truth.judged(matches.place, matches.query)
-    correct = truth.correct[matches.place, matches.query] & judged
-    return int(correct.sum()), int(judged.sum())
 
 
 def _offset(result: MatchResult, files: TruthFiles) -> Offset | None:

@@ -149,7 +149,7 @@ def run(args: argparse.Namespace) -> None:
     summary(outcome.sentence())
     summary(
         f"P@100R {found.precision_at_100_recall:.3f}   R@99P {found.recall_at_99_precision:.3f}   "
-        f"average precision {found.curve.average_precision:.3f}   "
+        f"average precision {found.average_precision:.3f}   "
         + "   ".join(f"Recall@{n} {recall:.3f}" for n, recall in found.recall_at.items())
     )
     if others:

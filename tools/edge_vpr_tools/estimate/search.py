@@ -115,10 +115,12 @@ def _broken_by(design: Design, of: Cost, used: int, limits: Limits) -> str:
         else:
             # a board that takes more at rest exceeds the budget whatever its work takes
             at_rest = of.whole_w is None and of.idle_w is not None and of.idle_w.low > budget.limit
+            if at_rest:
+                return f"{budget.text} at rest alone"
             watts = of.whole_w or of.marginal_w
-            if watts is None and not at_rest:
+            if watts is None:
                 return POWER
-            over = watts is None or watts.central > budget.limit
+            over = watts.central > budget.limit
         if over:
             return budget.text
     return ""

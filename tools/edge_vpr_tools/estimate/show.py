@@ -150,10 +150,13 @@ def show_recommended(
     mission: Mission,
 ) -> None:
     """Print the design that is recommended for each target within the budgets."""
-    rows, limits = [], []
+    rows: list[list[str]] = []
+    limits: list[str] = []
+    none: list[str] = []
     for target, one in found.items():
         if one.limit:
-            limits.append(f"{_short(target)} ({one.limit})")
+            exceeded = f"{_short(target)} ({one.limit})"
+            (none if one.best is None else limits).append(exceeded)
         if one.best is None:
             rows.append([_short(target), "none", "-", "-", "-", "-", "-", "-"])
             continue
@@ -163,6 +166,10 @@ def show_recommended(
              f"{device.design.places:,}", size_text(device.memory_bytes), _energy(device.cost),
              f"{size.accuracy:.3f}"]
         )  # fmt: skip
+    not_fitting = f"No design fits: {', '.join(none)}." if none else ""
+    if len(none) == len(found):
+        _say(not_fitting)
+        return
     header = ["target", "pixels", "bits", "per\nwindow", "places", "memory", "energy", "correct"]
     table(header, rows, width=WIDTH)
     text = (
@@ -173,8 +180,8 @@ def show_recommended(
         f"{WORK}, at {mission.events_per_s:,.0f} events/s."
     )
     if limits:
-        text += f" What keeps a better one out: {', '.join(limits)}."
-    say(text, width=WIDTH)
+        text += f" A better one exceeds: {', '.join(limits)}."
+    _say(f"{text} {not_fitting}")
 
 
 def show_sources(targets: Sequence[Target], costs: Mapping[Target, Cost]) -> None:

@@ -21,6 +21,10 @@ from edge_vpr_tools.profile.sensors.sensor import About, Sensor, SensorError
 Floats = npt.NDArray[np.float64]
 
 
+#: Largest ratio of the matches of two load periods on a machine that does nothing else.
+_STEADY = 1.25
+
+
 class Window(NamedTuple):
     """Period of one kind of load, on the monotonic clock."""
 
@@ -120,6 +124,17 @@ class Sampler:
                 self._take()
         except SensorError as error:
             self.error = error
+
+
+def varying_load(windows: Sequence[Window]) -> str:
+    """Say how far the work of the load periods differs, if by more than a quarter."""
+    matches = [window.matches for window in windows if window.load]
+    if max(matches) <= _STEADY * min(matches):
+        return ""
+    return (
+        f"the load varied from {min(matches):,} to {max(matches):,} matches a period: the machine "
+        "is busy"
+    )
 
 
 # Statistics of pairs of idle and load periods: median, interval, and whether it is resolved.
@@ -408,9 +423,10 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About) -> Energy:
     resolved, value = marginal.resolved, marginal.value
     if round(window_s / about.period_s) < LEAST_SAMPLES:
         share = _READINGS_AT_EDGES * about.period_s / window_s
-        lost = max(marginal.high, 0.0) * (1 / (1 - share) - 1)
-        marginal = marginal.widened(0.0, lost)
-        idle = idle.widened(lost / float(np.median(a_match_s)), 0.0)
+        lost = 1 / (1 - share) - 1
+        marginal = marginal.widened(0.0, lost * max(marginal.high, 0.0))
+        # in watts, which do not vary with the matches of a machine that is busy
+        idle = idle.widened(lost * max(interval(load_w - idle_w).high, 0.0), 0.0)
     start = windows[0].start_s
     return Energy(
         figures=Figures(

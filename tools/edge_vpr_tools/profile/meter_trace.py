@@ -18,22 +18,23 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
 from edge_vpr.files import open_input
-from edge_vpr_tools.profile.measurement import Floats, Window
+from edge_vpr_tools.profile.measurement import LEAST_PAIRS, Floats, Trace, Window, varying_load
 from edge_vpr_tools.profile.sensors.sensor import MAX_WATTS
 
-#: Thresholds for a trace that follows the load: its correlation with the load in standard errors of
-#: the readings, and the mean difference of the pairs in standard errors of the differences. Of 450
-#: traces of noise, of random walks and of other steps, none passed; with 3 in place of 6, one in
-#: five did.
-_FOLLOWING, _PAIRS_HIGHER = 5.0, 6.0
+#: Random orders of idle and load that a trace has to fit worse than the true one, and places at
+#: which they are tried in the length of a window. Of 1,500 traces of noise, of random walks and of
+#: other steps, one passed; of 300 that are switched on and off at a constant period, 21 did, of
+#: nearly the period of the load.
+_ORDERS, _PLACES_OF_WINDOW = 500, 20
+#: energies that are looked up at a time
+_MOST_CELLS = 1 << 22
 #: median power of a trace above which its unit must be wrong: no board of this kind takes more
 MAX_TRACE_WATTS = 500.0
 #: most windows of a profile, and most seconds between its first and last one
-_MOST_WINDOWS, _MOST_S = 100_000, 1e6
+_MOST_WINDOWS, _MOST_S = 10_000, 1e6
 #: a trace that seems longer has another unit of time
 _MOST_TRACE_S = 7 * 86_400.0
 #: lines before the header, in which programs describe themselves
@@ -57,6 +58,9 @@ _UNITS: Mapping[str, Mapping[str, float]] = {
     "voltage": {"v": 1.0, "volts": 1.0, "mv": 1e-3, "uv": 1e-6},
     "current": {"a": 1.0, "amps": 1.0, "ma": 1e-3, "ua": 1e-6, "na": 1e-9},
 }
+
+
+_DIGIT = re.compile(r"\d")
 
 
 class _Column(NamedTuple):
@@ -86,6 +90,7 @@ class MeterTrace(NamedTuple):
     time_s: Floats  #: Shape (n,), increasing; on the meter's clock.
     watts: Floats  #: Shape (n,).
     read_from: str  #: The names of the columns.
+    left_out: int  #: Rows behind the last reading, without a number.
 
 
 def read_meter(path: Path, voltage: float | None = None, named: Sequence[str] = ()) -> MeterTrace:
@@ -98,7 +103,7 @@ def read_meter(path: Path, voltage: float | None = None, named: Sequence[str] = 
         header that names columns of time and of power, or of voltage and current, with or without
         units: ``time_s,power_w``, ``Timestamp(ms),Current(uA)``. Lines before the header are
         skipped. Times are numbers, ISO 8601 or a time of day. Samples of the same time, as of
-        clocks with whole seconds, are averaged.
+        clocks with whole seconds, are spread evenly until the next one.
     voltage : float, optional
         Supply in volts, instead of a column of voltage.
     named : sequence of str
@@ -121,7 +126,8 @@ def read_meter(path: Path, voltage: float | None = None, named: Sequence[str] = 
             rows = ([_decimal(cell, delimiter) for cell in row] for row in table)
             filled = (row for row in rows if any(row))
             given = voltage if voltage is not None and "power" not in chosen else 1.0
-            samples = _samples(path, filled, len(columns), chosen, given)
+            left_out: list[UsageError] = []
+            samples = _samples(path, filled, len(columns), chosen, given, left_out)
             read = np.fromiter(samples, np.dtype((np.float64, 2)))
     except (OSError, csv.Error) as error:
         raise UsageError(
@@ -132,7 +138,8 @@ def read_meter(path: Path, voltage: float | None = None, named: Sequence[str] = 
     if voltage is not None and "power" not in chosen:
         names.append(f"{voltage:g} V as given")
     time_s, watts = read.T
-    return _checked(path, MeterTrace(time_s, watts, f"{', '.join(names[:-1])} and {names[-1]}"))
+    read_from = f"{', '.join(names[:-1])} and {names[-1]}"
+    return _checked(path, MeterTrace(time_s, watts, read_from, len(left_out)))
 
 
 def _encoding_of(head: bytes) -> str:
@@ -162,6 +169,12 @@ def _header(path: Path, lines: Iterable[str]) -> tuple[str, list[_Column]]:
         found = {column.quantity for column in columns}
         if {"time", "date"} & found and {"power", "current"} & found:
             return delimiter, columns
+        energy = [one.name for one in columns if re.search(r"energy|wh\b|joules", one.name, re.I)]
+        if {"time", "date"} & found and energy:
+            raise UsageError(
+                f"{path}: its column {energy[0]!r} is of energy, which is not read: export power, "
+                "or current and voltage"
+            )
     raise UsageError(
         f"{path} begins with {first[:80]!a}: expected time_s, and power_w or both voltage_v and "
         "current_a, or such names, in a header"
@@ -224,9 +237,12 @@ def _factor(path: Path, column: _Column) -> float:
 
 def _samples(
     path: Path, rows: Iterable[Sequence[str]], width: int, chosen: Mapping[str, _Column],
-    voltage: float,
+    voltage: float, left_out: list[UsageError],
 ) -> Iterator[tuple[float, float]]:  # fmt: skip
-    """Yield times and watts; clocks count from 1970."""
+    """Yield times and watts; clocks count from 1970.
+
+    Rows behind the last reading whose cells hold no number, such as a total, go to `left_out`.
+    """
     time, date = chosen["time"], chosen.get("date")
     powers = [
         (column.at, _factor(path, column))
@@ -235,6 +251,12 @@ def _samples(
     unit: float | None = None  # of times; 0 of clocks
     last = -math.inf
     for number, row in enumerate(rows, 1):
+        cells = [row[column.at] for column in chosen.values() if column.at < len(row)]
+        if not any(map(_DIGIT.search, cells)):
+            left_out.append(_bad_row(path, number, row))
+            continue
+        if left_out:
+            raise left_out[0]
         if len(row) < width or any(row[width:]):
             raise _bad_row(path, number, row)
         try:
@@ -286,14 +308,25 @@ def _clock(cell: str, date: str) -> float:
     return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp()
 
 
+def _spread(when: Floats) -> Floats:
+    """Return times of which those that are equal are spread evenly until the next one.
+
+    A clock of whole seconds gives all readings of a second one time. In a gap, they are spread over
+    the usual step.
+    """
+    times, first, number = np.unique(when, return_index=True, return_counts=True)
+    steps = np.append(np.diff(times), np.inf)
+    each = np.minimum(steps, np.median(steps[:-1])) / number
+    return when + (np.arange(when.size) - np.repeat(first, number)) * np.repeat(each, number)
+
+
 def _checked(path: Path, found: MeterTrace) -> MeterTrace:
-    """Return a trace with one sample for each time, if a board can have it."""
+    """Return a trace whose times increase, if a board can have it."""
     if found.time_s.size < 2:
         raise UsageError(f"{path}: a power trace needs two samples or more")
-    times, first, number = np.unique(found.time_s, return_index=True, return_counts=True)
-    if times.size < 2:
+    if found.time_s[0] == found.time_s[-1]:
         raise UsageError(f"{path}: time does not increase from row to row")
-    watts = np.add.reduceat(found.watts, first) / number
+    times, watts = _spread(found.time_s), found.watts
     seconds, typical, most = times[-1] - times[0], float(np.median(watts)), np.abs(watts).max()
     by = f"{path}: by its columns {found.read_from}"
     if seconds > _MOST_TRACE_S:
@@ -311,13 +344,13 @@ def _checked(path: Path, found: MeterTrace) -> MeterTrace:
             f"{by} its power is {watts.mean():,.4g} W on average: are the leads of the meter "
             "reversed? Swap them and record again, or change the sign in the file"
         )
-    return found._replace(time_s=times, watts=watts)
+    return found._replace(time_s=times)
 
 
 def check_turns(windows: Sequence[Window]) -> None:
     """Raise ValueError unless the windows are consecutive pairs of idle and load."""
-    if len(windows) % 2 or len(windows) > _MOST_WINDOWS:
-        raise ValueError(f"{len(windows)} windows are no pairs")
+    if len(windows) % 2 or not 2 * LEAST_PAIRS <= len(windows) <= _MOST_WINDOWS:
+        raise ValueError(f"{len(windows)} windows are no {LEAST_PAIRS} pairs or more")
     end = -math.inf
     for window in windows:
         times = type(window.load) is bool and type(window.matches) is int and window.matches >= 0
@@ -362,29 +395,39 @@ def align(windows: Sequence[Window], time_s: Floats, watts: Floats) -> float:
     pattern = loaded - loaded.mean()
     fine = np.interp(np.arange(0.0, room + span, step), time_s - time_s[0], watts)
     scores = np.correlate(fine - fine.mean(), pattern, mode="valid")
-    best = int(np.argmax(scores))
-    part = fine[best : best + grid.size]
-    if not _follows(part, pattern, which, span / float(np.median(np.diff(time_s)))):
+    if not _follows(windows, time_s, watts):
+        busy = varying_load(windows)
         raise UsageError(
             "the meter's trace does not rise and fall with the load of the profile, at any time: "
             "is it of the same run, and of the board that ran it, and is its unit of time right? "
-            "If so, take longer windows"
+            f"If so, {f'{busy}: stop other programs' if busy else 'take longer windows'}"
         )
-    return float(time_s[0] + best * step - start)
+    return float(time_s[0] + int(np.argmax(scores)) * step - start)
 
 
-def _follows(watts: Floats, pattern: Floats, window: npt.NDArray[np.intp], samples: float) -> bool:
-    """Return whether power is higher in load windows by more than chance.
+def _follows(windows: Sequence[Window], time_s: Floats, watts: Floats) -> bool:
+    """Return whether the trace fits the load better than the same windows in another order.
 
-    At the same times, `pattern` is the load minus its mean, and `window` the number of the window.
-    `watts` was interpolated from as many readings of the meter as `samples`.
+    This is a permutation test. In a trace that has nothing to do with the load, every order of idle
+    and load finds its best place alike, and that of the profile is the best one of all by a chance
+    of one in their number. A steady drift counts for none of them.
     """
-    spread = float(watts.std() * pattern.std())
-    if spread == 0 or float(np.mean(watts * pattern)) / spread * np.sqrt(samples) < _FOLLOWING:
-        return False
-    means = np.bincount(window, watts) / np.bincount(window)
-    loaded = np.bincount(window, pattern) > 0
-    # each two consecutive windows are a pair, in either order
-    differences = np.where(loaded, means, -means).reshape(-1, 2).sum(axis=1)
-    error = differences.std(ddof=1) / np.sqrt(differences.size) if differences.size > 1 else 0.0
-    return bool(differences.mean() > _PAIRS_HIGHER * error)
+    load, start, end = (
+        np.array([getattr(window, name) for window in windows], dtype=np.float64)
+        for name in ("load", "start_s", "end_s")
+    )
+    rng = np.random.default_rng(0)
+    orders = np.array([load, *(rng.permutation(load) for _ in range(_ORDERS))])
+    orders = orders[np.r_[True, (orders[1:] != load).any(axis=1)]]
+    drift = np.stack([np.ones(load.size), (start + end) / 2], axis=1)
+    orders -= orders @ np.linalg.pinv(drift).T @ drift.T
+    orders /= np.linalg.norm(orders, axis=1, keepdims=True)
+    energy = Trace.of_power(time_s, watts).energy_j
+    step = float(np.median(end - start)) / _PLACES_OF_WINDOW
+    ahead = np.arange(time_s[0] - start[0], time_s[-1] - end[-1], step)
+    best = np.full(len(orders), -np.inf)
+    for part in np.array_split(ahead, 1 + ahead.size * load.size // _MOST_CELLS):
+        before, after = (np.interp(part[:, None] + at, time_s, energy) for at in (start, end))
+        fits = (after - before) / (end - start) @ orders.T
+        best = np.maximum(best, fits.max(axis=0, initial=-np.inf))
+    return bool(best[0] > best[1:].max())

@@ -195,10 +195,12 @@ def with_meter(
         raise UsageError(f"{path} took no turns for a meter: make it with --meter")
     with parse_errors(path, "the turns of a profile", "make it again with edge-vpr profile"):
         check_turns(windows)
-    time_s, watts, read_from = read_meter(meter, voltage, columns)
+    time_s, watts, read_from, left_out = read_meter(meter, voltage, columns)
     ahead = align(windows, time_s, watts)
     negative = int(np.count_nonzero(watts < 0))
-    doubt = f"; {negative:,} of {watts.size:,} readings are negative" if negative else ""
+    behind = f"; {left_out} rows behind the last reading hold no number, and are left out"
+    doubt = behind if left_out else ""
+    doubt += f"; {negative:,} of {watts.size:,} readings are negative" if negative else ""
     about = About(
         name=meter.name,
         kind="power",

@@ -12,7 +12,7 @@ from edge_vpr import results
 from edge_vpr.files import parse_errors
 from edge_vpr.results import write_json
 from edge_vpr_tools.console import say, table
-from edge_vpr_tools.profile.measurement import Energy
+from edge_vpr_tools.profile.measurement import Energy, varying_load
 from edge_vpr_tools.profile.profiling import (
     PROFILE,
     Number,
@@ -100,6 +100,8 @@ def _energy_notes(energy: Energy) -> list[str]:
             notes.append("Turns were taken: `edge-vpr profile trace` adds a meter's CSV.")
         return notes
     notes.append(_sensor(energy.sensor))
+    if busy := varying_load(energy.windows):
+        notes.append(f"{busy.capitalize()}, which widens the intervals; stop other programs.")
     if (figures := energy.figures) is not None:
         gain = energy.sensor.gain_error
         notes.append(

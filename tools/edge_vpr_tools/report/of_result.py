@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.files import read_json
 from edge_vpr.reference_map import MatchResult
-from edge_vpr.results import METRICS, results_folder, write_json
+from edge_vpr.results import METRICS, results_folder, run_record, write_json
 from edge_vpr_tools.report.figures import (
     TIME,
     WIDTH,
@@ -93,12 +94,15 @@ def write(
     outcome = outcome_of(result.reference, result.matches, evaluation)
     with results_folder(folder, overwrite, result.inputs) as new:
         result.write(new, result.inputs)
-        write_report(new, result, outcome, figures)
+        doubts = () if evaluation is None else evaluation.truth.notes
+        write_report(new, result, outcome, figures, warnings=doubts)
         if evaluation is not None:
             metrics = read_json(new / METRICS, "metrics", "match again")
             metrics["ground_truth"] = evaluation.truth.description
             metrics["evaluation"] = evaluation.to_dict()
             metrics["verdict"] = outcome.sentence()
+            settings = result.matches.settings.to_dict()
+            metrics["evaluated_by"] = replace(run_record(settings, ()), warnings=doubts or None)
             write_json(new / METRICS, metrics)
 
 

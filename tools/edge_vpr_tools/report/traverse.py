@@ -224,7 +224,7 @@ def _figures_of(found: Evaluation) -> list[tuple[str, str, str]]:
          "share of correct matches when every query is matched"),
         ("R@99P", f"{found.recall_at_99_precision:.3f}",
          f"largest recall at 99 % precision; missed queries: {MISSED[found.recall_denominator]}"),
-        ("average precision", f"{found.curve.average_precision:.3f}",
+        ("average precision", f"{found.average_precision:.3f}",
          "area under the precision-recall curve, as a sum of steps"),
         *((f"Recall@{n}", f"{recall:.3f}", f"a correct place is among the {n} nearest")
           for n, recall in found.recall_at.items()),

@@ -19,16 +19,18 @@ class Message:
     Attributes
     ----------
     topic : str
-        Below the node's own name, unless it begins with a slash.
-    kind : str
-        Type, as ``nav_msgs/msg/Odometry``.
+        Of `TOPICS`; below the node's own name, unless it begins with a slash.
     fields : mapping
         By name; messages within it are mappings. What is left out is zero.
     """
 
     topic: str
-    kind: str
     fields: Mapping[str, Any]
+
+    @property
+    def kind(self) -> str:
+        """Type, as ``nav_msgs/msg/Odometry``."""
+        return TOPICS[self.topic]
 
 
 @dataclass(frozen=True)
@@ -244,39 +246,35 @@ class Translator:
         missing, variance = _number(row, "missing"), variance_m2(row)
         # lone surrogates and NUL are escaped in it
         text = json.dumps(row, allow_nan=False)
-        yield Message("match", TOPICS["match"], {"data": text})
+        yield Message("match", {"data": text})
         if probability is not None:
-            flags = {"y": float(lost), "z": missing or 0.0}
-            yield Message(
-                "certainty", TOPICS["certainty"],
-                {"header": _header(stamp_us, frames.map), "vector": {"x": probability, **flags}},
-            )  # fmt: skip
+            vector = {"x": probability, "y": float(lost), "z": missing or 0.0}
+            yield Message("certainty", {"header": _header(stamp_us, frames.map), "vector": vector})
         if lost or variance is None:
             return
         along = {"x": float(row["along_m"])}
-        yield Message(
-            "odometry", TOPICS["odometry"],
-            {
-                "header": _header(stamp_us, frames.route), "child_frame_id": frames.child,
-                "pose": _pose(along, (variance, _ACROSS_M**2, UNKNOWN)),
-                # the speed is not known from a match
-                "twist": {"covariance": _diagonal((UNKNOWN,) * 6)},
-            },
-        )  # fmt: skip
+        odometry = {
+            "header": _header(stamp_us, frames.route),
+            "child_frame_id": frames.child,
+            "pose": _pose(along, (variance, _ACROSS_M**2, UNKNOWN)),
+            # the speed is not known from a match
+            "twist": {"covariance": _diagonal((UNKNOWN,) * 6)},
+        }
+        yield Message("odometry", odometry)
         if row.get("x_m") is not None:
             yield from self._pose(row, variance, stamp_us)
         latitude, longitude = _number(row, "latitude"), _number(row, "longitude")
         if latitude is not None and longitude is not None:
-            yield Message(
-                "fix", TOPICS["fix"],
-                {
-                    "header": _header(stamp_us, frames.sensor), "status": _STATUS,
-                    "latitude": latitude, "longitude": longitude,
-                    "altitude": 0.0,  # no height is known; navsat_transform throws a NaN away
-                    "position_covariance": _diagonal((variance, variance, UNKNOWN)),
-                    "position_covariance_type": _APPROXIMATED,
-                },
-            )  # fmt: skip
+            fix = {
+                "header": _header(stamp_us, frames.sensor),
+                "status": _STATUS,
+                "latitude": latitude,
+                "longitude": longitude,
+                "altitude": 0.0,  # no height is known; navsat_transform throws a NaN away
+                "position_covariance": _diagonal((variance, variance, UNKNOWN)),
+                "position_covariance_type": _APPROXIMATED,
+            }
+            yield Message("fix", fix)
 
     def _pose(self, row: Mapping[str, Any], variance: float, stamp_us: int) -> Iterator[Message]:
         # one variance for all of the plane: the interval can lie round a bend
@@ -288,10 +286,10 @@ class Translator:
             pose["pose"]["orientation"] = turned
             pose["covariance"][-1] = probability * _ALIGNED + (1 - probability) * _ANY_YAW
         fields = {"header": _header(stamp_us, self._frames.map), "pose": pose}
-        yield Message("pose", TOPICS["pose"], fields)
+        yield Message("pose", fields)
         if probability >= SURE:
             if self._jumps not in (None, jumps):
-                yield Message("/initialpose", TOPICS["/initialpose"], fields)
+                yield Message("/initialpose", fields)
             self._jumps = jumps
 
     def _path(self, row: Mapping[str, Any], stamp_us: int) -> Message:
@@ -306,7 +304,7 @@ class Translator:
                 point, turned = _placed(place)
                 pose = {"position": point, "orientation": turned or {"w": 1.0}}
                 poses.append({"header": header, "pose": pose})
-        return Message("path", TOPICS["path"], {"header": header, "poses": poses})
+        return Message("path", {"header": header, "poses": poses})
 
     def _health(self, row: Mapping[str, Any], stamp_us: int) -> Message:
         silent_s = _number(row, "silent_s") or 0.0
@@ -351,7 +349,7 @@ def diagnosis(level: int, text: str, values: Mapping[str, Any], stamp_us: int) -
         "hardware_id": "event camera",
     }  # fmt: skip
     fields = {"header": _header(stamp_us, ""), "status": [status]}
-    return Message("/diagnostics", TOPICS["/diagnostics"], fields)
+    return Message("/diagnostics", fields)
 
 
 def _header(stamp_us: int, frame: str) -> dict[str, Any]:

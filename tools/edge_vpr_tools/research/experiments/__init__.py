@@ -7,7 +7,7 @@ Each is a module of this package that declares an `experiment.Experiment` as ``E
 EXPERIMENTS = (
     "simulated", "speck-walks", "codes", "place-filter", "sensitivity", "calibration", "trust",
     "mount-shift", "rivals", "frames", "pixel-number", "fixed-number", "joules", "several-drives",
-    "places-per-window", "designs",
+    "places-per-window", "designs", "position",
 )  # fmt: skip
 
 #: experiments that simulate all of their drives, with those that do the same on recorded drives

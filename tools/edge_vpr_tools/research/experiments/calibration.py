@@ -5,15 +5,17 @@ versions: as it was; with a quarter of the places cut out of the map; with a det
 street, as long as a quarter of the drive; with the camera carried to another part of the street and
 back; backwards; and of another street altogether. Matches of a robot have the running mean of the
 query, those of whole drives the drive's own mean. `learn` learns the tables on other streets, in
-the same way; that for robots that stay on the map, from the drives as they were. Queries of
-`nulls`, whose windows or pixels are shuffled, are used only for testing.
+the same way, but with drives that change between two windows; that for robots that stay on the map,
+from the drives as they were. Queries of `nulls`, whose windows or pixels are shuffled, are used
+only for testing.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,7 +35,7 @@ from edge_vpr.confidence import (
     default_confidence,
 )
 from edge_vpr.descriptors.counting import count_windows
-from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.descriptors.windows import Descriptors, overlapping
 from edge_vpr.evaluation.calibration import learn_confidence, reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate_rejection
@@ -50,6 +52,14 @@ from edge_vpr_tools.research.experiments.plots import dots
 # Drives that leave the map: pieces cut out of a map, a jump, and windows of another street.
 
 
+@dataclass(frozen=True, eq=False)
+class Spliced(MappedPair):
+    """Map, and a drive that was put together from pieces."""
+
+    #: Shape (n,): whether the drive changes within a window, which then shows both sides.
+    changes: npt.NDArray[np.bool_]
+
+
 def without_places(pair: MappedPair, first: int, last: int) -> MappedPair:
     """Remove the places from `first` up to, but without, `last` from the map."""
     kept = np.ones(len(pair.reference), dtype=np.bool_)
@@ -59,14 +69,20 @@ def without_places(pair: MappedPair, first: int, last: int) -> MappedPair:
     return MappedPair(reference, pair.counted, truth)
 
 
-def carried_off(pair: MappedPair, first: int, last: int) -> MappedPair:
-    """Reorder a drive: up to window `first`, then from `last` on, then the windows between."""
-    windows = np.arange(len(pair.counted))
-    return _reordered(pair, np.r_[windows[:first], windows[last:], windows[first:last]])
+def carried_off(pair: MappedPair, first: int, last: int, parts: int = 1) -> Spliced:
+    """Reorder a drive: up to part `first`, then from `last` on, then the parts between.
+
+    Parameters
+    ----------
+    parts : int
+        How many parts of the drive are a window, see `spliced`.
+    """
+    every = np.arange(len(pair.counted))
+    return spliced(pair, np.r_[every[:first], every[last:], every[first:last]], parts)
 
 
-def with_detour(pair: MappedPair, elsewhere: Descriptors, at: int) -> MappedPair:
-    """Insert the windows of another drive before window `at`; no place is correct for them."""
+def with_detour(pair: MappedPair, elsewhere: Descriptors, at: int, parts: int = 1) -> Spliced:
+    """Insert the parts of another drive before part `at`; no place is correct for them."""
     n, more = len(pair.counted), len(elsewhere)
     columns = {
         name: np.concatenate([column, elsewhere.to_arrays()[name]])
@@ -79,16 +95,37 @@ def with_detour(pair: MappedPair, elsewhere: Descriptors, at: int) -> MappedPair
         "with a detour",
     )
     joined = MappedPair(pair.reference, Descriptors(**columns), truth)
-    return _reordered(joined, np.r_[0:at, n : n + more, at:n])
+    return spliced(joined, np.r_[0:at, n : n + more, at:n], parts)
 
 
-def _reordered(pair: MappedPair, windows: npt.NDArray[np.int64]) -> MappedPair:
-    truth = GroundTruth(pair.truth.correct[:, windows], pair.truth.known[windows], "spliced")
-    counted = pair.counted.take(windows)
-    # the spliced windows follow one another without gaps
-    step = int(np.median(counted.end_us - counted.start_us))
-    start = np.arange(len(windows), dtype=np.int64) * step
-    return MappedPair(pair.reference, replace(counted, start_us=start, end_us=start + step), truth)
+def spliced(pair: MappedPair, order: npt.NDArray[np.int64], parts: int = 1) -> Spliced:
+    """Put a drive together from its parts, and make windows of them.
+
+    Parameters
+    ----------
+    pair : MappedPair
+        Map, and the parts of a drive, each with the truth of the window that ends with it.
+    order : ndarray of int64, shape (n,)
+        Part of the drive that comes at each time.
+    parts : int
+        How many parts are a window.
+
+    Returns
+    -------
+    Spliced
+        The truth of a window is that of its last part: where the robot is then.
+    """
+    order = order[: len(order) // parts * parts]
+    last, has_place = order[parts - 1 :: parts], pair.truth.has_place[order]
+    follows = (np.diff(order) == 1) & (has_place[1:] == has_place[:-1])
+    changes = np.asarray(~np.append(False, follows).reshape(-1, parts)[:, 1:].all(axis=1))
+    counted = overlapping(pair.counted.take(order), parts).take(slice(None, None, parts))
+    if (np.diff(order) != 1).any():  # the windows follow one another without gaps
+        step = int(np.median(counted.end_us - counted.start_us))
+        start = np.arange(len(counted), dtype=np.int64) * step
+        counted = replace(counted, start_us=start, end_us=start + step)
+    truth = GroundTruth(pair.truth.correct[:, last], pair.truth.known[last], "spliced")
+    return Spliced(pair.reference, counted, truth, changes)
 
 
 # Streets, their drives, and the versions of each drive.
@@ -116,6 +153,9 @@ QUERIES: dict[str, Drive] = {
 }
 _ELSEWHERE = "the same light"
 _CUTS = 7  # random stream that decides where drives are cut
+#: parts of a window between which drives are spliced where the tables are judged: a robot may be
+#: carried off, or leave the map, at any time
+PARTS = 4
 
 
 class Street(NamedTuple):
@@ -139,12 +179,13 @@ def open_street(seed: int) -> Street:
 
 
 def driven(
-    street: Street, elsewhere: SimulatedRecording | None, **changes: Any
+    street: Street, elsewhere: SimulatedRecording | None, parts: int = 1, **changes: Any
 ) -> Iterator[tuple[MappedPair, Descriptors | None]]:
     """Map a street and count its drives, with each number of pixels and kind of window.
 
-    With each drive come the counts of a drive of another street at the same pixels. `changes` are
-    settings that differ from the default.
+    Drives are counted in parts of windows, so many in a window, each with the truth of the window
+    that ends with it. With each drive come the counts of a drive of another street at the same
+    pixels. `changes` are settings that differ from the default.
     """
     for pixels in PIXELS:
         for window in WINDOWS:
@@ -157,12 +198,24 @@ def driven(
             }
             settings = PRESETS["default"].replaced(chosen, "calibration")
             mapped = ReferenceMap.build(street.reference, settings)
-            away = None
-            if elsewhere is not None:
-                away = count_windows(elsewhere, mapped.pixel_map, mapped.settings)
+            counted = partial(_in_parts, mapped, parts)
+            away = None if elsewhere is None else counted(elsewhere)
             for drive in street.drives.values():
+                some = counted(drive)
+                first_us = some.start_us[np.maximum(np.arange(len(some)) - parts + 1, 0)]
+                centre_us = first_us + (some.end_us - first_us) // 2
                 truth_of = truth_of_tracks(street.reference.track, drive.track, TOLERANCE_M)
-                yield MappedPair.of(mapped, drive, truth_of), away
+                truth = truth_of(mapped.places.centre_us, centre_us)
+                yield MappedPair(mapped, some, truth), away
+
+
+def _in_parts(mapped: ReferenceMap, parts: int, drive: SimulatedRecording) -> Descriptors:
+    """Count a drive in parts of windows, so many in a window."""
+    settings = mapped.settings
+    part: dict[str, Any] = {"places_per_window": 1, "tau_us": settings.tau_us // parts}
+    if settings.events_per_pixel is not None:
+        part["events_per_pixel"] = settings.events_per_pixel / parts
+    return count_windows(drive, mapped.pixel_map, settings.replaced(part, "parts of a window"))
 
 
 WHOLE, CUT, DETOUR, CARRIED = "whole", "a piece cut out", "a detour", "carried off twice"
@@ -170,37 +223,45 @@ BACKWARDS, ANOTHER = "backwards", "another route"
 
 
 def versions_of(
-    pair: MappedPair, elsewhere: Descriptors | None, rng: np.random.Generator
+    pair: MappedPair, elsewhere: Descriptors | None, rng: np.random.Generator, parts: int = 1
 ) -> dict[str, MappedPair]:
-    """Return the versions of a drive by name.
+    """Return the versions of a drive by name, in whole windows.
 
     Parameters
     ----------
+    pair : MappedPair
+        Map, and the drive in parts of windows, see `driven`.
     elsewhere : Descriptors or None
-        Counts of a drive of another street; without it there is none, and no detour.
+        Parts of a drive of another street; without it there is none, and no detour.
     rng : Generator
         Decides where the map and the drive are cut.
+    parts : int
+        How many parts are a window.
     """
-    places, windows = len(pair.reference), len(pair.counted)
+    places, n = len(pair.reference), len(pair.counted)
+    in_order = np.arange(n)
     first = int(rng.integers(0, 3 * places // 4))
-    versions = {WHOLE: pair, CUT: without_places(pair, first, first + places // 4)}
+    part_of_map = without_places(pair, first, first + places // 4)
+    whole = spliced(pair, in_order, parts)
+    versions: dict[str, MappedPair] = {WHOLE: whole, CUT: spliced(part_of_map, in_order, parts)}
     if elsewhere is not None:
-        length = min(windows // 4, len(elsewhere))
+        length = min(n // 4, len(elsewhere))
         start = int(rng.integers(0, len(elsewhere) - length + 1))
         away = elsewhere.take(np.arange(start, start + length))
-        versions[DETOUR] = with_detour(pair, away, int(rng.integers(1, windows)))
-    versions[CARRIED] = carried_off(pair, windows // 3, 2 * windows // 3)
-    versions[BACKWARDS] = _reordered(pair, np.arange(windows)[::-1])
+        versions[DETOUR] = with_detour(pair, away, int(rng.integers(parts, n)), parts)
+    versions[CARRIED] = carried_off(pair, n // 3, 2 * n // 3, parts)
+    versions[BACKWARDS] = spliced(whole, np.arange(len(whole.counted))[::-1])
     if elsewhere is not None:
-        versions[ANOTHER] = of_another_route(pair, elsewhere)
+        versions[ANOTHER] = of_another_route(pair, elsewhere, parts)
     return versions
 
 
-def of_another_route(pair: MappedPair, elsewhere: Descriptors) -> MappedPair:
-    """Return the map of a pair with a drive of another route."""
+def of_another_route(pair: MappedPair, elsewhere: Descriptors, parts: int = 1) -> MappedPair:
+    """Return the map of a pair with a drive of another route, of so many parts in a window."""
     nowhere = np.zeros((len(pair.reference), len(elsewhere)), dtype=np.bool_)
     known = np.ones(len(elsewhere), dtype=np.bool_)
-    return MappedPair(pair.reference, elsewhere, GroundTruth(nowhere, known, ANOTHER))
+    away = MappedPair(pair.reference, elsewhere, GroundTruth(nowhere, known, ANOTHER))
+    return spliced(away, np.arange(len(elsewhere)), parts)
 
 
 def scrambled(pair: MappedPair, rng: np.random.Generator) -> dict[str, MappedPair]:
@@ -222,11 +283,15 @@ AT_ONCE = "0"
 
 
 class Sample(NamedTuple):
-    """Matches of known truth: net trust (n,) int64, correct (n,) and has_place (n,) bool."""
+    """Matches of known truth: net trust (n,) int64, correct (n,) and has_place (n,) bool.
+
+    `changes` (n,) bool is of windows in which the drive changes; see `Spliced`.
+    """
 
     trust: npt.NDArray[np.int64]
     correct: npt.NDArray[np.bool_]
     has_place: npt.NDArray[np.bool_]
+    changes: npt.NDArray[np.bool_]
 
 
 def sample(pair: MappedPair, first: int = 0, last: int | None = None) -> Sample:
@@ -237,7 +302,10 @@ def sample(pair: MappedPair, first: int = 0, last: int | None = None) -> Sample:
         known &= matches.query < last
     correct = pair.truth.correct[matches.place, matches.query]
     has_place = pair.truth.has_place[matches.query]
-    return Sample(matches.net_trust[known], correct[known], has_place[known])
+    changes = np.zeros(known.size, dtype=np.bool_)
+    if isinstance(pair, Spliced):
+        changes = pair.changes[matches.query]
+    return Sample(matches.net_trust[known], correct[known], has_place[known], changes[known])
 
 
 def joined(found: Sequence[Sample]) -> Sample:
@@ -303,6 +371,9 @@ def learnt_seeds() -> tuple[int, int]:
 
 
 PRECISION = 0.99
+#: column of the share of accepted matches that are correct, without those of windows in which the
+#: drive leaves the map, comes back or jumps
+PRECISION_SEEN = "precision from one window after a change on"
 LEARNT_ON = "table learnt on"
 SWITCHED_ON = "switched on in mid-route"
 #: ends the names of columns of the tables for robots that stay on the map
@@ -373,7 +444,11 @@ def figures_of_table(table: Confidence, found: Sequence[Sample]) -> dict[str, fl
     given = table.probability_of(pooled.trust)
     least = table.least_trust(PRECISION)
     accepted = pooled.trust >= least
-    counts = evaluate_rejection(*pooled, accepted)
+    counts = evaluate_rejection(pooled.trust, pooled.correct, pooled.has_place, accepted)
+    seen: dict[str, float | None] = {}
+    if pooled.changes.any():
+        late = accepted & ~pooled.changes
+        seen[PRECISION_SEEN] = float(pooled.correct[late].mean()) if late.any() else None
     left = windows_past_the_edge(found, least)
     off_map = accepted[~pooled.has_place]
     return {
@@ -384,6 +459,7 @@ def figures_of_table(table: Confidence, found: Sequence[Sample]) -> dict[str, fl
         "calibration error": reliability(given, pooled.correct).expected_calibration_error,
         "accepted at 0.99": float(accepted.mean()),
         "precision": counts.precision,
+        **seen,
         "recall": counts.recall,
         "found at 99 % precision": counts.found_at_99_precision,
         "AUROC off the map": counts.off_map_auroc,
@@ -403,7 +479,7 @@ def windows_past_the_edge(found: Sequence[Sample], least: int) -> list[int]:
         match.
     """
     lasted = []
-    for trust, _, has_place in found:
+    for trust, _, has_place, _ in found:
         accepted = trust >= least
         for j in np.flatnonzero(has_place[:-1] & ~has_place[1:] & accepted[:-1]) + 1:
             last = accepted[j:] & ~has_place[j:]
@@ -450,8 +526,9 @@ def unseen_street(seed: int) -> dict[str, list[MappedPair]]:
     rng = np.random.default_rng((_CUTS, street_seed))
     _, other = simulate_pair(street_seed - 1, query=QUERIES[_ELSEWHERE])
     found: dict[str, list[MappedPair]] = {}
-    for pair, elsewhere in driven(open_street(street_seed), other.keep()):
-        for name, version in (versions_of(pair, elsewhere, rng) | scrambled(pair, rng)).items():
+    for pair, elsewhere in driven(open_street(street_seed), other.keep(), PARTS):
+        versions = versions_of(pair, elsewhere, rng, PARTS)
+        for name, version in (versions | scrambled(versions[WHOLE], rng)).items():
             found.setdefault(name, []).append(version)
     return found
 

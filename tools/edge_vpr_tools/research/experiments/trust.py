@@ -150,7 +150,7 @@ def with_a_drive_of_ones_own(whole: MappedPair) -> Iterator[Row]:
             (FIRST_HALF, _accepted_by(learnt, second.trust)),
             (f"{FIRST_HALF}, quantile transfer", quantile_transfer(first, second.trust, PRECISION)),
         ):  # fmt: skip
-            counts = evaluate_rejection(*second, accepted)
+            counts = evaluate_rejection(second.trust, second.correct, second.has_place, accepted)
             yield {
                 "map": SECOND_HALF,
                 "matching": described(name),

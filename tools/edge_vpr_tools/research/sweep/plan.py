@@ -138,7 +138,7 @@ class Shares:
         return cls(
             precision_at_100_recall=found.precision_at_100_recall,
             recall_at_99_precision=found.recall_at_99_precision,
-            average_precision=found.curve.average_precision,
+            average_precision=found.average_precision,
             **recall,
             **more,
         )
