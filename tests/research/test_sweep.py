@@ -484,11 +484,11 @@ def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
         pass
 
 
-def a_match(folder, **changed):
+def a_match(folder, costs=None, **changed):
     """Write the records of an evaluated match, with a setting changed."""
     folder.mkdir()
     shares = dict.fromkeys(list(comparison.MEASURES)[:3], 0.5)
-    metrics = {"evaluation": shares | {"recall_at": {"1": 0.5}}}
+    metrics = {"evaluation": shares | {"recall_at": {"1": 0.5}}, **(costs or {})}
     (folder / "metrics.json").write_text(json.dumps(metrics))
     write_json(folder / "run.json", run_record({"seed": 1, "tau_us": 5} | changed, []))
     return folder
@@ -533,6 +533,25 @@ def test_a_field_of_a_wrong_type_ends_a_comparison_in_one_line(
     assert "\n" not in said
     assert f"run/{name}: " in said
     assert says in said
+
+
+@pytest.mark.parametrize(
+    ("preset", "changes", "operations", "size"),
+    [
+        ("paper", {}, 5 * 7, 3),
+        ("paper", {"polarity": True}, 2 * 5 * 7, 3),  # a pixel has two counters
+        ("default", {"places_per_window": 2}, 5 * 7, 2 * 3),
+    ],
+)
+def test_costs_of_a_match_count_counters_and_the_places_of_a_window(
+    tmp_path, preset, changes, operations, size
+):
+    costs = {"pixels": 5, "places": 7, "packed_bytes_per_place": 3, "queries": 2, "matching_s": 0.5}
+    settings = PRESETS[preset].replaced(changes, "test").to_dict()
+    (row,) = rows_of([a_match(tmp_path / "run", costs, **settings)])
+    assert row.values["operations_per_match"] == (operations,)
+    assert row.values["packed_bytes_per_window"] == (size,)
+    assert row.values["microseconds_per_match"] == (250_000,)
 
 
 def test_what_a_run_does_not_say_of_a_setting_is_its_default(tmp_path):
@@ -636,23 +655,6 @@ def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys):
         assert seed_1.values[measure][0] == alone.values[measure][0]
     places = json.loads((tmp_path / "alone/metrics.json").read_text())["places"]
     assert alone.values["operations_per_match"] == (5 * places,)
-    # with polarity, a pixel has two counters
-    polar = f"match {tmp_path}/polar.npz {tmp_path}/tuesday.npz -o {tmp_path}/polar --no-figures"
-    assert cli.main(
-        f"map {tmp_path}/monday.npz -o {tmp_path}/polar.npz --preset paper --pixels 5 --sigma 1 "
-        "--tau 100ms --polarity".split()
-    ) == 0  # fmt: skip
-    assert cli.main(polar.split()) == 0
-    assert cli.main(f"evaluate {tmp_path}/polar {truth}".split()) == 0
-    assert rows_of([tmp_path / "polar"])[0].values["operations_per_match"] == (10 * places,)
-    # with places at half windows, two of 5 codes of 3 bits and their activity
-    half = f"match {tmp_path}/half.npz {tmp_path}/tuesday.npz -o {tmp_path}/half --no-figures"
-    assert cli.main(
-        f"map {tmp_path}/monday.npz -o {tmp_path}/half.npz --pixels 5 --sigma 1 --tau 100ms".split()
-    ) == 0  # fmt: skip
-    assert cli.main(half.split()) == 0
-    assert cli.main(f"evaluate {tmp_path}/half {truth}".split()) == 0
-    assert rows_of([tmp_path / "half"])[0].values["packed_bytes_per_window"] == (6,)
     capsys.readouterr()
     assert cli.main(f"compare {tmp_path}".split()) == 2
     # two folders of one name are told apart, and a name out of a file is no escape sequence
