@@ -199,14 +199,14 @@ def overlapping(pieces: Descriptors, number: int) -> Descriptors:
     )
 
 
-def check_descriptors(descriptors: Descriptors, counters: int | None = None) -> None:
+def check_descriptors(descriptors: Descriptors, counters: int) -> None:
     """Check that all arrays have the documented dtypes and the same length.
 
     Parameters
     ----------
     descriptors : Descriptors
         At least one.
-    counters : int, optional
+    counters : int
         How many counts each must have.
     """
     check_array(descriptors.counts, "counts", COUNT_DTYPES, (None, counters))

@@ -158,10 +158,7 @@ def interpolation_error(track: Track) -> float:
     time_us, n = track.time_us, track.time_us.size
     if n < 4 or float(np.median(np.diff(time_us))) <= SHORT_GAP_US:
         return 0.0
-    points = track.position
-    if track.kind == "geographic":
-        points = np.column_stack([points[:, 0], np.unwrap(points[:, 1], period=360.0)])
-    off = np.empty(n)
+    points, off = track.continuous, np.empty(n)
     for odd in (0, 1):
         given = np.arange(odd, n, 2)
         found = interpolate(time_us, time_us[given], points[given])
@@ -341,9 +338,7 @@ def _spread(track: Track, most: int, least_m: float) -> tuple[Floats, float]:
     n = most if least_m * most <= along[-1] else math.ceil(along[-1] / least_m) + 1
     at = np.linspace(0.0, along[-1], n)
     rising = np.flatnonzero(np.diff(along, prepend=-1.0) > 0)
-    if track.kind == "geographic":
-        points = np.column_stack([points[:, 0], np.unwrap(points[:, 1], period=360.0)])
-    found = [np.interp(at, along[rising], column[rising]) for column in points.T]
+    found = [np.interp(at, along[rising], column[rising]) for column in track.continuous.T]
     return np.column_stack(found), float(along[-1] / (n - 1))
 
 

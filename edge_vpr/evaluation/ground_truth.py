@@ -218,7 +218,7 @@ def _described_truth(
     correct: npt.NDArray[np.bool_] | TrueCells,
     known: npt.NDArray[np.bool_],
     source: str,
-    doubts: tuple[str, ...] = (),
+    notes: tuple[str, ...] = (),
     positions: TruePositions | None = None,
     placed: npt.NDArray[np.bool_] | None = None,
 ) -> GroundTruth:
@@ -228,7 +228,7 @@ def _described_truth(
         correct,
         known,
         f"{source}; {int(known.sum())} of {known.size} queries known, {with_place} with a place",
-        doubts,
+        notes,
         positions,
         placed,
     )
@@ -238,7 +238,7 @@ def _described_truth(
             "matches are correct whatever they say: check the tolerance, the unit of the "
             "positions, and that the receiver moved"
         )
-        truth = replace(truth, notes=(*doubts, note))
+        truth = replace(truth, notes=(*notes, note))
     return truth
 
 

@@ -144,6 +144,14 @@ class Track(EqualByValue):
         step = distances(self.kind, self.position[1:], self.position[:-1])
         return np.asarray(short | (step <= np.median(step)))
 
+    @property
+    def continuous(self) -> Floats:
+        """Positions whose longitudes go the short way round across the 180th meridian."""
+        if self.kind != "geographic":
+            return self.position
+        latitude, longitude = self.position.T
+        return np.column_stack([latitude, np.unwrap(longitude, period=360.0)])
+
     def shifted(self, seconds: float) -> Track:
         """Return the same track with its times shifted.
 
@@ -190,10 +198,7 @@ class Track(EqualByValue):
         >>> Track([0, 1_000_000], [[0.0], [3.0]]).at([500_000, 1_000_001]).tolist()
         [[1.5], [nan]]
         """
-        position = self.position
-        if self.kind == "geographic":  # the short way round across the 180th meridian
-            position = np.column_stack([position[:, 0], np.unwrap(position[:, 1], period=360.0)])
-        found = interpolate(times_us, self.time_us, position, self.bridged)
+        found = interpolate(times_us, self.time_us, self.continuous, self.bridged)
         if self.kind == "geographic":
             wrapped = np.abs(found[:, 1]) > 180.0
             found[wrapped, 1] = (found[wrapped, 1] + 180.0) % 360.0 - 180.0

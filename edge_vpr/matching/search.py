@@ -96,8 +96,6 @@ def best_matches(
             f"distances of shape {matrix.shape}: give 2 dimensions, the first one the places, at "
             "least one of them"
         )
-    if exclusion < 0:
-        raise UsageError(f"exclusion of {exclusion} places is negative: give 0 or more")
     rows = np.ascontiguousarray(matrix.T)
     found = np.empty((len(rows), 3), dtype=np.int64)
     _search_rows(rows, exclusion, found)

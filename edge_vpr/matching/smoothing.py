@@ -235,7 +235,7 @@ def match_late(
     by_distance: bool,
     columns: npt.NDArray[np.int64],
     metrics: Metrics,
-) -> int:
+) -> None:
     """Hold n more windows, and match all held windows but the newest `delay` ones.
 
     Parameters
@@ -253,18 +253,9 @@ def match_late(
         Output: fields of `FilterMatch`.
     metrics : ndarray of int32, shape (n + N, K)
         Output: cost of the best path through each place.
-
-    Returns
-    -------
-    int
-        Number of matches.
     """
-    now, cost_to_go, room, places = (
-        held.numbers[0],
-        held.cost_to_go,
-        len(held.metrics),
-        held.cost_to_go.size,
-    )
+    now, cost_to_go, room = held.numbers[0], held.cost_to_go, len(held.metrics)
+    places = cost_to_go.size
     added = matched = 0
     while added < len(rows.metrics) or now.windows > delay:
         if added < len(rows.metrics):
@@ -300,7 +291,6 @@ def match_late(
         now.first += 1
         now.windows -= 1
         matched += 1
-    return matched
 
 
 class FixedLag:

@@ -378,7 +378,7 @@ def _dimensions(head: bytes, path: Path) -> int:
 
 
 def _sniff_zip(path: Path) -> str:
-    with Archive(path) as archive:
+    with foreign_errors(path), Archive(path) as archive:
         if archive.table is not None:
             return "npz"
         members = set(archive.names)

@@ -38,7 +38,7 @@ class EsSource(Source):
     position = None
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        with self._decoder(path) as decoder:
+        with _es().Decoder(path, 0) as decoder:
             if decoder.event_type not in ("dvs", "atis"):
                 raise RecordingError(
                     f"{path} holds {decoder.event_type} events, which have no pixel and polarity: "
@@ -48,27 +48,12 @@ class EsSource(Source):
         super().__init__(path, options, sensor, start_us=0)
         self._top = sensor.height - 1
 
-    def _decoder(self, path: Path) -> Any:
-        try:
-            return _es().Decoder(path, 0)
-        except (RuntimeError, ValueError, OSError) as error:
-            raise RecordingError(f"{path} is damaged or no .es file ({error})") from error
-
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
         last = None
-        with self._decoder(self.path) as decoder:
+        with _es().Decoder(self.path, 0) as decoder:
             atis = decoder.event_type == "atis"
-            while True:
-                try:
-                    packet = next(decoder, None)
-                except (RuntimeError, ValueError, OSError) as error:
-                    raise RecordingError(
-                        f"{self.path} is damaged after event {log.entries:,} ({error}): "
-                        "copy it again"
-                    ) from error
-                if packet is None:
-                    break
+            for packet in decoder:
                 if packet.size:  # none in a long pause
                     last = struct.pack("<HH", packet["x"][-1], packet["y"][-1])
                 if atis:  # an exposure measurement is not a change of intensity

@@ -382,14 +382,7 @@ class Hdf5Source(Source):
             for first in range(0, total, self.options.chunk_events):
                 rows = slice(first, min(first + self.options.chunk_events, total))
                 self.position = rows.stop / total
-                try:
-                    columns = self._slice(datasets, rows)
-                except OSError as error:
-                    raise RecordingError(
-                        f"{self.path} cannot be read at event {first:,} ({error}): it is damaged; "
-                        "copy or record it again"
-                    ) from error
-                t, x, y, p = tidy(columns, self._unit, log, first)
+                t, x, y, p = tidy(self._slice(datasets, rows), self._unit, log, first)
                 # both are below 2**60, so that the sum does not overflow
                 yield Columns(t + self._offset_us if self._offset_us else t, x, y, p)
 

@@ -52,17 +52,9 @@ class ParquetSource(Source):
         self._unit = options.time_unit or found.unit or (None if sensor is None else "us")
 
     def _open(self, path: Path) -> Any:
-        try:
-            return self._pyarrow.parquet.ParquetFile(
-                path,
-                buffer_size=_BUFFER_BYTES,
-                pre_buffer=False,
-                page_checksum_verification=True,
-            )
-        except self._pyarrow.ArrowInvalid as error:
-            raise RecordingError(
-                f"{path} is damaged, cut off or no Parquet file ({error}): copy it again"
-            ) from error
+        return self._pyarrow.parquet.ParquetFile(
+            path, buffer_size=_BUFFER_BYTES, pre_buffer=False, page_checksum_verification=True
+        )
 
     def _check_types(self, path: Path, schema: Any) -> None:
         """Refuse columns of text and lists, whose values can have any length."""
@@ -79,19 +71,14 @@ class ParquetSource(Source):
             batches = file.iter_batches(
                 self.options.chunk_events, columns=list(self._names.values()), use_threads=False
             )
-            try:
-                for batch in batches:
-                    columns = {
-                        name: batch.column(field).to_numpy(zero_copy_only=False)
-                        for name, field in self._names.items()
-                    }
-                    self.position = min(1.0, (entry + batch.num_rows) / max(1, self._rows))
-                    yield tidy(columns, self._unit, log, entry)
-                    entry += batch.num_rows
-            except self._pyarrow.ArrowException as error:
-                raise RecordingError(
-                    f"{self.path} is damaged after event {entry:,} ({error}): copy it again"
-                ) from error
+            for batch in batches:
+                columns = {
+                    name: batch.column(field).to_numpy(zero_copy_only=False)
+                    for name, field in self._names.items()
+                }
+                self.position = min(1.0, (entry + batch.num_rows) / max(1, self._rows))
+                yield tidy(columns, self._unit, log, entry)
+                entry += batch.num_rows
 
 
 class ParquetSink:

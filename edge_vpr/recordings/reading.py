@@ -139,8 +139,8 @@ class Source(ABC):
 # Conversion of all exceptions of parsing libraries to `EdgeVprError`.
 #
 # The parsers behind the readers (zip, NumPy's headers, HDF5, Arrow, rosbags, Pillow, Rust) raise
-# exceptions of any kind for a damaged file. Readers handle those that they expect; `foreign_errors`
-# converts all others to a :class:`RecordingError` that names the file and the place.
+# exceptions of any kind for a damaged file. A reader handles those of which it can say more;
+# `foreign_errors` converts all others to a :class:`RecordingError` that names file and place.
 
 
 @contextmanager

@@ -140,7 +140,6 @@ def test_the_packed_reference_is_as_narrow_as_its_range_allows():
         (lambda: ReferenceIndex([[1, 2]]).distances([[1, 2]]), "descriptor: int64 of shape"),
         (lambda: best_matches(np.zeros(2), 3), "give 2 dimensions"),
         (lambda: best_matches(np.empty((0, 4)), 3), "at least one"),
-        (lambda: best_matches(np.zeros((2, 2)), -1), "exclusion of -1"),
     ],
 )
 def test_what_cannot_be_matched_is_refused(call, message):

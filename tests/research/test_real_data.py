@@ -219,6 +219,7 @@ def test_matches_are_accepted_where_a_drive_leaves_the_map_only_if_they_are_sure
     assert calibration.sample(mapped).correct.mean() > right
     # a car that stands at a light off the map saw the same at the end of the route
     cut = calibration.sample(without_places(mapped, 220, 330))
-    found = evaluate_rejection(*cut, cut.trust >= default_confidence(smooth).least_trust(0.99))
+    accepted = cut.trust >= default_confidence(smooth).least_trust(0.99)
+    found = evaluate_rejection(cut.trust, cut.correct, cut.has_place, accepted)
     assert found.found_at_99_precision > 0.8 and found.off_map_auroc > 0.9
     assert found.precision > precision and found.recall > recall

@@ -484,11 +484,11 @@ def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
         pass
 
 
-def a_match(folder, **changed):
+def a_match(folder, costs=None, **changed):
     """Write the records of an evaluated match, with a setting changed."""
     folder.mkdir()
     shares = dict.fromkeys(list(comparison.MEASURES)[:3], 0.5)
-    metrics = {"evaluation": shares | {"recall_at": {"1": 0.5}}}
+    metrics = {"evaluation": shares | {"recall_at": {"1": 0.5}}, **(costs or {})}
     (folder / "metrics.json").write_text(json.dumps(metrics))
     write_json(folder / "run.json", run_record({"seed": 1, "tau_us": 5} | changed, []))
     return folder
@@ -533,6 +533,25 @@ def test_a_field_of_a_wrong_type_ends_a_comparison_in_one_line(
     assert "\n" not in said
     assert f"run/{name}: " in said
     assert says in said
+
+
+@pytest.mark.parametrize(
+    ("preset", "changes", "operations", "size"),
+    [
+        ("paper", {}, 5 * 7, 3),
+        ("paper", {"polarity": True}, 2 * 5 * 7, 3),  # a pixel has two counters
+        ("default", {"places_per_window": 2}, 5 * 7, 2 * 3),
+    ],
+)
+def test_costs_of_a_match_count_counters_and_the_places_of_a_window(
+    tmp_path, preset, changes, operations, size
+):
+    costs = {"pixels": 5, "places": 7, "packed_bytes_per_place": 3, "queries": 2, "matching_s": 0.5}
+    settings = PRESETS[preset].replaced(changes, "test").to_dict()
+    (row,) = rows_of([a_match(tmp_path / "run", costs, **settings)])
+    assert row.values["operations_per_match"] == (operations,)
+    assert row.values["packed_bytes_per_window"] == (size,)
+    assert row.values["microseconds_per_match"] == (250_000,)
 
 
 def test_what_a_run_does_not_say_of_a_setting_is_its_default(tmp_path):
@@ -636,23 +655,6 @@ def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys):
         assert seed_1.values[measure][0] == alone.values[measure][0]
     places = json.loads((tmp_path / "alone/metrics.json").read_text())["places"]
     assert alone.values["operations_per_match"] == (5 * places,)
-    # with polarity, a pixel has two counters
-    polar = f"match {tmp_path}/polar.npz {tmp_path}/tuesday.npz -o {tmp_path}/polar --no-figures"
-    assert cli.main(
-        f"map {tmp_path}/monday.npz -o {tmp_path}/polar.npz --preset paper --pixels 5 --sigma 1 "
-        "--tau 100ms --polarity".split()
-    ) == 0  # fmt: skip
-    assert cli.main(polar.split()) == 0
-    assert cli.main(f"evaluate {tmp_path}/polar {truth}".split()) == 0
-    assert rows_of([tmp_path / "polar"])[0].values["operations_per_match"] == (10 * places,)
-    # with places at half windows, two of 5 codes of 3 bits and their activity
-    half = f"match {tmp_path}/half.npz {tmp_path}/tuesday.npz -o {tmp_path}/half --no-figures"
-    assert cli.main(
-        f"map {tmp_path}/monday.npz -o {tmp_path}/half.npz --pixels 5 --sigma 1 --tau 100ms".split()
-    ) == 0  # fmt: skip
-    assert cli.main(half.split()) == 0
-    assert cli.main(f"evaluate {tmp_path}/half {truth}".split()) == 0
-    assert rows_of([tmp_path / "half"])[0].values["packed_bytes_per_window"] == (6,)
     capsys.readouterr()
     assert cli.main(f"compare {tmp_path}".split()) == 2
     # two folders of one name are told apart, and a name out of a file is no escape sequence
@@ -703,12 +705,16 @@ def test_only_the_best_of_many_rows_are_drawn(monkeypatch):
     assert "the best 3 of 5" in axes.get_title()
 
 
+#: names, levels and numbers of seeds
+DRIVES = (("a", 0.5, 2), ("b", 0.7, 2), ("c", 0.9, 1), ("d", 0.6, 1), ("e", 0.8, 1))
+
+
 def rows_over_drives():
-    """Two variants that differ in their pixels, each on three drives with two seeds."""
+    """Two variants that differ in their pixels, each on five drives with one or two seeds."""
     rows = []
     for pixels, more in ((25, 0.0), (150, 0.1)):
         settings = asdict(PRESETS["paper"].replaced({"pixels": pixels}, "test"))
-        for drives, level, seeds in (("a", 0.5, 2), ("b", 0.7, 2), ("c", 0.9, 1)):
+        for drives, level, seeds in DRIVES:
             values = tuple(level + more + 0.01 * seed for seed in range(seeds))
             rows.append(
                 comparison.Row(
@@ -724,13 +730,13 @@ def test_each_drive_counts_alike_in_a_mean_and_differences_are_of_pairs():
     """The drives differ more than the variants, so that only pairs show the difference."""
     measure = "precision_at_100_recall"
     first, second = comparison.averages(rows_over_drives(), measure)
-    assert (first.drives, first.settings, first.difference) == (3, {"pixels": "25"}, None)
-    assert first.means[measure] == pytest.approx((0.505 + 0.705 + 0.9) / 3)
+    assert (first.drives, first.settings, first.difference) == (5, {"pixels": "25"}, None)
+    assert first.means[measure] == pytest.approx((0.505 + 0.705 + 0.9 + 0.6 + 0.8) / 5)
     assert second.difference is not None
     assert second.difference.mean == pytest.approx(0.1)
     assert second.difference.low == pytest.approx(0.1)
     assert second.difference.high == pytest.approx(0.1)
-    alone = comparison.averages(rows_over_drives()[2:4], measure)[1]
+    alone = comparison.averages(rows_over_drives()[4:6], measure)[1]
     assert alone.difference is None  # no drive in common
 
 
@@ -742,14 +748,18 @@ def test_the_interval_of_a_bootstrap_holds_the_mean_of_most_samples(monkeypatch)
         found = comparison.bootstrap(list(rng.normal(0.3, 1.0, (25, 1))))
         held += found.low <= 0.3 <= found.high
     assert 50 <= held < 60
-    assert np.isnan(comparison.bootstrap([np.array([0.5])]).low)
+    # four drives, or four seeds of one, are too few
+    for few in ([np.array([0.1, 0.2])] * 4, [np.array([0.1, 0.2, 0.3, 0.4])]):
+        assert np.isnan(comparison.bootstrap(few).low)
+    alone = comparison.bootstrap([np.array([0.1, 0.2, 0.3, 0.4, 0.5])])
+    assert alone.low < alone.mean < alone.high
 
 
 def test_latex_has_a_column_for_each_setting_that_differs_and_escapes_names():
     rows = rows_over_drives()
     lines = comparison.latex(comparison.averages(rows, "recall_at_1"), "recall_at_1").split("\n")
     assert lines[2].startswith(r"pixels & drives & P@100R & R@99P & AP & Recall@1")
-    assert lines[4].startswith("25 & 3 & $0.703$ &") and lines[4].endswith(r"-- \\")
+    assert lines[4].startswith("25 & 5 & $0.702$ &") and lines[4].endswith(r"-- \\")
     assert lines[5].endswith(r"& $+0.100$ [$+0.100$, $+0.100$] \\")
     assert all(line.count("&") == lines[2].count("&") for line in lines[4:6])
     same = [replace(row, settings={}, variant="50 %_$x") for row in rows[:3]]
@@ -762,7 +772,24 @@ def test_a_curve_over_a_setting_shows_the_means_over_drives():
     (axes,) = comparison.draw_over(rows_over_drives(), "recall_at_1", "pixels").axes
     (line,) = axes.get_lines()
     assert line.get_xdata().tolist() == [25, 150]
-    assert line.get_ydata() == pytest.approx([0.70333, 0.80333], abs=1e-4)
+    assert line.get_ydata() == pytest.approx([0.702, 0.802])
+
+
+def test_curves_are_named_by_what_tells_them_apart_in_whole_words():
+    """In several lines, if need be; an interval that is not there is not promised."""
+    rows = []
+    for row in rows_over_drives()[:2] + rows_over_drives()[5:7]:
+        for restart in (4, 8):
+            of = {"filter_restart": restart, "matching": "filter", "smooth": restart == 4}
+            rows.append(replace(row, settings={**row.settings, **of}))
+    (axes,) = (drawing := comparison.draw_over(rows, "recall_at_1", "pixels")).axes
+    assert axes.get_title() == "Mean over drives"
+    labels = [text.get_text() for text in drawing.legends[0].get_texts()]
+    assert len(labels) == 2 and not any("r, " in label or "..." in label for label in labels)
+    (long,) = comparison._apart([("a setting 1",) * 20])
+    assert long.replace("\n", " ") == ", ".join(["a setting 1"] * 20)
+    assert comparison.lacks_intervals(rows, "recall_at_1")
+    assert not comparison.lacks_intervals(rows_over_drives(), "recall_at_1")
 
 
 def test_no_title_of_a_comparison_is_cut():

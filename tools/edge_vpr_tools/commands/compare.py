@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import summary
+from edge_vpr_tools.console import note, summary
 from edge_vpr_tools.flags import (
     add_figures_flag,
     add_json_flag,
@@ -49,8 +49,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Print the table, and write it with the figure if asked."""
     from edge_vpr import results
+    from edge_vpr_tools.report.page import number_of
     from edge_vpr_tools.research.sweep.comparison import (
+        LEAST,
         comparison_record,
+        lacks_intervals,
         markdown,
         rows_of,
         write_comparison,
@@ -70,4 +73,9 @@ def run(args: argparse.Namespace) -> None:
     if output is not None:
         with results.results_folder(output, args.overwrite) as folder:
             write_comparison(folder, rows, formats, args.measure, args.over)
-        summary(f"{output}: {len(rows)} rows of {len(runs)} runs")
+        if lacks_intervals(rows, args.measure):
+            note(
+                f"means have no intervals: these need {LEAST} pairs of drives, or {LEAST} seeds of "
+                "a single one"
+            )
+        summary(f"{output}: {number_of(len(rows), 'row')} of {number_of(len(runs), 'run')}")

@@ -77,6 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run experiments, write their tables and figures, and print the tables as Markdown."""
+    from edge_vpr_tools.report.page import number_of
     from edge_vpr_tools.research.datasets import damaged_files
     from edge_vpr_tools.research.experiments.drives import check_logs, downloads
 
@@ -111,11 +112,13 @@ def run(args: argparse.Namespace) -> None:
         shown = f"{name}:\n\n{page}\n" if len(pages) > 1 else page
         for line in shown.split("\n"):
             summary(line)
-    summary(f"{folder}: {len(pages)} experiments in {time.perf_counter() - start:,.0f} s")
+    took = f"{time.perf_counter() - start:,.0f} s"
+    summary(f"{folder}: {number_of(len(pages), 'experiment')} in {took}")
 
 
 def _list_files(names: list[str], args: argparse.Namespace, data: Path | None) -> None:
     """Print what would run, and the files of all data sets."""
+    from edge_vpr_tools.report.page import number_of
     from edge_vpr_tools.research.datasets import damaged_files, listing
     from edge_vpr_tools.research.experiments.drives import downloads
     from edge_vpr_tools.research.experiments.experiment import trials_of
@@ -127,7 +130,7 @@ def _list_files(names: list[str], args: argparse.Namespace, data: Path | None) -
             summary(f"{name}: cannot run: {error}")
             continue
         drives = "; ".join(dict.fromkeys(one.drives for one in trials))
-        summary(f"{name}: {len(trials)} trials, of {drives}")
+        summary(f"{name}: {number_of(len(trials), 'trial')}, of {drives}")
     for line in listing(downloads(data), data):
         summary(line)
     damaged = [] if data is None else list(damaged_files(data, downloads(data), hashed=True))
@@ -156,6 +159,7 @@ def _run(
     trials: dict[ListedTrial, ExperimentTrial], folder: Path, args: argparse.Namespace
 ) -> dict[str, str]:
     """Run trials, write tables and figures of their experiments, and return the tables."""
+    from edge_vpr_tools.report.page import number_of
     from edge_vpr_tools.report.style import save
     from edge_vpr_tools.research.experiments.experiment import run_experiments, store_of
     from edge_vpr_tools.research.trials import Inline, processes
@@ -172,8 +176,8 @@ def _run(
     for each in measured:
         note(f"{each.name}: {each.elapsed_s:,.0f} s of work")
     note(
-        f"{done.trials} trials, {done.known} of them known; {done.computed} computed by "
-        f"{done.workers} workers in {done.elapsed_s:,.0f} s"
+        f"{number_of(done.trials, 'trial')}, {done.known} of them known; {done.computed} computed "
+        f"by {number_of(done.workers, 'worker')} in {done.elapsed_s:,.0f} s"
     )
     return {each.name: each.markdown() for each in measured}
 
@@ -181,6 +185,7 @@ def _run(
 def _learn(names: list[str], args: argparse.Namespace) -> None:
     """Learn the tables of probabilities, and write them."""
     from edge_vpr.results import check_parent
+    from edge_vpr_tools.report.page import number_of
     from edge_vpr_tools.research.experiments.calibration import learn
 
     if names != ["calibration"]:
@@ -189,4 +194,4 @@ def _learn(names: list[str], args: argparse.Namespace) -> None:
     check_parent(folder / "tables")
     with status("starting") as show:
         learn(args.seeds, folder, show)
-    summary(f"{folder}: tables of probabilities, learnt on {args.seeds} streets")
+    summary(f"{folder}: tables of probabilities, learnt on {number_of(args.seeds, 'street')}")

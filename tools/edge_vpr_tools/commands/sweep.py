@@ -39,6 +39,7 @@ _MOST_SHOWN = 5
 
 def run(args: argparse.Namespace) -> None:
     """Run the missing trials, and print the table of all."""
+    from edge_vpr_tools.report.page import number_of
     from edge_vpr_tools.research.sweep.comparison import markdown, rows_of
     from edge_vpr_tools.research.sweep.plan import read_plan, run_trial, sweep_store
     from edge_vpr_tools.research.trials import cluster, compute, failures, processes
@@ -63,17 +64,18 @@ def run(args: argparse.Namespace) -> None:
         )
     for line in markdown(rows_of([store.folder])).splitlines():
         summary(line)
+    trials = number_of(done.trials, "trial")
     summary(
-        f"{store.folder}: {done.trials} trials, {done.different} of them different; {done.known} "
-        f"were known, {done.computed} computed now, {done.failed} failed now"
+        f"{store.folder}: {trials}, {done.different} of them different; {done.known} were known, "
+        f"{done.computed} computed now, {done.failed} failed now"
     )
     if done.computed:
-        summary(f"{done.workers} workers, busy {done.busy_share:.0%} of the time")
+        summary(f"{number_of(done.workers, 'worker')}, busy {done.busy_share:.0%} of the time")
     lost = failures(store)
     for trial, error in lost[:_MOST_SHOWN]:
         warning(f"{trial.variant}, {trial.drives}, seed {trial.seed} ({trial.key}): {error}")
     if lost:
         raise EdgeVprError(
-            f"{len(lost)} of {done.trials} trials failed: {store.folder}/failures says why, and "
-            "--retry-failed computes them again"
+            f"{len(lost)} of {trials} failed: {store.folder}/failures says why, and --retry-failed "
+            "computes them again"
         )

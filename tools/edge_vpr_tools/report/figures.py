@@ -27,7 +27,7 @@ from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Kind, Route
-from edge_vpr_tools.report.page import FINDABLE
+from edge_vpr_tools.report.page import FINDABLE, number_of
 from edge_vpr_tools.report.style import (
     BLUE,
     CYCLE,
@@ -465,8 +465,8 @@ def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
         )
         if single:
             least = min(0.9, float(some.curve.precision.min()))
-            axes.set_ylim(least - 0.3 * (1 - least), 1 + 0.1 * (1 - least))
-            axes.legend(loc="lower left", fontsize=9)
+            axes.set_ylim(max(0.0, least - 0.1 * (1 - least)), 1 + 0.03 * (1 - least))
+            legend_below(drawing, [axes], 1, fontsize=9)
         else:
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=9)
     return drawing
@@ -485,9 +485,11 @@ def reliability_diagram(found: Mapping[str, Reliability]) -> Figure:
         for (name, one), colour in zip(found.items(), CYCLE, strict=False):
             axes.plot(one.probability, one.right, color=colour, lw=1.5)
             sizes = 15 + 285 * one.matches / one.matches.max()
-            label = f"{one.matches.sum()} matches in {len(one.matches)} bins, larger: more"
+            among = number_of(len(one.matches), "bin")
+            label = f"{number_of(int(one.matches.sum()), 'match')} in {among}, larger: more"
             if len(found) > 1:
-                label = f"{name}: {one.matches.sum():,} matches, error {_error(one)}"
+                matches = number_of(int(one.matches.sum()), "match")
+                label = f"{name}: {matches}, error {_error(one)}"
             axes.scatter(one.probability, one.right, s=sizes, color=colour, label=label)
         single = next(iter(found.values())) if len(found) == 1 else None
         axes.set(
@@ -498,7 +500,7 @@ def reliability_diagram(found: Mapping[str, Reliability]) -> Figure:
             xlim=(0, 1.02),
             ylim=(0, 1.05),
         )
-        axes.legend(loc="best" if single else "lower right", fontsize=9)
+        legend_below(drawing, [axes], 1, fontsize=9)
     return drawing
 
 

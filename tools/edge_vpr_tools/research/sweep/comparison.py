@@ -7,6 +7,7 @@ curves over a setting, and a table in LaTeX.
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -270,14 +271,15 @@ def markdown(rows: Sequence[Row]) -> str:
 # Over drives: means, differences from the first variant, and their intervals.
 
 
-#: resamples of a bootstrap, and the share of them that its interval holds
-RESAMPLES, SHARE = 10_000, 0.95
+#: resamples of a bootstrap, the share of them that its interval holds, and fewest pairs of drives,
+#: or seeds of a single pair, that have one: resamples of fewer are too much alike
+RESAMPLES, SHARE, LEAST = 10_000, 0.95, 5
 
 Floats = npt.NDArray[np.float64]
 
 
 class Interval(NamedTuple):
-    """A mean, with the bootstrap interval of 95 %; the bounds are NaN of a single value."""
+    """A mean, with the bootstrap interval of 95 %; the bounds are NaN of fewer than `LEAST`."""
 
     mean: float
     low: float
@@ -353,6 +355,12 @@ def averages(rows: Sequence[Row], measure: str) -> list[Average]:
     return found
 
 
+def lacks_intervals(rows: Sequence[Row], measure: str) -> bool:
+    """Return whether there is a difference from the first variant, and none has an interval."""
+    apart = [one.difference for one in averages(rows, measure) if one.difference is not None]
+    return bool(apart) and all(np.isnan(one.low) for one in apart)
+
+
 def _difference(rows: Sequence[Row], first: Sequence[Row], measure: str) -> Interval | None:
     of_first = {row.drives: row for row in first}
     differences = []
@@ -376,16 +384,17 @@ def bootstrap(groups: Sequence[Floats]) -> Interval:
     ----------
     groups : sequence of ndarray of float64
         Values of each pair of drives, one a seed. Drives are drawn with replacement, and seeds
-        within each. A single drive stays: the interval is then over its seeds alone.
+        within each. A single drive stays: the interval is then over its seeds alone. With fewer
+        than `LEAST` of either there is none.
 
     Examples
     --------
-    >>> found = bootstrap([np.array([0.1, 0.2]), np.array([0.4, 0.5])])
+    >>> found = bootstrap([np.array([0.1, 0.2, 0.3, 0.4, 0.5])])
     >>> round(found.mean, 3), round(found.low, 3), round(found.high, 3)
-    (0.3, 0.125, 0.475)
+    (0.3, 0.18, 0.42)
     """
     mean = _mean(groups)
-    if sum(group.size for group in groups) < 2:
+    if (len(groups) if len(groups) > 1 else groups[0].size) < LEAST:
         return Interval(mean=mean, low=float("nan"), high=float("nan"))
     rng = np.random.default_rng(0)
     total = np.zeros(RESAMPLES)
@@ -505,30 +514,45 @@ def draw_over(rows: Sequence[Row], measure: str, over: str) -> Figure:
         else [float(words.index(_word(row.settings, name))) for row in known]
     )
     several = len({row.tolerance for row in known}) > 1
-    lines: dict[str, dict[float, list[Floats]]] = {}
+    lines: dict[tuple[str, ...], dict[float, list[Floats]]] = {}
     for row, x in zip(known, at, strict=True):
         fixed = [f"{SETTING_FIELDS[each].key} {_word(row.settings, each)}" for each in others]
         fixed += [f"tolerance {row.tolerance}"] * several
-        line = lines.setdefault(", ".join([row.run, *fixed]), {})
+        line = lines.setdefault((row.run, *fixed), {})
         line.setdefault(x, []).append(np.array(row.values[measure]))
-    with figure(7.5, 4.5 + 0.25 * len(lines)) as (drawing, axes):
-        for i, (label, line) in enumerate(lines.items()):
+    labels = _apart(list(lines))
+    any_interval = False
+    height = 4.5 + 0.2 * sum(1 + label.count("\n") for label in labels)
+    with figure(7.5, height) as (drawing, axes):
+        for i, (label, line) in enumerate(zip(labels, lines.values(), strict=True)):
             points = sorted(line)
             found = [bootstrap(line[x]) for x in points]
             style = look(i)
-            axes.plot(
-                points, [one.mean for one in found], **style, marker="o", label=name_label(label)
-            )
+            any_interval = any_interval or not np.isnan(found[0].low)
+            axes.plot(points, [one.mean for one in found], **style, marker="o", label=label)
             axes.fill_between(
                 points, [one.low for one in found], [one.high for one in found],
                 color=style["color"], alpha=0.15, linewidth=0,
             )  # fmt: skip
         if not numeric:
             axes.set_xticks(range(len(words)), [name_label(word) for word in words])
-        axes.set_title("Mean over drives, and its bootstrap interval of 95 %", fontsize=10)
+        bounded = ", and its bootstrap interval of 95 %" * any_interval
+        axes.set_title(f"Mean over drives{bounded}", fontsize=10)
         axes.set(xlabel=SETTING_FIELDS[name].key, ylabel=MEASURES[measure])
         legend_below(drawing, [axes], 1, fontsize=9)
     return drawing
+
+
+def _apart(names: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return labels of curves without the parts that all share, in lines of whole words."""
+    shared = set(names[0]).intersection(*names[1:]) if len(names) > 1 else set()
+    return [
+        "\n".join(
+            name_label(line)
+            for line in textwrap.wrap(", ".join(part for part in name if part not in shared), 90)
+        )
+        for name in names
+    ]
 
 
 # Files of a comparison, for papers and programs.
