@@ -87,6 +87,7 @@ def run(args: argparse.Namespace) -> None:
         vectors_size,
     )
     from edge_vpr_tools.inputs import open_from
+    from edge_vpr_tools.report.page import number_of
     from firmware_model import Design
     from firmware_model.vectors import smallest_cases, write_suites
 
@@ -133,9 +134,11 @@ def run(args: argparse.Namespace) -> None:
             for what in ("events", "windows", "matches")
         )
         reached = sum(number > 0 for number in suite.coverage.values())
+        held = ((len(suite.cases), "case"), (events, "event"), (windows, "window"))
+        numbers = [number_of(*one) for one in (*held, (matches, "match"))]
         summary(
-            f"{Path(args.output) / suite.name}: {len(suite.cases)} cases, {events:,} events, "
-            f"{windows} windows, {matches} matches, {reached} of {len(suite.coverage)} corners"
+            f"{Path(args.output) / suite.name}: {', '.join(numbers)}, {reached} of "
+            f"{len(suite.coverage)} corners"
         )
 
 
