@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 
 from edge_vpr import LiveSession
+from edge_vpr.errors import EdgeVprError
 
 FAST, SLOW, STOP = 1.0, 0.2, 0.0  # m/s
 SURE, MOST_MISSING = 0.9, 0.25  # probability, and share of the events lost, of a match to rely on
@@ -55,5 +56,9 @@ def follow(port: str, protocol: str, map_path: str, goal_m: float, drive: Callab
 if __name__ == "__main__":
     if len(sys.argv) != 5:
         sys.exit(__doc__)
-    reached = follow(*sys.argv[1:4], float(sys.argv[4]), drive=lambda speed: print(f"{speed} m/s"))
+    try:
+        goal_m = float(sys.argv[4])
+        reached = follow(*sys.argv[1:4], goal_m, drive=lambda speed: print(f"{speed} m/s"))
+    except (EdgeVprError, ValueError) as error:
+        sys.exit(f"rover.py: {error}")
     print("the line has ended" if reached is None else f"at {reached:.1f} m")

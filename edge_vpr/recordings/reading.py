@@ -551,6 +551,10 @@ def cropped_events(chunks: Iterator[Events], start_us: int, end_us: int | None) 
 # A recording: an iterable of checked event arrays, for any number of passes.
 
 
+class SensorNotStated(UsageError):  # noqa: N818, what is not there is no error of the file
+    """The file does not state its sensor, and nobody named it."""
+
+
 class Recording:
     r"""Iterable of event arrays that are never empty, in time order, and inside the sensor.
 
@@ -582,7 +586,7 @@ class Recording:
 
     def __init__(self, source: Source, on_fault: str) -> None:
         if source.sensor is None:
-            raise UsageError(
+            raise SensorNotStated(
                 f"{source.path} does not say how large its sensor is: "
                 "pass sensor=, for example sensor='346x260'"
             )

@@ -36,6 +36,13 @@ _Static_assert(sizeof(vpr_entry_t) == 8U, "an entry of the image's look-up is tw
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the image is little-endian");
 #endif
 
+/* called once: small rather than fast; Clang would unroll each check */
+#ifdef __GNUC__
+#define ONCE __attribute__((cold))
+#else
+#define ONCE
+#endif
+
 /* The search over the places of one match, in ascending order. */
 typedef struct {
     uint32_t left_sum; /* best of the places that have left the delay line */
@@ -47,13 +54,6 @@ typedef struct {
 static uint32_t rounded_up(uint32_t bytes)
 {
     return (bytes + 15U) & ~(uint32_t)15U;
-}
-
-/* Whether a product of one factor below 2^32 and one below 2^16 stays below 2^32; without 64-bit
- * arithmetic, which the smallest cores do in a library. */
-static bool fits(uint32_t wide, uint32_t narrow)
-{
-    return (((wide >> 16) * narrow) + (((wide & LIMIT) * narrow) >> 16)) <= LIMIT;
 }
 
 /* Whether the words of the place filter and of contrast codes suit one another; those that the design
@@ -89,7 +89,7 @@ static bool within_limits(const uint32_t *image)
            ((depth & (depth - 1U)) == 0U) && ((image[AT_WINDOW] - 1U) < windows) &&
            (image[AT_LENGTH] <= image[AT_PLACES]) &&
            (distance_max <= LIMIT) &&
-           fits(image[AT_PLACES] * image[AT_LENGTH], 8U) && adaptive_within_limits(image);
+           ((image[AT_PLACES] * image[AT_LENGTH]) <= (VPR_NONE / 8U)) && adaptive_within_limits(image);
 }
 
 /* Whether the tables fill the image behind its header; `at` is where each begins, in bytes. */
@@ -148,10 +148,8 @@ static bool words_at_most(const uint16_t *words, uint32_t count, uint32_t most)
 static bool lookup_sound(const vpr_design_t *d, uint32_t width, uint32_t pixels)
 {
     uint32_t owned = 0U;
-    for (uint32_t y = 0U; y < d->height; y++) {
-        if (d->displacement[y] > d->lookup_mask) {
-            return false;
-        }
+    if (!words_at_most(d->displacement, d->height, d->lookup_mask)) {
+        return false;
     }
     for (uint32_t at = 0U; at <= d->lookup_mask; at++) {
         const vpr_entry_t *const entry = &d->lookup[at];
@@ -192,7 +190,7 @@ static bool places_sound(const vpr_design_t *d)
     return true;
 }
 
-bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
+ONCE bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
 {
     uint32_t at[TABLES];
     if (!undamaged(image, image_bytes) || !within_limits(image) || !laid_out(image, at)) {
@@ -261,7 +259,7 @@ static void place_arrays(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram)
     s->mean = (uint32_t *)(void *)&bytes[at];
 }
 
-void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t start)
+ONCE void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t start)
 {
     place_arrays(d, s, ram);
     s->checksum = d->checksum;

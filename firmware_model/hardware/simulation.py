@@ -77,6 +77,7 @@ def build_bench(
     *,
     library: Path | None = None,
     slow_blocks: bool = False,
+    fast: bool = True,
 ) -> Path:
     """Build core and testbench for one design with Verilator; return the program.
 
@@ -88,6 +89,8 @@ def build_bench(
         Sources before those of the core.
     library : path, optional
         Folder of another program, from which Verilator's own library is taken.
+    fast : bool
+        Whether it runs three times as fast, and is built in twice the time.
 
     Raises
     ------
@@ -106,7 +109,7 @@ def build_bench(
         shutil.copyfile(built, folder / built.name)  # newer than what it is made of
     program = folder / "Vvpr_bench"
     # most of the time goes to the compiler
-    options = ("OPT_FAST=-O1", "OPT_SLOW=-O0", "OPT_GLOBAL=-O1", "VM_PARALLEL_BUILDS=0")
+    options = (f"OPT_FAST=-O{int(fast)}", "OPT_SLOW=-O0", "OPT_GLOBAL=-O1", "VM_PARALLEL_BUILDS=0")
     _run(["make", "-C", str(folder), "-f", f"{program.name}.mk", program.name, *options])
     return program
 

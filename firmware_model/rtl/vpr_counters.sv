@@ -52,10 +52,10 @@ module vpr_counters #(
             raised_o      <= clears_q ? '0 : count == FULL ? FULL : count + 1'b1;
             written_q     <= raised_o;
         end
+        // all counters are drained then, so that a last write does no harm
         if (rst_i) begin
             reads_q  <= 1'b0;
             raises_o <= 1'b0;
-            writes_q <= 1'b0;
         end
     end
 

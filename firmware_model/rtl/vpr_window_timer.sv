@@ -42,6 +42,7 @@ module vpr_window_timer #(
 
     wire [2:0] moved    = 3'(behind_q[0]) + 3'(added_q) + 3'(behind_carry_q);
     wire       next_bit = moved[0];
+    wire       turns    = step_q == STEP_BITS'(LOW_BITS - 1);  // from the lower half to the upper
 
     // bits of the difference that are 1 but for carries
     wire [TIMESTAMP_BITS-2:0] ones =
@@ -60,10 +61,9 @@ module vpr_window_timer #(
             passes_q   <= &(ones | LOW);
         end else if (!settled_o) begin
             behind_q <= {next_bit, behind_q[TIMESTAMP_BITS-1:1]};
-            if (step_q == STEP_BITS'(LOW_BITS - 1)) due_q <= 1'b0;
-            // all bits but the last to come
-            low_zero_q <= step_q == STEP_BITS'(TIMESTAMP_BITS - 1) ? low_zero_q
-                        : (low_zero_q || step_q == 0) && !next_bit;
+            if (turns) due_q <= 1'b0;
+            // what has moved by TAU_US is not the lowest number
+            low_zero_q <= 1'b0;
         end
         if (settled_o) begin
             step_q         <= '0;
@@ -75,7 +75,7 @@ module vpr_window_timer #(
             step_q         <= step_q + 1'b1;
             added_q        <= NEXT_OF_TAU[step_q];
             end_carry_q    <= (end_inverse_q[0] && (added_q || end_carry_q)) || (added_q && end_carry_q);
-            behind_carry_q <= moved[2:1] + 2'(due_q && step_q == STEP_BITS'(LOW_BITS - 1));
+            behind_carry_q <= moved[2:1] + 2'(due_q && turns);
             settled_o      <= step_q == STEP_BITS'(TIMESTAMP_BITS - 1);
         end
         if (load_i) begin

@@ -33,7 +33,7 @@ def corner_cases(design: Design) -> list[Case]:
             design, matching="sequence", length=0, trust=0, places=places, places_per_window=1
         )
     design = replace(design, code="counts", places=_roomy(design))
-    return [*event_cases(design), *match_cases(design)]
+    return [*event_cases(design), *match_cases(design), _half_a_period_late(design)]
 
 
 def _roomy(design: Design) -> int:
@@ -198,6 +198,22 @@ def _many_windows(design: Design) -> Case:
         stream.end()
     stream.close()
     return _case("many_windows", stream)
+
+
+def _half_a_period_late(design: Design) -> Case:
+    """Make a case with events half a clock behind the end of a window, and nearly so before it."""
+    half = 1 << 31
+    design = replace(design, window="time", timestamp_bits=32, tau_us=half >> 1)
+    stream = Stream(design)
+    # seven of each, so that each is the first of a batch that the firmware takes
+    stream.slot(0, 7)
+    stream.slot(design.slots - 1, 7, design.tau_us + half)
+    stream.skip(3)
+    stream.slot(0, 7, design.tau_us - half + 1)
+    for number in range(design.length + 1):
+        _ramp(stream, number)
+    stream.close()
+    return _case("half_a_period_late", stream)
 
 
 # Corner cases of distances, sequences and the search, with maps laid out by pattern.

@@ -44,6 +44,7 @@ CORNERS = {
     "on_the_boundary": "an event at the very end of a window, which belongs to the next one",
     "before_the_boundary": "an event in the last microsecond of a window",
     "late": "an event from before the open window's start",
+    "half_a_period_late": "an event half the clock's period behind the end of a window",
     "unselected": "an event at a pixel that is not selected",
     "entry_of_another_row": "an event at such a pixel whose look-up entry belongs to another row",
     "off_the_sensor": "an event that names no pixel of the sensor",
@@ -140,6 +141,7 @@ def _see_event(
         found["on_the_boundary"] += elapsed > 0 and elapsed % tau == 0
         found["before_the_boundary"] += elapsed > 0 and elapsed % tau == tau - 1
         found["late"] += elapsed < 0
+        found["half_a_period_late"] += elapsed - tau == 1 << (design.timestamp_bits - 1)
     if y == design.height:
         found["below_the_sensor"] += 1
     if x in (0, design.width - 1) and y in (0, design.height - 1):

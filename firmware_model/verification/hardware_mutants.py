@@ -9,13 +9,13 @@ another test or proof, or a case is missing.
 
 For each design, Verilator builds one program with all mutants that are left; which of them acts is
 chosen when it runs. So a mutant costs some hundredths of a second a case, and not the time of a
-compiler. Those that change what is elaborated, or survive, are compiled by Icarus Verilog,
-one by one.
+compiler. Those that change what is elaborated are compiled by Icarus Verilog, one by one.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import re
 import shutil
 import sys
@@ -38,7 +38,7 @@ from firmware_model.hardware.simulation import Conditions
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import standard_suites, write_suites
 from firmware_model.vectors.verify import read_results, verify
-from firmware_model.verification.mutants import mutants_at
+from firmware_model.verification.outcomes import Change, Outcomes, mutants_at
 
 #: Processor seconds of a simulation, after which the mutant counts as found. The longest case takes
 #: four; the testbench itself detects a core that has stopped.
@@ -46,9 +46,13 @@ LIMIT = 30
 RESULTS = "results.csv"
 #: the same of the programs of Verilator, whose longest case takes a tenth
 BUILT_LIMIT = 3
+#: as many mutants are run on a program that is built quickly
+FEW = 40
+# the delay line of the search is no power of two long
 _SEQUENCES = Design(
-    width=24, height=16, pixels=9, places=20, length=3, code_bits=4, window_events=12, lanes=4
-)
+    width=24, height=16, pixels=9, places=20, length=3, code_bits=4, window_events=12, lanes=4,
+    exclusion=2,
+)  # fmt: skip
 _FILTER = replace(_SEQUENCES, matching="filter", length=1, code="contrast")
 #: the third has so few bits that codes saturate at both ends, for the cases of contrast codes
 DESIGNS = (_SEQUENCES, _FILTER, replace(_FILTER, code_bits=2))
@@ -133,9 +137,25 @@ class Mutant(NamedTuple):
     text: str
 
     @property
+    def elaborates(self) -> bool:
+        """Whether it changes what is elaborated, and not what is done."""
+        return not with_choice(sources.text_of(self.file), {0: self})[1]
+
+    @property
+    def change(self) -> Change:
+        """What is changed."""
+        source = sources.text_of(self.file).split("\n")
+        return self.file, source[self.line].partition("//")[0].strip(), self.text.strip()
+
+    @property
+    def place(self) -> str:
+        """Its file and line, counted from 1."""
+        return f"{self.file}:{self.line + 1}"
+
+    @property
     def places(self) -> set[str]:
-        """Names of where it is: its file, and its line, counted from 1."""
-        return {self.file, f"{self.file}:{self.line + 1}"}
+        """Names of where it is."""
+        return {self.file, self.place}
 
 
 def mutants(file: str, source: str) -> Iterator[Mutant]:
@@ -336,6 +356,8 @@ class Bench:
     ----------
     cases : list of Trial
         In the order of replay; the case that found the latest mutant comes first.
+    digest : str
+        Of the sources and the cases.
     """
 
     def __init__(self, folder: Path, seed: int, only: Collection[str] | None = None) -> None:
@@ -378,6 +400,11 @@ class Bench:
                 short = self._short(folder, suite, design, events)
                 first += [short.under(reset_at=clock) for clock in clocks]
         self.cases = list(dict.fromkeys([*first, *self.cases]))
+        hashed = hashlib.sha256(repr([case[1:] for case in self.cases]).encode())
+        texts = [self._rtl / name for name in sources.SIMULATED]
+        for file in (*texts, *sorted(folder.glob("*/manifest.json"))):
+            hashed.update(file.read_bytes())
+        self.digest = hashed.hexdigest()[:16]
 
     def _short(self, folder: Path, suite: str, design: Design, events: int) -> Trial:
         """Write a suite of one random case, to be replayed without stalls."""
@@ -473,13 +500,15 @@ class Bench:
         program = simulation.build_bench(
             package, folder, rtl, [choice],
             library=first if first.exists() else None, slow_blocks=case.conditions.slow_blocks,
+            fast=len(left) > FEW,
         )  # fmt: skip
         return program, numbers
 
     def _differs(self, program: Path, case: Trial, number: int, usual: bytes = b"") -> bool:
         """Return whether a mutant's records differ from those of the vectors, in any way."""
-        # registers begin with random values
-        more = [f"+mutant={number}", "+verilator+rand+reset+2", f"+verilator+seed+{self._seed}"]
+        # registers begin with random values, others in each case
+        seed = self._seed + self.cases.index(case)
+        more = [f"+mutant={number}", "+verilator+rand+reset+2", f"+verilator+seed+{seed}"]
         folder, results = case.vectors / case.name, program.parent / RESULTS
         try:
             simulation.run_bench(
@@ -504,18 +533,19 @@ class Bench:
             return False
 
 
-def survivors(bench: Bench, mutants: Sequence[Mutant], jobs: int = 1) -> Iterator[Mutant]:
-    """Yield the mutants that no case finds.
+def run(bench: Bench, outcomes: Outcomes[Mutant], jobs: int = 1) -> None:
+    """Find out what becomes of the mutants that are left.
 
-    Programs of Verilator with all mutants find most of them. Then each of the others is compiled by
-    Icarus Verilog, which finds what is undefined too. What a compiler refuses is found.
+    Programs of Verilator have all mutants but those that change what is elaborated, which are
+    compiled by Icarus Verilog one by one. What a compiler refuses is found.
     """
-    left = dict.fromkeys(mutants)
-    for mutant, _ in bench.find(mutants, jobs) if mutants else ():
-        del left[mutant]
-    for mutant in left:
-        if bench.found_by(mutant) is None:
-            yield mutant
+    left = outcomes.left()
+    if chosen_at_run_time := [mutant for mutant in left if not mutant.elaborates]:
+        for mutant, case in bench.find(chosen_at_run_time, jobs):
+            outcomes.add(mutant, "found", case)
+    for mutant in outcomes.left():
+        found = bench.found_by(mutant) if mutant.elaborates else None
+        outcomes.add(mutant, "found" if found else "survives", found or "")
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -525,20 +555,20 @@ def main(words: Sequence[str] | None = None) -> int:
         "--only", nargs="+", default=[], metavar="PLACE",
         help="run the mutants of these sources or lines (vpr_core.sv:100) alone",
     )  # fmt: skip
+    parser.add_argument("--keep", type=Path, metavar="FILE", help="go on where it was ended")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="programs at a time")
     args = parser.parse_args(words)
-    number = 0
     try:
         every = chosen(all_mutants(), args.only)
         with tempfile.TemporaryDirectory() as folder:
-            for mutant in survivors(Bench(Path(folder), args.seed), every, args.jobs):
-                number += 1
-                print(f"{mutant.file}:{mutant.line + 1}: {mutant.text.strip()}", flush=True)
+            bench = Bench(Path(folder), args.seed)
+            outcomes = Outcomes(every, bench.digest, args.keep)
+            run(bench, outcomes, args.jobs)
     except ToolError as error:
         print(error, file=sys.stderr)
         return 1
-    print(f"{len(every)} mutants, {number} survive")
+    print(*outcomes.report(), sep="\n")
     return 0
 
 

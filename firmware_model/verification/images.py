@@ -203,11 +203,24 @@ def refused_layouts() -> Named:
         longer = -(-len(draft.tables[table]) // ALIGNMENT) * ALIGNMENT + ALIGNMENT
         yield f"{table.name.lower()}_too_long", draft.grow(table, longer).pack()
     yield "displacement_reaches_the_lookup", deep_draft(16).header(height=9).pack()
+    yield "sizes_beyond_32_bits", _wrapped()
     # a bit of each word of the header, and some of the tables', without the checksum for it
     for at in (*range(0, header, 4), header - 1, header, end // 2, end - 17, end - 1):
         damaged = bytearray(whole)
         damaged[at] ^= 1
         yield f"bit_of_byte_{at}", bytes(damaged)
+
+
+def _wrapped() -> bytes:
+    """Make an image as long as its tables modulo 2^32, which ends within its look-up."""
+    draft = one_pixel_draft(height=1).header(
+        pixels=0xFFFF, stride=1 << 16, places=0xFFFF, code_bits=1, lookup_depth=1 << 16
+    )
+    size = sum(-(-table.size(draft.words) // ALIGNMENT) * ALIGNMENT for table in Table)
+    draft.tables = {table: bytearray() for table in Table}
+    draft.grow(Table.DISPLACEMENT, ALIGNMENT)
+    draft.tables[Table.LOOKUP][:] = b"\xff" * (size % (1 << 32) - ALIGNMENT)
+    return draft.pack()
 
 
 def _of_bytes(data: bytes, size: int) -> bytes:
@@ -278,7 +291,9 @@ def _refused_words() -> Named:
     yield _words(height=2)
     yield from each(_words, "pixels", 5, 7, 16)
     yield _words(stride=8)
-    yield "stride_32", base().header(stride=32).grow(Table.PLACES, 6 * 32).pack()
+    wider = base().header(stride=32)
+    wider.tables[Table.PLACES][:] = bytes(6 * 32)
+    yield "stride_32", wider.pack()
     yield from each(_words, "places", 1, 2, 7)
     yield _words(length=7)
     yield _words(exclusion=0x1_0000)

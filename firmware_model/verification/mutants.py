@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import importlib.util
 import re
 import resource
@@ -10,13 +11,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, Protocol, TypeVar
 
 from firmware_model.design import Design
 from firmware_model.emulation.build import SOURCES
@@ -25,6 +24,7 @@ from firmware_model.vectors.corners import corner_cases
 from firmware_model.vectors.filter_corners import filter_cases
 from firmware_model.verification.images import bundle, image_cases
 from firmware_model.verification.large_cases import large_cases, long_windows
+from firmware_model.verification.outcomes import Change, Outcome, Outcomes, mutants_at
 
 # Mutants of the C sources: one operator, constant, type or statement is changed in each.
 
@@ -76,9 +76,19 @@ class Mutant:
     text: str  #: The whole source.
 
     @property
+    def change(self) -> Change:
+        """What is changed."""
+        return self.file, self.line, self.becomes
+
+    @property
+    def place(self) -> str:
+        """Its file and line."""
+        return f"{self.file}:{self.number}"
+
+    @property
     def places(self) -> set[str]:
-        """Names of where it is: its line, and its function."""
-        return {f"{self.file}:{self.number}", self.function}
+        """Names of where it is: its file, its line, and its function."""
+        return {self.file, self.place, self.function}
 
 
 def mutants(file: str, text: str) -> Iterator[Mutant]:
@@ -242,7 +252,7 @@ def _closing(text: str, opening: int) -> int:
 def _function(text: str, at: int) -> str:
     """Return the name of the function that a position lies in; empty if it lies in none."""
     name = ""
-    for line in re.finditer(r"^(?:static )?(?:inline )?\w+ (\w+)\(|^\}", text, re.MULTILINE):
+    for line in re.finditer(r"^(?:\w+ )+(\w+)\(|^\}", text, re.MULTILINE):
         if line.start() > at:
             break
         name = line.group(1) or ""
@@ -254,7 +264,7 @@ def _function(text: str, at: int) -> str:
 # is equal to the firmware, or a case is missing.
 
 
-FILES = ("vpr.c", "sad.h", "filter.h", "quotient.h")
+FILES = ("vpr.c", "sad.h", "filter.h", "quotient.h", "crc.h", "tables.h")
 #: of the suite `corners`
 DESIGN = Design(width=64, height=48, pixels=25, places=40, length=4, code_bits=3)
 #: of the suite `filter`
@@ -267,8 +277,6 @@ _OPTIONS = (
     "-std=c11", "-O0", "-pedantic-errors", "-fstack-protector-all", "-fsanitize=alignment,bounds",
     "-fsanitize-undefined-trap-on-error",
 )  # fmt: skip
-
-Outcome = Literal["found", "survives", "does not compile"]
 
 
 class Bench:
@@ -294,6 +302,8 @@ class Bench:
         )
         if not all(map(self._compiles, _AROUND)):
             raise ToolError("the program that runs the vectors does not compile")
+        #: of the sources and of what is run
+        self.digest = _digest(self._sources, self._bundle)
         outcome = self._run()
         if outcome != "survives":
             raise ToolError(f"the firmware without a fault fails the vectors: {outcome}")
@@ -335,6 +345,13 @@ class Bench:
         return "found" if done.returncode else "survives"
 
 
+def _digest(sources: Path, bundle: Path) -> str:
+    hashed = hashlib.sha256(bundle.read_bytes())
+    for file in (*FILES, *_AROUND):
+        hashed.update((sources / file).read_bytes())
+    return hashed.hexdigest()[:16]
+
+
 #: what runs the vectors: compiled once
 _AROUND = ("replay.c", "vectors_main.c")
 
@@ -355,44 +372,9 @@ def all_mutants() -> list[Mutant]:
     return [m for file in FILES for m in mutants(file, (SOURCES / file).read_text("ascii"))]
 
 
-def survey(bench: Bench, every: Sequence[Mutant]) -> Iterator[tuple[Mutant, Outcome]]:
-    """Run mutants, and print how many have been run, because all of them take an hour."""
-    for i, mutant in enumerate(every):
-        if i and i % 50 == 0:
-            sys.stderr.write(f"{i:,} of {len(every):,} mutants\n")
-        yield mutant, bench.run(mutant)
-
-
-class _Placed(Protocol):
-    @property
-    def places(self) -> set[str]: ...
-
-
-AnyMutant = TypeVar("AnyMutant", bound=_Placed)
-
-
-def mutants_at(every: Sequence[AnyMutant], places: Sequence[str], expected: str) -> list[AnyMutant]:
-    """Select mutants, in their order; all if there are no places.
-
-    Parameters
-    ----------
-    expected : str
-        What names a place, for the error.
-
-    Raises
-    ------
-    ToolError
-        If a place has no mutant.
-    """
-    for place in places:
-        if not any(place in mutant.places for mutant in every):
-            raise ToolError(f"no mutant is at {place!r}: give {expected}")
-    return [mutant for mutant in every if not places or not mutant.places.isdisjoint(places)]
-
-
 def chosen(every: Sequence[Mutant], places: Sequence[str]) -> list[Mutant]:
-    """Select mutants by ``FILE:LINE`` or function, see `mutants_at`."""
-    return mutants_at(every, places, "FILE:LINE or a function of the firmware")
+    """Select mutants by ``FILE``, ``FILE:LINE`` or function, see `mutants_at`."""
+    return mutants_at(every, places, "FILE, FILE:LINE or a function of the firmware")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -400,26 +382,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
         "--only", nargs="+", default=[], metavar="PLACE",
-        help="run the mutants of these lines (vpr.c:300) or functions alone",
+        help="run the mutants of these files, lines (vpr.c:300) or functions alone",
     )  # fmt: skip
+    parser.add_argument("--keep", type=Path, metavar="FILE", help="go on where it was ended")
     options = parser.parse_args(arguments)
     try:
         every = chosen(all_mutants(), options.only)
+        with tempfile.TemporaryDirectory() as folder:
+            bench = Bench(folder)
+            outcomes = Outcomes(every, bench.digest, options.keep)
+            for mutant in outcomes.left():
+                outcomes.add(mutant, bench.run(mutant))
     except ToolError as error:
         parser.error(str(error))
-    number: Counter[Outcome] = Counter()
-    with tempfile.TemporaryDirectory() as folder:
-        for mutant, outcome in survey(Bench(folder), every):
-            number[outcome] += 1
-            if outcome == "survives":
-                sys.stdout.write(
-                    f"{mutant.file}:{mutant.number} {mutant.function}: survives\n"
-                    f"  - {mutant.line}\n  + {mutant.becomes}\n"
-                )
-    sys.stdout.write(
-        f"{len(every)} mutants, {number['does not compile']} of which do not compile; "
-        f"{number['found']} found, {number['survives']} survive\n"
-    )
+    print(*outcomes.report(), sep="\n")
 
 
 if __name__ == "__main__":

@@ -77,6 +77,17 @@ def test_the_rover_stops_at_its_goal(street, rover):
     assert speeds[-1] == 0.0
 
 
+@pytest.mark.parametrize(
+    ("port", "goal", "says"),
+    [("/dev/none", "30", "/dev/none: there is no such"), ("/dev/none", "far", "'far'")],
+)
+def test_the_rover_says_in_one_line_what_is_not_there(port, goal, says, street, monkeypatch):
+    words = ["rover.py", port, "evpr", str(street / "map.npz"), goal]
+    monkeypatch.setattr("sys.argv", words)
+    with pytest.raises(SystemExit, match=says):
+        runpy.run_path(str(EXAMPLES / "rover.py"), run_name="__main__")
+
+
 def test_the_rover_says_what_it_takes(monkeypatch):
     monkeypatch.setattr("sys.argv", ["rover.py", "--help"])
     with pytest.raises(SystemExit, match="PORT PROTOCOL"):

@@ -439,6 +439,7 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
      lambda: by_day("P@100R", "by day", "alone", "by matching", "by tracks")),
     ("results_robustness", "pays for it: {:.3f} live falls to {:.3f} ({:.3f})",
      lambda: by_day("P@100R", "at sunset", "alone", "by matching", "by tracks")),
+    ("README", "from sunset to day {:.2f}", lambda: by_day("P@100R", "by day", "alone")),
     ("will_it_work", "from sunset to day {:.2f}", lambda: by_day("P@100R", "by day", "alone")),
     ("results_robustness", "75 pixels at half windows reach {:.2f} and {:.2f}",
      lambda: [half_windows(of, "75", "2") for of in ("P@100R", "share accepted at 0.99")]),

@@ -7,11 +7,12 @@ import json
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.report.figures import reliability_diagram
+from edge_vpr_tools.report.figures import precision_recall, reliability_diagram
 from edge_vpr_tools.report.tables import SEED
 from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.experiments import (
@@ -236,6 +237,21 @@ def test_one_reliability_is_drawn_without_a_name_and_two_with_theirs():
     assert axes.get_title() == "Reliability: expected calibration error, larger dots: more"
     error = f"error {one.expected_calibration_error:.3f}"
     assert labels(drawing) == [f"{name}: 200 matches, {error}" for name in ("live", "smoothed")]
+
+
+@pytest.mark.parametrize("least", [0.0, 0.5, 0.95, 1.0])
+def test_the_axis_of_precision_goes_from_0_to_1_at_most(least):
+    """And no further down than the curve needs."""
+    curve = SimpleNamespace(recall=np.array([0.0, 1.0]), precision=np.array([1.0, least]))
+    found = SimpleNamespace(
+        curve=curve, precision_at_100_recall=least, recall_at_99_precision=0.0, score="trust",
+        findable=2, recall_denominator="rejected-correct",
+    )  # fmt: skip
+    (axes,) = precision_recall({"a": found}).axes
+    low, high = axes.get_ylim()
+    assert 0.0 <= low <= least and 1.0 <= high <= 1.03
+    assert low > 0.4 or least < 0.5
+    assert axes.get_legend() is None
 
 
 @pytest.mark.parametrize(

@@ -42,6 +42,18 @@ def test_info_says_what_a_recording_holds(tmp_path, capsys):
     ]
 
 
+def test_info_of_a_sensor_that_is_not_stated_says_how_far_the_events_reach(tmp_path, capsys):
+    (tmp_path / "a.csv").write_text("t,x,y,p\n0,1,2,1\n1000,5,90,0\n9000000,30,4,1\n")
+    run("info", tmp_path / "a.csv")
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1] == "sensor    not stated: --sensor WxH; largest x 30, y 90"
+    assert lines[2:4] == ["events    3", "duration  9.000000 s"]
+    run("info", tmp_path / "a.csv", "--json")
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["sensor"], facts["largest_x"], facts["largest_y"]) == (None, 30, 90)
+    assert facts["faults"]["off_sensor"] == 0
+
+
 def test_info_counts_faults_and_goes_on(tmp_path, capsys):
     (tmp_path / "a.csv").write_text("0,1,1,1\n9,1,1,0\n8,1,1,0\n9,40,1,1\n10,1,1,1\nx,y,z,p\n11,1")
     run("info", tmp_path / "a.csv", "--sensor", "40x30", "--json")

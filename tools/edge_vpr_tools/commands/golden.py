@@ -76,6 +76,7 @@ def run(args: argparse.Namespace) -> None:
         recorded_case,
         vectors_size,
     )
+    from edge_vpr_tools.report.page import number_of
     from firmware_model import Design
     from firmware_model.vectors import smallest_cases, write_suites
 
@@ -117,14 +118,16 @@ def run(args: argparse.Namespace) -> None:
         if missed:
             note(f"no case of this design reaches these corners: {', '.join(missed)}")
     for suite in manifest.suites:
-        sums = ", ".join(
-            f"{what} {sum(getattr(case, what) for case in suite.cases):,}"
+        events, windows, matches = (
+            sum(getattr(case, what) for case in suite.cases)
             for what in ("events", "windows", "matches")
         )
         reached = sum(number > 0 for number in suite.coverage.values())
+        held = ((len(suite.cases), "case"), (events, "event"), (windows, "window"))
+        numbers = [number_of(*one) for one in (*held, (matches, "match"))]
         summary(
-            f"{Path(args.output) / suite.name}: cases {len(suite.cases)}, {sums}, corners "
-            f"{reached} of {len(suite.coverage)}"
+            f"{Path(args.output) / suite.name}: {', '.join(numbers)}, {reached} of "
+            f"{len(suite.coverage)} corners"
         )
 
 

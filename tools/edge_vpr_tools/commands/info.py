@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +40,10 @@ class RecordingSummary:
 
     path: str
     format: str
-    sensor: str
+    sensor: str | None  #: None if neither the file nor the user states it.
+    #: largest_x, largest_y: of the events.
+    largest_x: int
+    largest_y: int
     events: int
     duration_us: int
     events_per_s: float | None  #: None if the recording has no duration.
@@ -55,7 +58,7 @@ class RecordingSummary:
 
 def summarise(recording: Recording) -> RecordingSummary:
     """Count a recording in one pass, up to damage that nothing can be read behind."""
-    n = on = last = 0
+    n = on = last = x = y = 0
     first: int | None = None
     stopped_by = None
     try:
@@ -64,6 +67,7 @@ def summarise(recording: Recording) -> RecordingSummary:
             last = int(events["t"][-1])
             n += int(events.size)
             on += int(events["p"].sum())
+            x, y = max(x, int(events["x"].max())), max(y, int(events["y"].max()))
     except RecordingError as error:
         if not n:
             raise
@@ -74,6 +78,8 @@ def summarise(recording: Recording) -> RecordingSummary:
         path=str(recording.path),
         format=recording.format,
         sensor=str(recording.sensor),
+        largest_x=x,
+        largest_y=y,
         events=n,
         duration_us=duration,
         events_per_s=n * 1e6 / duration if duration else None,
@@ -140,8 +146,10 @@ def _count_frames(args: argparse.Namespace) -> CountFrames | None:
 def run(args: argparse.Namespace) -> None:
     """Read the whole file once and print what it holds."""
     from edge_vpr.archive import archive_kind
+    from edge_vpr.events import LONGEST_SIDE
     from edge_vpr.map_record import KIND
     from edge_vpr.recordings import format_of
+    from edge_vpr.recordings.reading import SensorNotStated
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.results import json_text
     from edge_vpr_tools.inputs import open_from, tracked
@@ -163,8 +171,16 @@ def run(args: argparse.Namespace) -> None:
             summary(f"{name:<9} {text}")
         return
 
-    recording = open_from(args, args.recording)
-    facts = summarise(tracked(recording, "reading"))
+    try:
+        recording = open_from(args, args.recording)
+        facts = summarise(tracked(recording, "reading"))
+    except SensorNotStated:
+        # the smallest one that holds all events, by which the unit of times is judged
+        args.sensor = f"{LONGEST_SIDE}x{LONGEST_SIDE}"
+        found = summarise(tracked(open_from(args, args.recording), "looking for the sensor"))
+        args.sensor = f"{found.largest_x + 1}x{found.largest_y + 1}"
+        recording = open_from(args, args.recording)
+        facts = replace(summarise(tracked(recording, "reading")), sensor=None)
     if args.json:
         print(json_text(facts))
     else:
@@ -177,7 +193,8 @@ def _show(facts: RecordingSummary, title: str) -> None:
     rate = facts.events_per_s
     lines = {
         "format": f"{facts.format} ({title})",
-        "sensor": facts.sensor,
+        "sensor": facts.sensor
+        or f"not stated: --sensor WxH; largest x {facts.largest_x}, y {facts.largest_y}",
         "events": f"{facts.events:,}",
         "duration": f"{facts.duration_us / 1e6:.6f} s",
         "rate": "-" if rate is None else f"{rate:,.0f} events/s",
