@@ -112,7 +112,7 @@ class LiveLocaliser:
         return 0.0 if self._localiser is None else self._localiser.filled
 
     def feed(
-        self, data: bytes, host_us: int, *, lost: int = 0, reopened: bool = False
+        self, data: bytes, host_us: int, *, dropped: int = 0, reopened: bool = False
     ) -> LiveResult:
         """Decode and match the next bytes.
 
@@ -120,14 +120,14 @@ class LiveLocaliser:
         ----------
         host_us : int
             When they came.
-        lost : int
+        dropped : int
             Bytes that the host dropped before them.
         reopened : bool
-            Whether the link was lost before them.
+            Whether the link was disconnected before them.
         """
         decoder, early = self.decoder, NO_EVENTS
-        if lost or reopened:
-            early = decoder.gap(lost)
+        if dropped or reopened:
+            early = decoder.gap(dropped)
         if reopened:
             decoder.health.reopened += 1
             self._unseen_us = max(host_us - self._heard_us, 1)
@@ -141,7 +141,7 @@ class LiveLocaliser:
             if self._unseen_us and (events.size or begin_us > self._seen_us):
                 self._go_unseen(self._localiser, early, begin_us)
                 matched = early.size
-            elif lost and events.size:
+            elif dropped and events.size:
                 # no matches of time in which nothing was seen
                 self._localiser.skip_ticks(begin_us)
         return self._match(join_events([early, events]), matched)

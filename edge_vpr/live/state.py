@@ -3,7 +3,7 @@
 `StateFile` reads it when a session begins, and keeps it until the session ends. A state is what
 matching has learnt of the drive: the events of the newest windows, the place filter, the running
 mean, the position, and the camera's clock. It belongs to one map with its settings. To go on from
-it is like a link that was lost and opened again.
+it is like a link that was disconnected and opened again.
 """
 
 from __future__ import annotations

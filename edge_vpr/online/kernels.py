@@ -893,7 +893,7 @@ CONTROL = np.dtype(
         # search
         ("exclusion", "<i8"),  # of sequences: width of the zone around the best place
         ("recent", "<i8"),  # number of the newest places that are not searched
-        ("least_trust", "<i8"),  # of a match that is not lost
+        ("least_trust", "<i8"),  # of a match that is accepted
         # place filter
         ("window_end", "<i8"),  # end of the current window; `NEVER` with sequences
         ("paused", "<i8"),  # whether the window that ended last was a pause

@@ -185,7 +185,7 @@ MATCH_DTYPE = np.dtype(
         ("trust", "<i8"),
         ("misfit", "<i8"),  # see `place_filter.FilterMatch`; -1 with sequences
         ("probability", "<f8"),  # that the match is correct; NaN if unknown
-        ("lost", "?"),  # rejected at the precision of the settings
+        ("lost", "?"),  # whether it is rejected at the precision of the settings
     ]
 )
 

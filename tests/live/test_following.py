@@ -173,7 +173,7 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
     sent = a_stream(rng, device)
     for data in cut(rng, sent, whole):
         lost = int(rng.random() < 0.02)
-        found = live.feed(data, 0, lost=lost)
+        found = live.feed(data, 0, dropped=lost)
         events, matches = separate.feed(data, lost)
         assert found.events.tobytes() == events.tobytes()
         assert found.matches.tobytes() == matches.tobytes()

@@ -70,8 +70,8 @@ def test_a_late_reader_gets_the_newest_bytes_and_is_told_how_many_are_gone():
     reader._thread.join(timeout=5)
     pieces = drained(reader)
     assert b"".join(piece.data for piece in pieces) == b"".join(sent[-10:])
-    assert sum(piece.lost for piece in pieces) == 4_000
-    assert pieces[0].lost == 4_000
+    assert sum(piece.dropped for piece in pieces) == 4_000
+    assert pieces[0].dropped == 4_000
     assert link.closed
 
 
@@ -80,7 +80,7 @@ def test_what_has_waited_too_long_is_dropped_however_little_it_is():
     link.pause_before = {2: 0.2}
     reader = LinkReader(lambda: link, max_lag_s=0.1)
     reader._thread.join(timeout=5)
-    assert [(p.data, p.lost) for p in drained(reader)] == [(b"new", 14)]
+    assert [(p.data, p.dropped) for p in drained(reader)] == [(b"new", 14)]
 
 
 def test_a_host_that_was_late_takes_all_that_waits_but_never_across_a_loss():
@@ -121,7 +121,7 @@ def test_a_link_that_can_wait_loses_nothing_to_a_late_reader():
     time.sleep(0.05)
     pieces = drained(reader)
     assert b"".join(piece.data for piece in pieces) == b"".join(sent)
-    assert sum(piece.lost for piece in pieces) == 0
+    assert sum(piece.dropped for piece in pieces) == 0
 
 
 def test_a_cable_pulled_and_put_back_is_opened_again_and_told():
@@ -481,7 +481,7 @@ def test_what_waited_while_the_caller_was_away_for_long_is_dropped_and_counted()
     reader.stop()
     kept = b"".join(piece.data for piece in pieces)
     assert b"0123456789".endswith(kept)
-    assert sum(piece.lost for piece in pieces) == 10 - len(kept) > 0
+    assert sum(piece.dropped for piece in pieces) == 10 - len(kept) > 0
 
 
 @pytest.mark.parametrize("retry", [True, False])

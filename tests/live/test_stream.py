@@ -236,7 +236,7 @@ def test_an_overload_is_flagged_until_the_windows_are_whole_again(reference, eve
     cut = third + 2_000
     flags = []
     for i in range(cut, len(sent), 1_000):
-        step = live.feed(sent[i : i + 1_000], 0, lost=2_000 if i == cut else 0)
+        step = live.feed(sent[i : i + 1_000], 0, dropped=2_000 if i == cut else 0)
         flags += [share > 0 for share in step.missing]
     health = live.decoder.health
     assert flags[0]

@@ -62,7 +62,7 @@ class Panel:
         self._live = live
         self._notices: deque[Notice] = deque(maxlen=_KEPT)
         self._standing: set[str] = set()
-        self.lost = False  #: Whether the terminal has gone.
+        self.gone = False  #: Whether the terminal has gone.
 
     def notice(self, kind: str, text: str, *, over: bool) -> None:
         """Add a notice, shown as a warning until a notice of its kind says that it is over."""
@@ -91,9 +91,9 @@ class Panel:
         try:
             self._live.update(self._drawn(rows, share, recent, stale=stale), refresh=True)
             # a terminal that was closed between two updates is no terminal for Rich, and gets none
-            self.lost = not self._live.console.file.isatty()
+            self.gone = not self._live.console.file.isatty()
         except OSError:
-            self.lost = True
+            self.gone = True
 
     def close(self) -> None:
         """Restore the screen; calling it again has no effect."""
@@ -198,7 +198,7 @@ def route_row(reference: ReferenceMap) -> dict[str, Any]:
     if locator.route_m is not None:
         places = [locator.locate(place) for place in range(len(reference))]
         for name in (*locator.names, "along_m", "heading_deg"):
-            values = (getattr(place, name) for place in places)
+            values = (place[name] for place in places)
             digits = _DIGITS.get(name, 3)
             row[name] = [None if value is None else round(value, digits) for value in values]
     return row
@@ -342,7 +342,7 @@ class View:
             known = any(each is not None for each in self._recent)
             recent = tuple(self._recent) if known else ()
             self._panel.show(texts, share, recent, stale=self._silent_s() > SILENT_S)
-            self.unread |= self._panel.lost
+            self.unread |= self._panel.gone
         elif not self._quiet:
             self._print_status(status, now)
 

@@ -97,8 +97,8 @@ class Health:
     clock_resets: int = 0
     #: Steps of the clock over so many ticks that one match was given for all of them.
     clock_jumps: int = 0
-    reopened: int = 0  #: How often the link was lost and opened again.
-    stalls: int = 0  #: Silences of more than a second.
+    reopened: int = 0  #: How often the link was disconnected and opened again.
+    stalls: int = 0  #: Silences of more than a second after the first byte.
     retries: int = 0  #: How often an answer of the device did not come, so that it was asked again.
     odometer_leaps: int = 0  #: Leaps of the odometer that are too fast for a robot.
     odometer_unused: int = 0  #: Readings of an odometer that could not be right, left out.
@@ -109,8 +109,8 @@ class Health:
     lag_us: int = 0
     longest_lag_us: int = 0
     silent_s: float = 0.0  #: Seconds since the newest bytes.
-    #: Whether the link is lost and has not returned, such as that of a camera which has come back
-    #: under another name. What is sent meanwhile is in no count.
+    #: Whether the link is disconnected and has not returned, such as that of a camera which has
+    #: come back under another name. What is sent meanwhile is in no count.
     cut_off: bool = False
 
     @property
@@ -603,8 +603,8 @@ class Decoder:
         self.health.bytes += len(data)
         return self._take(self._pending + data if self._pending else data, final=False)
 
-    def gap(self, lost_bytes: int = 0) -> Events:
-        """Handle missing bytes before the next ones: an overrun, or a lost link.
+    def gap(self, dropped_bytes: int = 0) -> Events:
+        """Handle missing bytes before the next ones: an overrun, or a link that was disconnected.
 
         Returns
         -------
@@ -615,9 +615,9 @@ class Decoder:
         self.health.skipped_bytes += len(self._pending)
         self._pending = b""
         self.health.pending_bytes = 0
-        if lost_bytes:
+        if dropped_bytes:
             self.health.overruns += 1
-            self.health.overrun_bytes += lost_bytes
+            self.health.overrun_bytes += dropped_bytes
         self._lose_sync()
         return events
 
@@ -659,7 +659,7 @@ class Decoder:
         raise NotImplementedError
 
     def _lose_sync(self) -> None:
-        """Forget where the next event begins."""
+        """Search for the beginning of the next event."""
 
 
 class Encoder(ABC):
@@ -667,12 +667,15 @@ class Encoder(ABC):
 
     Attributes
     ----------
+    host_needs_options : bool
+        Whether the bytes do not show the options of the protocol, so that a host is given them too.
     waits_for_host : bool
         Whether the device is silent until the host has sent something.
     held, capacity : int
         Number of events that wait for the host, and its limit; a device drops further events.
     """
 
+    host_needs_options: bool = False
     waits_for_host: bool = False
     held: int = 0
     capacity: int = 0

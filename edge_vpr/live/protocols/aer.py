@@ -54,7 +54,7 @@ _FORM = np.dtype(
     ]
 )  # fmt: skip
 # An odd step of time adds the first number to a score, and a good one subtracts 1. If the score
-# exceeds the second number, the beginning of words is lost.
+# exceeds the second number, the decoder is out of sync.
 _ODD, _TOO_ODD = 4, 8
 # time of the last word (-1: there is none), and score of the last steps
 _MEMORY = np.dtype([("last", "<i8"), ("odd", "<i8")])
@@ -227,6 +227,8 @@ def _read(raw, most, form):  # type: ignore[no-untyped-def]
 
 class LayoutEncoder(Encoder):
     """Encodes events as words of a layout."""
+
+    host_needs_options = True
 
     def __init__(self, name: str, layout: Layout, sensor: Sensor) -> None:
         layout.check_sensor(name, sensor)

@@ -41,7 +41,7 @@ FRAME_END = b"\0"
 # Consistent overhead byte stuffing: converts any bytes to bytes without a zero.
 #
 # S. Cheshire, M. Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Trans. Networking 7(2), 1999.
-# A zero can then mark the end of a frame, and a reader that has lost its place waits for the next.
+# A zero can then mark the end of a frame, and a reader that is out of sync waits for the next.
 
 
 Bytes = npt.NDArray[np.uint8]

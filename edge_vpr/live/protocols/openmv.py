@@ -623,10 +623,10 @@ class AskingDecoder(PacketDecoder):
         self._give_up()
         return events
 
-    def gap(self, lost_bytes: int = 0) -> Events:
+    def gap(self, dropped_bytes: int = 0) -> Events:
         """See `Decoder.gap`."""
-        events = super().gap(lost_bytes)
-        if not lost_bytes:
+        events = super().gap(dropped_bytes)
+        if not dropped_bytes:
             # the caller that opened the link again has sent the opening command
             self._dialogue.opening()
         return events
