@@ -15,7 +15,9 @@ from edge_vpr.events import NO_EVENTS, Events, Sensor, join_events
 from edge_vpr.live.losses import LossWatch
 from edge_vpr.live.position import PathPosition
 from edge_vpr.live.protocols import Decoder
-from edge_vpr.online.localiser import NO_MATCHES, Localiser, MatchRows, MatchSchedule, join_matches
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.runs import NO_MATCHES, MatchRows, join_matches
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import OdometerCheck
 from edge_vpr.warm_up import WarmUpStep, localising_steps, warm_up

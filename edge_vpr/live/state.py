@@ -20,7 +20,8 @@ from edge_vpr.archive import Arrays, archive_errors, read_archive, write_archive
 from edge_vpr.errors import EdgeVprError, UsageError, printable
 from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.map_record import MapRecord
-from edge_vpr.online.localiser import Localiser, MatchSchedule
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.warm_up import WarmUpStep
 
 KIND = "live state"

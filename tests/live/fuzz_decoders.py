@@ -23,7 +23,7 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.protocols import open_decoder, open_encoder
-from edge_vpr.online.localiser import MatchSchedule
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 

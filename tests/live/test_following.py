@@ -9,14 +9,15 @@ from hypothesis import strategies as st
 from numba import config
 from streams import random_events
 from test_filter_run import map_of as filtered_map
-from test_localiser import PIXELS, SENSOR, map_of
+from test_localiser import PIXELS, SENSOR, check_state, map_of
 
 from edge_vpr.descriptors.cleaning import CausalBurstFilter
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.localiser import JUMP_US, MOST_TICKS, LiveLocaliser
 from edge_vpr.live.losses import LOSS_STEP_US
 from edge_vpr.live.protocols import open_decoder, open_encoder
-from edge_vpr.online.localiser import Localiser, MatchSchedule
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
 
 #: a camera that has more pixels than the map's sensor, with fields of the same widths
 CAMERA = Sensor(8, 8)
@@ -188,7 +189,7 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
     matches = separate.match(ended, separate.decoder.reached_us)
     matches = matches.tobytes() + separate.localiser.finish().tobytes()
     assert (events, found) == (ended.tobytes(), matches)
-    live._localiser.verify()
+    check_state(live._localiser)
 
 
 @pytest.mark.parametrize("kind", ["sequence", "filter"])

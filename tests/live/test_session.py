@@ -33,7 +33,8 @@ from edge_vpr.live.links import LinkError
 from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.live.protocols import Health, open_encoder
 from edge_vpr.live.watches import MisfitWatch
-from edge_vpr.online.localiser import Localiser, MatchSchedule
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route

@@ -31,7 +31,8 @@ from edge_vpr.live.match import LiveMatch
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.session import LiveStatus, LiveStep
 from edge_vpr.map_record import coded_map
-from edge_vpr.online.localiser import Localiser, MatchSchedule
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
