@@ -188,7 +188,7 @@ class LiveLocaliser:
         arrays = {name: array.copy() for name, array in run.to_arrays().items() if name != "places"}
         values = {
             "now_us": run.now_us, "floor_us": run.floor_us, "time_us": self._time,
-            "clock": self.decoder.clock_values(), "position": self._position.to_values(),
+            "clock": self.decoder.timestamps.to_values(), "position": self._position.to_values(),
         }  # fmt: skip
         return arrays, values
 
@@ -203,7 +203,7 @@ class LiveLocaliser:
         self._localiser, self._time = localiser, values["time_us"]
         self.odometer_check = localiser.odometer_check or self.odometer_check
         self._position.resume(values["position"])
-        self.decoder.resume_clock(values["clock"], passed_us)
+        self.decoder.timestamps.resume(values["clock"], passed_us)
         # what was missed is of unknown size
         self.decoder.health.reopened += 1
         self._unseen_us, self._seen_us = passed_us, self._time

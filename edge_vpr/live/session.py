@@ -232,9 +232,9 @@ class LiveSession:
         self.decoder = open_decoder(protocol, self.sensor)
         if not isinstance(every, MatchSchedule | None):
             expect(every, str, "every", _SUCH_AS)
-        self.locator, self._every = None, None
+        self._locator, self._every = None, None
         if self.reference is not None:
-            self.locator = Locator(self.reference)
+            self._locator = Locator(self.reference)
             self._every = MatchSchedule.parse(every, self.reference.settings)
         self._settings = settings if isinstance(settings, Settings) else resolve_settings(settings)
         self._causal = burst_filter == "causal"
@@ -526,6 +526,7 @@ class LiveSession:
         now = time.monotonic()
         if chunk is None:
             return LiveStep(None, now, self._new_readings())
+        self._line.heard(chunk.at_s)
         self._recorder.write_bytes(chunk.data)  # first, so that errors can be reproduced
         self._heard_us = int(1e6 * (time.time() - (now - chunk.at_s)))
         if self._state_file is not None:
@@ -548,7 +549,7 @@ class LiveSession:
 
     def _matches(self, result: LiveResult, host_us: int) -> tuple[LiveMatch, ...]:
         """Return the matches of a piece of bytes that came at `host_us`."""
-        reference, locator = self.reference, self.locator
+        reference, locator = self.reference, self._locator
         if not result.matches.size or reference is None or locator is None:
             return ()
         self._beat_s = time.monotonic()
@@ -576,10 +577,8 @@ class LiveSession:
         """Do what remains after a step: odometer, requests to the camera, and messages."""
         reader, decoder = self._reader, self.decoder
         decoder.health.line_errors = reader.line_errors
-        if step.result is not None:
-            self._line.heard(step.at_s)
-            if self._state_file is not None:
-                self._state_file.keep(self._live, self._heard_us)
+        if step.result is not None and self._state_file is not None:
+            self._state_file.keep(self._live, self._heard_us)
         if self._odometer is not None and (shown_mm := self._odometer.look()) is not None:
             self._read_odometer(shown_mm)
         self._line.look(nothing_came=step.result is None)

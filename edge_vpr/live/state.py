@@ -121,7 +121,7 @@ class StateFile:
     def resume(self, live: LiveLocaliser, host_us: int, *, live_line: bool) -> None:
         """Go on from the state of the file when the first bytes come, or say why not."""
         saved, self._saved = self._saved, None
-        limit_us = live.decoder.longest_silence_us
+        limit_us = live.decoder.timestamps.longest_silence_us
         if isinstance(saved, Resumable):
             passed_us = host_us - saved.values["host_us"]
             if not live_line:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numba import config
-from streams import random_events
+from streams import balanced, random_events
 from test_filter_run import map_of as filtered_map
 from test_localiser import PIXELS, SENSOR, check_state, map_of
 
@@ -179,7 +179,7 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
         assert found.events.tobytes() == events.tobytes()
         assert found.matches.tobytes() == matches.tobytes()
         assert live.decoder.health == separate.decoder.health
-        assert live.decoder.health.balanced()
+        assert balanced(live.decoder.health)
         for match, missing in zip(matches, found.missing, strict=True):
             separate.check_missing(match, missing)
     assert live.bursts_removed == (separate.bursts.removed if remove_bursts else 0)

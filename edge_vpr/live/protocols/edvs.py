@@ -371,8 +371,8 @@ class EdvsDecoder(Decoder):
         else:
             inner = LayoutDecoder("edvs", _layout_of(bits, sync), self.sensor)
         inner.adopt(self.health)
-        inner._timestamps.take_over_from(self._timestamps)
-        self._inner, self._timestamps = inner, inner._timestamps
+        inner.timestamps.take_over_from(self.timestamps)
+        self._inner, self.timestamps = inner, inner.timestamps
         received, *others = self._so_far()
         self._since = (received - waiting, *others)
         self.resync_bytes = inner.resync_bytes
