@@ -25,7 +25,6 @@ from edge_vpr.live.links import (
     LinkClosed,
     LinkError,
     SerialLink,
-    UrlLink,
     open_link,
 )
 from edge_vpr.live.protocols import open_encoder
@@ -305,13 +304,9 @@ def test_a_serial_port_is_read_in_whole_pieces_and_ends_when_its_other_side_does
     host.close()
 
 
-def test_an_address_that_is_no_file_of_the_system_is_read_as_well():
-    link = open_link("loop://")
-    assert isinstance(link, UrlLink)
-    assert link.write(b"events", 1) == 6
-    assert link.read(1) == b"events"
-    assert link.read(0.01) == b""
-    link.close()
+def test_an_address_of_pyserial_that_is_no_port_of_this_machine_is_refused():
+    with pytest.raises(LinkError, match="loop:// is no port of this machine: serve it by TCP"):
+        open_link("loop://")
 
 
 def test_a_reader_that_waits_is_woken_by_the_first_byte():
